@@ -1,0 +1,61 @@
+"""Errors a user can mend.
+
+Every message says what was found, what was expected and where; `cure` says what to do about it. The command
+line prints both and exits with 2. Anything that is not one of these is our fault and exits with 1.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+class CaptureError(Exception):
+    """What was found, what was expected and where (`message`), and what mends it (`cure`)."""
+
+    def __init__(self, message: str, *, cure: str):
+        super().__init__(message)
+        self.message = message
+        self.cure = cure
+
+    def __str__(self) -> str:
+        return f"{self.message}\n  cure: {self.cure}"
+
+
+class OptionError(CaptureError):
+    """A command-line option, or a key of a --config file, that cannot be used."""
+
+
+class TaskError(CaptureError):
+    """A task.toml that does not say what it must, or says something that cannot be."""
+
+
+class ModelError(CaptureError):
+    """An MJCF that does not compile, or that lacks what a task refers to."""
+
+
+class LogError(CaptureError):
+    """Measured data that cannot be used: not finite, not in order, too short, of another task."""
+
+
+class StoreError(CaptureError):
+    """A Zarr store or a result directory that is foreign, truncated, or of another version."""
+
+
+class OutputError(CaptureError):
+    """An output that cannot be written: it exists, or the disk is full."""
+
+
+class FitError(CaptureError):
+    """A fit that cannot start: a parameter moves nothing, every trial diverges."""
+
+
+def did_you_mean(name: str, candidates: Iterable[str]) -> str:
+    """The end of a message that lists what exists, nearest names first."""
+    candidates = sorted(set(candidates))
+    if not candidates:
+        return "there are none"
+    close = difflib.get_close_matches(name, candidates, n=3, cutoff=0.5)
+    if close:
+        return f"did you mean {', '.join(map(repr, close))}? There are: {', '.join(candidates)}"
+    return f"there are: {', '.join(candidates)}"

@@ -1,0 +1,57 @@
+"""A plug-in folder as a name -> class table.
+
+One file is one plug-in: `effects/coulomb_friction.py` is the effect `coulomb-friction`, and its class is the one
+subclass of the folder's base class that the file defines. Nothing is imported until it is asked for, and there is
+no second list to keep.
+"""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import pkgutil
+from pathlib import Path
+from typing import Generic, TypeVar
+
+from capture_cli.errors import OptionError, did_you_mean
+
+T = TypeVar("T")
+
+
+class Registry(Generic[T]):
+    """The plug-ins of `package` (say "capture_cli.effects"), each a subclass of `base` in a file of its own.
+
+    Files named base.py and files that begin with an underscore are not plug-ins.
+    """
+
+    def __init__(self, package: str, base: str, kind: str):
+        self.package = package
+        self.base = base
+        self.kind = kind
+
+    def names(self) -> list[str]:
+        """Public names, sorted; reads the folder, imports no plug-in."""
+        folder = Path(importlib.import_module(self.package).__file__).parent
+        stems = (m.name for m in pkgutil.iter_modules([str(folder)]))
+        return sorted(s.replace("_", "-") for s in stems if s != "base" and not s.startswith("_"))
+
+    def get(self, name: str) -> type[T]:
+        """The class called `name`. Raises OptionError, naming those that exist."""
+        if name not in self.names():
+            raise OptionError(
+                f"unknown {self.kind} {name!r}", cure=f"{did_you_mean(name, self.names())}"
+            )
+        module = importlib.import_module(f"{self.package}.{name.replace('-', '_')}")
+        base = getattr(importlib.import_module(f"{self.package}.base"), self.base)
+        own = [
+            c
+            for _, c in inspect.getmembers(module, inspect.isclass)
+            if issubclass(c, base) and c.__module__ == module.__name__ and not inspect.isabstract(c)
+        ]
+        if len(own) != 1:
+            raise TypeError(f"{module.__name__} must define one {self.base}, and defines {len(own)}")
+        return own[0]
+
+    def items(self) -> list[tuple[str, type[T]]]:
+        """Every (name, class); imports them all."""
+        return [(name, self.get(name)) for name in self.names()]
