@@ -21,19 +21,20 @@ T = TypeVar("T")
 class Registry(Generic[T]):
     """The plug-ins of `package` (say "capture_cli.effects"), each a subclass of `base` in a file of its own.
 
-    Files named base.py and files that begin with an underscore are not plug-ins.
+    Files named base.py or in `not_listed`, and files that begin with an underscore, are not plug-ins.
     """
 
-    def __init__(self, package: str, base: str, kind: str):
+    def __init__(self, package: str, base: str, kind: str, not_listed: tuple[str, ...] = ()):
         self.package = package
         self.base = base
         self.kind = kind
+        self.not_listed = ("base", *not_listed)
 
     def names(self) -> list[str]:
         """Public names, sorted; reads the folder, imports no plug-in."""
         folder = Path(importlib.import_module(self.package).__file__).parent
-        stems = (m.name for m in pkgutil.iter_modules([str(folder)]))
-        return sorted(s.replace("_", "-") for s in stems if s != "base" and not s.startswith("_"))
+        stems = (m.name for m in pkgutil.iter_modules([str(folder)]) if not m.name.startswith("_"))
+        return sorted({s.replace("_", "-") for s in stems} - set(self.not_listed))
 
     def get(self, name: str) -> type[T]:
         """The class called `name`. Raises OptionError, naming those that exist."""

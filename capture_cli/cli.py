@@ -1,0 +1,384 @@
+"""The `capture` command: options in, one stage call, results and errors out. No logic.
+
+stdout carries results only (tables, or with --json exactly one JSON document); progress and messages go to stderr.
+Exit codes: 0 done; 1 our fault; 2 the user can mend it; 3 it ran, and the verdict is one named by --fail-on.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from capture_cli import __version__
+from capture_cli.errors import CaptureError, OptionError, did_you_mean
+
+app = typer.Typer(
+    name="capture",
+    help="Find the parameters of a MuJoCo model from a measured log, and what the model lacks.",
+    epilog="Add --debug to any command for a traceback.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+
+def main() -> None:
+    """Run the command line; every way out has an exit code and, if it is an error, one message."""
+    debug = "--debug" in sys.argv
+    arguments = [a for a in sys.argv[1:] if a != "--debug"]
+    try:
+        app(arguments, prog_name="capture")
+    except CaptureError as error:
+        _fail(f"error: {error}", 2, debug)
+    except KeyboardInterrupt:
+        _fail("interrupted: nothing was written\n  cure: run the same command again", 2, debug)
+    except BrokenPipeError:
+        sys.stderr.close()  # the reader of our pipe went away; nothing is wrong
+    except MemoryError:
+        _fail("error: out of memory\n  cure: use a shorter --window, fewer --starts, or a shorter log", 2, debug)
+    except Exception as error:
+        _fail(f"internal error: {type(error).__name__}: {error}\n  this is a fault of `capture`; --debug shows where", 1, debug)
+
+
+def _fail(message: str, code: int, debug: bool) -> None:
+    if debug:
+        import traceback
+
+        traceback.print_exc()
+    print(message, file=sys.stderr)
+    sys.exit(code)
+
+
+# --- options that several commands share ---
+
+
+def _read_config(context: typer.Context, path: Path | None) -> Path | None:
+    """Make the keys of a TOML the defaults of this command's options."""
+    if path is None or context.resilient_parsing:
+        return path
+    import tomllib
+
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise OptionError(f"--config {path}: {error}", cure="give a readable TOML file") from error
+    section = table.get(context.info_name)
+    table = section if isinstance(section, dict) else table
+    known = {p.name: p for p in context.command.params if p.name not in ("config", "help")}
+    flags = {option.lstrip("-").replace("-", "_"): name for name, p in known.items() for option in p.opts}
+    defaults: dict[str, Any] = {}
+    for key, value in table.items():
+        name = flags.get(key.replace("-", "_"))
+        if name is None:
+            options = sorted(k.replace("_", "-") for k in flags)
+            raise OptionError(
+                f"--config {path}: `capture {context.info_name}` has no option {key!r}", cure=did_you_mean(key, options)
+            )
+        defaults[name] = [str(v) for v in value] if isinstance(value, list) else value
+    context.default_map = defaults
+    return path
+
+
+Config = Annotated[
+    Path | None,
+    typer.Option("--config", help="TOML with values for any of these options.", callback=_read_config, is_eager=True),
+]
+Force = Annotated[bool, typer.Option("--force", help="Replace --out if it exists.")]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")]
+Quiet = Annotated[bool, typer.Option("--quiet", help="No progress, no tables.")]
+Seed = Annotated[int, typer.Option("--seed", help="Seed of every random choice.")]
+Threads = Annotated[int | None, typer.Option("--threads", min=1, help="Threads; all cores by default.")]
+TaskOption = Annotated[str | None, typer.Option("--task", help="Built-in task, or path of a task.toml.")]
+
+
+def _print_json(document: Any) -> None:
+    print(json.dumps(document, indent=2, allow_nan=False))
+
+
+def _console():
+    from rich.console import Console
+
+    return Console(highlight=False)
+
+
+def _pairs(texts: list[str], option: str) -> dict[str, float]:
+    """NAME=VALUE texts as a dict. Raises OptionError."""
+    result = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        try:
+            if not equals:
+                raise ValueError
+            result[name] = float(value)
+        except ValueError:
+            raise OptionError(f"{option} {text!r} is not NAME=NUMBER", cure=f"for example {option} x=0.5") from None
+    return result
+
+
+def _ranges(texts: list[str], option: str) -> dict[str, tuple[float, float]]:
+    """NAME=VALUE or NAME=LOW:HIGH texts as a dict of ranges. Raises OptionError."""
+    result = {}
+    for text in texts:
+        name, _, value = text.partition("=")
+        low, _, high = value.partition(":")
+        try:
+            result[name] = (float(low), float(high or low))
+        except ValueError:
+            raise OptionError(
+                f"{option} {text!r} is not NAME=VALUE or NAME=LOW:HIGH", cure=f"for example {option} x=-0.1:0.1"
+            ) from None
+    return result
+
+
+# --- commands ---
+
+
+@app.command()
+def identify(
+    real_log: Annotated[Path, typer.Option("--real-log", help="Measured log (.zarr).")],
+    task: TaskOption = None,
+    out: Annotated[Path | None, typer.Option("--out", help="Estimate directory; default LOG.estimate.")] = None,
+    identifier: Annotated[str, typer.Option("--identifier", help="least-squares or cma-es.")] = "least-squares",
+    test: Annotated[
+        str | None, typer.Option("--test", help="Recordings to hold out (names or patterns, comma-separated), or none.")
+    ] = None,
+    window: Annotated[float | None, typer.Option("--window", help="Seconds between restarts of the state.")] = None,
+    starts: Annotated[int, typer.Option("--starts", min=1, help="Descents from different places.")] = 3,
+    rounds: Annotated[int, typer.Option("--rounds", min=1, help="At most so many rounds of simulations.")] = 100,
+    fail_on: Annotated[
+        str | None, typer.Option("--fail-on", help="Exit with 3 on these verdicts: unexplained, not-identifiable.")
+    ] = None,
+    seed: Seed = 0,
+    threads: Threads = None,
+    force: Force = False,
+    json_: Json = False,
+    quiet: Quiet = False,
+    config: Config = None,
+) -> None:
+    """Identify a model's parameters from a measured log.
+
+    Example: capture identify --real-log run.zarr --task task.toml --out run.estimate
+    """
+    from capture_cli.stages.identify import identify as stage
+
+    verdicts = _verdicts(fail_on)
+    out = out or Path(f"{real_log.stem}.estimate")
+    estimate = stage(
+        real_log=real_log,
+        out=out,
+        task=task,
+        identifier=identifier,
+        test=test,
+        window=window,
+        starts=starts,
+        rounds=rounds,
+        seed=seed,
+        threads=threads,
+        force=force,
+        quiet=quiet,
+    )
+    if json_:
+        _print_json(estimate.document)
+    elif not quiet:
+        from capture_cli.reports.terminal import print_estimate
+
+        print_estimate(estimate, _console(), out)
+    if estimate.document["verdict"] in verdicts:
+        raise typer.Exit(3)
+
+
+def _verdicts(text: str | None) -> set[str]:
+    possible = {"unexplained", "not-identifiable"}
+    verdicts = {v.strip() for v in (text or "").split(",") if v.strip()}
+    for verdict in verdicts - possible:
+        raise OptionError(f"--fail-on {verdict!r}", cure=did_you_mean(verdict, possible))
+    return verdicts
+
+
+@app.command(name="import-log")
+def import_log(
+    files: Annotated[list[Path], typer.Argument(help="CSV or Parquet files, one recording each.")],
+    task: Annotated[str, typer.Option("--task", help="Path of the task.toml that names the columns.")],
+    out: Annotated[Path, typer.Option("--out", help="Measured log to write (.zarr).")],
+    drop_nan: Annotated[bool, typer.Option("--drop-nan", help="Drop rows with missing values.")] = False,
+    force: Force = False,
+    json_: Json = False,
+    quiet: Quiet = False,
+    config: Config = None,
+) -> None:
+    """Read CSV or Parquet files into a measured log.
+
+    Example: capture import-log run1.csv run2.csv --task task.toml --out runs.zarr
+    """
+    from capture_cli.stages.import_log import import_log as stage
+
+    stage(files=files, task=task, out=out, drop_nan=drop_nan, force=force)
+    _show_inspection(out, task, json_, quiet)
+
+
+@app.command()
+def inspect(
+    path: Annotated[Path, typer.Argument(help="A log, or any other output of `capture`.")],
+    task: TaskOption = None,
+    json_: Json = False,
+    config: Config = None,
+) -> None:
+    """Say what a file is and how healthy it is: gaps, NaN, rate, saturation, excitation.
+
+    Example: capture inspect run.zarr --task task.toml
+    """
+    _show_inspection(path, task, json_, quiet=False)
+
+
+def _show_inspection(path: Path, task: str | None, json_: bool, quiet: bool) -> None:
+    if quiet and not json_:
+        return
+    from capture_cli.stages.inspect import inspect as stage
+
+    document = stage(path, task)
+    if json_:
+        _print_json(document)
+    else:
+        from capture_cli.reports.inspection import render
+
+        render(document, _console())
+
+
+@app.command()
+def record(
+    task: Annotated[str, typer.Option("--task", help="Built-in task, or path of a task.toml.")],
+    out: Annotated[Path, typer.Option("--out", help="Measured log to write (.zarr).")],
+    param: Annotated[list[str], typer.Option("--param", help="NAME=VALUE; others are nominal.")] = [],  # noqa: B006
+    random_parameters: Annotated[bool, typer.Option("--random-parameters", help="Draw the others at random.")] = False,
+    effect: Annotated[list[str], typer.Option("--effect", help="NAME@SITE.PARAMETER=VALUE.")] = [],  # noqa: B006
+    noise: Annotated[list[str], typer.Option("--noise", help="SD for all outputs, or OUTPUT=SD.")] = [],  # noqa: B006
+    episodes: Annotated[int, typer.Option("--episodes", min=1, help="Number of episodes.")] = 1,
+    duration: Annotated[float, typer.Option("--duration", help="Seconds per episode.")] = 10.0,
+    rate: Annotated[float | None, typer.Option("--rate", help="Samples per second; default the model's own.")] = None,
+    inputs_from: Annotated[Path | None, typer.Option("--inputs-from", help="Log whose inputs to replay.")] = None,
+    amplitude: Annotated[list[str], typer.Option("--amplitude", help="INPUT=PEAK of the multisine.")] = [],  # noqa: B006
+    band: Annotated[tuple[float, float], typer.Option("--band", help="Hz, of the multisine.")] = (0.1, 3.0),
+    start: Annotated[list[str], typer.Option("--start", help="JOINT=POSITION or JOINT=LOW:HIGH.")] = [],  # noqa: B006
+    start_velocity: Annotated[list[str], typer.Option("--start-velocity", help="JOINT=VELOCITY or LOW:HIGH.")] = [],  # noqa: B006
+    truth: Annotated[Path | None, typer.Option("--truth", help="Where the truth goes; default OUT.truth.json.")] = None,
+    seed: Seed = 0,
+    threads: Threads = None,
+    force: Force = False,
+    json_: Json = False,
+    quiet: Quiet = False,
+    config: Config = None,
+) -> None:
+    """Record a log from a simulated machine, with noise and effects of your choice.
+
+    Example: capture record --task task.toml --effect coulomb-friction@x=3 --noise 0.0005 --out run.zarr
+    """
+    from capture_cli.stages.record import record as stage
+
+    recording = stage(
+        task=task,
+        out=out,
+        parameters=_pairs(param, "--param"),
+        random_parameters=random_parameters,
+        effects=effect,
+        noise=_noise(noise),
+        episodes=episodes,
+        duration=duration,
+        rate=rate,
+        inputs_from=inputs_from,
+        amplitude=_pairs(amplitude, "--amplitude"),
+        band=band,
+        start=_ranges(start, "--start"),
+        start_velocity=_ranges(start_velocity, "--start-velocity"),
+        truth=truth,
+        seed=seed,
+        threads=threads,
+        force=force,
+    )
+    if json_:
+        _print_json(recording.truth)
+    elif not quiet:
+        steps, episodes_ = len(recording.log.time), len(recording.log.episode_ends)
+        print(f"{out}: {steps} steps in {episodes_} episode(s); truth in {truth or out.with_suffix('.truth.json')}")
+
+
+def _noise(texts: list[str]) -> dict[str, float] | float:
+    if len(texts) == 1 and "=" not in texts[0]:
+        try:
+            return float(texts[0])
+        except ValueError:
+            raise OptionError(f"--noise {texts[0]!r} is not a number", cure="give SD, or OUTPUT=SD") from None
+    return _pairs(texts, "--noise") if texts else 0.0
+
+
+@app.command()
+def export(
+    estimate: Annotated[Path, typer.Argument(help="Estimate directory.")],
+    out: Annotated[Path, typer.Option("--out", help="MJCF file to write.")],
+    task: TaskOption = None,
+    force: Force = False,
+    json_: Json = False,
+    quiet: Quiet = False,
+    config: Config = None,
+) -> None:
+    """Write the model with its identified values as an MJCF that MuJoCo loads.
+
+    Example: capture export run.estimate --out identified.xml
+    """
+    from capture_cli.stages.export import export as stage
+
+    stage(estimate=estimate, out=out, task=task, force=force)
+    if json_:
+        _print_json({"model": str(out)})
+    elif not quiet:
+        print(f"{out}: written; load it with mujoco.MjModel.from_xml_path({str(out)!r})")
+
+
+@app.command()
+def tasks(task: TaskOption = None, json_: Json = False) -> None:
+    """List the built-in tasks, or the parameters, inputs and outputs of one.
+
+    Example: capture tasks --task task.toml
+    """
+    from capture_cli.stages.tasks import describe
+
+    document = describe(task)
+    if json_:
+        _print_json(document)
+    else:
+        from capture_cli.reports.listing import print_tasks
+
+        print_tasks(document, _console())
+
+
+@app.command()
+def effects(task: TaskOption = None, json_: Json = False) -> None:
+    """List the effects that a model may lack, with parameters, units and ranges.
+
+    Example: capture effects --task task.toml
+    """
+    from capture_cli.stages.effects import describe
+
+    document = describe(task)
+    if json_:
+        _print_json(document)
+    else:
+        from capture_cli.reports.listing import print_effects
+
+        print_effects(document, _console())
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        print(f"capture {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _root(
+    version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")] = False,
+) -> None:
+    pass

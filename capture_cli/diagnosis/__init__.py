@@ -1,0 +1,1 @@
+"""What is still unexplained: noise floor, split, lack of fit."""

@@ -1,0 +1,34 @@
+"""Is anything left that the noise does not explain?"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+PRACTICAL = 1.1  # error over the noise floor below which nobody would look for a missing effect
+FLOOR_UNCERTAINTY = 0.03  # of the noise floor's own standard deviation, on top of its sampling error
+Z = 3.0  # one-sided, p = 0.0013
+
+
+@dataclass(frozen=True)
+class LackOfFit:
+    """normalized: RMSE over the noise floor. threshold: what chance allows. lacking: whether it is beyond."""
+
+    normalized: float
+    threshold: float
+    autocorrelation_time: float
+    lacking: bool
+
+
+def lack_of_fit(sum_of_squares: float, degrees: float, autocorrelation_time: float) -> LackOfFit:
+    """Compare a residual's sum of squares, in units of the noise variance, with its degrees of freedom.
+
+    Under the null their ratio has mean 1 and variance 2 t / n (t the autocorrelation time in steps) plus that of the
+    noise floor, itself estimated from as many samples.
+    """
+    variance = sum_of_squares / max(degrees, 1.0)
+    spread = np.sqrt(2 * autocorrelation_time / max(degrees, 1.0) * 3 + (2 * FLOOR_UNCERTAINTY) ** 2)
+    threshold = float(max(np.sqrt(1 + Z * spread), PRACTICAL))
+    normalized = float(np.sqrt(variance))
+    return LackOfFit(normalized, threshold, float(autocorrelation_time), normalized > threshold)

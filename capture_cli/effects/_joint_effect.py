@@ -1,0 +1,68 @@
+"""What effects at a hinge or slide joint share."""
+
+from __future__ import annotations
+
+import mujoco
+
+from capture_cli.effects._places import site_id, site_name
+from capture_cli.effects._scales import (
+    HINGE,
+    SLIDE,
+    characteristic_force,
+    characteristic_speed,
+    driven_joint,
+    inertia,
+    travel,
+)
+from capture_cli.effects.base import GLOBAL, Effect
+from capture_cli.parameters import Parameter
+
+
+class JointEffect(Effect):
+    """An effect at a joint with one degree of freedom. `is_hinge` decides between rad and m."""
+
+    where = "every hinge and slide joint"
+
+    def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
+        super().__init__(model, site)
+        self.joint = site_id(model, "joint", site)
+        self.dof = int(model.jnt_dofadr[self.joint])
+        self.is_hinge = int(model.jnt_type[self.joint]) == HINGE
+
+    @classmethod
+    def sites(cls, model: mujoco.MjModel) -> list[str]:
+        return [site_name(model, "joint", j) for j in range(model.njnt) if model.jnt_type[j] in (HINGE, SLIDE)]
+
+    @property
+    def characteristic_force(self) -> float:
+        """N or N m."""
+        return characteristic_force(self.model, self.joint)
+
+    @property
+    def characteristic_speed(self) -> float:
+        """m/s or rad/s."""
+        return characteristic_speed(self.model, self.joint)
+
+    @property
+    def travel(self) -> float:
+        """m or rad."""
+        return travel(self.model, self.joint)
+
+    @property
+    def inertia(self) -> float:
+        """kg or kg m^2."""
+        return inertia(self.model, self.joint)
+
+    def unit(self, slide: str, hinge: str) -> str:
+        """The unit of a quantity of this joint."""
+        return hinge if self.is_hinge else slide
+
+    def added(self, name: str, unit: str, own: float, high: float) -> Parameter:
+        """A parameter that is added to the model's `own` value of something that cannot be negative in all."""
+        return Parameter(name, unit, -max(own, 0.0), high, 0.0)
+
+
+def driven_joints(model: mujoco.MjModel) -> list[str]:
+    """Sites of the joints that an actuator drives."""
+    joints = {driven_joint(model, a) for a in range(model.nactuator)} - {-1}
+    return [site_name(model, "joint", j) for j in sorted(joints)]

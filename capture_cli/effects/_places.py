@@ -1,0 +1,24 @@
+"""Names of the places in a model where effects sit."""
+
+from __future__ import annotations
+
+import mujoco
+
+_KINDS = {
+    "body": mujoco.mjtObj.mjOBJ_BODY,
+    "joint": mujoco.mjtObj.mjOBJ_JOINT,
+    "geom": mujoco.mjtObj.mjOBJ_GEOM,
+    "actuator": mujoco.mjtObj.mjOBJ_ACTUATOR,
+    "sensor": mujoco.mjtObj.mjOBJ_SENSOR,
+}
+
+
+def site_name(model: mujoco.MjModel, kind: str, number: int) -> str:
+    """The name of a body, joint, geom, actuator or sensor, or "#number" where it has none."""
+    return mujoco.mj_id2name(model, _KINDS[kind], number) or f"#{number}"
+
+
+def site_id(model: mujoco.MjModel, kind: str, site: str) -> int:
+    """The id of the object that `site_name` calls `site`."""
+    number = mujoco.mj_name2id(model, _KINDS[kind], site)
+    return number if number >= 0 else int(site.removeprefix("#"))

@@ -1,0 +1,106 @@
+"""What an effect is: something the model lacks, at a site of the model, with parameters that have a null value.
+
+An effect acts in one of four places, and overrides the one method of that place:
+
+    model        `write`    sets fields of the model, as a native MuJoCo feature
+    force        `force`    adds a state-dependent force at every step, over the whole batch
+    control      `drive`    changes the controls before they reach the actuators
+    measurement  `measure`  changes what the sensors report
+
+Its parameters are amplitudes and shapes. At the null values of the amplitudes the simulation is exactly the one
+without the effect, bit by bit, whatever the shapes are.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import ClassVar
+
+import mujoco
+import numpy as np
+
+from capture_cli.errors import ModelError, did_you_mean
+from capture_cli.parameters import Parameter, ParameterSpace
+from capture_cli.sim.engine import Force, ModelFields
+
+PLACES = ("model", "force", "control", "measurement")
+GLOBAL = ""  # the site of an effect that concerns the model as a whole
+
+
+class Effect(ABC):
+    """An effect at `site` of `model`. Class attributes:
+
+    place: one of PLACES. summary, where: one line each for tables: what it is, and which sites there are.
+    shapes: names of the parameters that say what the effect looks like (a period, a position). They mean nothing while
+        the amplitudes, which are all the others, are null: a score at null has to be taken at several of their values.
+    smooth: whether the outputs have a useful slope in the amplitudes at null. Where not (a saturation that is not
+        reached yet, a rounding), an amplitude has to be tried at several of its values, too.
+    """
+
+    place: ClassVar[str]
+    summary: ClassVar[str]
+    where: ClassVar[str]
+    shapes: ClassVar[tuple[str, ...]] = ()
+    smooth: ClassVar[bool] = True
+
+    def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
+        """Raises ModelError, naming those there are, where `site` is no site of this effect."""
+        sites = self.sites(model)
+        if site not in sites:
+            kind = type(self).__name__
+            if not sites:
+                raise ModelError(f"the model has no place for {kind}", cure=f"it sits at {self.where}")
+            raise ModelError(f"{kind} cannot sit at {site!r}", cure=did_you_mean(site, sites))
+        self.model = model
+        self.site = site
+
+    @classmethod
+    @abstractmethod
+    def sites(cls, model: mujoco.MjModel) -> list[str]:
+        """Where in `model` the effect can sit; [GLOBAL] where it concerns the model as a whole.
+
+        Names of joints, bodies, geoms, actuators or sensors; "#3" is the fourth of its kind where that has no name.
+        """
+
+    @property
+    @abstractmethod
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Parameters, each with the null value as its nominal."""
+
+    @property
+    def space(self) -> ParameterSpace:
+        return ParameterSpace(self.parameters)
+
+    def shape_grid(self, count: int = 5) -> np.ndarray:
+        """Points (point, parameter) with null amplitudes and `count` values of each shape: where to take a score.
+
+        Values of a shape that is positive are spread evenly in its logarithm.
+        """
+        axes = [_spread(p, count) if p.name in self.shapes else [p.nominal] for p in self.parameters]
+        return np.stack([a.ravel() for a in np.meshgrid(*axes, indexing="ij")], axis=-1)
+
+    def write(self, fields: ModelFields, values: np.ndarray) -> None:
+        """Place "model": set fields from `values` (simulation, parameter), on top of what is written there."""
+
+    def force(self, values: np.ndarray, timestep: float) -> Force | None:
+        """Place "force": a fresh force with the coefficients `values` (simulation, parameter).
+
+        The force is called on chunks: it indexes its coefficients, and any state it keeps, with `world.rows`.
+        """
+        return None
+
+    def drive(self, controls: np.ndarray, values: np.ndarray, timestep: float) -> np.ndarray:
+        """Place "control": ctrl (simulation, grid, nu) on the model's time grid as the actuators receive it."""
+        return controls
+
+    def measure(self, sensors: np.ndarray, values: np.ndarray, timestep: float) -> np.ndarray:
+        """Place "measurement": sensordata (simulation, grid, column) on the model's time grid as it is reported."""
+        return sensors
+
+
+def _spread(parameter: Parameter, count: int) -> np.ndarray:
+    """`count` values inside the range of `parameter`, none at its ends."""
+    at = (np.arange(count) + 0.5) / count
+    if parameter.low > 0:
+        return parameter.low * (parameter.high / parameter.low) ** at
+    return parameter.low + at * parameter.span

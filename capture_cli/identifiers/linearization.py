@@ -1,0 +1,180 @@
+"""The simulator linearized at a point, with the starts of all windows eliminated.
+
+In units of the noise, window w has r_w = residual, J_w = d outputs / d parameters and B_w = d outputs / d start, with
+parameters in unit-cube coordinates and starts in units of their prior sd. The starts are nuisances with a Gaussian
+prior from the log, so the step (dx, dz_w) minimizes
+
+    sum_w |r_w - J_w dx - B_w dz_w|^2 + k |z_w + dz_w|^2,
+
+with k the variance of the residual over that of the noise, times its autocorrelation time. While the model is wrong k
+is large and the starts stay where they were measured; when only noise is left k is 1 and they are fitted freely.
+So a noisy start is not mistaken for a missing effect, and a missing effect is not hidden in the starts.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from capture_cli.identifiers.base import Evidence, Trial
+
+PARAMETER_STEP = 1e-4  # of the range: well above the solver's tolerance, well below curvature
+START_STEP = 0.1  # of the prior sd, within the limits below
+START_STEP_LIMITS = (1e-6, 1e-3)  # m, rad, m/s, rad/s
+
+
+def columns(evidence: Evidence, x: np.ndarray, offsets: np.ndarray, *, parameters: bool = True) -> Trial:
+    """The point x (parameter,), in the unit cube, and one finite difference per parameter and start coordinate."""
+    count, states = evidence.start_sd.shape
+    moves = np.eye(len(x)) * parameter_steps(x) if parameters else np.zeros((0, len(x)))
+    shifts = _start_steps(evidence)
+    movable = _movable(evidence)
+    points = np.concatenate([x[None], x + moves, np.repeat(x[None], len(movable), axis=0)])
+    moved = np.repeat(offsets[None], len(points), axis=0)
+    for row, state in enumerate(movable, start=1 + len(moves)):
+        moved[row, :, state] += shifts[:, state]
+    assert moved.shape == (len(points), count, states)
+    return Trial(evidence.space.from_unit(points), moved)
+
+
+def parameter_steps(x: np.ndarray) -> np.ndarray:
+    """Finite-difference steps (parameter,) that stay in the unit cube."""
+    return np.where(x + PARAMETER_STEP <= 1, PARAMETER_STEP, -PARAMETER_STEP)
+
+
+def _start_steps(evidence: Evidence) -> np.ndarray:
+    return np.clip(START_STEP * evidence.start_sd, *START_STEP_LIMITS)
+
+
+def _movable(evidence: Evidence) -> np.ndarray:
+    return np.flatnonzero((evidence.start_sd > 0).any(axis=0))
+
+
+@dataclass(frozen=True)
+class Linearization:
+    """residual (window, row), by_parameter (window, row, parameter), by_start (window, row, state), z (window, state)."""
+
+    evidence: Evidence
+    x: np.ndarray
+    offsets: np.ndarray
+    residual: np.ndarray
+    by_parameter: np.ndarray
+    by_start: np.ndarray
+
+    @classmethod
+    def from_columns(cls, evidence: Evidence, x, offsets, outputs, diverged, *, parameters: bool = True):
+        """From what the trial of `columns` gave. A difference that diverged counts as no sensitivity."""
+        residuals = evidence.residual(outputs)
+        size = len(x) if parameters else 0
+        slopes = (residuals[0] - residuals[1:]) * ~diverged[1:, :, None]
+        by_parameter = slopes[:size] / parameter_steps(x)[:size, None, None]
+        movable = _movable(evidence)
+        scale = (evidence.start_sd / _start_steps(evidence))[:, movable]
+        by_start = slopes[size:] * scale.T[:, :, None]
+        return cls(
+            evidence, x, offsets, residuals[0], np.moveaxis(by_parameter, 0, -1), np.moveaxis(by_start, 0, -1)
+        )
+
+    @cached_property
+    def z(self) -> np.ndarray:
+        """Offsets of the movable starts in units of their sd, (window, state)."""
+        movable = _movable(self.evidence)
+        sd = self.evidence.start_sd[:, movable]
+        return np.divide(self.offsets[:, movable], sd, out=np.zeros_like(sd), where=sd > 0)
+
+    @cached_property
+    def scatter(self) -> float:
+        """k: the variance of the residual over that of the noise times its autocorrelation time; at least 1."""
+        return scatter(self.evidence, self.residual)
+
+    @cached_property
+    def products(self) -> tuple[np.ndarray, ...]:
+        """JJ (window, p, p), JB (window, p, s), BB (window, s, s), Jr (window, p), Br (window, s)."""
+        j, b, r = self.by_parameter, self.by_start, self.residual[..., None]
+        jt, bt = j.swapaxes(1, 2), b.swapaxes(1, 2)
+        return jt @ j, jt @ b, bt @ b, (jt @ r)[..., 0], (bt @ r)[..., 0]
+
+    def start_gain(self, k: float, damping: float = 0.0) -> np.ndarray:
+        """(B'B + (k + damping) 1)^-1, (window, state, state)."""
+        bb = self.products[2]
+        return np.linalg.inv(bb + (k + damping) * np.eye(bb.shape[-1]))
+
+    def normal(self, k: float, damping: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+        """Hessian (p, p) and downhill gradient (p,) of half the objective, starts eliminated."""
+        jj, jb, _, jr, br = self.products
+        gain = self.start_gain(k, damping)
+        through = jb @ gain
+        hessian = (jj - through @ jb.swapaxes(1, 2)).sum(axis=0)
+        gradient = (jr - (through @ (br - k * self.z)[..., None])[..., 0]).sum(axis=0)
+        return hessian, gradient
+
+    def start_offsets(self, dx: np.ndarray, k: float, damping: float = 0.0) -> np.ndarray:
+        """Offsets (window, state), SI, that belong to the parameter step dx (parameter,)."""
+        _, jb, _, _, br = self.products
+        right = br - (jb.swapaxes(1, 2) @ dx) - k * self.z
+        dz = (self.start_gain(k, damping) @ right[..., None])[..., 0]
+        movable = _movable(self.evidence)
+        offsets = self.offsets.copy()
+        offsets[:, movable] = (self.z + dz) * self.evidence.start_sd[:, movable]
+        return offsets
+
+    def predicted_gain(self, dx: np.ndarray, offsets: np.ndarray, k: float) -> float:
+        """How much the objective should fall by the step to `offsets` (window, state) and dx (parameter,)."""
+        z = scaled_offsets(self.evidence, offsets)[:, _movable(self.evidence)]
+        dz = z - self.z
+        residual = self.residual - self.by_parameter @ dx - (self.by_start @ dz[..., None])[..., 0]
+        return self.objective(k) - objective(residual, z, k)
+
+    def objective(self, k: float) -> float:
+        return objective(self.residual, self.z, k)
+
+
+def objective(residual: np.ndarray, z: np.ndarray, k: float) -> float:
+    """Sum of squared residuals (window, row) and, weighed by k, of the starts' offsets (window, state)."""
+    return float(np.square(residual).sum() + k * np.square(z).sum())
+
+
+def scaled_offsets(evidence: Evidence, offsets: np.ndarray) -> np.ndarray:
+    """Offsets (..., window, state) in units of their prior sd."""
+    sd = evidence.start_sd
+    return np.divide(offsets, sd, out=np.zeros_like(offsets), where=np.broadcast_to(sd > 0, offsets.shape))
+
+
+def scatter(evidence: Evidence, residual: np.ndarray) -> float:
+    """Variance of the residual (window, row), in units of the noise's, times its autocorrelation time; at least 1."""
+    variance = float(np.square(residual).sum() / evidence.count)
+    shaped = residual.reshape(evidence.measured.shape)
+    return max(1.0, variance * autocorrelation_time(shaped, evidence.mask))
+
+
+def autocovariance(residual: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """Pooled over windows, by lag and output (lag, output), of residual (window, step, output), mean 0 assumed."""
+    steps = residual.shape[1]
+    size = 1 << (2 * steps - 1).bit_length()
+    spectrum = np.fft.rfft(residual * mask[..., None], size, axis=1)
+    total = np.fft.irfft((np.abs(spectrum) ** 2).sum(axis=0), size, axis=0)[:steps]
+    pairs = np.fft.irfft((np.abs(np.fft.rfft(mask.astype(float), size, axis=1)) ** 2).sum(axis=0), size)[:steps]
+    return total / np.maximum(np.round(pairs), 1)[:, None]
+
+
+def correlation_length(covariance: np.ndarray) -> tuple[int, float]:
+    """Lags to keep and the autocorrelation time 1 + 2 sum(rho), in steps, of one output's autocovariance (lag,).
+
+    Self-consistent window: the first lag that is 5 times the time so far (Sokal 1997, section 3).
+    """
+    if covariance[0] <= 0:
+        return 0, 1.0
+    times = 2 * np.cumsum(covariance / covariance[0]) - 1
+    beyond = np.flatnonzero(np.arange(len(times)) >= 5 * np.maximum(times, 0.2))
+    lag = int(beyond[0]) if beyond.size else len(times) - 1
+    return lag, max(float(times[lag]), 1.0)
+
+
+def autocorrelation_time(residual: np.ndarray, mask: np.ndarray) -> float:
+    """In steps, averaged over outputs by their variance; residual (window, step, output). 1: white."""
+    covariance = autocovariance(residual, mask)
+    times = np.array([correlation_length(c)[1] for c in covariance.T])
+    total = covariance[0].sum()
+    return float((times * covariance[0]).sum() / total) if total > 0 else 1.0

@@ -1,0 +1,42 @@
+"""Tables of `capture tasks` and `capture effects`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+
+def print_tasks(document: dict[str, Any], console: Console) -> None:
+    """One block per task."""
+    if not document["tasks"]:
+        console.print("There is no built-in task; name your own: capture tasks --task task.toml")
+    for task in document["tasks"]:
+        window = f", windows of {task['window']:g} s" if task["window"] else ""
+        console.print(f"[bold]{task['name']}[/] (model step {task['timestep']:g} s{window})")
+        table = _table("parameter", "unit", "low", "high", "nominal")
+        for p in task["parameters"]:
+            table.add_row(p["name"], p["unit"], *(f"{p[k]:g}" for k in ("low", "high", "nominal")))
+        console.print(table)
+        for kind in ("inputs", "outputs"):
+            channels = ", ".join(f"{c['name']} [{c['unit']}] from column {c['column']}" for c in task[kind])
+            console.print(f"{kind}: {channels or 'none'}", markup=False)
+
+
+def print_effects(document: dict[str, Any], console: Console) -> None:
+    """One row per effect."""
+    with_sites = any("sites" in e for e in document["effects"])
+    table = _table("effect", "acts on", "what it is", "parameters", *(["sites here"] if with_sites else []))
+    for effect in document["effects"]:
+        parameters = ", ".join(f"{p['name']} ({p['unit']})" for p in effect["parameters"])
+        sites = [", ".join(s or "(whole model)" for s in effect["sites"]) or "none"] if with_sites else []
+        table.add_row(effect["name"], effect["place"], effect["summary"], parameters, *sites)
+    console.print(table)
+
+
+def _table(*columns: str) -> Table:
+    table = Table(box=None, pad_edge=False)
+    for column in columns:
+        table.add_column(column, overflow="fold")
+    return table

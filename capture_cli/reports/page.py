@@ -1,0 +1,120 @@
+"""A page that stands alone: one HTML file with its style, its script and plotly.js inside, and no network address.
+
+Colours are named, not given: a string "--ink" in a plot is the CSS variable of that name, looked up when the plot is
+drawn, so that one page serves light, dark and paper.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Mapping, Sequence
+from html import escape
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+
+# Nothing may be fetched: a page that is mailed around must not call home, nor break without a network.
+_POLICY = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:; form-action 'none'"
+
+
+def page(*, title: str, body: str, plots: Mapping[str, Any], curves: Mapping[str, Any] | None = None) -> str:
+    """The whole page. plots: plotly figures ({"data", "layout"}) by the id of the `plot` that shows them.
+
+    curves: {"sets": {SET: {SERIES: packed}}, "views": [{"label", "set", "first", "last"}, …]}; a trace takes its
+    points from them by "meta": {"series": NAME}, and the selector of views (`view_selector`) says which points.
+    """
+    data = json.dumps({"plots": plots, "curves": curves}, allow_nan=False, separators=(",", ":"))
+    return "\n".join(
+        [
+            "<!DOCTYPE html>",
+            '<html lang="en">',
+            "<head>",
+            '<meta charset="utf-8">',
+            f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">',
+            '<meta name="viewport" content="width=device-width, initial-scale=1">',
+            '<meta name="color-scheme" content="light dark">',
+            f"<title>{escape(title)}</title>",
+            f"<style>\n{_asset('page.css')}</style>",
+            "</head>",
+            "<body>",
+            f"<main>\n{body}\n</main>",
+            f"<script>{_plotly()}</script>",
+            f'<script type="application/json" id="data">{_inside_script(data)}</script>',
+            f"<script>\n{_asset('page.js')}</script>",
+            "</body>",
+            "</html>",
+            "",
+        ]
+    )
+
+
+def section(title: str, *parts: str, lead: str = "") -> str:
+    """A section with a heading and, under it, a sentence on how to read it."""
+    under = f'<p class="lead">{escape(lead)}</p>' if lead else ""
+    return (
+        f"<section>\n<h2>{escape(title)}</h2>\n{under}\n" + "\n".join(p for p in parts if p) + "\n</section>"
+    )
+
+
+def plot(name: str, *, height: int, label: str, caption: str = "") -> str:
+    """The place of the plot `name`, `height` px high; `label` says what it shows to those who cannot see it."""
+    under = f"<figcaption>{escape(caption)}</figcaption>" if caption else ""
+    place = f'<div class="plot" id="{escape(name)}" role="img" aria-label="{escape(label)}" style="height:{height}px">'
+    return f"<figure>{place}</div>{under}</figure>"
+
+
+def side_by_side(*parts: str) -> str:
+    """Parts beside each other where the page is wide enough."""
+    return f'<div class="side-by-side">{"".join(parts)}</div>'
+
+
+def folded(title: str, content: str) -> str:
+    """Content behind a title; it opens on a click, and on paper."""
+    return f"<details><summary>{escape(title)}</summary>\n{content}\n</details>"
+
+
+def view_selector(label: str) -> str:
+    """The control that chooses which of the curves' views all plots show."""
+    return (
+        f'<div class="views"><label for="view">{escape(label)}</label>'
+        '<button type="button" id="view-before" aria-label="the one before">‹</button>'
+        '<select id="view"></select>'
+        '<button type="button" id="view-after" aria-label="the next one">›</button></div>'
+    )
+
+
+def table(head: Sequence[str], rows: Sequence[Sequence[str]], *, numeric: Sequence[int] = ()) -> str:
+    """A table; cells are HTML already. numeric: the columns that are set right."""
+
+    def cells(tag: str, row: Sequence[str]) -> str:
+        return "".join(f"<{tag}{' class=num' if k in numeric else ''}>{c}</{tag}>" for k, c in enumerate(row))
+
+    body = "\n".join(f"<tr>{cells('td', row)}</tr>" for row in rows)
+    return (
+        f'<div class="scroll"><table>\n<thead><tr>{cells("th", head)}</tr></thead>\n'
+        f"<tbody>\n{body}\n</tbody>\n</table></div>"
+    )
+
+
+def packed(values: np.ndarray, dtype: str) -> dict[str, str]:
+    """Numbers (n,) as plotly takes them: little-endian bytes in base64. dtype: "f4" or "f8"; not finite is a gap."""
+    with np.errstate(over="ignore"):
+        values = np.asarray(values).astype(f"<{dtype}")
+    values = np.where(np.isfinite(values), values, np.nan).astype(f"<{dtype}")
+    return {"dtype": dtype, "bdata": base64.b64encode(values.tobytes()).decode("ascii")}
+
+
+def _asset(name: str) -> str:
+    return files("capture_cli.reports").joinpath(name).read_text(encoding="utf-8")
+
+
+def _plotly() -> str:
+    from plotly.offline import get_plotlyjs
+
+    return get_plotlyjs()
+
+
+def _inside_script(text: str) -> str:
+    return text.replace("<", "\\u003c")  # "</script>" in a name must not end the block

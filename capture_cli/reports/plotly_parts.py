@@ -1,0 +1,76 @@
+"""Pieces of plotly figures, in plain dicts. Colours are the names that page.css gives them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+Plot = dict[str, Any]
+
+
+def line(name: str, color: str, x=None, y=None, *, width: float = 1.5, axes: str = "", **more) -> Plot:
+    """A curve. x, y (n,), or neither where "meta" says which of the page's curves it shows. axes: "", "2", …"""
+    trace = {
+        "type": "scatter",
+        "mode": "lines",
+        "name": name,
+        "line": {"color": color, "width": width, **more.pop("line", {})},
+        "xaxis": f"x{axes}",
+        "yaxis": f"y{axes}",
+    }
+    if x is not None:
+        trace |= {"x": rounded(x), "y": rounded(y)}
+    return trace | more
+
+
+def swatch(name: str, color: str) -> Plot:
+    """A legend entry for something that is shaded."""
+    return {
+        "type": "scatter",
+        "mode": "markers",
+        "name": name,
+        "x": [None],
+        "y": [None],
+        "marker": {"color": color, "symbol": "square", "size": 14, "line": {"width": 0}},
+        "hoverinfo": "skip",
+    }
+
+
+def band(low: float, high: float, *, along: str, across: str, color: str, edge: str | None = None) -> Plot:
+    """A shaded stretch of the axis `along` ("x", "y2"), as wide as `across` ("paper", "x2 domain")."""
+    own, other = along[0], "y" if along[0] == "x" else "x"
+    return {
+        "type": "rect",
+        f"{own}ref": along,
+        f"{own}0": low,
+        f"{own}1": high,
+        f"{other}ref": across,
+        f"{other}0": 0,
+        f"{other}1": 1,
+        "fillcolor": color,
+        "line": {"width": 1, "color": edge, "dash": "dot"} if edge else {"width": 0},
+        "layer": "above" if edge else "below",
+    }
+
+
+def mark(x: float) -> Plot:
+    """A thin upright line at `x`, as high as the figure."""
+    return {
+        "type": "line",
+        "xref": "x",
+        "x0": x,
+        "x1": x,
+        "yref": "paper",
+        "y0": 0,
+        "y1": 1,
+        "line": {"color": "--rule", "width": 1},
+        "layer": "below",
+    }
+
+
+def rounded(values) -> list:
+    """JSON numbers (nested as `values`) to six digits; not finite is null, a gap."""
+    if np.ndim(values):
+        return [rounded(v) for v in values]
+    return float(f"{values:.6g}") if np.isfinite(values) else None

@@ -1,0 +1,86 @@
+"""Numbers as people read them: digits that mean something, and units with a prefix."""
+
+from __future__ import annotations
+
+import math
+import re
+
+MISSING = "–"
+# A prefix can be put before these symbols when they open a unit and carry no exponent: "m/s" yes, "m^2" and "kg" no.
+_PREFIXABLE = re.compile(r"(m|rad|s|N|V|A|W|J|Pa|Hz)(?![\w^²³*])")
+_PREFIXES = ((1.0, ""), (1e3, "m"), (1e6, "µ"), (1e9, "n"))
+
+
+def scaled_unit(unit: str, magnitude: float | None) -> tuple[float, str]:
+    """(factor, unit to show) that bring a value of about `magnitude`, in `unit`, to 0.1 or more.
+
+    0.00073 m -> (1e3, "mm"). Units that take no prefix come back as they are, and "1" as "".
+    """
+    if not shown_unit(unit):
+        return 1.0, ""
+    if not _PREFIXABLE.match(unit) or not magnitude or not math.isfinite(magnitude):
+        return 1.0, unit
+    for factor, prefix in _PREFIXES:
+        if abs(magnitude) * factor >= 0.1:
+            return factor, prefix + unit
+    return 1.0, unit
+
+
+def significant(value: float | None, digits: int = 3) -> str:
+    """`value` to so many significant digits: 0.7304 -> "0.730", 1234.5 -> "1234", 3.2e-7 -> "3.20e-7"."""
+    if value is None or not math.isfinite(value):
+        return MISSING
+    if value == 0:
+        return "0"
+    exponent = _exponent(value, digits)
+    if not -4 <= exponent <= 5:
+        return _scientific(value, digits - 1)
+    return f"{value:.{max(0, digits - 1 - exponent)}f}"
+
+
+def bound(value: float) -> str:
+    """A declared number, as short as it is: 50.0 -> "50", 0.025 -> "0.025"."""
+    return re.sub(r"e([+-])0*", lambda m: "e" + m[1].replace("+", ""), f"{value:.6g}")
+
+
+def to_precision_of(value: float | None, sd: float | None) -> str:
+    """`value` to the digit that two digits of `sd` reach, and to six digits at most: 95.1078, 0.13 -> "95.11"."""
+    if value is None or not math.isfinite(value):
+        return MISSING
+    if not sd or not math.isfinite(sd):
+        return significant(value, 4)
+    decimals = 1 - _exponent(sd, 2)
+    size = _exponent(value, 6) if value else 0
+    if not -4 <= max(size, 1 - decimals) <= 5:
+        return _scientific(value, min(5, max(0, size + decimals)))
+    return f"{value:.{max(0, min(decimals, 5 - size))}f}"
+
+
+def with_unit(number: str, unit: str) -> str:
+    """A number before its unit, "0.73 mm"; a missing number or unit adds nothing."""
+    return number if number == MISSING or not shown_unit(unit) else f"{number} {unit}"
+
+
+def shown_unit(unit: str) -> str:
+    """The unit as it is shown: nothing for "1" and "-"."""
+    return "" if unit in ("1", "-") else unit
+
+
+def titled(name: str, unit: str) -> str:
+    """The title of an axis: "q [mm]"; a number without a unit is its name alone."""
+    return f"{name} [{unit}]" if shown_unit(unit) else name
+
+
+def counted(count: int, noun: str) -> str:
+    """1, "window" -> "1 window"; 49, "window" -> "49 windows"."""
+    return f"{count:,} {noun}{'' if count == 1 else 's'}".replace(",", " ")
+
+
+def _exponent(value: float, digits: int) -> int:
+    """The power of ten of the first digit after rounding to `digits`: 0.0999 to two digits is 0.10, so -1."""
+    return int(f"{abs(value):.{digits - 1}e}".split("e")[1])
+
+
+def _scientific(value: float, decimals: int) -> str:
+    mantissa, exponent = f"{value:.{decimals}e}".split("e")
+    return f"{mantissa}e{int(exponent)}"

@@ -1,0 +1,127 @@
+"""An estimate at the terminal: two small tables, the verdict, and what to do next."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Mapping
+from pathlib import Path, PurePath
+from typing import Any
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from capture_cli.reports import findings
+from capture_cli.reports.quantities import MISSING, bound, significant, to_precision_of, with_unit
+from capture_cli.stores.estimate import Estimate
+
+STYLES = {"explained": "bold green", "unexplained": "bold yellow", "not-identifiable": "bold yellow"}
+# Narrower than this, the bounds are left to the page.
+WIDE = 96
+# More than these would push the verdict off a small screen; the page has them all.
+MOST_NOTES, MOST_OUTPUTS = 4, 8
+_ASCII = str.maketrans({"–": "-", "−": "-", "×": "x", "µ": "u", "·": "-", "°": "deg", "²": "^2", "±": "+/-"})
+
+
+def print_estimate(estimate: Estimate, console: Console, out_path: Path) -> None:
+    """Print `estimate`, written to the directory `out_path`; plain text where `console` is no terminal."""
+    document = estimate.document
+    screen = _Screen(console)
+    log = PurePath(document["log"]["path"]).name
+    screen.wrapped("", f"{document['task']} · {log} · {document['identifier']}", "dim")
+    screen.blank()
+    if document["parameters"]:
+        screen.table(_parameters(document, wide=console.width >= WIDE))
+        screen.blank()
+    errors = findings.output_errors(estimate)
+    screen.table(_errors(errors))
+    screen.blank()
+    verdict = document["verdict"]
+    screen.wrapped(findings.TITLES[verdict], findings.sentence(document), STYLES[verdict])
+    for note in _few(findings.notes(document), len(errors)):
+        screen.wrapped("note", note, "yellow")
+    screen.blank()
+    screen.whole("report", str(Path(out_path) / "report.html"))
+    if document.get("next_command"):
+        screen.whole("next", document["next_command"])
+
+
+class _Screen:
+    """A console that takes plain text, and spells it in ASCII where the terminal knows nothing else."""
+
+    def __init__(self, console: Console):
+        self.console = console
+        self.ascii = console.options.ascii_only
+
+    def blank(self) -> None:
+        self.console.print()
+
+    def wrapped(self, mark: str, content: str, style: str) -> None:
+        """A word in `style` and the text after it, wrapped under itself; without a word, the text in `style`."""
+        start = f"{mark}  " if mark else ""
+        lines = textwrap.wrap(content, max(20, self.console.width - len(start)), break_on_hyphens=False)
+        for k, line in enumerate(lines):
+            before = self._text(start, style) if k == 0 else Text(" " * len(start))
+            self._print(before + self._text(line, "" if mark else style))
+
+    def whole(self, mark: str, content: str) -> None:
+        """A path or a command, never broken: it is there to be copied."""
+        self._print(self._text(f"{mark:<8}", "dim") + self._text(content))
+
+    def table(self, rows: list[list[str]]) -> None:
+        """rows: the head first; all is set right but the first column and those without a title."""
+        head, *body = rows
+        table = Table(
+            box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1), header_style="dim", show_edge=False
+        )
+        for k, title in enumerate(head):
+            left = k == 0 or not title
+            style = "bold" if k == 0 else "" if title else "yellow"
+            justify = "left" if left else "right"
+            table.add_column(
+                self._text(title), justify=justify, style=style, no_wrap=not left, overflow="fold"
+            )
+        for row in body:
+            table.add_row(*(self._text(cell) for cell in row))
+        self.console.print(table)
+
+    def _print(self, line: Text) -> None:
+        self.console.print(line, soft_wrap=True)
+
+    def _text(self, content: str, style: str = "") -> Text:
+        if self.ascii:
+            content = content.translate(_ASCII).encode("ascii", "replace").decode("ascii")
+        return Text(content, style=style)
+
+
+def _parameters(document: Mapping[str, Any], *, wide: bool) -> list[list[str]]:
+    rows = [["parameter", "estimate", "sd", "95 % interval", *(["bounds"] if wide else []), ""]]
+    for name, p in document["parameters"].items():
+        sd, interval = p.get("sd"), p.get("ci95")
+        between = " to ".join(to_precision_of(v, sd) for v in interval) if interval else MISSING
+        bounds = [f"{bound(p['low'])} to {bound(p['high'])}"] if wide else []
+        remarks = ["at bound"] * p["at_bound"] + ["not determined"] * (not p["identifiable"])
+        value = with_unit(to_precision_of(p["value"], sd), p["unit"])
+        rows.append([name, value, significant(sd, 2), between, *bounds, ", ".join(remarks)])
+    return rows if any(row[-1] for row in rows) else [row[:-1] for row in rows]
+
+
+def _errors(errors: list[findings.OutputError]) -> list[list[str]]:
+    """The outputs that stand farthest above their floor, in the order of the log."""
+    farthest = sorted(errors, key=lambda e: -(e.ratio or 0.0))[:MOST_OUTPUTS]
+    rows = [["output", "nominal", "fitted", "held out", "noise floor", "over the floor"]]
+    for e in (e for e in errors if e in farthest):
+        nominal = with_unit(significant(e.nominal), e.nominal_unit)
+        values = [with_unit(significant(v), e.unit) for v in (e.fit, e.test, e.floor)]
+        rows.append([e.name, nominal, *values, with_unit(significant(e.ratio), "×")])
+    return rows
+
+
+def _few(notes: list[str], outputs: int) -> list[str]:
+    """As many notes as fit, and what else the report holds."""
+    more = [f"{len(notes) - MOST_NOTES} more notes"] if len(notes) > MOST_NOTES else []
+    more += (
+        [f"{outputs - MOST_OUTPUTS} more outputs, nearer to their floor"] if outputs > MOST_OUTPUTS else []
+    )
+    return notes[:MOST_NOTES] + ([f"In the report: {', '.join(more)}."] if more else [])

@@ -1,0 +1,227 @@
+"""Many simulations of one model in lockstep, each with its own parameters, controls and start.
+
+MuJoCo's `mujoco.batch` does the stepping on its thread pool; results are bit-identical for any number of threads.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import mujoco
+import numpy as np
+from mujoco import batch
+
+# Working memory of one chunk of simulations: controls and recorded sensors.
+CHUNK_BYTES = 256 << 20
+CHUNK_SIMULATIONS = 8192
+
+
+def silence_mujoco() -> None:
+    """Keep MuJoCo's warnings out of the terminal and of MUJOCO_LOG.TXT; the batch counts them per simulation."""
+    config = mujoco.MjLogConfig.get()
+    config.logto_console = False
+    config.logto_file = False
+    mujoco.MjLogConfig.set(config)
+
+
+class ModelFields:
+    """Per-simulation copies of a model's fields, (simulation, ...), made when first asked for.
+
+    Names are those of MjModel ("dof_damping") and, with the prefix "opt.", of MjOption ("opt.gravity").
+    """
+
+    def __init__(self, model: mujoco.MjModel, simulations: int):
+        self.model = model
+        self.simulations = simulations
+        self.values: dict[str, np.ndarray] = {}
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        if name not in self.values:
+            nominal = np.asarray(model_field(self.model, name), dtype=float)
+            self.values[name] = np.repeat(nominal[None], self.simulations, axis=0)
+        return self.values[name]
+
+
+def model_field(model: mujoco.MjModel, name: str) -> np.ndarray:
+    """The model's own value of a field named as in ModelFields."""
+    return getattr(model.opt, name[4:]) if name.startswith("opt.") else getattr(model, name)
+
+
+class World:
+    """What a force sees: live arrays over the simulations of a running chunk, (simulation, ...), SI units.
+
+    rows: which simulations of the whole call these are, to pick per-simulation coefficients with.
+    Any MjData field can be read as an attribute; fields that are not state lag by one step, as in mj_step, except at
+    the first step.
+    """
+
+    def __init__(self, runner: batch.Batch, rows: np.ndarray):
+        self._runner = runner
+        self.rows = rows
+        self._varied: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+
+    def __getattr__(self, name: str) -> np.ndarray:
+        value = self._runner.bind(name)
+        if not value.flags.writeable:  # not state: filled by the next call only
+            self._runner.forward()
+        setattr(self, name, value)
+        return value
+
+    def vary(self, name: str) -> np.ndarray:
+        """Live values of a model field that a force changes with the state, (simulation, ...).
+
+        At every step they begin as the simulation's own. Only for fields from which no constant derives, such as
+        "dof_damping" and "dof_frictionloss": MuJoCo then integrates the change implicitly.
+        """
+        if name not in self._varied:
+            live = self._runner.expand(name)
+            self._varied[name] = (live, live.copy())
+        return self._varied[name][0]
+
+    def restore_varied(self, keep=...) -> None:
+        """Give the varied fields of the simulations `keep` (all) their own values back."""
+        for live, own in self._varied.values():
+            live[keep] = own[keep]
+
+
+class Force(Protocol):
+    """A state-dependent force: adds to `world.qfrc_applied` (N or N m), `world.xfrc_applied` or `world.vary(...)`."""
+
+    def __call__(self, world: World) -> None: ...
+
+
+@dataclass(frozen=True)
+class Starts:
+    """Initial states. qpos (simulation, nq), qvel (simulation, nv), act (simulation, na), time (simulation,) in s."""
+
+    qpos: np.ndarray
+    qvel: np.ndarray
+    act: np.ndarray
+    time: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.qpos)
+
+    def rows(self, index) -> Starts:
+        """The starts at `index`."""
+        return Starts(self.qpos[index], self.qvel[index], self.act[index], self.time[index])
+
+
+@dataclass(frozen=True)
+class Rollouts:
+    """sensors (simulation, step, sensordata): at time start + step * dt. diverged (simulation,): do not believe."""
+
+    sensors: np.ndarray
+    diverged: np.ndarray
+
+
+class Engine:
+    """Steps many simulations of `model` on `threads` threads (all cores where None)."""
+
+    def __init__(self, model: mujoco.MjModel, threads: int | None = None):
+        silence_mujoco()
+        self.model = model
+        self.threads = threads or 0
+
+    def rollout(
+        self,
+        *,
+        starts: Starts,
+        controls: np.ndarray,
+        steps: int,
+        control_row: np.ndarray | None = None,
+        fields: ModelFields | None = None,
+        forces: Sequence[Force] = (),
+        columns: np.ndarray | None = None,
+    ) -> Rollouts:
+        """Step every simulation `steps` times and record its sensors before each step.
+
+        controls: (row, at least `steps`, nu); simulation i is driven by controls[control_row[i]] (row i where None).
+        fields: per-simulation model values; constants that derive from them are recomputed.
+        columns: which columns of sensordata to keep (all where None).
+
+        A simulation in which MuJoCo warns of divergence is held from there on and marked.
+        """
+        count = len(starts)
+        control_row = np.arange(count) if control_row is None else np.asarray(control_row)
+        columns = np.arange(self.model.nsensordata) if columns is None else np.asarray(columns)
+        sensors = np.empty((count, steps, len(columns)))
+        diverged = np.zeros(count, dtype=bool)
+        for first in range(0, count, self._chunk(steps)):
+            rows = np.arange(first, min(count, first + self._chunk(steps)))
+            runner = self._prepare(rows, starts, fields)
+            tape = controls[control_row[rows], :steps]
+            if forces:
+                recorded, bad = self._step_with_forces(runner, rows, tape, forces)
+            else:
+                recorded, bad = self._step_in_c(runner, tape, steps)
+            sensors[rows] = recorded[..., columns]
+            diverged[rows] = bad | ~np.isfinite(sensors[rows]).all(axis=(1, 2))
+        return Rollouts(sensors, diverged)
+
+    def _chunk(self, steps: int) -> int:
+        row_bytes = 8 * steps * (self.model.nsensordata + self.model.nu + 1)
+        return int(np.clip(CHUNK_BYTES // row_bytes, 1, CHUNK_SIMULATIONS))
+
+    def _prepare(self, rows: np.ndarray, starts: Starts, fields: ModelFields | None) -> batch.Batch:
+        # A batch costs a millisecond and is made anew: values of an earlier call cannot leak into this one.
+        runner = batch.Batch(self.model, len(rows), min(self.threads, len(rows)))
+        if fields is not None and fields.values:
+            for name, values in fields.values.items():
+                runner.expand(name)[...] = values[rows]
+            if any(name in mujoco.MjModel._setconst_inputs for name in fields.values):
+                runner.set_const()
+        runner.reset(stage=mujoco.mjtStage.mjSTAGE_NONE)
+        runner.warning[...] = 0
+        runner.bind("qpos")[...] = starts.qpos[rows]
+        runner.bind("qvel")[...] = starts.qvel[rows]
+        if self.model.na:
+            runner.bind("act")[...] = starts.act[rows]
+        runner.bind("time")[...] = starts.time[rows]
+        return runner
+
+    @staticmethod
+    def _step_in_c(runner: batch.Batch, tape: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray]:
+        recorded = np.zeros((len(tape), steps, runner.model.nsensordata))
+        bad = np.zeros(len(tape), dtype=bool)
+        try:
+            control = tape if tape.shape[-1] else None
+            runner.rollout(steps, control, record=("sensordata",), out={"sensordata": recorded})
+        except batch.SimulationError as error:
+            bad[error.ids] = True
+        return recorded, bad | _warned(runner)
+
+    @staticmethod
+    def _step_with_forces(
+        runner: batch.Batch, rows: np.ndarray, tape: np.ndarray, forces: Sequence[Force]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        world = World(runner, rows)
+        ctrl, sensordata = runner.bind("ctrl"), runner.bind("sensordata")
+        joint_force, body_force = runner.bind("qfrc_applied"), runner.bind("xfrc_applied")
+        recorded = np.empty((len(rows), tape.shape[1], sensordata.shape[1]))
+        bad = np.zeros(len(rows), dtype=bool)
+        for step in range(tape.shape[1]):
+            ctrl[...] = tape[:, step]
+            joint_force[...] = 0.0
+            body_force[...] = 0.0
+            world.restore_varied()
+            for force in forces:
+                force(world)
+            joint_force[bad] = 0.0
+            body_force[bad] = 0.0
+            world.restore_varied(bad)
+            try:
+                runner.step()
+            except batch.SimulationError as error:
+                bad[error.ids] = True
+            bad |= _warned(runner)
+            recorded[:, step] = np.where(bad[:, None], recorded[:, max(step - 1, 0)], sensordata)
+        return recorded, bad
+
+
+def _warned(runner: batch.Batch) -> np.ndarray:
+    """Which simulations have raised any warning, (simulation,)."""
+    return runner.warning[:, :, 1].any(axis=1)
+

@@ -1,0 +1,73 @@
+"""Writing a model with its identified values back to MJCF, to full precision."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+from contextlib import contextmanager
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from capture_cli.errors import ModelError
+from capture_cli.sim.engine import ModelFields, model_field
+
+FULL_PRECISION = 17  # significant digits that carry a double through text
+
+
+def to_mjcf(source: Path, fields: ModelFields, target: Path) -> str:
+    """The MJCF at `source` with the values of `fields` (of one simulation), for a file at `target`.
+
+    Raises ModelError where a value cannot be written in MJCF.
+    """
+    spec = mujoco.MjSpec.from_file(str(source))
+    _point_at_assets(spec, source, target)
+    if "geom_size" in fields.values:
+        spec.compiler.saveinertial = True  # or the mass would follow the new size
+    if "actuator_biastype" in fields.values:
+        for actuator, kind in zip(spec.actuators, fields["actuator_biastype"][0], strict=True):
+            actuator.biastype = mujoco.mjtBias(int(kind))
+    model = spec.compile()
+    for name, values in fields.values.items():
+        if name in ("actuator_biastype", "geom_aabb", "geom_rbound"):  # set above, or follow from geom_size
+            continue
+        _assign(model, name, values[0])
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+    try:
+        spec.copy_back(model)
+    except ValueError as error:
+        raise ModelError(
+            f"{source}: these values cannot be written as MJCF: {error}",
+            cure="give the elements that parameters set explicit attributes in the model file",
+        ) from error
+    with _full_precision():
+        return spec.to_xml()
+
+
+def _assign(model: mujoco.MjModel, name: str, value: np.ndarray) -> None:
+    if name.startswith("opt.") and np.ndim(value) == 0:
+        setattr(model.opt, name[4:], float(value))
+    else:
+        model_field(model, name)[...] = value
+
+
+def _point_at_assets(spec: mujoco.MjSpec, source: Path, target: Path) -> None:
+    """Make asset folders, which are relative to the model file, right for where the new one will lie."""
+    for key in ("meshdir", "texturedir"):
+        folder = (source.parent / getattr(spec, key)).resolve()
+        if (spec.meshes or spec.textures or spec.hfields) and folder != target.parent.resolve():
+            setattr(spec, key, os.path.relpath(folder, target.parent.resolve()))
+
+
+@contextmanager
+def _full_precision():
+    """MuJoCo writes six digits unless its library is told otherwise; the setting has no Python binding."""
+    library = ctypes.CDLL(str(next(Path(mujoco.__file__).parent.glob("libmujoco.*"))))
+    library._mjPRIVATE__set_xml_precision.argtypes = [ctypes.c_int]
+    before = library._mjPRIVATE__get_xml_precision()
+    library._mjPRIVATE__set_xml_precision(FULL_PRECISION)
+    try:
+        yield
+    finally:
+        library._mjPRIVATE__set_xml_precision(before)

@@ -1,0 +1,199 @@
+"""Initial states from the outputs of a log, with how well each is known.
+
+Where an output measures a coordinate or its velocity, a local cubic fitted around the window's first sample gives
+value and derivative; its half-width is the widest at which its residual still looks like the output's noise. What no
+output measures keeps the model's own value and is hardly trusted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from capture_cli.sim.engine import Starts
+
+HALF_WIDTHS = (4, 6, 9, 13, 19, 28, 40)  # samples on either side
+ACCEPTABLE_RESIDUAL = 1.3  # variance of the local fit's residual over that of the noise
+# The local fit uses samples that the window is fitted to as well, so it may not vote with its full weight twice.
+PRIOR_INFLATION = 3.0
+UNMEASURED_POSITION_SD = 1.0  # m or rad
+UNMEASURED_VELOCITY_SD = 10.0  # m/s or rad/s
+
+
+@dataclass(frozen=True)
+class StartEstimate:
+    """Starts (one per window) and the standard deviation of each tangent coordinate, (window, state).
+
+    The state is (positions (nv), velocities (nv), activations (na)); positions are in the tangent space, so that
+    quaternions are moved by a rotation vector.
+    """
+
+    starts: Starts
+    sd: np.ndarray
+
+
+@dataclass(frozen=True)
+class _Source:
+    """Output columns that give some tangent coordinates: `kind` is position, velocity or orientation."""
+
+    kind: str
+    columns: tuple[int, ...]
+    dofs: tuple[int, ...]
+    qpos: tuple[int, ...]
+
+
+def estimate_starts(
+    model: mujoco.MjModel,
+    sensors: Sequence[int],
+    *,
+    time: np.ndarray,
+    outputs: np.ndarray,
+    episodes: Sequence[slice],
+    window_first: np.ndarray,
+    window_episode: np.ndarray,
+    noise_sd: np.ndarray,
+) -> StartEstimate:
+    """Initial state of every window.
+
+    sensors (output,): the sensor of each output column, by id; a sensor of dimension n stands n times in a row.
+    time (step,), outputs (step, output), noise_sd (output,). window_first, window_episode (window,).
+    """
+    count, nv, na = len(window_first), model.nv, model.na
+    qpos = np.repeat(_model_start(model)[None], count, axis=0)
+    qvel = np.zeros((count, nv))
+    act = np.zeros((count, na))
+    sd = np.concatenate(
+        [
+            np.full((count, nv), UNMEASURED_POSITION_SD),
+            np.full((count, nv), UNMEASURED_VELOCITY_SD),
+            np.full((count, na), 1.0),
+        ],
+        axis=1,
+    )
+    sources = _sources(model, sensors)
+    measured_velocity = {d for s in sources if s.kind == "velocity" for d in s.dofs}
+    for w in range(count):
+        steps = episodes[int(window_episode[w])]
+        at = int(window_first[w])
+        for source in sources:
+            columns = list(source.columns)
+            series = outputs[steps][:, columns]
+            if source.kind == "orientation":
+                rotation = _rotation_vectors(series, at - steps.start)
+                value, slope, value_sd, slope_sd = _local_fit(
+                    time[steps], rotation, at - steps.start, 2 * noise_sd[columns[:3]]
+                )
+                mujoco.mju_copy(quat := np.empty(4), series[at - steps.start])
+                mujoco.mju_normalize4(quat)
+                mujoco.mju_quatIntegrate(quat, value, 1.0)
+                qpos[w, list(source.qpos)] = quat
+            else:
+                value, slope, value_sd, slope_sd = _local_fit(
+                    time[steps], series, at - steps.start, noise_sd[columns]
+                )
+                if source.kind == "position":
+                    qpos[w, list(source.qpos)] = value
+            dofs = np.array(source.dofs)
+            if source.kind == "velocity":
+                qvel[w, dofs], sd[w, nv + dofs] = value, PRIOR_INFLATION * value_sd
+                continue
+            sd[w, dofs] = PRIOR_INFLATION * value_sd
+            new = np.array([d not in measured_velocity for d in source.dofs])
+            qvel[w, dofs[new]] = slope[new]
+            sd[w, nv + dofs[new]] = PRIOR_INFLATION * slope_sd[new]
+    return StartEstimate(Starts(qpos, qvel, act, np.asarray(time)[window_first].astype(float)), sd)
+
+
+def shift(model: mujoco.MjModel, starts: Starts, offsets: np.ndarray) -> Starts:
+    """Starts moved by tangent offsets (simulation, state), state as in StartEstimate."""
+    nv = model.nv
+    if model.nq == nv:
+        qpos = starts.qpos + offsets[:, :nv]
+    else:
+        qpos = starts.qpos.copy()
+        for row, step in zip(qpos, np.ascontiguousarray(offsets[:, :nv]), strict=True):
+            mujoco.mj_integratePos(model, row, step, 1.0)
+    return Starts(qpos, starts.qvel + offsets[:, nv : 2 * nv], starts.act + offsets[:, 2 * nv :], starts.time)
+
+
+def _model_start(model: mujoco.MjModel) -> np.ndarray:
+    return model.key_qpos[0] if model.nkey else model.qpos0
+
+
+def _sources(model: mujoco.MjModel, sensors: Sequence[int]) -> list[_Source]:
+    kind = mujoco.mjtSensor
+    sources = []
+    sensors = np.asarray(sensors)
+    for sensor in dict.fromkeys(int(s) for s in sensors):
+        columns = tuple(np.flatnonzero(sensors == sensor).tolist())
+        what, which = int(model.sensor_type[sensor]), int(model.sensor_objid[sensor])
+        if what in (kind.mjSENS_JOINTPOS, kind.mjSENS_JOINTVEL):
+            name = "position" if what == kind.mjSENS_JOINTPOS else "velocity"
+            sources.append(_Source(name, columns, (int(model.jnt_dofadr[which]),), (int(model.jnt_qposadr[which]),)))
+        elif what == kind.mjSENS_BALLQUAT:
+            dof, adr = int(model.jnt_dofadr[which]), int(model.jnt_qposadr[which])
+            sources.append(_Source("orientation", columns, tuple(range(dof, dof + 3)), tuple(range(adr, adr + 4))))
+        elif what in (kind.mjSENS_FRAMEPOS, kind.mjSENS_FRAMEQUAT) and _is_free_body_frame(model, sensor):
+            joint = int(model.body_jntadr[which])
+            dof, adr = int(model.jnt_dofadr[joint]), int(model.jnt_qposadr[joint])
+            if what == kind.mjSENS_FRAMEPOS:
+                sources.append(_Source("position", columns, tuple(range(dof, dof + 3)), tuple(range(adr, adr + 3))))
+            else:
+                dofs, adrs = tuple(range(dof + 3, dof + 6)), tuple(range(adr + 3, adr + 7))
+                sources.append(_Source("orientation", columns, dofs, adrs))
+    return [s for s in sources if len(s.columns) == len(s.qpos)]
+
+
+def _is_free_body_frame(model: mujoco.MjModel, sensor: int) -> bool:
+    """Whether a frame sensor reads, in world coordinates, the frame that a free joint moves."""
+    body = int(model.sensor_objid[sensor])
+    is_xbody = int(model.sensor_objtype[sensor]) == mujoco.mjtObj.mjOBJ_XBODY
+    is_body = int(model.sensor_objtype[sensor]) == mujoco.mjtObj.mjOBJ_BODY and model.body_sameframe[body] == 1
+    if not (is_xbody or is_body) or model.sensor_refid[sensor] >= 0 or model.body_jntnum[body] != 1:
+        return False
+    return int(model.jnt_type[model.body_jntadr[body]]) == mujoco.mjtJoint.mjJNT_FREE
+
+
+def _rotation_vectors(quaternions: np.ndarray, at: int) -> np.ndarray:
+    """Rotations (step, 3) from the orientation at step `at`, in that body's frame, rad."""
+    inverse = quaternions[at] * np.array([1, -1, -1, -1]) / np.linalg.norm(quaternions[at])
+    out = np.empty((len(quaternions), 3))
+    relative = np.empty(4)
+    for row, quaternion in zip(out, quaternions, strict=True):
+        mujoco.mju_mulQuat(relative, inverse, quaternion / np.linalg.norm(quaternion))
+        mujoco.mju_quat2Vel(row, relative, 1.0)
+    return out
+
+
+def _local_fit(time, series, at, noise_sd):
+    """Value, derivative and their sd, (column,) each, of a local cubic through `series` (step, column) at step `at`.
+
+    The widest half-width whose residual variance stays near the noise's is taken, column by column.
+    """
+    columns = series.shape[1]
+    value, slope = series[at].astype(float), np.zeros(columns)
+    value_sd, slope_sd = np.array(noise_sd, dtype=float), np.full(columns, UNMEASURED_VELOCITY_SD)
+    growing = np.ones(columns, dtype=bool)
+    for half in HALF_WIDTHS:
+        a, b = max(0, at - half), min(len(time), at + half + 1)
+        if b - a < 6 or not growing.any():
+            continue
+        span = time[b - 1] - time[a]
+        basis = np.vander((time[a:b] - time[at]) / span, 4, increasing=True)
+        inverse = np.linalg.inv(basis.T @ basis)
+        coefficients = inverse @ (basis.T @ series[a:b])
+        residual = series[a:b] - basis @ coefficients
+        variance = (residual**2).sum(axis=0) / (b - a - 4)
+        # the residual's variance is itself uncertain: allow two of its standard deviations
+        limit = ACCEPTABLE_RESIDUAL + 2 * np.sqrt(2 / (b - a - 4))
+        if half != HALF_WIDTHS[0]:
+            growing &= variance <= limit * np.square(noise_sd)
+        scatter = np.sqrt(np.maximum(variance, np.square(noise_sd)))
+        take = growing
+        value[take], slope[take] = coefficients[0, take], coefficients[1, take] / span
+        value_sd[take] = scatter[take] * np.sqrt(inverse[0, 0])
+        slope_sd[take] = scatter[take] * np.sqrt(inverse[1, 1]) / span
+    return value, slope, value_sd, slope_sd

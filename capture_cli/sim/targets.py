@@ -1,0 +1,433 @@
+"""Targets: what a parameter can set in a model, written KIND:NAME:ATTRIBUTE ("joint:x:damping").
+
+A target reads its nominal value from a compiled model and writes per-simulation values into ModelFields, so that
+one compiled model serves a whole batch.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from capture_cli.errors import ModelError, did_you_mean
+from capture_cli.sim.engine import ModelFields, model_field
+
+CONTACT_STIFFNESS = 5000.0  # 1/s^2, for a restitution on a geom whose solref is not in direct form
+CONTACT_IMPEDANCE = 0.95  # MuJoCo's default solimp dmax
+
+
+class Target(ABC):
+    """One number of a model."""
+
+    @abstractmethod
+    def read(self, model: mujoco.MjModel) -> float:
+        """The model's own value, SI."""
+
+    @abstractmethod
+    def write(self, fields: ModelFields, values: np.ndarray) -> None:
+        """Set the number to `values` (simulation,) in every simulation."""
+
+
+@dataclass(frozen=True)
+class FieldTarget(Target):
+    """The entries `index` of one model field; all of them get the same value."""
+
+    field: str
+    index: tuple
+
+    def read(self, model):
+        return float(np.asarray(model_field(model, self.field))[self.index].flat[0])
+
+    def write(self, fields, values):
+        entries = fields[self.field][(slice(None), *self.index)]
+        fields[self.field][(slice(None), *self.index)] = np.reshape(values, (-1,) + (1,) * (entries.ndim - 1))
+
+
+@dataclass(frozen=True)
+class BodyMass(Target):
+    """Mass, kg; the inertia follows in proportion, as for a body of the same shape."""
+
+    body: int
+
+    def read(self, model):
+        return float(model.body_mass[self.body])
+
+    def write(self, fields, values):
+        ratio = values / fields["body_mass"][:, self.body]
+        fields["body_mass"][:, self.body] = values
+        fields["body_inertia"][:, self.body] *= ratio[:, None]
+
+
+@dataclass(frozen=True)
+class BodyInertia(Target):
+    """A factor on the three principal moments of inertia (1: as in the model)."""
+
+    body: int
+
+    def read(self, model):
+        return 1.0
+
+    def write(self, fields, values):
+        fields["body_inertia"][:, self.body] *= values[:, None]
+
+
+@dataclass(frozen=True)
+class GeomSize(Target):
+    """One or all of a primitive geom's sizes, m; its bounding volumes follow, its body's mass does not."""
+
+    geom: int
+    index: tuple
+
+    def read(self, model):
+        return float(model.geom_size[self.geom][self.index].flat[0])
+
+    def write(self, fields, values):
+        size = fields["geom_size"]
+        if self.index == (slice(None),):
+            size[:, self.geom] *= (values / size[:, self.geom, 0])[:, None]  # same shape
+        else:
+            size[:, self.geom, self.index[0]] = values
+        half = _half_extents(int(fields.model.geom_type[self.geom]), size[:, self.geom])
+        fields["geom_aabb"][:, self.geom, 3:] = half
+        fields["geom_rbound"][:, self.geom] = _bounding_radius(
+            int(fields.model.geom_type[self.geom]), size[:, self.geom], half
+        )
+
+
+@dataclass(frozen=True)
+class Restitution(Target):
+    """Coefficient of restitution of a geom's contacts, through solref in direct form (-stiffness, -damping).
+
+    For a contact of impedance d, K = stiffness / d, D = damping / d and z = D / (2 sqrt(K)):
+    e = exp(-z / s * atan2(2 z s, 2 z^2 - 1)), s = sqrt(1 - z^2), whatever the speed.
+    """
+
+    geom: int
+
+    def read(self, model):
+        stiffness, damping = self._direct(model.geom_solref[None, self.geom])
+        ratio = damping / CONTACT_IMPEDANCE / (2 * np.sqrt(stiffness / CONTACT_IMPEDANCE))
+        return float(restitution(np.clip(ratio, 0, 1 - 1e-9))[0])
+
+    def write(self, fields, values):
+        solref = fields["geom_solref"]
+        stiffness, _ = self._direct(solref[:, self.geom])
+        ratio = damping_ratio(values)
+        solref[:, self.geom, 0] = -stiffness
+        solref[:, self.geom, 1] = -ratio * 2 * np.sqrt(stiffness / CONTACT_IMPEDANCE) * CONTACT_IMPEDANCE
+
+    @staticmethod
+    def _direct(solref: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        is_direct = solref[:, 0] < 0
+        stiffness = np.where(is_direct, -solref[:, 0], CONTACT_STIFFNESS)
+        damping = np.where(
+            is_direct, -solref[:, 1], solref[:, 1] * 2 * np.sqrt(CONTACT_STIFFNESS * CONTACT_IMPEDANCE)
+        )
+        return stiffness, damping
+
+
+@dataclass(frozen=True)
+class ActuatorBias(Target):
+    """Entry `column` of an actuator's bias: a constant (N or N m), or a factor on its length or its velocity.
+
+    An actuator without a bias (a <motor>) is given an affine one.
+    """
+
+    actuator: int
+    column: int
+
+    def read(self, model):
+        return float(model.actuator_biasprm[self.actuator, self.column])
+
+    def write(self, fields, values):
+        fields["actuator_biastype"][:, self.actuator] = int(mujoco.mjtBias.mjBIAS_AFFINE)
+        fields["actuator_biasprm"][:, self.actuator, self.column] = values
+
+
+@dataclass(frozen=True)
+class MotorConstant(Target):
+    """Torque constant k of a voltage-driven motor, N m/A: gain k/R and back-EMF bias -k^2/R; R is kept."""
+
+    actuator: int
+
+    def read(self, model):
+        return _motor(model.actuator_gainprm[None], model.actuator_biasprm[None], self.actuator)[0].item()
+
+    def write(self, fields, values):
+        _, resistance = _motor(fields["actuator_gainprm"], fields["actuator_biasprm"], self.actuator)
+        _set_motor(fields, self.actuator, values, resistance)
+
+
+@dataclass(frozen=True)
+class MotorResistance(Target):
+    """Winding resistance R of a voltage-driven motor, ohm: gain k/R and back-EMF bias -k^2/R; k is kept."""
+
+    actuator: int
+
+    def read(self, model):
+        return _motor(model.actuator_gainprm[None], model.actuator_biasprm[None], self.actuator)[1].item()
+
+    def write(self, fields, values):
+        constant, _ = _motor(fields["actuator_gainprm"], fields["actuator_biasprm"], self.actuator)
+        _set_motor(fields, self.actuator, constant, values)
+
+
+def _motor(gain: np.ndarray, bias: np.ndarray, actuator: int) -> tuple[np.ndarray, np.ndarray]:
+    """(k, R), (simulation,) each, of gain g = k/R and velocity bias b = -k^2/R: k = -b/g, R = -b/g^2."""
+    g, b = gain[:, actuator, 0], bias[:, actuator, 2]
+    return -b / g, -b / g**2
+
+
+def _set_motor(fields: ModelFields, actuator: int, constant: np.ndarray, resistance: np.ndarray) -> None:
+    fields["actuator_gainprm"][:, actuator, 0] = constant / resistance
+    fields["actuator_biasprm"][:, actuator, 2] = -(constant**2) / resistance
+
+
+def restitution(ratio: np.ndarray) -> np.ndarray:
+    """Coefficient of restitution of a damped spring contact of damping ratio `ratio` in [0, 1)."""
+    s = np.sqrt(1 - np.square(ratio))
+    return np.exp(-ratio / s * np.arctan2(2 * ratio * s, 2 * np.square(ratio) - 1))
+
+
+def damping_ratio(values: np.ndarray) -> np.ndarray:
+    """The damping ratio whose restitution is `values`; the inverse of `restitution`, by a dense table."""
+    grid = np.sin(np.linspace(0, np.pi / 2, 20_001)[:-1])  # dense where the function is steep
+    return np.interp(-np.asarray(values), -restitution(grid), grid)
+
+
+def _half_extents(kind: int, size: np.ndarray) -> np.ndarray:
+    """Half sizes (simulation, 3) of a primitive's box."""
+    geom = mujoco.mjtGeom
+    if kind == geom.mjGEOM_SPHERE:
+        return np.repeat(size[:, :1], 3, axis=1)
+    if kind == geom.mjGEOM_CAPSULE:
+        return np.stack([size[:, 0], size[:, 0], size[:, 0] + size[:, 1]], axis=1)
+    if kind == geom.mjGEOM_CYLINDER:
+        return np.stack([size[:, 0], size[:, 0], size[:, 1]], axis=1)
+    return size
+
+
+def _bounding_radius(kind: int, size: np.ndarray, half: np.ndarray) -> np.ndarray:
+    geom = mujoco.mjtGeom
+    if kind in (geom.mjGEOM_SPHERE, geom.mjGEOM_CAPSULE, geom.mjGEOM_ELLIPSOID):
+        return half.max(axis=1)
+    if kind == geom.mjGEOM_CYLINDER:
+        return np.hypot(size[:, 0], size[:, 1])
+    return np.linalg.norm(half, axis=1)
+
+
+_KINDS = {
+    "body": mujoco.mjtObj.mjOBJ_BODY,
+    "joint": mujoco.mjtObj.mjOBJ_JOINT,
+    "geom": mujoco.mjtObj.mjOBJ_GEOM,
+    "actuator": mujoco.mjtObj.mjOBJ_ACTUATOR,
+}
+
+ATTRIBUTES = {
+    "body": {
+        "mass": ("kg", "mass; the inertia follows in proportion"),
+        "com_x": ("m", "centre of mass in the body's frame"),
+        "com_y": ("m", ""),
+        "com_z": ("m", ""),
+        "inertia": ("1", "factor on the principal moments of inertia"),
+        "inertia_x": ("kg m^2", "principal moment of inertia"),
+        "inertia_y": ("kg m^2", ""),
+        "inertia_z": ("kg m^2", ""),
+    },
+    "joint": {
+        "damping": ("N s/m or N m s/rad", "viscous damping"),
+        "damping_quadratic": ("N s^2/m^2 or N m s^2/rad^2", "coefficient of v|v|"),
+        "damping_cubic": ("N s^3/m^3 or N m s^3/rad^3", "coefficient of v^3"),
+        "frictionloss": ("N or N m", "Coulomb friction"),
+        "stiffness": ("N/m or N m/rad", "spring to springref"),
+        "stiffness_quadratic": ("N/m^2 or N m/rad^2", "coefficient of x|x|"),
+        "stiffness_cubic": ("N/m^3 or N m/rad^3", "coefficient of x^3"),
+        "springref": ("m or rad", "where the spring is at rest"),
+        "armature": ("kg or kg m^2", "reflected inertia"),
+    },
+    "geom": {
+        "size": ("m", "all sizes in proportion; the value is the first one"),
+        "size_x": ("m", "first size"),
+        "size_y": ("m", "second size"),
+        "size_z": ("m", "third size"),
+        "friction": ("1", "sliding friction"),
+        "friction_torsional": ("m", "torsional friction"),
+        "friction_rolling": ("m", "rolling friction"),
+        "solref_timeconst": ("s", "contact time constant (or -stiffness)"),
+        "solref_dampratio": ("1", "contact damping ratio (or -damping)"),
+        "restitution": ("1", "coefficient of restitution, from 0.14 to 1"),
+    },
+    "actuator": {
+        "gain": ("N or N m per ctrl", "gainprm[0]"),
+        "bias": ("N or N m", "constant force, biasprm[0]"),
+        "bias_position": ("N/m or N m/rad", "biasprm[1]"),
+        "bias_velocity": ("N s/m or N m s/rad", "biasprm[2]"),
+        "gear": ("1 or m", "gear[0]"),
+        "time_constant": ("s", "of a filter, dynprm[0]"),
+        "motor_constant": ("N m/A", "k of a motor driven by volts: gain k/R, back-EMF -k^2/R"),
+        "resistance": ("ohm", "R of a motor driven by volts"),
+    },
+    "option": {
+        "gravity_x": ("m/s^2", "gravity"),
+        "gravity_y": ("m/s^2", ""),
+        "gravity_z": ("m/s^2", ""),
+        "density": ("kg/m^3", "of the medium"),
+        "viscosity": ("Pa s", "of the medium"),
+        "wind_x": ("m/s", "velocity of the medium"),
+        "wind_y": ("m/s", ""),
+        "wind_z": ("m/s", ""),
+    },
+}
+
+_FIELDS = {
+    "body:com_x": ("body_ipos", 0),
+    "body:com_y": ("body_ipos", 1),
+    "body:com_z": ("body_ipos", 2),
+    "body:inertia_x": ("body_inertia", 0),
+    "body:inertia_y": ("body_inertia", 1),
+    "body:inertia_z": ("body_inertia", 2),
+    "joint:damping": ("dof_damping", None),
+    "joint:damping_quadratic": ("dof_dampingpoly", 0),
+    "joint:damping_cubic": ("dof_dampingpoly", 1),
+    "joint:frictionloss": ("dof_frictionloss", None),
+    "joint:armature": ("dof_armature", None),
+    "joint:stiffness": ("jnt_stiffness", None),
+    "joint:stiffness_quadratic": ("jnt_stiffnesspoly", 0),
+    "joint:stiffness_cubic": ("jnt_stiffnesspoly", 1),
+    "joint:springref": ("qpos_spring", None),
+    "geom:friction": ("geom_friction", 0),
+    "geom:friction_torsional": ("geom_friction", 1),
+    "geom:friction_rolling": ("geom_friction", 2),
+    "geom:solref_timeconst": ("geom_solref", 0),
+    "geom:solref_dampratio": ("geom_solref", 1),
+    "actuator:gain": ("actuator_gainprm", 0),
+    "actuator:gear": ("actuator_gear", 0),
+    "actuator:time_constant": ("actuator_dynprm", 0),
+}
+_SPECIAL = {
+    "body:mass": BodyMass,
+    "body:inertia": BodyInertia,
+    "geom:restitution": Restitution,
+    "actuator:motor_constant": MotorConstant,
+    "actuator:resistance": MotorResistance,
+}
+_VECTOR = {"x": 0, "y": 1, "z": 2}
+
+
+def parse_target(text: str, model: mujoco.MjModel, where: str) -> Target:
+    """The target written `text`; `where` says where it was written, for the error.
+
+    Raises ModelError naming the kinds, names or attributes that do exist.
+    """
+    parts = text.split(":")
+    kind = parts[0]
+    if kind not in ATTRIBUTES:
+        raise ModelError(f"{where}: unknown kind of target in {text!r}", cure=did_you_mean(kind, ATTRIBUTES))
+    if len(parts) != (2 if kind == "option" else 3):
+        form = "option:ATTRIBUTE" if kind == "option" else f"{kind}:NAME:ATTRIBUTE"
+        raise ModelError(f"{where}: {text!r} is not of the form {form}", cure=f'write it as "{form}"')
+    attribute = parts[-1]
+    if attribute not in ATTRIBUTES[kind]:
+        raise ModelError(
+            f"{where}: a {kind} has no settable attribute {attribute!r}",
+            cure=did_you_mean(attribute, ATTRIBUTES[kind]),
+        )
+    if kind == "option":
+        return _option(attribute)
+    return _named(kind, object_id(model, kind, parts[1], f"{where}: {text!r}"), attribute, model, where)
+
+
+def object_id(model: mujoco.MjModel, kind: str, name: str, where: str) -> int:
+    """The id of a body, joint, geom or actuator. Raises ModelError naming those that exist."""
+    number = mujoco.mj_name2id(model, _KINDS[kind], name)
+    if number < 0:
+        raise ModelError(f"{where}: the model has no {kind} {name!r}", cure=did_you_mean(name, object_names(model, kind)))
+    return number
+
+
+def object_names(model: mujoco.MjModel, kind: str) -> list[str]:
+    """Names of the model's bodies, joints, geoms or actuators, those that have one."""
+    count = {"body": model.nbody, "joint": model.njnt, "geom": model.ngeom, "actuator": model.nu}[kind]
+    names = (mujoco.mj_id2name(model, _KINDS[kind], i) for i in range(count))
+    return [n for n in names if n]
+
+
+def _option(attribute: str) -> Target:
+    field, _, axis = attribute.partition("_")
+    return FieldTarget(f"opt.{field}", (_VECTOR[axis],) if axis else ())
+
+
+def _named(kind: str, number: int, attribute: str, model: mujoco.MjModel, where: str) -> Target:
+    key = f"{kind}:{attribute}"
+    if attribute.startswith("size"):
+        return _geom_size(number, attribute, model, where)
+    if attribute in ("motor_constant", "resistance"):
+        _check_motor(number, model, where)
+    elif kind == "actuator" and attribute.startswith("bias"):
+        _check_bias(number, model, where)
+        return ActuatorBias(number, {"bias": 0, "bias_position": 1, "bias_velocity": 2}[attribute])
+    elif attribute == "time_constant":
+        _check_filter(number, model, where)
+    if key in _SPECIAL:
+        return _SPECIAL[key](number)
+    field, column = _FIELDS[key]
+    index = (number,)
+    if field.startswith("dof_"):
+        first = model.jnt_dofadr[number]
+        index = (slice(first, first + _dofs(model, number)),)
+    elif field == "qpos_spring":
+        index = (model.jnt_qposadr[number],)
+    return FieldTarget(field, index if column is None else (*index, column))
+
+
+def _dofs(model: mujoco.MjModel, joint: int) -> int:
+    kind = mujoco.mjtJoint
+    return {int(kind.mjJNT_FREE): 6, int(kind.mjJNT_BALL): 3}.get(int(model.jnt_type[joint]), 1)
+
+
+def _geom_size(number: int, attribute: str, model: mujoco.MjModel, where: str) -> Target:
+    geom = mujoco.mjtGeom
+    sizes = {
+        int(geom.mjGEOM_SPHERE): 1,
+        int(geom.mjGEOM_CAPSULE): 2,
+        int(geom.mjGEOM_CYLINDER): 2,
+        int(geom.mjGEOM_ELLIPSOID): 3,
+        int(geom.mjGEOM_BOX): 3,
+    }.get(int(model.geom_type[number]), 0)
+    column = _VECTOR.get(attribute.removeprefix("size_"))
+    if sizes == 0 or (column is not None and column >= sizes):
+        raise ModelError(
+            f"{where}: this geom has {sizes} settable sizes, and {attribute!r} is not one of them",
+            cure="sizes can be set for spheres (x), capsules and cylinders (x, y), ellipsoids and boxes (x, y, z)",
+        )
+    return GeomSize(number, (slice(None),) if column is None else (column,))
+
+
+def _check_motor(number: int, model: mujoco.MjModel, where: str) -> None:
+    affine = int(model.actuator_biastype[number]) == mujoco.mjtBias.mjBIAS_AFFINE
+    if not affine or model.actuator_gainprm[number, 0] == 0 or model.actuator_biasprm[number, 2] >= 0:
+        raise ModelError(
+            f"{where}: motor_constant and resistance need an actuator with gain k/R and velocity bias -k^2/R",
+            cure='write it as <general gaintype="fixed" gainprm="k/R" biastype="affine" biasprm="0 0 -k^2/R"/>',
+        )
+
+
+def _check_bias(number: int, model: mujoco.MjModel, where: str) -> None:
+    kind = mujoco.mjtBias
+    if int(model.actuator_biastype[number]) not in (kind.mjBIAS_NONE, kind.mjBIAS_AFFINE):
+        raise ModelError(
+            f"{where}: the actuator's bias is not affine, so these numbers mean something else in it",
+            cure='make it <general biastype="affine" biasprm="0 0 0" .../>',
+        )
+
+
+def _check_filter(number: int, model: mujoco.MjModel, where: str) -> None:
+    kind = mujoco.mjtDyn
+    if int(model.actuator_dyntype[number]) not in (kind.mjDYN_FILTER, kind.mjDYN_FILTEREXACT):
+        raise ModelError(
+            f"{where}: the actuator has no filter, so MuJoCo would ignore its time constant",
+            cure='give it dyntype="filterexact" and dynprm="0.01"',
+        )

@@ -1,0 +1,159 @@
+"""A measured log cut into windows on the model's time grid: multiple shooting.
+
+Each window restarts the state at one of the log's samples. Inputs are brought onto the grid of model steps (held or
+interpolated); simulated outputs are interpolated to the log's own sampling times, however uneven those are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+# A sample this close before a grid point, in steps, belongs to it: times in files are rounded.
+GRID_TOLERANCE = 1e-3
+# A gap this many median sampling intervals long ends a window: nobody knows what drove the machine in it.
+GAP_FACTOR = 20.0
+
+
+@dataclass(frozen=True)
+class Windows:
+    """Windows of a log, padded to one shape.
+
+    episode (window,): which episode each comes from. first (window,): its first step in the log.
+    time (window,): s, the log's time at its start. grid_steps (window,): model steps needed.
+    controls (window, grid, input): ctrl at each model step.
+    index (window, step), weight (window, step): a sample lies between grid points index and index + 1, at weight.
+    measured (window, step, output). mask (window, step): False for padding.
+    """
+
+    episode: np.ndarray
+    first: np.ndarray
+    time: np.ndarray
+    grid_steps: np.ndarray
+    controls: np.ndarray
+    index: np.ndarray
+    weight: np.ndarray
+    measured: np.ndarray
+    mask: np.ndarray
+    timestep: float
+
+    def __len__(self) -> int:
+        return len(self.episode)
+
+    @property
+    def samples(self) -> np.ndarray:
+        """How many samples each window has, (window,)."""
+        return self.mask.sum(axis=1)
+
+    def rows(self, keep: np.ndarray) -> Windows:
+        """The windows at `keep` (indices or a mask), with no more padding than they need."""
+        keep = np.arange(len(self))[keep]
+        steps = int(self.samples[keep].max(initial=0))
+        grid = int(self.grid_steps[keep].max(initial=0))
+        return replace(
+            self,
+            episode=self.episode[keep],
+            first=self.first[keep],
+            time=self.time[keep],
+            grid_steps=self.grid_steps[keep],
+            controls=self.controls[keep, :grid],
+            index=self.index[keep, :steps],
+            weight=self.weight[keep, :steps],
+            measured=self.measured[keep, :steps],
+            mask=self.mask[keep, :steps],
+        )
+
+    def sample(self, sensors: np.ndarray) -> np.ndarray:
+        """Grid values (..., window, grid, output) at the sampling times, (..., window, step, output)."""
+        window = np.arange(len(self))[:, None]
+        before = sensors[..., window, self.index, :]
+        after = sensors[..., window, np.minimum(self.index + 1, sensors.shape[-2] - 1), :]
+        return before + self.weight[..., None] * (after - before)
+
+
+def cut(
+    *,
+    time: np.ndarray,
+    inputs: np.ndarray,
+    outputs: np.ndarray,
+    episodes: Sequence[slice],
+    timestep: float,
+    duration: float | None,
+    linear: np.ndarray,
+) -> Windows:
+    """Windows of `duration` seconds (whole episodes where None) of every episode.
+
+    time (step,) s; inputs (step, input); outputs (step, output). linear (input,): interpolate that input rather than
+    hold it. A window's last sample is the next one's first but one: none is used twice. The tail of an episode that
+    is shorter than half a window is joined to the window before it.
+    """
+    spans = [
+        (number, a, b)
+        for number, steps in enumerate(episodes)
+        for a, b in _spans(time[steps], steps.start, duration)
+    ]
+    steps = max(b - a for _, a, b in spans)
+    grids = np.array([_grid_steps(time[a:b], timestep) for _, a, b in spans])
+    count, grid = len(spans), int(grids.max())
+    controls = np.zeros((count, grid, inputs.shape[1]))
+    index = np.zeros((count, steps), dtype=np.int64)
+    weight = np.zeros((count, steps))
+    measured = np.zeros((count, steps, outputs.shape[1]))
+    mask = np.zeros((count, steps), dtype=bool)
+    for w, (number, a, b) in enumerate(spans):
+        position = (time[a:b] - time[a]) / timestep
+        index[w, : b - a] = np.floor(position + GRID_TOLERANCE)
+        weight[w, : b - a] = np.maximum(position - index[w, : b - a], 0.0)
+        measured[w, : b - a] = outputs[a:b]
+        mask[w, : b - a] = True
+        stop = episodes[number].stop  # the input after the last sample of a window is known, if not of an episode
+        on_grid = time[a] + timestep * np.arange(grid)
+        controls[w] = _on_grid(time[a:stop], inputs[a:stop], on_grid, timestep, linear)
+    return Windows(
+        episode=np.array([n for n, _, _ in spans]),
+        first=np.array([a for _, a, _ in spans]),
+        time=np.array([time[a] for _, a, _ in spans]),
+        grid_steps=grids,
+        controls=controls,
+        index=index,
+        weight=weight,
+        measured=measured,
+        mask=mask,
+        timestep=timestep,
+    )
+
+
+def _spans(time: np.ndarray, offset: int, duration: float | None) -> list[tuple[int, int]]:
+    """[first, last) steps of each window of one episode."""
+    spans = []
+    for a, b in _without_gaps(time):
+        if duration is None:
+            spans.append((offset + a, offset + b))
+            continue
+        tolerance = 0.5 * float(np.median(np.diff(time[a:b]))) if b - a > 1 else 0.0
+        count = max(1, round((time[b - 1] - time[a] + 2 * tolerance) / duration))
+        edges = a + np.searchsorted(time[a:b], time[a] + duration * np.arange(count) - tolerance)
+        spans += [(offset + i, offset + j) for i, j in zip(edges, [*edges[1:], b], strict=True)]
+    return [(i, j) for i, j in spans if j - i >= 2]
+
+
+def _without_gaps(time: np.ndarray) -> list[tuple[int, int]]:
+    if len(time) < 3:
+        return [(0, len(time))]
+    interval = np.diff(time)
+    breaks = np.flatnonzero(interval > GAP_FACTOR * np.median(interval)) + 1
+    return list(zip([0, *breaks], [*breaks, len(time)], strict=True))
+
+
+def _grid_steps(time: np.ndarray, timestep: float) -> int:
+    return int(np.floor((time[-1] - time[0]) / timestep + GRID_TOLERANCE)) + 2
+
+
+def _on_grid(time, inputs, on_grid, timestep, linear) -> np.ndarray:
+    held = np.searchsorted(time, on_grid + GRID_TOLERANCE * timestep, side="right") - 1
+    values = inputs[np.clip(held, 0, len(time) - 1)]
+    for k in np.flatnonzero(linear):
+        values[:, k] = np.interp(on_grid, time, inputs[:, k])
+    return values

@@ -1,0 +1,131 @@
+"""Task + effects + engine -> what the sensors would have reported. Counts every simulation it runs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from capture_cli.effects.base import Effect
+from capture_cli.parameters import Parameter, ParameterSpace
+from capture_cli.sim.engine import Engine, Force, ModelFields, Starts
+from capture_cli.sim.starts import shift
+from capture_cli.sim.windows import Windows
+from capture_cli.tasks.base import Task
+
+LENGTH_RATIO = 1.2  # windows within this ratio of lengths are stepped together
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """outputs (candidate, window, step, output) at the log's sampling times; diverged (candidate, window)."""
+
+    outputs: np.ndarray
+    diverged: np.ndarray
+
+
+class Simulator:
+    """Simulates windows of a log under candidate parameters: those of the task, then those of each effect.
+
+    An effect's parameters are named EFFECT@SITE.PARAMETER. `rollouts` counts the simulations run so far.
+    """
+
+    def __init__(
+        self, task: Task, effects: Sequence[tuple[str, Effect]] = (), threads: int | None = None, engine: Engine | None = None
+    ):
+        self.task = task
+        self.effects = tuple(effects)
+        self.engine = engine or Engine(task.model, threads)
+        self.rollouts = 0
+        self.space = task.space
+        self._columns: list[slice] = []
+        for name, effect in self.effects:
+            self._columns.append(slice(len(self.space), len(self.space) + len(effect.parameters)))
+            self.space = self.space + ParameterSpace(
+                [
+                    Parameter(f"{placed_name(name, effect)}.{p.name}", p.unit, p.low, p.high, p.nominal)
+                    for p in effect.parameters
+                ]
+            )
+        self._sensors = np.array([c.index for c in task.outputs])
+
+    def simulate(
+        self, windows: Windows, starts: Starts, parameters: np.ndarray, offsets: np.ndarray | None = None
+    ) -> Simulated:
+        """Simulate every window under every candidate.
+
+        starts: one per window. parameters (candidate, parameter). offsets (candidate, window, state): how far each
+        start is moved, in the tangent space of the state; None moves none.
+        """
+        parameters = np.atleast_2d(np.asarray(parameters, dtype=float))
+        candidates = len(parameters)
+        outputs = np.zeros((candidates, *windows.measured.shape))
+        diverged = np.zeros((candidates, len(windows)), dtype=bool)
+        for group in _by_length(windows.grid_steps):
+            part = windows.rows(group)
+            moved = None if offsets is None else offsets[:, group]
+            sensors, bad = self._run(part, starts.rows(group), parameters, moved)
+            samples = part.sample(sensors)
+            outputs[:, group, : samples.shape[2]] = samples
+            diverged[:, group] = bad
+        self.rollouts += candidates * len(windows)
+        return Simulated(outputs, diverged)
+
+    def _run(self, windows: Windows, starts: Starts, parameters: np.ndarray, offsets: np.ndarray | None):
+        """Outputs on the grid (candidate, window, grid, output) and diverged (candidate, window)."""
+        candidates, count = len(parameters), len(windows)
+        each = np.repeat(parameters, count, axis=0)  # simulation = candidate * count + window
+        row = np.tile(np.arange(count), candidates)
+        starts = starts.rows(row)
+        if offsets is not None:
+            starts = shift(self.task.model, starts, offsets.reshape(len(row), -1))
+        controls, row = self._drive(self.task.controls(windows.controls), row, each)
+        measures = any(effect.place == "measurement" for _, effect in self.effects)
+        rollouts = self.engine.rollout(
+            starts=starts,
+            controls=controls,
+            control_row=row,
+            steps=int(windows.grid_steps.max()),
+            fields=self._fields(each),
+            forces=self._forces(each),
+            columns=None if measures else self._sensors,
+        )
+        sensors = rollouts.sensors
+        if measures:
+            for (_, effect), columns in zip(self.effects, self._columns, strict=True):
+                sensors = effect.measure(sensors, each[:, columns], self.task.timestep)
+            sensors = sensors[..., self._sensors]
+        shape = (candidates, count)
+        return sensors.reshape(*shape, *sensors.shape[1:]), rollouts.diverged.reshape(shape)
+
+    def _fields(self, each: np.ndarray) -> ModelFields:
+        fields = ModelFields(self.task.model, len(each))
+        self.task.write(fields, each[:, : len(self.task.space)])
+        for (_, effect), columns in zip(self.effects, self._columns, strict=True):
+            effect.write(fields, each[:, columns])
+        return fields
+
+    def _forces(self, each: np.ndarray) -> list[Force]:
+        pairs = zip(self.effects, self._columns, strict=True)
+        forces = (effect.force(each[:, columns], self.task.timestep) for (_, effect), columns in pairs)
+        return [f for f in forces if f is not None]
+
+    def _drive(self, controls: np.ndarray, row: np.ndarray, each: np.ndarray):
+        if not any(effect.place == "control" for _, effect in self.effects):
+            return controls, row
+        controls = controls[row]
+        for (_, effect), columns in zip(self.effects, self._columns, strict=True):
+            controls = effect.drive(controls, each[:, columns], self.task.timestep)
+        return controls, np.arange(len(row))
+
+
+def placed_name(name: str, effect: Effect) -> str:
+    """EFFECT@SITE, or EFFECT alone where it concerns the model as a whole."""
+    return f"{name}@{effect.site}" if effect.site else name
+
+
+def _by_length(grid_steps: np.ndarray) -> list[np.ndarray]:
+    """Windows grouped so that none is stepped much further than it needs."""
+    key = np.ceil(np.log(np.maximum(grid_steps, 2)) / np.log(LENGTH_RATIO) - 1e-9)
+    return [np.flatnonzero(key == k) for k in np.unique(key)]

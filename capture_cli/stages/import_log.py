@@ -1,0 +1,214 @@
+"""`capture import-log`: CSV or Parquet files in, one measured log out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from capture_cli.errors import LogError
+from capture_cli.stages.source_files import SourceFile, open_source
+from capture_cli.stores.measured_log import MeasuredLog
+from capture_cli.stores.output import new_directory, refuse_existing, sha256
+from capture_cli.stores.provenance import Provenance
+from capture_cli.tasks import load_task
+from capture_cli.tasks.base import Task
+
+LEAST_STEPS = 2  # of an episode
+# As in the stages that cut windows: an episode a little shorter than a window still is one.
+SHORTEST_EPISODE = 0.9  # of a window
+
+
+def import_log(
+    *, files: Sequence[Path], task: str, out: Path, force: bool = False, drop_nan: bool = False
+) -> MeasuredLog:
+    """Read `files`, each a recording named by its stem, as channels of `task`; write a measured log at `out`.
+
+    Within a file a new episode begins where the value of the task's episode column changes. drop_nan: leave
+    out rows in which a value is missing, NaN or infinite; each recording's `dropped_rows` says how many were.
+    Raises LogError, TaskError, ModelError or OutputError before anything is written.
+    """
+    options = {**locals(), "files": [str(f) for f in files]}
+    refuse_existing(out, force=force)
+    if not files:
+        raise LogError("no file is given", cure="name one CSV or Parquet file or more")
+    machine = load_task(task)
+    sources = [open_source(Path(f)) for f in files]
+    names = _recording_names([s.path for s in sources])
+    inputs = {"task": getattr(machine, "path", None), **{str(s.path): s.path for s in sources}}
+    provenance = Provenance("import-log", options, inputs)
+    recordings = [
+        _read_recording(source, name, machine, drop_nan=drop_nan)
+        for source, name in zip(sources, names, strict=True)
+    ]
+    log = _join(recordings, machine).check()
+    _check_long_enough(log, machine)
+    with new_directory(out, force=force) as folder:
+        log.write(folder)
+        provenance.write(folder)
+    return replace(log, path=Path(out))
+
+
+@dataclass(frozen=True)
+class _Recording:
+    """One file: data (step, channel): time, inputs, outputs in the task's units; episode_ends (episode,)."""
+
+    data: np.ndarray
+    episode_ends: np.ndarray
+    source: dict[str, str | int]
+
+
+def _recording_names(files: Sequence[Path]) -> list[str]:
+    """The stems, with as many folders before them as it takes to make them differ. Raises LogError."""
+    if len({f.resolve() for f in files}) < len(files):
+        repeated = next(f for i, f in enumerate(files) if f.resolve() in {g.resolve() for g in files[:i]})
+        raise LogError(f"{repeated} is given twice", cure="give each file once")
+    parts = [f.resolve().with_suffix("").parts for f in files]
+    for count in range(1, max(map(len, parts)) + 1):
+        names = ["/".join(p[-count:]) for p in parts]
+        if len(set(names)) == len(names):
+            return names
+    return [f.name for f in files]  # run.csv and run.parquet in one folder
+
+
+def _read_recording(source: SourceFile, name: str, task: Task, *, drop_nan: bool) -> _Recording:
+    channels = (*task.inputs, *task.outputs)
+    columns = [task.log.time, *(c.column for c in channels)]
+    source.require([*columns, *([task.log.episode] if task.log.episode else [])])
+    data = source.numbers(columns)
+    labels = np.array(source.labels(task.log.episode), dtype=object) if task.log.episode else None
+    rows = np.flatnonzero(_usable(source, columns, data, labels, task, drop_nan=drop_nan))
+    dropped = len(data) - len(rows)
+    data, labels = data[rows], None if labels is None else labels[rows]
+    if not len(data):
+        raise LogError(
+            f"{source.path}: not one of its {dropped} rows is complete",
+            cure="correct the file, or leave it out",
+        )
+    ends = _episode_ends(len(data), labels)
+    _check_episodes(source, data[:, 0], ends, rows, task)
+    scale = np.array([1.0, *(c.scale for c in channels)])
+    offset = np.array([0.0, *(c.offset for c in channels)])
+    with np.errstate(over="ignore"):
+        data = data * scale + offset
+    _check_finite_in_si(source, data, columns, rows)
+    described = {
+        "name": name,
+        "source": str(source.path),
+        "sha256": sha256(source.path),
+        "dropped_rows": dropped,
+    }
+    return _Recording(data, ends, described)
+
+
+def _usable(source: SourceFile, columns, data, labels, task: Task, *, drop_nan: bool) -> np.ndarray:
+    """Which rows are complete, (row,). Raises LogError at the first that is not, unless `drop_nan`."""
+    finite = np.isfinite(data)
+    usable = finite.all(axis=1)
+    unlabelled = np.zeros(len(data), dtype=bool)
+    if labels is not None:
+        unlabelled = np.array([label is None for label in labels], dtype=bool)
+        usable &= ~unlabelled
+    if usable.all() or drop_nan:
+        return usable
+    row = int(np.flatnonzero(~usable)[0])
+    if unlabelled[row]:
+        column, value = task.log.episode, "empty"
+    else:
+        bad = int(np.flatnonzero(~finite[row])[0])
+        column, value = columns[bad], "missing or NaN" if np.isnan(data[row, bad]) else str(data[row, bad])
+    raise LogError(
+        f"{source.path}: column {column!r} is {value} at {source.place(row)} "
+        f"({(~usable).sum()} of {len(data)} rows are incomplete)",
+        cure="add --drop-nan to leave such rows out, or fill them in the file",
+    )
+
+
+def _episode_ends(steps: int, labels: np.ndarray | None) -> np.ndarray:
+    if labels is None:
+        return np.array([steps])
+    return np.append(np.flatnonzero(labels[1:] != labels[:-1]) + 1, steps)
+
+
+def _check_episodes(
+    source: SourceFile, time: np.ndarray, ends: np.ndarray, rows: np.ndarray, task: Task
+) -> None:
+    """Raise LogError where an episode has a single row, or its time (step,) does not increase."""
+    starts = np.array([0, *ends[:-1]])
+    short = np.flatnonzero(ends - starts < LEAST_STEPS)
+    if short.size:
+        column = task.log.episode
+        raise LogError(
+            f"{source.path}: {short.size} of {len(ends)} episodes have a single row, "
+            f"the first at {source.place(rows[starts[short[0]]])}",
+            cure="record longer, or remove those rows"
+            if column is None
+            else f"sort the rows by {column!r}, or correct [log] episode: an episode begins where it changes",
+        )
+    interval = np.diff(time)
+    interval[ends[:-1] - 1] = np.inf  # from one episode to the next the clock may do what it likes
+    back = np.flatnonzero(interval <= 0)
+    if back.size:
+        raise _not_increasing(source, time, rows, back, task)
+
+
+def _not_increasing(source: SourceFile, time: np.ndarray, rows: np.ndarray, back: np.ndarray, task: Task):
+    """The error for a time (step,) that does not increase after the steps `back`."""
+    before, after = float(time[back[0]]), float(time[back[0] + 1])
+    how = "stands still" if after == before else "goes back"
+    here, there = source.place(rows[back[0] + 1]), source.place(rows[back[0]])
+    more = "" if back.size == 1 else f"; it happens {back.size} times"
+    restarts = task.log.episode is None and before - after > 0.5 * (before - time[0])
+    return LogError(
+        f"{source.path}: column {task.log.time!r} {how} at {here}: "
+        f"{after!r} s after {before!r} s at {there}{more}",
+        cure="if an episode begins there, name the column that tells episodes apart in [log] episode, "
+        "or make it a file of its own"
+        if restarts
+        else "remove repeated rows, and sort the others by time",
+    )
+
+
+def _check_finite_in_si(
+    source: SourceFile, data: np.ndarray, columns: Sequence[str], rows: np.ndarray
+) -> None:
+    bad = np.argwhere(~np.isfinite(data))
+    if bad.size:
+        row, k = bad[0]
+        where = source.place(rows[row])
+        raise LogError(
+            f"{source.path}: scale * column + offset overflows for {columns[k]!r} at {where}",
+            cure="correct the value, or scale and offset in the task.toml",
+        )
+
+
+def _join(recordings: Sequence[_Recording], task: Task) -> MeasuredLog:
+    data = np.concatenate([r.data for r in recordings])
+    before = np.cumsum([0, *(len(r.data) for r in recordings)])
+    return MeasuredLog(
+        task=task.name,
+        time=data[:, 0],
+        inputs=data[:, 1 : 1 + len(task.inputs)],
+        outputs=data[:, 1 + len(task.inputs) :],
+        episode_ends=np.concatenate(
+            [r.episode_ends + b for r, b in zip(recordings, before[:-1], strict=True)]
+        ),
+        recording=np.repeat(np.arange(len(recordings)), [len(r.episode_ends) for r in recordings]),
+        input_names=tuple(c.name for c in task.inputs),
+        input_units=tuple(c.unit for c in task.inputs),
+        output_names=tuple(c.name for c in task.outputs),
+        output_units=tuple(c.unit for c in task.outputs),
+        recordings=tuple(r.source for r in recordings),
+    )
+
+
+def _check_long_enough(log: MeasuredLog, task: Task) -> None:
+    longest = max(float(log.time[e.stop - 1] - log.time[e.start]) for e in log.episodes)
+    window = task.log.window
+    if window is not None and longest < SHORTEST_EPISODE * window:
+        raise LogError(
+            f"the longest episode lasts {longest:.3g} s, which is shorter than a window of {window:g} s",
+            cure="record longer, or set a shorter [log] window in the task.toml; times are in seconds",
+        )

@@ -1,0 +1,255 @@
+"""`capture inspect`: what a store or a result directory is, and its health."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from capture_cli.errors import StoreError
+from capture_cli.stages.log_findings import finding, log_findings, task_findings
+from capture_cli.stages.log_health import channel, excitation, quantisation, timing
+from capture_cli.stores.estimate import Estimate, read_result
+from capture_cli.stores.measured_log import SCHEMA as LOG_SCHEMA
+from capture_cli.stores.measured_log import MeasuredLog
+from capture_cli.stores.output import PROVENANCE, sha256
+from capture_cli.stores.schema import array_paths, open_group
+from capture_cli.tasks import load_task
+
+FORMAT = "capture/inspection"
+VERSION = 1
+
+
+def inspect(path: Path, task: str | None = None) -> dict[str, Any]:
+    """What is at `path`, as one JSON-able document.
+
+    Always: format, version (of this document), path, kind ("measured-log", "estimate", "diagnosis", "zarr" or
+    "directory"), store (the format and version found, bytes on disk), provenance, sizes and findings, each
+    {severity, where, message, cure}. A measured log has recordings, episodes (timing) and channels (values)
+    too, and is checked against `task` where one is given. Damage is a finding rather than an exception.
+
+    Raises StoreError where there is nothing that can be recognised, TaskError or ModelError for a bad task.
+    """
+    path = Path(path)
+    machine = load_task(task) if task is not None else None
+    kind = _kind(path)
+    document = {
+        "format": FORMAT,
+        "version": VERSION,
+        "path": str(path),
+        "kind": kind,
+        "store": {"format": None, "version": None, "bytes": _bytes(path)},
+        "provenance": None,
+        "sizes": {},
+        "findings": [],
+    }
+    try:
+        if kind == "measured-log":
+            _inspect_log(path, document, machine)
+        elif kind in ("estimate", "diagnosis"):
+            _inspect_result(path, document)
+        elif kind == "zarr":
+            _inspect_zarr(path, document)
+    except StoreError as error:
+        document["findings"].append(finding("error", "store", error.message, error.cure))
+    _inspect_provenance(path, document)
+    return document
+
+
+def _kind(path: Path) -> str:
+    if not path.is_dir():
+        open_group(path)  # says what is there instead, and what reads it
+    for kind in ("diagnosis", "estimate"):
+        if (path / f"{kind}.json").is_file():
+            return kind
+    if any((path / name).is_file() for name in ("zarr.json", ".zgroup", ".zattrs")):
+        try:
+            found = open_group(path).attrs.get("format")
+        except StoreError:
+            return "zarr"
+        return "measured-log" if found == LOG_SCHEMA.format else "zarr"
+    if (path / PROVENANCE).is_file():
+        return "directory"
+    raise StoreError(
+        f"{path} is a folder without a Zarr store, an estimate.json, a diagnosis.json or a {PROVENANCE}",
+        cure="give a path that a `capture` command wrote as its --out",
+    )
+
+
+def _bytes(path: Path) -> int:
+    return sum(f.stat().st_size for f in path.rglob("*") if f.is_file())
+
+
+# --- measured log ---
+
+
+def _inspect_log(path: Path, document: dict[str, Any], machine) -> None:
+    _header(document, dict(open_group(path).attrs))
+    log = MeasuredLog.read_unchecked(path)
+    document["task"] = log.task
+    document["sizes"] = {
+        "recordings": len(log.recordings),
+        "episodes": len(log.episode_ends),
+        "steps": len(log.time),
+        "inputs": len(log.input_names),
+        "outputs": len(log.output_names),
+    }
+    findings = document["findings"]
+    if not len(log.time) or not log.episodes_cover_steps:
+        what = f"episode_ends do not divide its {len(log.time)} steps" if len(log.time) else "it is empty"
+        findings.append(finding("error", "store", what, LOG_SCHEMA.cure_for_other_version))
+        document.update(recordings=list(log.recordings), episodes=[], channels=[])
+        return
+    document["episodes"] = [
+        {"episode": i, "recording": log.recording_names[int(log.recording[i])], **timing(log.time[e])}
+        for i, e in enumerate(log.episodes)
+    ]
+    document["recordings"] = [
+        _recording(log, number, document["episodes"]) for number in range(len(log.recordings))
+    ]
+    document["channels"] = _channels(log)
+    if not np.isfinite(log.time).all():
+        count = int((~np.isfinite(log.time)).sum())
+        findings.append(
+            finding(
+                "error",
+                "time",
+                f"{count} times are NaN or infinite",
+                "import the files again with --drop-nan",
+            )
+        )
+    findings += log_findings(document)
+    if machine is not None:
+        findings += task_findings(log, document, machine)
+
+
+def _recording(log: MeasuredLog, number: int, episodes: list[dict[str, Any]]) -> dict[str, Any]:
+    own = [e for e, r in zip(episodes, log.recording, strict=True) if r == number]
+    rates = [e["rate"] for e in own if e["rate"] is not None]
+    return {
+        **log.recordings[number],
+        "episodes": len(own),
+        "steps": sum(e["steps"] for e in own),
+        "duration": sum(e["duration"] or 0.0 for e in own),
+        "rate": float(np.median(rates)) if rates else None,
+    }
+
+
+def _channels(log: MeasuredLog) -> list[dict[str, Any]]:
+    channels = []
+    for name, unit, values in zip(log.input_names, log.input_units, log.inputs.T, strict=True):
+        described = {"name": name, "kind": "input", "unit": unit, **channel(values, log.episodes)}
+        channels.append({**described, "excitation": excitation(values, log.time, log.episodes)})
+    for name, unit, values in zip(log.output_names, log.output_units, log.outputs.T, strict=True):
+        described = {"name": name, "kind": "output", "unit": unit, **channel(values, log.episodes)}
+        channels.append({**described, "quantisation": quantisation(values)})
+    return channels
+
+
+# --- estimates, diagnoses and other stores ---
+
+
+def _inspect_result(path: Path, document: dict[str, Any]) -> None:
+    kind = document["kind"]
+    again = f"make it again with `capture {'identify' if kind == 'estimate' else 'diagnose'}`"
+    result = read_result(path, f"{kind}.json", f"capture/{kind}", 1, again)
+    _header(document, result)
+    keys = (
+        "task",
+        "log",
+        "identifier",
+        "verdict",
+        "parameters",
+        "effects",
+        "error",
+        "before",
+        "after",
+        "rollouts",
+    )
+    document["result"] = {key: result[key] for key in keys if key in result}
+    document["sizes"] = {
+        "parameters": len(result.get("parameters", {})),
+        "effects": len(result.get("effects", [])),
+    }
+    findings = document["findings"]
+    findings += _verdict(result, path)
+    findings += _log_changed(result.get("log"))
+    if kind == "estimate":
+        Estimate.read(path)  # its arrays too
+
+
+def _verdict(result: Mapping[str, Any], path: Path) -> list[dict[str, str]]:
+    found = []
+    if result.get("verdict") == "unexplained":
+        cure = f"`capture diagnose --estimate {path}` looks for what the model lacks"
+        found.append(
+            finding("warning", "verdict", "the residual is above the noise floor: unexplained", cure)
+        )
+    for name, parameter in result.get("parameters", {}).items():
+        if not parameter.get("identifiable", True):
+            cure = "record a motion in which it matters, or leave it out of the task.toml"
+            found.append(finding("warning", f"parameter {name}", "the log does not determine it", cure))
+        elif parameter.get("at_bound"):
+            cure = (
+                "widen its bounds if the value is physical; otherwise something else is missing in the model"
+            )
+            found.append(finding("warning", f"parameter {name}", "is at a bound", cure))
+    return found
+
+
+def _log_changed(log: Mapping[str, Any] | None) -> list[dict[str, str]]:
+    path = Path(log["path"]) if log else None
+    if path is None or not path.exists() or sha256(path) == log.get("sha256"):
+        return []
+    return [
+        finding(
+            "warning", "log", f"{path} has changed since", "make the result again from the log as it is now"
+        )
+    ]
+
+
+def _inspect_zarr(path: Path, document: dict[str, Any]) -> None:
+    group = open_group(path)
+    _header(document, dict(group.attrs))
+    arrays = {name: group[name] for name in array_paths(group)}
+    document["arrays"] = [
+        {"path": name, "shape": list(a.shape), "dtype": str(a.dtype), "unit": a.attrs.get("unit")}
+        for name, a in sorted(arrays.items())
+    ]
+    document["sizes"] = {"arrays": len(arrays)}
+    if not str(document["store"]["format"]).startswith("capture/"):
+        message = "this store was not written by `capture`"
+        document["findings"].append(
+            finding(
+                "note", "store", message, "convert its columns to CSV or Parquet, then `capture import-log`"
+            )
+        )
+
+
+def _header(document: dict[str, Any], attributes: Mapping[str, Any]) -> None:
+    document["store"].update(format=attributes.get("format"), version=attributes.get("version"))
+
+
+def _inspect_provenance(path: Path, document: dict[str, Any]) -> None:
+    file = path / PROVENANCE
+    if not file.is_file():
+        return
+    try:
+        found = json.loads(file.read_text(encoding="utf-8"))
+        document["provenance"] = {
+            k: found.get(k) for k in ("command", "capture", "began", "seconds", "inputs")
+        }
+    except (ValueError, AttributeError) as error:
+        document["findings"].append(
+            finding(
+                "warning",
+                PROVENANCE,
+                f"cannot be read: {error}",
+                "nothing depends on it: how it was made is lost",
+            )
+        )
+    if document["kind"] == "directory" and document["provenance"]:
+        document["sizes"] = {"files": sum(1 for f in path.rglob("*") if f.is_file())}

@@ -1,0 +1,293 @@
+"""What is wrong, or worth knowing, with a measured log: each finding has a severity, a place, and a cure.
+
+Severities: "error", the log cannot be used as it is; "warning", results will suffer; "note", good to know.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from capture_cli.stores.measured_log import MeasuredLog
+from capture_cli.tasks.base import Channel, Task
+
+Finding = dict[str, str]
+
+UNEVEN = 0.1  # sd of the interval, over its median
+SATURATED = 0.05  # share of the samples at exactly one extreme
+SEVERAL_VISITS = 3  # a channel that returns to exactly the same extreme is held there by something
+MANY_LEVELS = 10  # fewer are a switched signal, which is at its extremes by design
+MOSTLY_AT_REST = 0.5
+WINDOW_SAMPLES = 5  # fewer in a window say little
+SHORTEST_EPISODE = 0.9  # of a window
+RANGE_SLACK = 0.05  # of a joint's or an actuator's range
+EXAMPLES = 3
+
+
+def finding(severity: str, where: str, message: str, cure: str) -> Finding:
+    """severity: "error", "warning" or "note". where: the channel, recording or file. cure: what to do."""
+    return {"severity": severity, "where": where, "message": message, "cure": cure}
+
+
+def log_findings(document: Mapping[str, Any]) -> list[Finding]:
+    """Findings on the `episodes` and `channels` of an inspection document."""
+    episodes = document["episodes"]
+    return [
+        *_timing(episodes),
+        *(f for c in document["channels"] for f in _values(c, len(episodes))),
+        *(f for c in document["channels"] if c["kind"] == "input" for f in _input(c)),
+        *(f for c in document["channels"] if c["kind"] == "output" for f in _output(c)),
+    ]
+
+
+def task_findings(log: MeasuredLog, document: Mapping[str, Any], task: Task) -> list[Finding]:
+    """Findings on whether `log`, with its inspection document, fits `task`."""
+    found = list(_names(log, task))
+    if any(f["severity"] == "error" for f in found):
+        return found
+        return [*found, *_lengths(document["episodes"], task), *_ranges(log, task)]
+
+
+# --- timing ---
+
+
+def _timing(episodes: Sequence[Mapping[str, Any]]) -> Iterator[Finding]:
+    for key, what in (("backward_times", "goes back"), ("repeated_times", "stands still")):
+        count, where, examples = _gather(
+            episodes, key, lambda p: f"after {p['time']:.6g} s (step {p['step']})"
+        )
+        if count:
+            yield finding(
+                "error",
+                where,
+                f"time {what} in {count} place{'s' * (count > 1)}: {examples}",
+                "sort the rows by time, remove repeated ones, and import the files again; where an episode "
+                "begins, name the column that tells episodes apart in [log] episode",
+            )
+    count, where, examples = _gather(
+        episodes, "gaps", lambda p: f"{p['interval']:.3g} s after {p['time']:.6g} s"
+    )
+    if count:
+        yield finding(
+            "warning",
+            where,
+            f"{count} gap{'s' * (count > 1)} in the sampling: {examples}",
+            "windows end at a gap, so nothing needs doing; look for lost messages if there are many",
+        )
+    uneven = [e for e in episodes if e["jitter_sd"] is not None and e["jitter_sd"] > UNEVEN]
+    if uneven:
+        worst = max(uneven, key=lambda e: e["jitter_sd"])
+        yield finding(
+            "note",
+            _episode(worst) if len(uneven) == 1 else f"{len(uneven)} episodes",
+            f"sampling is uneven: the interval's sd is {worst['jitter_sd']:.0%} of its median, "
+            f"the longest is {worst['jitter_max']:.3g} times the median",
+            "nothing: every sample is compared at its own time",
+        )
+
+
+def _gather(episodes, key: str, describe) -> tuple[int, str, str]:
+    """How many over all episodes, where, and the first few described."""
+    having = [e for e in episodes if e[key]["count"]]
+    count = sum(e[key]["count"] for e in having)
+    places = [describe(p) for e in having for p in e[key]["first"]][:EXAMPLES]
+    where = _episode(having[0]) if len(having) == 1 else f"{len(having)} episodes"
+    return count, where, _listed(places, count)
+
+
+def _episode(episode: Mapping[str, Any]) -> str:
+    return f"{episode['recording']}, episode {episode['episode']}"
+
+
+def _listed(items: Iterable[Any], count: int) -> str:
+    items = [str(i) for i in items][:EXAMPLES]
+    rest = count - len(items)
+    return ", ".join(items) + (f" and {rest} more" if rest else "")
+
+
+# --- values ---
+
+
+def _values(channel: Mapping[str, Any], episodes: int) -> Iterator[Finding]:
+    where, is_input = f"{channel['kind']} {channel['name']}", channel["kind"] == "input"
+    bad = channel["nan"] + channel["infinite"]
+    if bad:
+        steps = _listed((f"step {i}" for i in channel["bad_steps"]), bad)
+        yield finding(
+            "error",
+            where,
+            f"{bad} values are NaN or infinite: {steps}",
+            "import the files again with --drop-nan, or fill them in the source",
+        )
+    if channel["constant"]:
+        yield finding(
+            "warning" if is_input else "error",
+            where,
+            f"never changes: always {channel['low']['value']:.6g} {channel['unit']}",
+            "excite this input if its parameters matter"
+            if is_input
+            else "check the sensor and its column, or leave the output out of the task.toml",
+        )
+        return
+    still = channel["constant_episodes"]
+    if still:
+        yield finding(
+            "note" if is_input else "warning",
+            where,
+            f"never changes in {len(still)} of {episodes} episodes: {_listed(still, len(still))}",
+            "nothing, if the machine stood still there; otherwise leave those episodes out",
+        )
+
+
+def _input(channel: Mapping[str, Any]) -> Iterator[Finding]:
+    where, moves = f"input {channel['name']}", channel["excitation"]
+    for side in ("low", "high"):
+        extreme = channel[side]
+        if extreme["share"] > SATURATED and extreme["value"] != 0 and channel["levels"] > MANY_LEVELS:
+            yield finding(
+                "warning" if extreme["visits"] >= SEVERAL_VISITS else "note",
+                where,
+                f"is at exactly {extreme['value']:.6g} {channel['unit']} for {extreme['share']:.0%} "
+                f"of the samples, in {extreme['visits']} stays: saturated, or held?",
+                "log what reached the actuator, not what was asked of it; if that is what it is, good",
+            )
+    if moves["at_rest"] is not None and moves["at_rest"] > MOSTLY_AT_REST and not channel["constant"]:
+        yield finding(
+            "note",
+            where,
+            f"is at rest (near 0) for {moves['at_rest']:.0%} of the samples",
+            "excite it for longer if intervals come out wide",
+        )
+    if moves["single_frequency"] is not None:
+        yield finding(
+            "warning",
+            where,
+            f"changes at a single frequency, {moves['single_frequency']:.3g} Hz",
+            "one frequency cannot tell inertia from stiffness: use several, steps, or a sweep",
+        )
+
+
+def _output(channel: Mapping[str, Any]) -> Iterator[Finding]:
+    where, grid = f"output {channel['name']}", channel["quantisation"]
+    for side in ("low", "high"):
+        extreme = channel[side]
+        often = extreme["share"] > SATURATED and extreme["visits"] >= SEVERAL_VISITS
+        if often and channel["levels"] > MANY_LEVELS:
+            yield finding(
+                "warning",
+                where,
+                f"is at exactly {extreme['value']:.6g} {channel['unit']} for {extreme['share']:.0%} "
+                f"of the samples, in {extreme['visits']} stays: the sensor's range, or an end stop?",
+                "leave those episodes out if the sensor clips; put a stop into the model",
+            )
+    if grid["step"] is not None and grid["change"] is not None and grid["change"] <= grid["step"]:
+        yield finding(
+            "note",
+            where,
+            f"is quantised in steps of {grid['step']:.3g} {channel['unit']} "
+            f"(sd {grid['step'] / np.sqrt(12):.2g}), and moves less than that from sample to sample",
+            "nothing: the noise floor will show it",
+        )
+
+
+# --- against a task ---
+
+
+def _names(log: MeasuredLog, task: Task) -> Iterator[Finding]:
+    if log.task != task.name:
+        yield finding(
+            "warning",
+            "task",
+            f"the log was made for the task {log.task!r}, and --task is {task.name!r}",
+            "give the task it was made with, or import the files again with this one",
+        )
+    for kind, names, units, channels in (
+        ("inputs", log.input_names, log.input_units, task.inputs),
+        ("outputs", log.output_names, log.output_units, task.outputs),
+    ):
+        yield from _channel_names(kind, names, units, channels, task.name)
+
+
+def _channel_names(kind: str, names, units, channels: Sequence[Channel], task: str) -> Iterator[Finding]:
+    expected = tuple(c.name for c in channels)
+    again = "import the files again with this task"
+    if tuple(names) != expected:
+        message = f"the log has ({', '.join(names)}); task {task!r} has ({', '.join(expected)})"
+        return [finding("error", kind, message, again)]
+    return [
+        finding(
+            "error",
+            f"{kind[:-1]} {c.name}",
+            f"the log has it in {unit!r}, task {task!r} in {c.unit!r}",
+            again,
+        )
+        for c, unit in zip(channels, units, strict=True)
+        if unit != c.unit
+    ]
+
+
+def _lengths(episodes: Sequence[Mapping[str, Any]], task: Task) -> Iterator[Finding]:
+    durations = [e["duration"] for e in episodes if e["duration"] is not None]
+    intervals = [e["interval"] for e in episodes if e["interval"] is not None]
+    if not durations or not intervals:
+        return
+    window, interval = task.log.window, float(np.median(intervals))
+    if window is not None and max(durations) < SHORTEST_EPISODE * window:
+        yield finding(
+            "error",
+            "episodes",
+            f"the longest lasts {max(durations):.3g} s, and a window {window:g} s",
+            "record longer, or set a shorter [log] window in the task.toml",
+        )
+    elif window is not None and window < WINDOW_SAMPLES * interval:
+        yield finding(
+            "warning",
+            "time",
+            f"a window of {window:g} s holds {window / interval:.2g} samples, {interval:.3g} s apart",
+            "set a longer [log] window, and check that the time column is in seconds",
+        )
+    if task.timestep > 1.001 * interval:
+        yield finding(
+            "warning",
+            "time",
+            f"the model steps by {task.timestep:g} s, coarser than the log's {interval:.3g} s",
+            "set a smaller timestep in the model's <option>",
+        )
+
+
+def _ranges(log: MeasuredLog, task: Task) -> Iterator[Finding]:
+    """Inputs that MuJoCo would clip, and joint positions outside the joint's range."""
+    model = task.model
+    for k, c in enumerate(task.inputs):
+        if model.actuator_ctrllimited[c.index]:
+            share, low, high = _outside(log.inputs[:, k], model.actuator_ctrlrange[c.index], slack=1e-9)
+            if share:
+                yield finding(
+                    "warning",
+                    f"input {c.name}",
+                    f"{share:.1%} of the samples are outside ctrlrange ({low:g}, {high:g}): MuJoCo clips",
+                    "widen ctrlrange in the model, or correct scale and offset",
+                )
+    for k, c in enumerate(task.outputs):
+        joint = int(model.sensor_objid[c.sensor])
+        is_position = model.sensor_type[c.sensor] == mujoco.mjtSensor.mjSENS_JOINTPOS
+        if is_position and model.jnt_limited[joint]:
+            share, low, high = _outside(log.outputs[:, k], model.jnt_range[joint], slack=RANGE_SLACK)
+            if share:
+                yield finding(
+                    "warning",
+                    f"output {c.name}",
+                    f"{share:.1%} of the samples lie outside the joint's range ({low:g}, {high:g})",
+                    "check scale and offset (degrees, another zero?), or the joint's range",
+                )
+
+
+def _outside(values: np.ndarray, limits: np.ndarray, *, slack: float) -> tuple[float, float, float]:
+    """Share of `values` (step,) farther outside `limits` (2,) than `slack` of their span, and the limits."""
+    low, high = map(float, limits)
+    margin = slack * (high - low)
+    with np.errstate(invalid="ignore"):
+        return float(np.mean((values < low - margin) | (values > high + margin))), low, high

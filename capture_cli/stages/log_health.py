@@ -1,0 +1,179 @@
+"""The health of a measured log in numbers, however damaged it is: timing per episode, values per channel."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from capture_cli.sim.windows import GAP_FACTOR
+
+PLACES_LISTED = 5
+AT_REST = 0.01  # of an input's largest value: less is rest
+BAND_EDGES = (0.0, 0.001, 0.01, 0.1, 1.0)  # of the Nyquist frequency
+LEAST_SPECTRUM = 16  # samples
+SINGLE_LINE = 0.9  # of the power, within two lines of the strongest: one frequency and little else
+GRID_TOLERANCE = 0.05  # of a quantisation step
+FINEST_STEP = 1e-7  # of an output's range: a finer grid is that of the digits it was printed with
+
+
+def timing(time: np.ndarray) -> dict[str, Any]:
+    """Timing of one episode from its times (step,), s. Statistics leave out intervals that do not go forward.
+
+    rate in Hz; jitter_sd and jitter_max are of the interval, over its median.
+    """
+    with np.errstate(invalid="ignore"):
+        interval = np.diff(time)
+        interval[~np.isfinite(interval)] = np.nan
+        forward = interval[interval > 0]
+        median = float(np.median(forward)) if forward.size else np.inf
+        gaps = np.flatnonzero(interval > GAP_FACTOR * median)
+        repeated, backward = np.flatnonzero(interval == 0), np.flatnonzero(interval < 0)
+    finite = time[np.isfinite(time)]
+    return {
+        "steps": len(time),
+        "start": float(finite[0]) if finite.size else None,
+        "duration": float(np.ptp(finite)) if finite.size else None,
+        "interval": _number(median),
+        "rate": 1 / median if forward.size else None,
+        "jitter_sd": float(forward.std() / median) if forward.size else None,
+        "jitter_max": float(forward.max() / median) if forward.size else None,
+        "gaps": _places(gaps, time, interval),
+        "repeated_times": _places(repeated, time, interval),
+        "backward_times": _places(backward, time, interval),
+    }
+
+
+def channel(values: np.ndarray, episodes: Sequence[slice]) -> dict[str, Any]:
+    """Range and faults of one channel (step,).
+
+    levels: how many different values. low, high: the least and the greatest value, the share of the samples
+    exactly there, and in how many visits. constant_episodes: those in which the channel never changes.
+    """
+    finite = values[np.isfinite(values)]
+    levels = np.unique(finite)
+    with np.errstate(invalid="ignore"):
+        still = [i for i, e in enumerate(episodes) if e.stop - e.start > 1 and np.ptp(values[e]) == 0]
+    bad = np.flatnonzero(~np.isfinite(values))
+    return {
+        "mean": _number(finite.mean()) if finite.size else None,
+        "rms": _number(np.sqrt(np.mean(np.square(finite)))) if finite.size else None,
+        "low": _extreme(values, levels[0]) if finite.size else None,
+        "high": _extreme(values, levels[-1]) if finite.size else None,
+        "levels": len(levels),
+        "nan": int(np.isnan(values).sum()),
+        "infinite": int(np.isinf(values).sum()),
+        "bad_steps": bad[:PLACES_LISTED].tolist(),
+        "constant": len(levels) == 1,
+        "constant_episodes": still,
+    }
+
+
+def quantisation(values: np.ndarray) -> dict[str, float | None]:
+    """step: of the grid that an output (step,) sits on, None where on none; change: median, per sample."""
+    finite = values[np.isfinite(values)]
+    change = np.abs(np.diff(finite))
+    return {
+        "step": _grid_step(np.unique(finite)),
+        "change": _number(np.median(change)) if change.size else None,
+    }
+
+
+def excitation(values: np.ndarray, time: np.ndarray, episodes: Sequence[slice]) -> dict[str, Any]:
+    """How an input (step,) moves, from the samples that are finite and whose time (step,) goes forward.
+
+    at_rest: share of the samples that are near 0. bands: share of the power about the mean by frequency, Hz;
+    median_frequency, frequency_95: half and 95 % of it lie below. single_frequency: where nearly all
+    changes are, None where they are at several.
+    """
+    finite = values[np.isfinite(values)]
+    rest = np.mean(np.abs(finite) <= AT_REST * np.abs(finite).max()) if finite.size else None
+    spectra = [s for s in (_spectrum(values[e], time[e]) for e in episodes) if s is not None]
+    return {"at_rest": _number(rest), **_distribution(spectra), "single_frequency": _single(spectra)}
+
+
+def _places(steps: np.ndarray, time: np.ndarray, interval: np.ndarray) -> dict[str, Any]:
+    """How many, and the first few: the step before, its time and the interval to the next, s."""
+    return {
+        "count": len(steps),
+        "longest": _number(np.abs(interval[steps]).max()) if len(steps) else None,
+        "first": [
+            {"step": int(i), "time": float(time[i]), "interval": float(interval[i])}
+            for i in steps[:PLACES_LISTED]
+        ],
+    }
+
+
+def _extreme(values: np.ndarray, value: float) -> dict[str, Any]:
+    there = values == value
+    visits = int(there[0]) + int(np.count_nonzero(there[1:] & ~there[:-1]))
+    return {"value": float(value), "share": float(there.mean()), "visits": visits}
+
+
+def _grid_step(levels: np.ndarray) -> float | None:
+    """The spacing of which all differences of `levels` (sorted) are multiples, None where there is none."""
+    if len(levels) < 4:
+        return None
+    gaps = np.diff(levels)
+    gaps = gaps[gaps > FINEST_STEP * (levels[-1] - levels[0])]
+    step = gaps.sum() / np.round(gaps / gaps.min()).sum()
+    off = np.abs(gaps / step - np.round(gaps / step))
+    return float(step) if np.quantile(off, 0.99) < GRID_TOLERANCE else None
+
+
+def _spectrum(values: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+    """frequency (line,) Hz, power (line,) of the values and of their changes; None where too few."""
+    sound = np.isfinite(values) & np.isfinite(time)
+    values, time = values[sound], time[sound]
+    if len(time):
+        ahead = time > np.concatenate([[-np.inf], np.maximum.accumulate(time)[:-1]])
+        values, time = values[ahead], time[ahead]
+    if len(time) < LEAST_SPECTRUM or np.ptp(values) == 0:
+        return None
+    grid = np.linspace(time[0], time[-1], len(time))
+    even = np.interp(grid, time, values)
+    window = np.hanning(len(grid) + 2)[1:-1]
+    frequency = np.fft.rfftfreq(len(grid), grid[1] - grid[0])[1:]
+    power = np.square(np.abs(np.fft.rfft((even - even.mean()) * window)))[1:]
+    change = np.gradient(even)
+    changes = np.square(np.abs(np.fft.rfft((change - change.mean()) * window)))[1:]
+    return frequency, power, changes
+
+
+def _distribution(spectra) -> dict[str, Any]:
+    if not spectra:
+        return {"bands": [], "median_frequency": None, "frequency_95": None}
+    frequency = np.concatenate([f for f, _, _ in spectra])
+    power = np.concatenate([p for _, p, _ in spectra])
+    order = np.argsort(frequency)
+    frequency, total = frequency[order], np.cumsum(power[order])
+    below = total / total[-1]
+    edges = frequency[-1] * np.array(BAND_EDGES)
+    at_edges = np.concatenate([[0.0], below])[np.searchsorted(frequency, edges, side="right")]
+    return {
+        "bands": [
+            {"low": float(a), "high": float(b), "share": float(share)}
+            for a, b, share in zip(edges, edges[1:], np.diff(at_edges), strict=False)
+        ],
+        "median_frequency": float(frequency[np.searchsorted(below, 0.5)]),
+        "frequency_95": float(frequency[np.searchsorted(below, 0.95)]),
+    }
+
+
+def _single(spectra) -> float | None:
+    """The frequency, Hz, at which the changes of all episodes are; None where there are several, or none."""
+    found = []
+    for frequency, _, changes in spectra:
+        peak = int(np.argmax(changes))
+        if changes[max(0, peak - 2) : peak + 3].sum() < SINGLE_LINE * changes.sum() or len(changes) < 16:
+            return None
+        found.append((float(frequency[peak]), float(frequency[0])))
+    if not found:
+        return None
+    peaks, widths = np.array(found).T
+    return float(np.median(peaks)) if np.ptp(peaks) <= 2 * widths.max() else None
+
+
+def _number(value) -> float | None:
+    return float(value) if value is not None and np.isfinite(value) else None

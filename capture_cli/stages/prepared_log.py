@@ -1,0 +1,166 @@
+"""A log made ready for a task: checked, cut into windows, with starts, noise floor and split. Shared by stages."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from capture_cli.diagnosis.noise_floor import NoiseFloor, noise_floor
+from capture_cli.diagnosis.split import Split, split_windows
+from capture_cli.errors import FitError, LogError, OptionError
+from capture_cli.identifiers.base import Evidence, Trial
+from capture_cli.sim.starts import StartEstimate, estimate_starts
+from capture_cli.sim.windows import Windows, cut
+from capture_cli.simulator import Simulator
+from capture_cli.stores.measured_log import MeasuredLog
+from capture_cli.tasks import REGISTRY, load_task
+from capture_cli.tasks.base import Task
+
+MOVES_SHARE = 0.05  # of the range: the step with which a parameter must move some output
+MOVES_LEAST = 1e-4  # of the noise floor: less is nothing
+
+
+@dataclass(frozen=True)
+class PreparedLog:
+    """Everything `identify` and `diagnose` know before the first simulation."""
+
+    task: Task
+    log: MeasuredLog
+    windows: Windows
+    starts: StartEstimate
+    noise: NoiseFloor
+    split: Split
+
+    @property
+    def recording(self) -> np.ndarray:
+        """Which recording each window comes from, (window,)."""
+        return np.asarray(self.log.recording)[self.windows.episode]
+
+    def part(self, keep: np.ndarray) -> PreparedLog:
+        """The windows at `keep` alone (indices or a mask)."""
+        keep = np.arange(len(self.windows))[keep]
+        return PreparedLog(
+            self.task,
+            self.log,
+            self.windows.rows(keep),
+            StartEstimate(self.starts.starts.rows(keep), self.starts.sd[keep]),
+            self.noise,
+            Split(self.split.is_test[keep], self.split.how),
+        )
+
+    def evidence(self, simulator: Simulator) -> Evidence:
+        """What identifiers are given."""
+        windows = self.windows
+        return Evidence(simulator.space, windows.measured, windows.mask, self.noise.sd, self.starts.sd)
+
+    def evaluate(self, simulator: Simulator, trial: Trial) -> tuple[np.ndarray, np.ndarray]:
+        """Simulated outputs (candidate, window, step, output) and diverged (candidate, window) of a trial."""
+        simulated = simulator.simulate(self.windows, self.starts.starts, trial.parameters, trial.offsets)
+        return simulated.outputs, simulated.diverged
+
+
+def find_task(task: str | None, log: MeasuredLog) -> Task:
+    """The task of `--task`; without it the built-in one that the log names, or a task.toml of that name beside it."""
+    if task is not None:
+        return load_task(task)
+    if log.task in REGISTRY.names():
+        return load_task(log.task)
+    beside = Path(log.path).parent / "task.toml" if log.path else None
+    if beside is not None and beside.is_file():
+        found = load_task(str(beside))
+        if found.name == log.task:
+            return found
+    raise OptionError(
+        f"the log belongs to the task {log.task!r}, which is not built in, and no task.toml of that name lies beside it",
+        cure="add --task PATH/TO/task.toml",
+    )
+
+
+def prepare(log: MeasuredLog, task: Task, *, window: float | None, test: str | None, seed: int) -> PreparedLog:
+    """Check that the log fits the task, and make it ready. Raises LogError or OptionError."""
+    check_fits(log, task)
+    duration = window if window is not None else task.log.window
+    _check_long_enough(log, duration)
+    linear = np.array([c.linear for c in task.inputs], dtype=bool)
+    windows = cut(
+        time=log.time,
+        inputs=log.inputs,
+        outputs=log.outputs,
+        episodes=log.episodes,
+        timestep=task.timestep,
+        duration=duration,
+        linear=linear,
+    )
+    noise = noise_floor(log.outputs, log.episodes, [c.noise_sd for c in task.outputs])
+    starts = estimate_starts(
+        task.model,
+        [c.sensor for c in task.outputs],
+        time=log.time,
+        outputs=log.outputs,
+        episodes=log.episodes,
+        window_first=windows.first,
+        window_episode=windows.episode,
+        noise_sd=noise.sd,
+    )
+    split = split_windows(
+        episode=windows.episode,
+        recording=log.recording,
+        recording_names=log.recording_names,
+        test=test,
+        seed=seed,
+    )
+    return PreparedLog(task, log, windows, starts, noise, split)
+
+
+def check_fits(log: MeasuredLog, task: Task) -> None:
+    """Raise LogError where the log's channels are not the task's."""
+    for kind, found, expected in (
+        ("inputs", log.input_names, tuple(c.name for c in task.inputs)),
+        ("outputs", log.output_names, tuple(c.name for c in task.outputs)),
+    ):
+        if tuple(found) != expected:
+            raise LogError(
+                f"{log.path}: its {kind} are ({', '.join(found)}); task {task.name!r} has ({', '.join(expected)})",
+                cure="import the log again with this task, or give the task it was made with",
+            )
+
+
+def _check_long_enough(log: MeasuredLog, duration: float | None) -> None:
+    longest = max(log.time[e.stop - 1] - log.time[e.start] for e in log.episodes)
+    if duration is not None and longest < 0.9 * duration:
+        raise LogError(
+            f"{log.path}: its longest episode lasts {longest:.3g} s, and a window {duration:.3g} s",
+            cure="set a shorter `window` under [log] of the task.toml, or pass --window",
+        )
+    if max(e.stop - e.start for e in log.episodes) < 8:
+        raise LogError(f"{log.path}: no episode has 8 samples", cure="record longer, or at a higher rate")
+
+
+def check_parameters_move_outputs(prepared: PreparedLog, simulator: Simulator, seed: int) -> None:
+    """Raise FitError naming parameters that move no output, at the nominal point, the centre, nor at random ones."""
+    space = simulator.space
+    if not len(space):
+        return
+    generator = np.random.default_rng(seed)
+    bases = np.stack([space.to_unit(space.nominal), np.full(len(space), 0.5), generator.uniform(0.1, 0.9, len(space))])
+    still = np.ones(len(space), dtype=bool)
+    some = prepared.part(np.unique(np.linspace(0, len(prepared.windows) - 1, 16).astype(int)))
+    evidence = some.evidence(simulator)
+    for base in bases:
+        columns = np.flatnonzero(still)
+        moved = np.repeat(np.clip(base, 0, 1)[None], 1 + len(columns), axis=0)
+        for row, column in enumerate(columns, start=1):
+            moved[row, column] += MOVES_SHARE if moved[row, column] < 0.5 else -MOVES_SHARE
+        trial = Trial(space.from_unit(moved), np.zeros((len(moved), *evidence.start_sd.shape)))
+        outputs, _ = some.evaluate(simulator, trial)
+        change = np.abs(evidence.residual(outputs[1:]) - evidence.residual(outputs[:1])).max(axis=(1, 2))
+        still[columns[change > MOVES_LEAST]] = False
+        if not still.any():
+            return
+    names = [name for name, fixed in zip(space.names, still, strict=True) if fixed]
+    raise FitError(
+        f"task {prepared.task.name!r}: {', '.join(names)} moves no output of this log, so it cannot be identified",
+        cure="remove it from the task.toml, correct what it sets, or record a motion in which it matters",
+    )

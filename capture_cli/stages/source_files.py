@@ -1,0 +1,260 @@
+"""Files that logs come in, as columns of numbers: CSV (comma, semicolon or tab) and Parquet."""
+
+from __future__ import annotations
+
+import csv
+import re
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from capture_cli.errors import LogError, did_you_mean
+
+SUFFIXES = (".csv", ".tsv", ".txt", ".parquet", ".pq")
+DELIMITERS = ",;\t"
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(inf|infinity|nan)", re.IGNORECASE)
+
+
+class SourceFile(ABC):
+    """An open file: `columns` are the names in its header; values are read when asked for.
+
+    Every reading method raises LogError where the file is not what its name says.
+    """
+
+    def __init__(self, path: Path):
+        self.path = path
+        self.columns = self._read_columns()
+
+    @abstractmethod
+    def _read_columns(self) -> tuple[str, ...]:
+        """The names of all columns."""
+
+    @abstractmethod
+    def numbers(self, names: Sequence[str]) -> np.ndarray:
+        """The columns `names` as (row, column), NaN where a cell is empty."""
+
+    @abstractmethod
+    def labels(self, name: str) -> list[str | None]:
+        """One column as text, (row,), None where a cell is empty."""
+
+    @abstractmethod
+    def place(self, row: int) -> str:
+        """Where row `row` (from 0) stands in the file, for a message."""
+
+    def require(self, names: Sequence[str]) -> None:
+        """Raise LogError unless each of `names` is the name of exactly one column."""
+        for name in names:
+            if name not in self.columns:
+                there_are = did_you_mean(name, self.columns) + self._no_header()
+                raise LogError(
+                    f"{self.path} has no column {name!r}: {there_are}",
+                    cure="correct the column in the task.toml, or in the first line of the file",
+                )
+            if self.columns.count(name) > 1:
+                raise LogError(
+                    f"{self.path} has {self.columns.count(name)} columns named {name!r}",
+                    cure="give each column a name of its own",
+                )
+
+    def _no_header(self) -> str:
+        if all(_NUMBER.fullmatch(c) for c in self.columns):
+            return " (these are numbers: the first line must name the columns)"
+        return ""
+
+    def _not_a_number(self, name: str, row: int, value: object) -> LogError:
+        return LogError(
+            f"{self.path}: column {name!r} holds {str(value)!r:.60} at {self.place(row)}, not a number",
+            cure="correct that cell; an empty one counts as missing, and --drop-nan drops its row",
+        )
+
+    def _numbers_of(self, name: str, texts: Sequence[str | None], *, decimal_comma: bool) -> np.ndarray:
+        """Texts as numbers, (row,); with `decimal_comma` a comma is the point, if no text has a point."""
+        texts = [t.strip() if t is not None else "nan" for t in texts]
+        decimal_comma = decimal_comma and not any("." in t for t in texts)
+        values = np.empty(len(texts))
+        for row, text in enumerate(texts):
+            number = text.replace(",", ".") if decimal_comma else text
+            if not _NUMBER.fullmatch(number):
+                raise self._not_a_number(name, row, text)
+            values[row] = float(number)
+        return values
+
+
+def open_source(path: Path) -> SourceFile:
+    """The file at `path`. Raises LogError where it is missing, empty, or of a kind that is not read."""
+    path = Path(path)
+    if path.is_dir():
+        raise LogError(
+            f"{path} is a folder; files are read ({', '.join(SUFFIXES)})",
+            cure=f"name the files, say {path}/*.csv; a .zarr log needs no import: pass it to --real-log",
+        )
+    if not path.is_file():
+        raise LogError(f"{path} does not exist", cure="check the path")
+    if path.suffix.lower() not in SUFFIXES:
+        kind = f"files that end in {path.suffix!r}" if path.suffix else "files without an ending"
+        raise LogError(
+            f"{path}: {kind} are not read; {', '.join(SUFFIXES)} are",
+            cure="convert it, or rename it to what it is",
+        )
+    if path.stat().st_size == 0:
+        raise LogError(f"{path} is empty", cure="record it again, or leave it out")
+    try:
+        return ParquetFile(path) if path.suffix.lower() in (".parquet", ".pq") else CsvFile(path)
+    except OSError as error:
+        raise LogError(
+            f"{path} cannot be read: {error.strerror or error}", cure="check its permissions"
+        ) from error
+
+
+class CsvFile(SourceFile):
+    """Text with a header line; the delimiter is the one the header uses most."""
+
+    def _read_columns(self):
+        self._header_line, header = self._first_line()
+        self.delimiter = max(DELIMITERS, key=header.count)
+        return tuple(name.strip() for name in next(csv.reader([header], delimiter=self.delimiter)))
+
+    def _first_line(self) -> tuple[int, str]:
+        """Number (from 0) and text of the first line that is not blank."""
+        try:
+            with self.path.open(encoding="utf-8-sig") as file:
+                for number, line in enumerate(file):
+                    if line.strip():
+                        return number, line.rstrip("\r\n")
+        except UnicodeDecodeError as error:
+            raise LogError(
+                f"{self.path} is not UTF-8 text: {error.reason} at byte {error.start}",
+                cure="save it as CSV in UTF-8 (a Parquet file must be named .parquet)",
+            ) from error
+        raise LogError(f"{self.path} holds blank lines only", cure="record it again, or leave it out")
+
+    def numbers(self, names):
+        import pyarrow as pa
+
+        unique = list(dict.fromkeys(names))
+        try:
+            table = self._read(unique, pa.float64())
+        except pa.ArrowInvalid:  # a cell that is not a number as Arrow writes it: read it as text, and see
+            table = self._read(unique, pa.string())
+        if not table.num_rows:
+            raise LogError(f"{self.path} has a header and no rows", cure="record it again, or leave it out")
+        columns = {}
+        for name in unique:
+            column = table[str(self.columns.index(name))]
+            if column.type == pa.string():
+                values = self._numbers_of(name, column.to_pylist(), decimal_comma=self.delimiter != ",")
+            else:
+                values = column.to_numpy()
+            columns[name] = values
+        return np.column_stack([columns[name] for name in names])
+
+    def labels(self, name):
+        import pyarrow as pa
+
+        return self._read([name], pa.string())[0].to_pylist()
+
+    def _read(self, names: Sequence[str], kind):
+        """An Arrow table whose columns are called by their number, as text: names in files repeat."""
+        import pyarrow as pa
+        from pyarrow import csv as arrow
+
+        wanted = [str(self.columns.index(name)) for name in names]
+        ragged = []
+        try:
+            return arrow.read_csv(
+                self.path,
+                # one thread: with several, Arrow does not tell which row is at fault
+                read_options=arrow.ReadOptions(
+                    column_names=[str(i) for i in range(len(self.columns))],
+                    skip_rows=self._header_line + 1,
+                    use_threads=False,
+                ),
+                parse_options=arrow.ParseOptions(
+                    delimiter=self.delimiter, invalid_row_handler=lambda row: ragged.append(row) or "error"
+                ),
+                convert_options=arrow.ConvertOptions(
+                    column_types=dict.fromkeys(wanted, kind), include_columns=wanted, strings_can_be_null=True
+                ),
+            )
+        except pa.ArrowInvalid as error:
+            if ragged:
+                raise self._ragged(ragged[0]) from error
+            if kind != pa.string():
+                raise
+            raise LogError(
+                f"{self.path} cannot be read as CSV: {error}",
+                cure="correct the file, or convert it to Parquet",
+            ) from error
+
+    def _ragged(self, row) -> LogError:
+        where = "" if row.number is None else f" at {self.place(row.number - self._header_line - 2)}"
+        return LogError(
+            f"{self.path}: {row.actual_columns} values{where}, and the header has {row.expected_columns}: "
+            f"{row.text[:60]!r}",
+            cure="complete that line, or remove it (the last line of a log that was cut off often needs it)",
+        )
+
+    def place(self, row):
+        """The line, counted from 1 as editors do; blank lines are no rows."""
+        with self.path.open(encoding="utf-8-sig", errors="replace") as file:
+            lines = (n for n, line in enumerate(file) if n > self._header_line and line.rstrip("\r\n"))
+            for index, number in enumerate(lines):
+                if index == row:
+                    return f"line {number + 1}"
+        return f"row {row + 1}"
+
+
+class ParquetFile(SourceFile):
+    """A Parquet file; integers, decimals, booleans and text that is numbers are read as numbers."""
+
+    def _read_columns(self):
+        import pyarrow as pa
+        from pyarrow import parquet
+
+        try:
+            self._file = parquet.ParquetFile(self.path)
+        except (pa.ArrowException, OSError) as error:
+            raise LogError(
+                f"{self.path} is not a readable Parquet file: {error}", cure="write it again"
+            ) from error
+        return tuple(self._file.schema_arrow.names)
+
+    def numbers(self, names):
+        table = self._read(list(dict.fromkeys(names)))
+        if not table.num_rows:
+            raise LogError(f"{self.path} has no rows", cure="record it again, or leave it out")
+        columns = {name: self._column(name, table[name]) for name in table.column_names}
+        return np.column_stack([columns[name] for name in names])
+
+    def labels(self, name):
+        return [None if v is None else str(v) for v in self._read([name])[name].to_pylist()]
+
+    def place(self, row):
+        return f"row {row + 1} (of {self._file.metadata.num_rows})"
+
+    def _read(self, names: list[str]):
+        import pyarrow as pa
+
+        try:
+            return self._file.read(columns=names, use_threads=False).select(names)
+        except (pa.ArrowException, OSError) as error:
+            raise LogError(
+                f"{self.path} cannot be read: {error}", cure="the file is damaged: copy or write it again"
+            ) from error
+
+    def _column(self, name: str, column) -> np.ndarray:
+        import pyarrow as pa
+        from pyarrow import types
+
+        if types.is_string(column.type) or types.is_large_string(column.type):
+            return self._numbers_of(name, column.to_pylist(), decimal_comma=False)
+        try:
+            return column.cast(pa.float64(), safe=False).to_numpy().astype(float)
+        except pa.ArrowException as error:
+            raise LogError(
+                f"{self.path}: column {name!r} is of type {column.type}, not a number; "
+                f"{self.place(0)} holds {str(column[0].as_py())!r:.60}",
+                cure="write it as a number, in seconds if it is a time",
+            ) from error

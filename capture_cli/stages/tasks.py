@@ -1,0 +1,29 @@
+"""`capture tasks`: the built-in tasks, or one task in full."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from capture_cli.tasks import REGISTRY, load_task
+from capture_cli.tasks.base import Task
+
+
+def describe(task: str | None) -> dict[str, Any]:
+    """{"tasks": [...]}: every built-in task, or the one of `task`, with parameters, inputs and outputs."""
+    found = [load_task(task)] if task else [cls() for _, cls in REGISTRY.items()]
+    return {"tasks": [_one(t) for t in found]}
+
+
+def _one(task: Task) -> dict[str, Any]:
+    return {
+        "name": task.name,
+        "timestep": task.timestep,
+        "window": task.log.window,
+        "parameters": [
+            {"name": p.name, "unit": p.unit, "low": p.low, "high": p.high, "nominal": p.nominal} for p in task.space
+        ],
+        "inputs": [{"name": c.name, "unit": c.unit, "column": c.column} for c in task.inputs],
+        "outputs": [
+            {"name": c.name, "unit": c.unit, "column": c.column, "noise_sd": c.noise_sd} for c in task.outputs
+        ],
+    }

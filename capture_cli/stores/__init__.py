@@ -1,0 +1,1 @@
+"""What passes between stages: Zarr stores and result directories, each with a schema and a version."""

@@ -1,0 +1,220 @@
+"""The measured log: what was recorded on a machine, as `import-log` and `record` write it.
+
+The layout is the field's replay buffer: steps of all episodes one after the other, and where each one ends.
+The truth, where there is one, is never in it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from capture_cli.errors import LogError, StoreError
+from capture_cli.stores.schema import ArraySpec, Schema
+
+SCHEMA = Schema(
+    format="capture/measured-log",
+    version=1,
+    arrays=(
+        ArraySpec(
+            "data/time", ("step",), "float64", "s", "time of each sample, on the recording's own clock"
+        ),
+        ArraySpec(
+            "data/inputs", ("step", "input"), "float64", "per input", "what drove the machine, as model ctrl"
+        ),
+        ArraySpec("data/outputs", ("step", "output"), "float64", "per output", "what the sensors measured"),
+        ArraySpec(
+            "meta/episode_ends", ("episode",), "int64", "steps", "index one past each episode's last step"
+        ),
+        ArraySpec(
+            "meta/recording", ("episode",), "int64", "-", "which of `recordings` the episode comes from"
+        ),
+        ArraySpec(
+            "meta/actions", ("episode", "action"), "float64", "per action", "the action taken", optional=True
+        ),
+    ),
+    attributes={
+        "task": "name of the task the log belongs to",
+        "inputs": "list of {name, unit}, one per input",
+        "outputs": "list of {name, unit}, one per output",
+        "recordings": "list of {name, source, sha256, ...}: the files read in, or how it was recorded",
+    },
+    cure_for_other_version="read the source files in again with `capture import-log`",
+)
+
+
+@dataclass(frozen=True)
+class MeasuredLog:
+    """A log in memory; SI units.
+
+    time (step,), inputs (step, input), outputs (step, output), episode_ends (episode,), recording (episode,):
+    index into `recordings`, each {name, source, sha256}. actions (episode, action) or None.
+    """
+
+    task: str
+    time: np.ndarray
+    inputs: np.ndarray
+    outputs: np.ndarray
+    episode_ends: np.ndarray
+    recording: np.ndarray
+    input_names: tuple[str, ...]
+    input_units: tuple[str, ...]
+    output_names: tuple[str, ...]
+    output_units: tuple[str, ...]
+    recordings: tuple[dict[str, Any], ...]
+    actions: np.ndarray | None = None
+    path: Path | None = field(default=None, compare=False)
+
+    @property
+    def episodes(self) -> list[slice]:
+        """The steps of each episode."""
+        ends = [int(e) for e in self.episode_ends]
+        return [slice(a, b) for a, b in zip([0, *ends[:-1]], ends, strict=True)]
+
+    @property
+    def episodes_cover_steps(self) -> bool:
+        """Whether the episodes divide the steps without overlap or rest, as those of a sound log do."""
+        ends = np.asarray(self.episode_ends)
+        increasing = len(ends) > 0 and ends[0] > 0 and np.all(np.diff(ends) > 0)
+        return bool(increasing and ends[-1] == len(self.time))
+
+    @property
+    def recording_names(self) -> tuple[str, ...]:
+        return tuple(r["name"] for r in self.recordings)
+
+    def check(self) -> MeasuredLog:
+        """Return self. Raises LogError naming the first fault: no steps, NaN, time that does not increase."""
+        where = f"{self.path}: " if self.path else ""
+        if not len(self.episode_ends) or not len(self.time):
+            raise LogError(f"{where}the log is empty", cure="record or import at least one episode")
+        if not self.episodes_cover_steps:
+            raise LogError(
+                f"{where}episode_ends {self.episode_ends[:5].tolist()}... "
+                f"do not divide {len(self.time)} steps",
+                cure="import the log again",
+            )
+        for name, values in self._channels():
+            bad = np.flatnonzero(~np.isfinite(values))
+            if bad.size:
+                raise LogError(
+                    f"{where}{name} is {values[bad[0]]} at step {bad[0]} ({bad.size} such values)",
+                    cure="drop those rows (`capture import-log --drop-nan`) or fill them in the source file",
+                )
+        for number, steps in enumerate(self.episodes):
+            back = np.flatnonzero(np.diff(self.time[steps]) <= 0)
+            if back.size:
+                i = steps.start + int(back[0])
+                raise LogError(
+                    f"{where}time does not increase in episode {number}: "
+                    f"{self.time[i]:.9g} s at step {i}, then {self.time[i + 1]:.9g} s",
+                    cure="sort the rows, drop duplicates, or name the episode column in [log] episode",
+                )
+        return self
+
+    def _channels(self):
+        yield "time", self.time
+        for names, kind, values in (
+            (self.input_names, "input", self.inputs),
+            (self.output_names, "output", self.outputs),
+        ):
+            for k, name in enumerate(names):
+                yield f"{kind} {name!r}", values[:, k]
+
+    def select_episodes(self, keep: Sequence[int]) -> MeasuredLog:
+        """The log of these episodes alone, in this order."""
+        slices = [self.episodes[i] for i in keep]
+        rows = np.concatenate([np.arange(s.start, s.stop) for s in slices]) if slices else np.empty(0, int)
+        return MeasuredLog(
+            task=self.task,
+            time=self.time[rows],
+            inputs=self.inputs[rows],
+            outputs=self.outputs[rows],
+            episode_ends=np.cumsum([s.stop - s.start for s in slices]),
+            recording=np.asarray(self.recording)[list(keep)],
+            input_names=self.input_names,
+            input_units=self.input_units,
+            output_names=self.output_names,
+            output_units=self.output_units,
+            recordings=self.recordings,
+            actions=None if self.actions is None else self.actions[list(keep)],
+            path=self.path,
+        )
+
+    def write(self, path: Path) -> None:
+        """Write to `path` (a folder made by `new_directory`)."""
+        arrays = {
+            "data/time": self.time,
+            "data/inputs": self.inputs,
+            "data/outputs": self.outputs,
+            "meta/episode_ends": self.episode_ends,
+            "meta/recording": self.recording,
+        }
+        if self.actions is not None:
+            arrays["meta/actions"] = self.actions
+        attributes = {
+            "task": self.task,
+            "inputs": _named(self.input_names, self.input_units),
+            "outputs": _named(self.output_names, self.output_units),
+            "recordings": list(self.recordings),
+        }
+        SCHEMA.write(path, arrays, attributes)
+
+    @classmethod
+    def read(cls, path: Path) -> MeasuredLog:
+        """The log at `path`, checked. Raises StoreError or LogError."""
+        return cls.read_unchecked(path).check()
+
+    @classmethod
+    def read_unchecked(cls, path: Path) -> MeasuredLog:
+        """The log at `path` with whatever values it holds, NaN and backward times too. Raises StoreError."""
+        arrays, attributes = SCHEMA.read(path)
+        input_names, input_units = _channel_list(path, attributes, "inputs", arrays["data/inputs"].shape[1])
+        output_names, output_units = _channel_list(
+            path, attributes, "outputs", arrays["data/outputs"].shape[1]
+        )
+        recordings = attributes["recordings"]
+        named = isinstance(recordings, list) and all(isinstance(r, dict) and "name" in r for r in recordings)
+        if not named or np.any(
+            (arrays["meta/recording"] < 0) | (arrays["meta/recording"] >= len(recordings))
+        ):
+            raise StoreError(
+                f"{path}: meta/recording points outside the attribute 'recordings', {recordings!r:.80}",
+                cure=SCHEMA.cure_for_other_version,
+            )
+        return cls(
+            task=str(attributes["task"]),
+            time=arrays["data/time"],
+            inputs=arrays["data/inputs"],
+            outputs=arrays["data/outputs"],
+            episode_ends=arrays["meta/episode_ends"],
+            recording=arrays["meta/recording"],
+            input_names=input_names,
+            input_units=input_units,
+            output_names=output_names,
+            output_units=output_units,
+            recordings=tuple(recordings),
+            actions=arrays.get("meta/actions"),
+            path=Path(path),
+        )
+
+
+def _channel_list(path: Path, attributes: Mapping[str, Any], key: str, size: int):
+    """Names and units of the attribute `key`, checked against the `size` columns of its array."""
+    entries = attributes[key]
+    good = isinstance(entries, list) and all(
+        isinstance(e, dict) and {"name", "unit"} <= set(e) for e in entries
+    )
+    if not good or len(entries) != size:
+        raise StoreError(
+            f"{path}: the attribute {key!r} is {entries!r:.80}; expected {size} of {{name, unit}}",
+            cure=SCHEMA.cure_for_other_version,
+        )
+    return tuple(str(e["name"]) for e in entries), tuple(str(e["unit"]) for e in entries)
+
+
+def _named(names: Sequence[str], units: Sequence[str]) -> list[dict[str, str]]:
+    return [{"name": n, "unit": u} for n, u in zip(names, units, strict=True)]

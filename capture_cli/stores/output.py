@@ -1,0 +1,157 @@
+"""Outputs appear whole or not at all: written beside, synced to disk, renamed into place."""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from capture_cli.errors import OutputError
+
+PARTIAL = ".partial-"
+REPLACED = ".replaced-"
+PROVENANCE = "provenance.json"
+
+
+@contextmanager
+def new_directory(path: Path, *, force: bool = False) -> Iterator[Path]:
+    """A folder to write into that becomes `path` when the block ends without an error.
+
+    Until then only a hidden sibling exists, so a run that is killed leaves nothing that looks complete;
+    siblings left by dead runs are removed by the next one. Raises OutputError if `path` exists and `force` is
+    not given (or the folder is not `capture`'s to replace), if it cannot be written, or if the disk is full.
+    """
+    path = Path(path).resolve()
+    refuse_existing(path, force=force)
+    if path.is_file():
+        raise OutputError(f"{path} is a file; the output is a folder", cure="choose another --out")
+    partial = path.with_name(f".{path.name}{PARTIAL}{os.getpid()}")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        _remove_leftovers(path)
+        partial.mkdir()
+        yield partial
+        _sync(partial)
+        refuse_existing(path, force=force)  # it may have appeared since
+        _move_into_place(partial, path)
+    except OSError as error:
+        raise _as_output_error(error, path) from error
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+
+
+@contextmanager
+def new_file(path: Path, *, force: bool = False) -> Iterator[Path]:
+    """Like `new_directory`, for one file: write the yielded path, and it becomes `path`."""
+    path = Path(path).resolve()
+    refuse_existing(path, force=force)
+    if path.is_dir():
+        raise OutputError(f"{path} is a folder; the output is a file", cure="choose another --out")
+    partial = path.with_name(f".{path.name}{PARTIAL}{os.getpid()}")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        _remove_leftovers(path)
+        yield partial
+        _sync(partial)
+        refuse_existing(path, force=force)
+        partial.replace(path)
+        _sync_parent(path)
+    except OSError as error:
+        raise _as_output_error(error, path) from error
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def refuse_existing(path: Path, *, force: bool) -> None:
+    """Raise OutputError where `path` exists and may not be replaced; call it before any work.
+
+    With `force` a folder is replaced if it is empty or holds a provenance.json, as every output of `capture`
+    does: a slip of the hand (`--out . --force`) must not cost a user's own files.
+    """
+    path = Path(path)
+    if not path.exists():
+        return
+    if not force:
+        raise OutputError(f"{path} exists already", cure="choose another --out, or add --force to replace it")
+    if path.is_dir() and any(path.iterdir()) and not (path / PROVENANCE).is_file():
+        raise OutputError(
+            f"{path} is not an output of `capture` (no {PROVENANCE} in it), so --force does not replace it",
+            cure="choose another --out, or remove the folder yourself",
+        )
+
+
+def sha256(path: Path) -> str:
+    """Hash of a file, or of a folder's files with their names (but provenance.json, which holds timings)."""
+    path = Path(path)
+    if path.is_file():
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    digest = hashlib.sha256()
+    for file in sorted(f for f in path.rglob("*") if f.is_file() and f.name != PROVENANCE):
+        digest.update(file.relative_to(path).as_posix().encode() + b"\0")
+        digest.update(hashlib.sha256(file.read_bytes()).digest())
+    return digest.hexdigest()
+
+
+def _remove_leftovers(path: Path) -> None:
+    marks = (f".{path.name}{PARTIAL}", f".{path.name}{REPLACED}")
+    for leftover in [item for item in path.parent.iterdir() if item.name.startswith(marks)]:
+        pid = leftover.name.rsplit("-", 1)[-1]
+        if pid.isdigit() and not _alive(int(pid)):
+            leftover.unlink() if leftover.is_file() else shutil.rmtree(leftover, ignore_errors=True)
+
+
+def _alive(pid: int) -> bool:
+    if pid == os.getpid():
+        return False  # ours, from an earlier attempt in this process
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        return True
+    return True
+
+
+def _sync(folder: Path) -> None:
+    for item in [folder, *folder.rglob("*")]:
+        descriptor = os.open(item, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+
+
+def _move_into_place(partial: Path, path: Path) -> None:
+    replaced = path.with_name(f".{path.name}{REPLACED}{os.getpid()}")
+    if path.exists():
+        path.rename(replaced)
+    try:
+        partial.rename(path)
+    except OSError:
+        if replaced.exists():
+            replaced.rename(path)
+        raise
+    _sync_parent(path)
+    shutil.rmtree(replaced, ignore_errors=True)
+
+
+def _sync_parent(path: Path) -> None:
+    descriptor = os.open(path.parent, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _as_output_error(error: OSError, path: Path) -> OutputError:
+    if error.errno == errno.ENOSPC:
+        return OutputError(
+            f"the disk is full: {path} was not written", cure="free some space, or choose another --out"
+        )
+    return OutputError(
+        f"cannot write {path}: {error.strerror or error}", cure="choose an --out you may write to"
+    )

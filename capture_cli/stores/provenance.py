@@ -1,0 +1,55 @@
+"""`provenance.json`: what made an output, from what, and how long it took."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import json
+import platform
+import time
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from capture_cli import __version__
+from capture_cli.stores.output import sha256
+
+PACKAGES = ("mujoco", "numpy", "scipy", "zarr")
+
+
+class Provenance:
+    """Started when a stage starts; written when its output is complete."""
+
+    def __init__(self, command: str, options: Mapping[str, Any], inputs: Mapping[str, Path | None]):
+        self.command = command
+        self.options = {k: str(v) if isinstance(v, Path) else v for k, v in options.items()}
+        self.inputs = {
+            name: {"path": str(path), "sha256": sha256(path)} for name, path in inputs.items() if path is not None
+        }
+        self.began = datetime.now(UTC)
+        self._clock = time.perf_counter()
+
+    def document(self) -> dict[str, Any]:
+        """The content of provenance.json, with the time taken so far."""
+        return {
+            "format": "capture/provenance",
+            "version": 1,
+            "command": self.command,
+            "options": self.options,
+            "inputs": self.inputs,
+            "capture": __version__,
+            "python": platform.python_version(),
+            "packages": {name: importlib.metadata.version(name) for name in PACKAGES},
+            "platform": platform.platform(),
+            "began": self.began.isoformat(timespec="seconds"),
+            "seconds": round(time.perf_counter() - self._clock, 3),
+        }
+
+    def write(self, folder: Path) -> None:
+        """Write provenance.json into `folder`."""
+        write_json(folder / "provenance.json", self.document())
+
+
+def write_json(path: Path, document: Mapping[str, Any]) -> None:
+    """Write `document`, refusing NaN and infinity, which JSON does not have."""
+    path.write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")

@@ -1,0 +1,30 @@
+"""The known world: one task = one file. A user's own machine is a task.toml beside an MJCF (`mjcf_file.py`)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from capture_cli.errors import TaskError
+from capture_cli.registry import Registry
+from capture_cli.tasks.base import Task
+
+REGISTRY: Registry[Task] = Registry("capture_cli.tasks", "Task", "task", not_listed=("mjcf-file",))
+
+
+def load_task(name: str) -> Task:
+    """The built-in task called `name`, or the one of the task.toml at that path (or in that folder)."""
+    path = Path(name)
+    if name in REGISTRY.names():
+        return REGISTRY.get(name)()
+    if path.is_dir() and (path / "task.toml").is_file():
+        path = path / "task.toml"
+    if not path.is_file():
+        names = REGISTRY.names()
+        built_in = f"; the built-in ones are {', '.join(names)}" if names else ""
+        raise TaskError(
+            f"--task {name!r} is neither a built-in task nor a file",
+            cure=f"give the path of a task.toml{built_in}",
+        )
+    from capture_cli.tasks.mjcf_file import MjcfFile
+
+    return MjcfFile(path)

@@ -1,0 +1,192 @@
+"""A user's own machine: an MJCF and a `task.toml` that says what is open, what drives it and what was measured."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import mujoco
+
+from capture_cli.errors import ModelError, TaskError, did_you_mean
+from capture_cli.parameters import Parameter, ParameterSpace
+from capture_cli.sim.engine import silence_mujoco
+from capture_cli.sim.targets import object_id, parse_target
+from capture_cli.tasks.base import Channel, LogColumns, Task
+
+FORMAT = 1
+_AXES = {1: ("",), 2: ("_x", "_y"), 3: ("_x", "_y", "_z"), 4: ("_w", "_x", "_y", "_z")}
+
+
+class MjcfFile(Task):
+    """The task written in the file at `path`. Raises TaskError or ModelError before any work."""
+
+    def __init__(self, path: Path):
+        self.path = Path(path)
+        table = _read(self.path)
+        where = str(self.path)
+        _known(table, {"format", "name", "model", "parameters", "inputs", "outputs", "log"}, where)
+        if table.get("format") != FORMAT:
+            raise TaskError(
+                f"{where}: format = {table.get('format')!r}; this program reads {FORMAT}",
+                cure=f"begin the file with `format = {FORMAT}`",
+            )
+        self.name = _value(table, "name", str, where, default=self.path.parent.name)
+        self.model_path = self.path.parent / _value(table, "model", str, where)
+        self.model = compile_model(self.model_path)
+        self._targets = []
+        parameters = []
+        for name, entry in _tables(table, "parameters", where):
+            parameter, targets = self._parameter(name, entry, f"{where}: [parameters.{name}]")
+            parameters.append(parameter)
+            self._targets.append(targets)
+        self.space = ParameterSpace(parameters)
+        self.inputs = tuple(
+            self._input(name, entry, f"{where}: [inputs.{name}]") for name, entry in _tables(table, "inputs", where)
+        )
+        self.outputs = tuple(
+            channel
+            for name, entry in _tables(table, "outputs", where)
+            for channel in self._output(name, entry, f"{where}: [outputs.{name}]")
+        )
+        if not self.outputs:
+            raise TaskError(f"{where}: no [outputs.NAME]", cure="name at least one sensor of the model as an output")
+        self.log = self._log_columns(table.get("log", {}), f"{where}: [log]")
+
+    def write(self, fields, parameters):
+        for column, targets in enumerate(self._targets):
+            for target in targets:
+                target.write(fields, parameters[:, column])
+
+    def _parameter(self, name: str, entry: dict[str, Any], where: str):
+        _known(entry, {"set", "low", "high", "unit", "nominal"}, where)
+        texts = entry.get("set")
+        texts = [texts] if isinstance(texts, str) else texts
+        if not isinstance(texts, list) or not texts or not all(isinstance(t, str) for t in texts):
+            raise TaskError(
+                f"{where}: set = {entry.get('set')!r}", cure='write set = "KIND:NAME:ATTRIBUTE", or a list of such'
+            )
+        targets = [parse_target(text, self.model, where) for text in texts]
+        low, high = (_value(entry, key, float, where) for key in ("low", "high"))
+        if not low < high:
+            raise TaskError(f"{where}: low = {low:g}, high = {high:g}", cure="give bounds with low < high")
+        nominal = _value(entry, "nominal", float, where, default=targets[0].read(self.model))
+        if "nominal" in entry and not low <= nominal <= high:
+            raise TaskError(
+                f"{where}: nominal = {nominal:g} lies outside [{low:g}, {high:g}]",
+                cure="move it inside, widen the bounds, or leave it out to take the model's own value",
+            )
+        unit = _value(entry, "unit", str, where)
+        return Parameter(name, unit, low, high, min(max(nominal, low), high)), targets
+
+    def _input(self, name: str, entry: dict[str, Any], where: str) -> Channel:
+        _known(entry, {"column", "unit", "scale", "offset", "interpolate"}, where)
+        number = object_id(self.model, "actuator", name, where)
+        how = _value(entry, "interpolate", str, where, default="hold")
+        if how not in ("hold", "linear"):
+            raise TaskError(f"{where}: interpolate = {how!r}", cure='write "hold" or "linear"')
+        return Channel(
+            name=name,
+            unit=_value(entry, "unit", str, where),
+            column=_value(entry, "column", str, where),
+            index=number,
+            scale=_value(entry, "scale", float, where, default=1.0),
+            offset=_value(entry, "offset", float, where, default=0.0),
+            linear=how == "linear",
+        )
+
+    def _output(self, name: str, entry: dict[str, Any], where: str) -> list[Channel]:
+        _known(entry, {"column", "unit", "scale", "offset", "noise_sd"}, where)
+        number = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_SENSOR, name)
+        if number < 0:
+            names = [self.model.sensor(i).name for i in range(self.model.nsensor)]
+            raise ModelError(f"{where}: the model has no sensor {name!r}", cure=did_you_mean(name, filter(None, names)))
+        size, first = int(self.model.sensor_dim[number]), int(self.model.sensor_adr[number])
+        columns = entry.get("column")
+        columns = [columns] if isinstance(columns, str) else columns
+        if not isinstance(columns, list) or len(columns) != size or not all(isinstance(c, str) for c in columns):
+            raise TaskError(
+                f"{where}: column = {entry.get('column')!r}, and the sensor has {size} values",
+                cure="name one column of the log" if size == 1 else f"give a list of {size} columns of the log",
+            )
+        noise_sd = _value(entry, "noise_sd", float, where, default=None)
+        if noise_sd is not None and noise_sd <= 0:
+            raise TaskError(f"{where}: noise_sd = {noise_sd:g}", cure="give a positive number, or leave it out")
+        axes = _AXES.get(size, tuple(f"_{i}" for i in range(size)))
+        return [
+            Channel(
+                name=name + axes[i],
+                unit=_value(entry, "unit", str, where),
+                column=columns[i],
+                index=first + i,
+                sensor=number,
+                scale=_value(entry, "scale", float, where, default=1.0),
+                offset=_value(entry, "offset", float, where, default=0.0),
+                noise_sd=noise_sd,
+            )
+            for i in range(size)
+        ]
+
+    @staticmethod
+    def _log_columns(entry: dict[str, Any], where: str) -> LogColumns:
+        _known(entry, {"time", "episode", "window"}, where)
+        window = _value(entry, "window", float, where, default=None)
+        if window is not None and window <= 0:
+            raise TaskError(f"{where}: window = {window:g}", cure="give a positive number of seconds")
+        return LogColumns(
+            time=_value(entry, "time", str, where, default="time"),
+            episode=_value(entry, "episode", str, where, default=None),
+            window=window,
+        )
+
+
+def compile_model(path: Path) -> mujoco.MjModel:
+    """The MJCF at `path`, compiled. Raises ModelError with MuJoCo's own words."""
+    silence_mujoco()
+    if not path.is_file():
+        raise ModelError(f"the model {path} does not exist", cure="correct `model = ...` in the task.toml")
+    try:
+        return mujoco.MjModel.from_xml_path(str(path))
+    except ValueError as error:
+        raise ModelError(f"{path} does not compile: {error}", cure="correct the MJCF at the place named") from error
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise TaskError(f"{path} is not TOML: {error}", cure="correct the file at the place named") from error
+
+
+def _known(table: Any, keys: set[str], where: str) -> None:
+    if not isinstance(table, dict):
+        raise TaskError(f"{where} is {table!r}, not a table", cure="write it as a [table] with keys")
+    for key in table:
+        if key not in keys:
+            raise TaskError(f"{where}: unknown key {key!r}", cure=did_you_mean(key, keys))
+
+
+def _tables(table: dict[str, Any], key: str, where: str) -> list[tuple[str, dict[str, Any]]]:
+    section = table.get(key, {})
+    if not isinstance(section, dict):
+        raise TaskError(f"{where}: {key} is {section!r}", cure=f"write [{key}.NAME] tables")
+    return list(section.items())
+
+
+_REQUIRED = object()
+
+
+def _value(table: dict[str, Any], key: str, kind: type, where: str, default: Any = _REQUIRED) -> Any:
+    """table[key] as `kind`, finite if a number. Raises TaskError where it is missing or something else."""
+    names = {str: "a string", float: "a number"}
+    if key not in table:
+        if default is _REQUIRED:
+            raise TaskError(f"{where}: {key!r} is missing", cure=f"add `{key} = ...` ({names[kind]})")
+        return default
+    value = table[key]
+    if kind is float and isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value):
+        return float(value)
+    if kind is str and isinstance(value, str) and value:
+        return value
+    raise TaskError(f"{where}: {key} = {value!r}", cure=f"give {names[kind]}")
