@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
+import base64
 import io
 import json
 import re
+import sys
 from html.parser import HTMLParser
+from subprocess import run
 
 import numpy as np
 import pytest
 from matplotlib.image import imread
 from rich.console import Console
 
-from capture_cli.reports import curves as curves_module
+from capture_cli.reports.curve_plots import MOST_POINTS, curve_views
 from capture_cli.reports.curves import Curves, autocorrelation, thin
 from capture_cli.reports.estimate_page import render
-from capture_cli.reports.curve_plots import MOST_POINTS, curve_views
 from capture_cli.reports.figures import write_figures
 from capture_cli.reports.findings import combination, correlation, notes, output_errors, sentence
-from capture_cli.reports.quantities import bound, scaled_unit, significant, to_precision_of
+from capture_cli.reports.quantities import MISSING, bound, scaled_unit, significant, to_precision_of
 from capture_cli.reports.terminal import print_estimate
-from capture_cli.stores.estimate import SCHEMA, Estimate
+from capture_cli.stores.estimate import Estimate
 
 PARAMETERS = {
     "mass": ("kg", 50.0, 150.0, 95.108, 0.131),
@@ -47,7 +49,7 @@ PROVENANCE = {
 def make(
     parameters=PARAMETERS, outputs=OUTPUTS, *, windows=20, steps=50, episodes=1, held_out=4, rounds=8, seed=0
 ):
-    """An estimate of a made-up machine: noise on the fitted windows, a slow residual above it on all of them."""
+    """An estimate of a made-up machine: noise, and a slow residual twice as large that is not explained."""
     rng = np.random.default_rng(seed)
     count = windows * steps
     window = np.repeat(np.arange(windows), steps)
@@ -169,3 +171,490 @@ def full():
     document["starts"] = {"refined": True}
     document["correlation"] = (0.5 * np.eye(4) + 0.5).tolist()
     return estimate
+
+
+def bare():
+    """A single recording of one window, no parameters, nothing held out, no rounds."""
+    estimate = make({}, {"z": ("m", 1e-3)}, windows=1, steps=80, held_out=0, rounds=0)
+    estimate.document["verdict"] = "explained"
+    return estimate
+
+
+def not_identifiable():
+    """Two parameters of which the log fixes the sum only: no sd, no interval."""
+    estimate = make({n: PARAMETERS[n] for n in ("mass", "bias")}, {"contact": ("1", 0.1)})
+    estimate.document["verdict"] = "not-identifiable"
+    estimate.document["undetermined"] = [{"combination": {"mass": 0.7, "bias": -0.7}, "sd_over_range": 3.1}]
+    for p in estimate.document["parameters"].values():
+        p |= {"identifiable": False, "sd": None, "ci95": None}
+    return estimate
+
+
+def runaway_nominal():
+    """The model diverges at its nominal values."""
+    estimate = make()
+    estimate.arrays["step/nominal"][300:600] = 1e200
+    estimate.arrays["step/nominal"][600:] = np.nan
+    return estimate
+
+
+RECORDS = {
+    "plain": make,
+    "full": full,
+    "bare": bare,
+    "not-identifiable": not_identifiable,
+    "runaway-nominal": runaway_nominal,
+}
+
+
+class Page(HTMLParser):
+    """A parsed page: fails on a tag left open or closed out of order, and keeps what the tests ask for."""
+
+    VOID = frozenset({"meta", "br", "link", "img", "input", "hr"})
+
+    def __init__(self, html: str):
+        super().__init__()
+        self.open: list[str] = []
+        self.attributes: list[tuple[str, str, str]] = []
+        self.tags: list[str] = []
+        self.ids: list[str] = []
+        self.scripts: list[str] = []
+        self.visible: list[str] = []
+        self.feed(html)
+        self.close()
+        assert self.open == []
+        self.text = " ".join(" ".join(self.visible).split())
+        self.data = json.loads(self.scripts[1])
+
+    def handle_starttag(self, tag, attrs):
+        self.attributes += [(tag, name, value or "") for name, value in attrs]
+        self.tags.append(tag)
+        self.ids += [value for name, value in attrs if name == "id"]
+        if tag == "script":
+            self.scripts.append("")
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open and self.open[-1] == tag, f"</{tag}> closes {self.open[-2:]}"
+        self.open.pop()
+
+    def handle_data(self, data):
+        if self.open and self.open[-1] == "script":
+            self.scripts[-1] += data
+        elif self.open and self.open[-1] != "style":
+            self.visible.append(data)
+
+
+@pytest.fixture(scope="module", params=RECORDS)
+def record(request):
+    estimate = RECORDS[request.param]()
+    return estimate, Page(render(estimate, PROVENANCE))
+
+
+def printed(estimate, width: int, **console) -> str:
+    out = io.StringIO()
+    print_estimate(estimate, Console(file=out, width=width, **console), "runs/estimate")
+    return out.getvalue()
+
+
+# ---- the page ----
+
+
+def test_page_fetches_nothing(record):
+    _, page = record
+    fetching = {"src", "href", "action", "data", "srcset", "poster", "formaction", "ping", "background"}
+    assert [a for a in page.attributes if a[1] in fetching] == []
+    assert not any(tag in ("link", "iframe", "object", "img") for tag, _, _ in page.attributes)
+    assert "default-src 'none'" in next(v for t, n, v in page.attributes if t == "meta" and n == "content")
+    own = "".join(page.scripts[1:])
+    assert "http" not in own and "showSendToCloud: false" in own
+
+
+def test_page_has_no_addresses_outside_plotly():
+    html = render(full(), PROVENANCE)
+    without_plotly = re.sub(r"<script>.*?</script>", "", html, count=1, flags=re.DOTALL)
+    assert not re.search(r"https?://|@import|url\(", without_plotly)
+    assert html.count("* plotly.js v") == 1
+    assert len(without_plotly) < 400_000
+
+
+def test_page_structure(record):
+    _, page = record
+    assert len(page.ids) == len(set(page.ids))
+    assert len(page.scripts) == 3
+    assert [page.tags.count(tag) for tag in ("html", "head", "title", "body", "main", "h1")] == [1] * 6
+    plots = {v for t, n, v in page.attributes if t == "div" and n == "id"}
+    assert plots == set(page.data["plots"]), "every plot has its place, and every place its plot"
+
+
+def test_traces_find_their_curves(record):
+    estimate, page = record
+    views, sets = page.data["curves"]["views"], page.data["curves"]["sets"]
+    steps = len(estimate.arrays["step/time"])
+    windows = len(estimate.arrays["window/first"])
+    assert views[0]["last"] - views[0]["first"] == steps + windows  # one gap after every window
+    assert len(views) == (1 if windows == 1 else 1 + windows)
+    for k in range(len(estimate.attributes["outputs"])):
+        named = [t["meta"]["series"] for t in page.data["plots"][f"overlay-{k}"]["data"] if "meta" in t]
+        assert set(named) == {f"{kind}/{k}" for kind in ("measured", "simulated", "nominal", "residual")}
+        assert set(named) <= set(sets["log"])
+
+
+def test_embedded_numbers_are_those_of_the_record():
+    estimate = make()
+    page = Page(render(estimate, None))
+    curves = page.data["curves"]
+    view = curves["views"][3]
+
+    def values(series, dtype):
+        return np.frombuffer(base64.b64decode(curves["sets"]["log"][series]["bdata"]), dtype)[
+            view["first"] : view["last"]
+        ]
+
+    rows = slice(100, 150)  # the third window
+    np.testing.assert_array_equal(values("x", "<f8"), estimate.arrays["step/time"][rows])
+    np.testing.assert_allclose(
+        values("measured/0", "<f4"), estimate.arrays["step/measured"][rows, 0], rtol=1e-6
+    )
+    residual = estimate.arrays["step/measured"][rows, 1] - estimate.arrays["step/simulated"][rows, 1]
+    np.testing.assert_allclose(values("residual/1", "<f4"), 1e3 * residual, rtol=1e-5)  # m/s drawn as mm/s
+
+
+def test_page_says_what_was_found():
+    page = Page(render(full(), PROVENANCE))
+    for said in (
+        "unexplained",
+        "A slow residual 1.7 times the noise floor remains",
+        "Only mass over bias is known.",
+        "bias is at its lower bound, -20 N",
+        "The recordings disagree on mass (p = 0.004)",
+        "chance stays under 1.05",
+        "capture diagnose --real-log slider.zarr --estimate out --out diagnosis",
+        "203.5 1.9 199.8 to 207.2",
+        "not determined , at its bound",
+        "from high-order differences",
+        "every fifth block: 16 windows fitted, 4 held out",
+        "refined together with the parameters",
+        "4 March 2025",
+        "mujoco 4.0.0",
+        "seed = 0",
+        "ab" * 32,
+    ):
+        assert said in page.text, said
+    assert {"correlation", "convergence", "recordings"} <= set(page.data["plots"])
+    assert len(page.data["plots"]["recordings"]["data"]) == 4
+
+
+@pytest.mark.parametrize("name", ["full", "bare"])
+def test_page_of_an_estimate_from_disk(name, tmp_path):
+    RECORDS[name]().write(tmp_path)
+    assert render(Estimate.read(tmp_path), PROVENANCE) == render(RECORDS[name](), PROVENANCE)
+
+
+def test_page_without_parameters_or_provenance():
+    page = Page(render(bare(), None))
+    assert "None are declared" in page.text
+    assert set(page.data["plots"]) == {"overlay-0", "residual-0"}
+    assert "view" not in page.ids
+    assert "held out" not in json.dumps(page.data["plots"])
+
+
+def test_names_cannot_break_the_page():
+    estimate = make({"</script><b>": ("kg", 0.0, 1.0, 0.5, 0.1)}, {"<i>&": ("m", 1e-3)})
+    page = Page(render(estimate, PROVENANCE))  # raises where the tags do not match
+    assert "</script><b>" in page.text and "<i>&" in page.text
+    assert page.data["plots"]["convergence"]["data"][1]["name"] == "</script><b>"
+
+
+def test_many_outputs_are_folded():
+    page = Page(render(make(outputs={f"j{k}": ("rad", 1e-3) for k in range(6)}, windows=4, held_out=1), None))
+    assert page.text.count("white noise stays in the band") == 6
+    assert page.tags.count("details") == 2
+    assert "details" not in Page(render(make(), None)).tags
+
+
+# ---- long logs ----
+
+
+def test_long_log_stays_light_and_keeps_its_peaks():
+    estimate = make(outputs={"q": ("m", 2e-5)}, windows=50, steps=4000, held_out=10)
+    estimate.arrays["step/measured"][123_456, 0] += 5.0
+    views = curve_views(estimate, Curves.of(estimate))
+    assert views["views"][0]["last"] <= MOST_POINTS + 3 * 50
+    shown = np.frombuffer(base64.b64decode(views["sets"]["log"]["measured/0"]["bdata"]), "<f4")
+    assert np.nanmax(shown) == np.float32(estimate.arrays["step/measured"][123_456, 0])
+    labels = [v["label"] for v in views["views"][1:]]
+    assert [label.split(" window")[0] for label in labels] == ["worst", "median", "best"] * 2
+    assert labels[3].startswith("worst window 30 · fitted"), "the window with the peak"
+    assert len(json.dumps(views)) < 2_500_000
+
+
+def test_thinned_curve_has_the_extremes_of_every_window():
+    values = np.random.default_rng(0).normal(size=(3000, 2))
+    slices = (slice(0, 1000), slice(1000, 2100), slice(2100, 3000))
+    at, rows, ends = thin(values, slices, 300)
+    assert len(rows) == pytest.approx(300, rel=0.05)
+    assert np.all(np.diff(at) >= 0)
+    for (first, last), steps in zip(ends, slices, strict=True):
+        np.testing.assert_array_equal(rows[first:last].max(axis=0), values[steps].max(axis=0))
+        np.testing.assert_array_equal(rows[first:last].min(axis=0), values[steps].min(axis=0))
+        assert np.isnan(rows[last]).all()
+        assert steps.start <= at[first] and at[last - 1] < steps.stop
+
+
+def test_short_curve_is_kept_whole():
+    values = np.arange(20.0)[:, None]
+    at, rows, ends = thin(values, (slice(0, 12), slice(12, 20)), 100)
+    np.testing.assert_array_equal(rows[:12, 0], values[:12, 0])
+    np.testing.assert_array_equal(rows[13:21, 0], values[12:, 0])
+    assert ends.tolist() == [[0, 12], [13, 21]] and at[-1] == 19
+
+
+def test_episodes_stand_one_after_the_other():
+    curves = Curves.of(make(episodes=4))
+    assert np.all(np.diff(curves.x) > 0)
+    assert len(curves.episode_starts()) == 3
+    assert curves.spans(curves.is_test) == [(curves.x[800], curves.x[999])]
+
+
+def test_epoch_times_are_counted_from_the_start():
+    estimate = make()
+    estimate.arrays["step/time"] = estimate.arrays["step/time"] + 1.7e9
+    curves = Curves.of(estimate)
+    assert curves.x[0] == 0 and curves.x_title == "time since the start [s]"
+
+
+def test_autocorrelation_of_noise_and_of_a_first_order_process():
+    rng = np.random.default_rng(0)
+    noise = rng.normal(size=40_000)
+    slow = np.zeros_like(noise)
+    for i in range(1, len(noise)):
+        slow[i] = 0.9 * slow[i - 1] + noise[i]
+    slices = tuple(slice(i, i + 2000) for i in range(0, 40_000, 2000))
+    assert np.abs(autocorrelation(noise, slices)[1:]).max() < 0.03
+    np.testing.assert_allclose(autocorrelation(slow, slices)[:8], 0.9 ** np.arange(8), atol=0.03)
+
+
+# ---- figures ----
+
+
+@pytest.mark.parametrize("name", RECORDS)
+def test_figures(name, tmp_path):
+    estimate = RECORDS[name]()
+    written = write_figures(estimate, tmp_path)
+    expected = {"overlay.png", "residual.png"}
+    expected |= {"parameters.png"} if estimate.document["parameters"] else set()
+    expected |= {"convergence.png"} if len(estimate.arrays["round/error"]) else set()
+    assert {p.name for p in written} == expected == {p.name for p in tmp_path.iterdir()}
+    for path in written:
+        image = imread(path)[..., :3]
+        assert image.shape[1] == 1350, "9 inches at 150 dpi"
+        image = image[::3, ::3]
+        assert len(np.unique(image.reshape(-1, 3), axis=0)) > 50
+        assert 0.002 < np.mean(image.min(axis=2) < 0.9) < 0.6, "neither blank nor filled"
+
+
+# ---- the terminal ----
+
+
+@pytest.mark.parametrize("width", [80, 100])
+@pytest.mark.parametrize("name", RECORDS)
+def test_terminal_fits(name, width):
+    lines = printed(RECORDS[name](), width).splitlines()
+    assert len(lines) <= 25
+    assert max(len(line) for line in lines) <= width
+    assert "\x1b" not in "".join(lines)
+
+
+def test_terminal_says_what_was_found():
+    text = printed(full(), 100)
+    for said in (
+        r"mass +95\.11 kg +0\.13 +94\.85 to 95\.36 +50 to 150",
+        r"damping +203\.5 N s/m +1\.9 +199\.8 to 207\.2 +0 to 600",
+        r"bias .* at bound, not determined",
+        r"q +35\.4 mm +35\.1 µm +35\.5 µm +20\.0 µm +1\.77 ×",
+        r"unexplained  A slow residual",
+        r"note  Only mass over bias is known\.",
+        r"note  bias is at its lower bound",
+        r"note  The recordings disagree on mass",
+        r"report  runs/estimate/report\.html",
+        r"next    capture diagnose --real-log slider\.zarr --estimate out --out diagnosis",
+    ):
+        assert re.search(said, text), said
+
+
+def test_terminal_never_breaks_a_command_or_a_path():
+    estimate = make()
+    estimate.document["next_command"] = "capture diagnose --real-log " + "long/" * 30 + "log.zarr"
+    out = io.StringIO()
+    print_estimate(estimate, Console(file=out, width=80), "deep/" * 30)
+    assert estimate.document["next_command"] in out.getvalue()
+    assert "deep/" * 30 + "report.html" in out.getvalue()
+
+
+def test_terminal_colours_only_a_terminal():
+    assert "\x1b[1;33munexplained" in printed(full(), 100, force_terminal=True, color_system="standard")
+    assert "\x1b" not in printed(full(), 100)
+
+
+def test_terminal_knows_ascii():
+    out = io.TextIOWrapper(io.BytesIO(), encoding="ascii")
+    print_estimate(full(), Console(file=out, width=100), "runs/estimate")
+    out.flush()
+    text = out.buffer.getvalue().decode("ascii")
+    assert "35.1 um" in text and "1.77 x" in text and "?" not in text
+
+
+def test_names_are_not_markup():
+    assert "[red]mass" in printed(make({"[red]mass": ("kg", 0.0, 1.0, 0.5, 0.1)}), 100)
+
+
+def test_terminal_limits_notes_and_outputs():
+    estimate = make(outputs={f"j{k}": ("rad", 1e-3) for k in range(12)}, windows=4, held_out=1)
+    estimate.document["noise_floor"] |= {"j5": 1e-4}
+    for p in estimate.document["parameters"].values():
+        p["at_bound"] = True
+    estimate.document["lack_of_fit"] = {"normalized": 1.7, "threshold": 1.1}
+    text = printed(estimate, 100)
+    assert len(re.findall(r"^j\d+ ", text, flags=re.MULTILINE)) == 8
+    assert re.search(r"^j5 ", text, flags=re.MULTILINE), "the one that stands out stays"
+    assert "Only in the report: notes (1) and outputs nearer to their floor (4)." in text
+
+
+# ---- words and numbers ----
+
+
+def test_sentences():
+    assert sentence(bare().document).startswith("These parameters explain the log: the error on the data it")
+    assert "on data that was never fitted is 1.7" in sentence(make().document)
+    assert sentence(not_identifiable().document).startswith("This log does not determine every parameter")
+
+
+def test_notes():
+    assert notes(make().document) == []
+    assert notes(not_identifiable().document) == [
+        "Not determined by this log: 0.70 mass − 0.70 bias (sd 3.1 of its range)."
+    ]
+    document = make().document
+    document["parameters"]["mass"]["identifiable"] = False
+    document["recordings"] = {
+        "names": ["a", "b"],
+        "agree": False,
+        "parameters": {"mass": {"p_value": 0.2}, "bias": {"p_value": 0.001}},
+    }
+    document["lack_of_fit"] = {"normalized": 1.72, "threshold": 1.05}
+    assert notes(document) == [
+        "mass: not determined by this log.",
+        "The recordings do not agree on the parameters, bias most (p = 0.0010).",
+        "Lack of fit 1.72; chance alone stays under 1.05.",
+    ]
+    assert len(notes(document | {"summary": "The error is 1.72 times the noise floor."})) == 2
+
+
+def test_combination():
+    assert combination({"a": -0.2, "b": 0.9}) == "0.90 b − 0.20 a"
+    assert combination({"a": -0.8, "b": 0.6}) == "−0.80 a + 0.60 b"
+
+
+def test_errors_over_the_floor():
+    q, qd = output_errors(make())
+    assert (q.unit, q.nominal_unit, qd.unit) == ("µm", "mm", "mm/s")
+    rmse = make().document["error"]["test"]["rmse"]
+    assert q.test == pytest.approx(1e6 * rmse["q"]) and q.ratio == pytest.approx(rmse["q"] / 2e-5)
+    assert output_errors(bare())[0].test is None and output_errors(bare())[0].ratio > 1
+    assert output_errors(runaway_nominal())[0].nominal is None
+
+
+def test_a_floor_far_below_has_a_unit_of_its_own():
+    estimate = make()
+    estimate.document["noise_floor"]["qd"] = 2e-8
+    errors = output_errors(estimate)
+    assert [e.floor_unit for e in errors] == ["µm", "nm/s"]
+    assert [e.floor for e in errors] == pytest.approx([20.0, 20.0])
+
+
+def test_no_floor_no_ratio():
+    estimate = make()
+    estimate.document["noise_floor"] = {"q": 0.0}
+    assert [e.ratio for e in output_errors(estimate)] == [None, None]
+    assert "noise floor ±2 sd" not in json.dumps(Page(render(estimate, None)).data["plots"])
+
+
+def test_correlation():
+    matrix = correlation(make())
+    np.testing.assert_allclose(np.diag(matrix), 1)
+    np.testing.assert_allclose(matrix[0, 1], 0.5)
+    estimate = make()
+    estimate.arrays["parameter/covariance"][0, 0] = np.inf
+    assert correlation(estimate) is None and correlation(bare()) is None
+
+
+@pytest.mark.parametrize(
+    ("unit", "magnitude", "factor", "shown"),
+    [
+        ("m", 7.3e-4, 1e3, "mm"),
+        ("m", 0.25, 1.0, "m"),
+        ("rad/s", 3e-5, 1e6, "µrad/s"),
+        ("N m", 0.02, 1e3, "mN m"),
+        ("kg", 1e-4, 1.0, "kg"),
+        ("m^2", 1e-4, 1.0, "m^2"),
+        ("1", 1e-4, 1.0, ""),
+        ("m", 0.0, 1.0, "m"),
+        ("m", None, 1.0, "m"),
+        ("m", 1e-30, 1.0, "m"),
+    ],
+)
+def test_scaled_unit(unit, magnitude, factor, shown):
+    assert scaled_unit(unit, magnitude) == (factor, shown)
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (0.7304, "0.730"),
+        (1234.5, "1234"),
+        (0.9999, "1.00"),
+        (-9.996, "-10.0"),
+        (3.2e-7, "3.20e-7"),
+        (4e9, "4.00e9"),
+        (0.0, "0"),
+        (None, MISSING),
+        (float("inf"), MISSING),
+    ],
+)
+def test_significant(value, text):
+    assert significant(value) == text
+
+
+@pytest.mark.parametrize(
+    ("value", "sd", "text"),
+    [
+        (95.1078, 0.131, "95.11"),
+        (203.46, 1.9, "203.5"),
+        (-3.16, 25.0, "-3"),
+        (1.0, 1e-12, "1.00000"),
+        (2.5e-7, 1e-9, "2.500e-7"),
+        (0.0, 0.02, "0.000"),
+        (1e8, 1e5, "1.0000e8"),
+        (5.0, None, "5.000"),
+        (None, 0.1, MISSING),
+    ],
+)
+def test_to_precision_of(value, sd, text):
+    assert to_precision_of(value, sd) == text
+
+
+def test_bound():
+    assert [bound(v) for v in (50.0, 0.025, -20.0, 1e9, 1e-7)] == ["50", "0.025", "-20", "1e9", "1e-7"]
+
+
+def test_imports_stay_light():
+    """`capture identify` must not wait for pyplot, plotly's figure classes or pandas."""
+    program = (
+        "import sys;"
+        "import capture_cli.reports.estimate_page, capture_cli.reports.figures, capture_cli.reports.terminal;"
+        "from capture_cli.reports.page import page; page(title='', body='', plots={});"
+        "print([m for m in ('matplotlib.pyplot', 'plotly.graph_objs', 'pandas') if m in sys.modules])"
+    )
+    assert run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout == "[]\n"

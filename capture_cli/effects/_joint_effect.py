@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import mujoco
+import numpy as np
 
 from capture_cli.effects._places import site_id, site_name
 from capture_cli.effects._scales import (
@@ -31,7 +32,9 @@ class JointEffect(Effect):
 
     @classmethod
     def sites(cls, model: mujoco.MjModel) -> list[str]:
-        return [site_name(model, "joint", j) for j in range(model.njnt) if model.jnt_type[j] in (HINGE, SLIDE)]
+        return [
+            site_name(model, "joint", j) for j in range(model.njnt) if model.jnt_type[j] in (HINGE, SLIDE)
+        ]
 
     @property
     def characteristic_force(self) -> float:
@@ -58,11 +61,16 @@ class JointEffect(Effect):
         return hinge if self.is_hinge else slide
 
     def added(self, name: str, unit: str, own: float, high: float) -> Parameter:
-        """A parameter that is added to the model's `own` value of something that cannot be negative in all."""
-        return Parameter(name, unit, -max(own, 0.0), high, 0.0)
+        """A parameter added to the model's `own` value, such that the sum is not negative."""
+        return Parameter(name, unit, min(0.0, -own), high, 0.0)
 
 
 def driven_joints(model: mujoco.MjModel) -> list[str]:
     """Sites of the joints that an actuator drives."""
     joints = {driven_joint(model, a) for a in range(model.nactuator)} - {-1}
     return [site_name(model, "joint", j) for j in sorted(joints)]
+
+
+def raised(own: np.ndarray, change: np.ndarray) -> np.ndarray:
+    """own + change, kept from passing below zero: friction and damping never drive."""
+    return np.maximum(own + change, np.minimum(own, 0.0))

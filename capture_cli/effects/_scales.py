@@ -1,4 +1,5 @@
-"""How large an effect can sensibly be: characteristic forces, lengths and speeds, computed from the model alone.
+"""How large an effect can sensibly be: characteristic forces, lengths and speeds, computed from the model
+alone.
 
 They set ranges, not values. A range has to hold the truth and should not be wider by orders of magnitude.
 """
@@ -27,6 +28,11 @@ def inertia(model: mujoco.MjModel, joint: int) -> float:
     return float(max(model.dof_M0[model.jnt_dofadr[joint]], 1e-9))
 
 
+def free_inertia(model: mujoco.MjModel, joint: int) -> float:
+    """kg or kg m^2: what a force on the joint accelerates while all other joints are free, at qpos0."""
+    return 1 / float(max(model.dof_invweight0[model.jnt_dofadr[joint]], 1e-9))
+
+
 def characteristic_force(model: mujoco.MjModel, joint: int) -> float:
     """N or N m: the larger of the weight that the joint carries and the force that its actuators can give."""
     weight = _weight(model, joint)
@@ -35,7 +41,9 @@ def characteristic_force(model: mujoco.MjModel, joint: int) -> float:
 
 def characteristic_speed(model: mujoco.MjModel, joint: int) -> float:
     """m/s or rad/s: what the characteristic force gives the joint over its travel."""
-    return float(np.sqrt(2 * characteristic_force(model, joint) * travel(model, joint) / inertia(model, joint)))
+    return float(
+        np.sqrt(2 * characteristic_force(model, joint) * travel(model, joint) / inertia(model, joint))
+    )
 
 
 def control_scale(model: mujoco.MjModel, actuator: int) -> float:
@@ -54,7 +62,7 @@ def control_scale(model: mujoco.MjModel, actuator: int) -> float:
 
 def driven_joint(model: mujoco.MjModel, actuator: int) -> int:
     """The hinge or slide joint that an actuator drives, or -1."""
-    kinds = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
+    kinds = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
     joint = int(model.actuator_trnid[actuator, 0])
     if model.actuator_trntype[actuator] not in kinds or model.jnt_type[joint] not in (HINGE, SLIDE):
         return -1
@@ -67,7 +75,7 @@ def moving_bodies(model: mujoco.MjModel) -> list[int]:
 
 
 def box_edges(model: mujoco.MjModel, body: int) -> np.ndarray:
-    """Edges (3,), m, of the uniform box with the body's mass and inertia: MuJoCo's own idea of a body's size."""
+    """Edges (3,), m, of the uniform box with the body's mass and inertia, as MuJoCo's drag takes it."""
     x, y, z = model.body_inertia[body]
     edges = np.sqrt(np.maximum([y + z - x, x + z - y, x + y - z], 0) * 6 / model.body_mass[body])
     return np.maximum(edges, 1e-4)

@@ -1,4 +1,5 @@
-"""What an effect is: something the model lacks, at a site of the model, with parameters that have a null value.
+"""What an effect is: something the model lacks, at a site of the model, with parameters that have a null
+value.
 
 An effect acts in one of four places, and overrides the one method of that place:
 
@@ -7,8 +8,8 @@ An effect acts in one of four places, and overrides the one method of that place
     control      `drive`    changes the controls before they reach the actuators
     measurement  `measure`  changes what the sensors report
 
-Its parameters are amplitudes and shapes. At the null values of the amplitudes the simulation is exactly the one
-without the effect, bit by bit, whatever the shapes are.
+Its parameters are amplitudes and shapes. At the null values of the amplitudes the simulation is exactly the
+one without the effect, bit by bit, whatever the shapes are.
 """
 
 from __future__ import annotations
@@ -31,10 +32,11 @@ class Effect(ABC):
     """An effect at `site` of `model`. Class attributes:
 
     place: one of PLACES. summary, where: one line each for tables: what it is, and which sites there are.
-    shapes: names of the parameters that say what the effect looks like (a period, a position). They mean nothing while
-        the amplitudes, which are all the others, are null: a score at null has to be taken at several of their values.
-    smooth: whether the outputs have a useful slope in the amplitudes at null. Where not (a saturation that is not
-        reached yet, a rounding), an amplitude has to be tried at several of its values, too.
+    shapes: names of the parameters that say what the effect looks like (a period, a position). They mean
+        nothing while the amplitudes, which are all the others, are null: a score at null has to be taken at
+        several of their values.
+    smooth: whether the outputs have a useful slope in the amplitudes at null. Where not (a saturation that is
+        not reached yet, a rounding), an amplitude has to be tried at several of its values, too.
     """
 
     place: ClassVar[str]
@@ -59,7 +61,8 @@ class Effect(ABC):
     def sites(cls, model: mujoco.MjModel) -> list[str]:
         """Where in `model` the effect can sit; [GLOBAL] where it concerns the model as a whole.
 
-        Names of joints, bodies, geoms, actuators or sensors; "#3" is the fourth of its kind where that has no name.
+        Names of joints, bodies, geoms, actuators or sensors; "#3" is the fourth of its kind where that has no
+        name.
         """
 
     @property
@@ -72,14 +75,15 @@ class Effect(ABC):
         return ParameterSpace(self.parameters)
 
     def shape_grid(self, count: int = 5) -> np.ndarray:
-        """Points (point, parameter) with null amplitudes and `count` values of each shape: where to take a score.
+        """Points (point, parameter) with null amplitudes and `count` values of each shape: where to take a
+        score.
 
         Values of a shape that is positive are spread evenly in its logarithm.
         """
         axes = [_spread(p, count) if p.name in self.shapes else [p.nominal] for p in self.parameters]
         return np.stack([a.ravel() for a in np.meshgrid(*axes, indexing="ij")], axis=-1)
 
-    def write(self, fields: ModelFields, values: np.ndarray) -> None:
+    def write(self, fields: ModelFields, values: np.ndarray) -> None:  # noqa: B027 (of other places: nothing)
         """Place "model": set fields from `values` (simulation, parameter), on top of what is written there."""
 
     def force(self, values: np.ndarray, timestep: float) -> Force | None:
@@ -94,7 +98,9 @@ class Effect(ABC):
         return controls
 
     def measure(self, sensors: np.ndarray, values: np.ndarray, timestep: float) -> np.ndarray:
-        """Place "measurement": sensordata (simulation, grid, column) on the model's time grid as it is reported."""
+        """Place "measurement": sensordata (simulation, grid, column) on the model's time grid as it is
+        reported.
+        """
         return sensors
 
 

@@ -14,7 +14,7 @@ from capture_cli.identifiers.base import Best, Evidence, Identifier, Trial
 from capture_cli.identifiers.linearization import (
     Linearization,
     columns,
-    objective,
+    objectives,
     scaled_offsets,
 )
 
@@ -22,10 +22,11 @@ SCREENED_PER_PARAMETER = 8
 SCREENING_WINDOWS = 24  # evenly spread: enough to tell basins apart
 RADIUS = 0.25  # of the unit cube, the first trust region
 SHRINK = (1.0, 0.25, 0.0625, 0.015625)  # step lengths tried at once after a step that failed
-CONVERGED_GAIN = 1e-4  # decrease of the objective over k: a hundredth of a standard error
+CONVERGED_GAIN = 3e-3  # decrease of the objective over k: a twentieth of a standard error
 CONVERGED_STEP = 1e-9  # of the unit cube
 HOPELESS = 2.0  # a descent whose error stays this many times the best one's is given up
 PATIENCE = 5  # rounds before it is
+RUNAWAY = 2.0  # a window whose objective grows by this factor in a step that helps the others goes back
 
 
 class LeastSquares(Identifier):
@@ -95,13 +96,17 @@ class LeastSquares(Identifier):
         best = self.best
         for descent in self._active():
             beaten = descent.best.error > HOPELESS * best.error and descent.rounds >= PATIENCE
-            close = np.abs(descent.x - self.space.to_unit(best.parameters)).max() < 1e-3
+            close = np.abs(descent.x - self.space.to_unit(best.parameters)).max(initial=0.0) < 1e-3
             if beaten or (close and descent.best.error > best.error):
                 descent.converged = True
 
 
 class Descent:
-    """One Gauss-Newton descent in the unit cube, from x (parameter,)."""
+    """One Gauss-Newton descent in the unit cube, from x (parameter,).
+
+    Given the parameters the objective is a sum over windows, so the starts of each have a damping of their own: a
+    window whose start ran away (a contact lost, a joint that sticks) goes back alone, the others keep their step.
+    """
 
     def __init__(self, evidence: Evidence, x: np.ndarray):
         self.evidence = evidence
@@ -112,7 +117,8 @@ class Descent:
         self.rounds = 0
         self._at: Linearization | None = None
         self._radius = RADIUS
-        self._damping = 0.0
+        self._damping = np.zeros(len(evidence.start_sd))
+        self._repairing = False
         self._trials: list[tuple[np.ndarray, np.ndarray]] = [(self.x, self.offsets)]
 
     @property
@@ -140,27 +146,42 @@ class Descent:
         if self._at is None:
             if lost:
                 self.converged = True
-                return
-        elif lost or there.objective(self._at.scatter) >= self._at.objective(self._at.scatter):
-            self._propose_shorter()
+            else:
+                self._move(there)
+                self._propose()
             return
-        self._accept(there)
+        k = self._at.scatter
+        before = self._at.objectives(k)
+        after = np.where(diverged[0], np.inf, there.objectives(k))
+        if lost or after.sum() >= before.sum():
+            self._propose_shorter() if not self._repairing else self._propose()
+            return
+        self._accept(there, before, after, k)
 
-    def _accept(self, there: Linearization) -> None:
-        before = None if self._at is None else self._at.objective(there.scatter)
-        self._at, self.x, self.offsets = there, there.x, there.offsets
-        self.error = float(np.sqrt(np.square(there.residual).sum() / self.evidence.count))
-        after = there.objective(there.scatter)
-        if before is not None and before - after < CONVERGED_GAIN * there.scatter:
+    def _accept(self, there: Linearization, before: np.ndarray, after: np.ndarray, k: float) -> None:
+        back, worse = self.offsets, after > RUNAWAY * before + 9 * k
+        gained = float((before - after).sum())
+        self._move(there)
+        self._repairing = bool(worse.any())
+        if self._repairing:
+            self._damping[worse] = np.maximum(10 * self._damping[worse], k)
+            self._trials = [(self.x, np.where(worse[:, None], back, self.offsets))]
+            return
+        self._damping = np.where(self._damping > 1e-3 * k, self._damping / 10, 0.0)
+        self._radius = min(2 * self._radius, 1.0)
+        if gained < CONVERGED_GAIN * k:
             self.converged = True
             return
-        self._radius = min(2 * self._radius, 1.0) if before is not None else self._radius
-        self._damping = self._damping / 10 if self._damping > 1e-3 else 0.0
         self._propose()
+
+    def _move(self, there: Linearization) -> None:
+        self._at, self.x, self.offsets = there, there.x, there.offsets
+        self.error = float(np.sqrt(np.square(there.residual).sum() / self.evidence.count))
 
     def _propose(self) -> None:
         k = self._at.scatter
-        dx = self._step(self._radius)
+        self._repairing = False
+        dx = self._step(self._radius, self._damping)
         offsets = self._at.start_offsets(dx, k, self._damping)
         if self._at.predicted_gain(dx, offsets, k) < CONVERGED_GAIN * k:
             self.converged = True
@@ -168,37 +189,48 @@ class Descent:
         self._trials = [(np.clip(self.x + dx, 0, 1), offsets)]
 
     def _propose_shorter(self) -> None:
-        """Shorter steps in both parameters and starts, tried at once."""
+        """Shorter steps in parameters and starts, and as many in the starts alone, tried at once."""
         k = self._at.scatter
+        still = np.zeros_like(self.x)
         self._trials = []
         for factor in SHRINK:
-            radius, damping = self._radius * factor / 4, self._damping + (1 / factor - 0.9) * k
-            dx = self._step(radius, damping)
+            damping = self._shorter_damping(factor, k)
+            dx = self._step(self._radius * factor / 4, damping)
             self._trials.append((np.clip(self.x + dx, 0, 1), self._at.start_offsets(dx, k, damping)))
-        if self._radius < CONVERGED_STEP:
-            self.converged = True
+        for factor in SHRINK:
+            damping = self._shorter_damping(factor, k) - k
+            self._trials.append((self.x, self._at.start_offsets(still, k, damping)))
 
     def _tell_shorter(self, outputs, diverged) -> None:
         k = self._at.scatter
+        before = self._at.objectives(k)
         residuals = self.evidence.residual(outputs)
-        z = [scaled_offsets(self.evidence, offsets) for _, offsets in self._trials]
-        values = [np.inf if d.any() else objective(r, o, k) for r, o, d in zip(residuals, z, diverged, strict=True)]
-        chosen = int(np.argmin(values))
-        if not values[chosen] < self._at.objective(k):
-            self._radius *= SHRINK[-1] / 4
-            self._damping += k / SHRINK[-1]
-            if self._radius < CONVERGED_STEP:
-                self.converged = True
-                return
+        offsets = np.stack([offsets for _, offsets in self._trials])
+        values = objectives(residuals, scaled_offsets(self.evidence, offsets), k)
+        values = np.where(diverged | ~np.isfinite(values), np.inf, values)
+        chosen = int(np.argmin(values[: len(SHRINK)].sum(axis=1)))
+        # with the parameters as they are, each window takes the start that is best for it
+        alone = np.concatenate([values[len(SHRINK) :], before[None]])
+        pick = np.argmin(alone, axis=0)
+        moved, stayed = values[chosen].sum(), alone.min(axis=0).sum()
+        factor = SHRINK[chosen] if moved < before.sum() else SHRINK[-1]
+        self._radius *= factor / 4
+        self._damping = self._shorter_damping(factor, k)
+        if moved < min(stayed, before.sum()):
+            self._trials = [self._trials[chosen]]
+        elif before.sum() - stayed > CONVERGED_GAIN * k:
+            choices = np.concatenate([offsets[len(SHRINK) :], self.offsets[None]])
+            self._trials = [(self.x, choices[pick, np.arange(len(pick))])]
+        elif self._radius < CONVERGED_STEP:
+            self.converged = True
+        else:
             self._propose_shorter()
-            return
-        self._radius *= SHRINK[chosen] / 4
-        self._damping += (1 / SHRINK[chosen] - 0.9) * k
-        self._trials = [self._trials[chosen]]
 
-    def _step(self, radius: float, damping: float | None = None) -> np.ndarray:
+    def _shorter_damping(self, factor: float, k: float) -> np.ndarray:
+        return self._damping + k * (4 / factor - 1) / 3
+
+    def _step(self, radius: float, damping: np.ndarray) -> np.ndarray:
         """The Gauss-Newton step (parameter,) within the trust region and the unit cube."""
-        damping = self._damping if damping is None else damping
         hessian, gradient = self._at.normal(self._at.scatter, damping)
         return box_step(hessian, gradient, np.maximum(-radius, -self.x), np.minimum(radius, 1 - self.x))
 

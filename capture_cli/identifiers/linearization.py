@@ -96,12 +96,13 @@ class Linearization:
         jt, bt = j.swapaxes(1, 2), b.swapaxes(1, 2)
         return jt @ j, jt @ b, bt @ b, (jt @ r)[..., 0], (bt @ r)[..., 0]
 
-    def start_gain(self, k: float, damping: float = 0.0) -> np.ndarray:
-        """(B'B + (k + damping) 1)^-1, (window, state, state)."""
+    def start_gain(self, k: float, damping: np.ndarray | float = 0.0) -> np.ndarray:
+        """(B'B + (k + damping) 1)^-1, (window, state, state); damping per window (window,) or one for all."""
         bb = self.products[2]
-        return np.linalg.inv(bb + (k + damping) * np.eye(bb.shape[-1]))
+        ridge = np.broadcast_to(k + damping, len(bb))[:, None, None]
+        return np.linalg.inv(bb + ridge * np.eye(bb.shape[-1]))
 
-    def normal(self, k: float, damping: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    def normal(self, k: float, damping: np.ndarray | float = 0.0) -> tuple[np.ndarray, np.ndarray]:
         """Hessian (p, p) and downhill gradient (p,) of half the objective, starts eliminated."""
         jj, jb, _, jr, br = self.products
         gain = self.start_gain(k, damping)
@@ -110,7 +111,7 @@ class Linearization:
         gradient = (jr - (through @ (br - k * self.z)[..., None])[..., 0]).sum(axis=0)
         return hessian, gradient
 
-    def start_offsets(self, dx: np.ndarray, k: float, damping: float = 0.0) -> np.ndarray:
+    def start_offsets(self, dx: np.ndarray, k: float, damping: np.ndarray | float = 0.0) -> np.ndarray:
         """Offsets (window, state), SI, that belong to the parameter step dx (parameter,)."""
         _, jb, _, _, br = self.products
         right = br - (jb.swapaxes(1, 2) @ dx) - k * self.z
@@ -125,15 +126,16 @@ class Linearization:
         z = scaled_offsets(self.evidence, offsets)[:, _movable(self.evidence)]
         dz = z - self.z
         residual = self.residual - self.by_parameter @ dx - (self.by_start @ dz[..., None])[..., 0]
-        return self.objective(k) - objective(residual, z, k)
+        return float((self.objectives(k) - objectives(residual, z, k)).sum())
 
-    def objective(self, k: float) -> float:
-        return objective(self.residual, self.z, k)
+    def objectives(self, k: float) -> np.ndarray:
+        """The objective of each window, (window,)."""
+        return objectives(self.residual, self.z, k)
 
 
-def objective(residual: np.ndarray, z: np.ndarray, k: float) -> float:
-    """Sum of squared residuals (window, row) and, weighed by k, of the starts' offsets (window, state)."""
-    return float(np.square(residual).sum() + k * np.square(z).sum())
+def objectives(residual: np.ndarray, z: np.ndarray, k: float) -> np.ndarray:
+    """Squared residuals (..., window, row) and, weighed by k, starts' offsets (..., window, state), per window."""
+    return np.square(residual).sum(axis=-1) + k * np.square(z).sum(axis=-1)
 
 
 def scaled_offsets(evidence: Evidence, offsets: np.ndarray) -> np.ndarray:

@@ -1,1 +1,1 @@
-"""What people look at: one record in, an HTML page, figures and terminal tables out. Nothing is computed twice."""
+"""What people look at: one record in; a page, figures and terminal tables out."""

@@ -1,4 +1,4 @@
-"""The interactive plots of an estimate's curves: measured and simulated over time, and what the residual is like."""
+"""The interactive plots of an estimate's curves: measured and simulated over time, and their residual."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from capture_cli.stores.estimate import Estimate
 KINDS = ("measured", "simulated", "nominal", "residual")
 # Numbers of all curves together: 2 MB for the whole log, and half of that for the windows held apart.
 NUMBERS = 400_000
-MOST_POINTS, FEWEST_POINTS = 24_000, 2_000
+MOST_POINTS, FEWEST_POINTS = 40_000, 2_000
 MOST_WINDOW_POINTS, FEWEST_WINDOW_POINTS = 4_000, 500
 # More marks than these are a grey wall.
 MOST_EPISODE_MARKS = 60
@@ -24,8 +24,8 @@ MOST_EPISODE_MARKS = 60
 def curve_views(estimate: Estimate, curves: Curves) -> dict[str, Any]:
     """The points of every curve, and the views of them: the whole log, and windows.
 
-    Where the log is short enough to be drawn point by point, every window can be chosen; otherwise the best, the
-    median and the worst of the held-out and of the fitted ones, whose points are then held apart.
+    Where the log is short enough to be drawn point by point, every window can be chosen; otherwise the best,
+    the median and the worst of the held-out and of the fitted ones, whose points are then held apart.
     """
     values, names = _series(estimate, curves)
     budget = _budget(NUMBERS, len(names), FEWEST_POINTS, MOST_POINTS)
@@ -78,10 +78,13 @@ def residual_statistics(estimate: Estimate, curves: Curves, k: int) -> Plot:
     """Output k: how the residual is distributed, and how long it remembers."""
     factor, unit = residual_scale(estimate, curves, k)
     residual, floor = curves.residual[:, k] * factor, _floor(estimate, curves, k)
-    edges = bin_edges(residual, floor)
+    held_out = int(curves.step_is_test.sum())
+    edges = bin_edges(residual, floor, min(held_out or len(residual), len(residual) - held_out))
     histograms = _histograms(residual, curves.step_is_test, edges)
-    densest = max(max(h["y"]) for h in histograms)
     data = histograms + ([_gauss(floor, edges)] if floor else [])
+    densest = max(max(h["y"]) for h in histograms)
+    # a floor far under the residual is a needle: it may leave the plot, but not flatten the histogram
+    top = 1.1 * min(2 * densest, max(max(curve["y"]) for curve in data))
 
     coefficients = autocorrelation(residual, curves.slices)
     lag_factor, lag_unit = scaled_unit("s", curves.interval * len(coefficients))
@@ -94,7 +97,7 @@ def residual_statistics(estimate: Estimate, curves: Curves, k: int) -> Plot:
     layout = {
         "hovermode": "closest",
         "xaxis": {"title": {"text": titled("residual", unit)}, "domain": [0.0, 0.46]},
-        "yaxis": {"title": {"text": "density"}, "range": [0, 1.15 * densest], "showticklabels": False},
+        "yaxis": {"title": {"text": "density"}, "range": [0, top], "showticklabels": False},
         "xaxis2": {"title": {"text": titled("lag", lag_unit)}, "domain": [0.56, 1.0], "anchor": "y2"},
         "yaxis2": {"title": {"text": "autocorrelation"}, "range": [lowest, 1.05], "anchor": "x2"},
         "shapes": [band(-chance, chance, along="y2", across="x2 domain", color="--floor-shade")],

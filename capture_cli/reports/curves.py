@@ -18,9 +18,10 @@ MAX_LAGS = 200
 class Curves:
     """An estimate's curves, window after window, with arrays of its own.
 
-    x (step,): s, where each step is drawn; episodes stand one after the other. time (step,): s, the log's clock.
-    measured, simulated, nominal (step, output): per output. slices: the steps of each window, in drawing order.
-    number, episode, is_test (window,), in that order; number counts the windows as the estimate does.
+    x (step,): s, where each step is drawn; episodes stand one after the other.
+    time (step,): s, the log's clock. measured, simulated, nominal (step, output): per output.
+    slices: the steps of each window, in drawing order. number, episode, is_test (window,): of those windows;
+        number counts them as the estimate does.
     """
 
     x: np.ndarray
@@ -91,9 +92,9 @@ def thin(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """About `points` of `values` (step, k) that draw the same curve, with a NaN row after every window.
 
-    Returns the step each row is drawn at (row,), the rows (row, k), and each window's [first, last) rows (window, 2).
-    Where there are more steps than points, each stretch of a window gives its least and its greatest value, so that
-    no peak is lost; the greater comes first where the stretch falls.
+    Returns the step each row is drawn at (row,), the rows (row, k), and the [first, last) rows of each window
+    (window, 2). Where there are more steps than points, each stretch of a window gives its least and its
+    greatest value, so that no peak is lost; the greater comes first where the stretch falls.
     """
     total = sum(s.stop - s.start for s in slices)
     if total <= points:
@@ -123,8 +124,12 @@ def autocorrelation(residual: np.ndarray, slices: tuple[slice, ...]) -> np.ndarr
     return total / total[0] if total[0] > 0 else np.eye(1, lags + 1)[0]
 
 
-def bin_edges(residual: np.ndarray, floor: float | None, bins: int = 60) -> np.ndarray:
-    """Edges that show all but the farthest 0.2 % of a residual (step,), and three times the noise floor."""
+def bin_edges(residual: np.ndarray, floor: float | None, samples: int) -> np.ndarray:
+    """Edges that show all but the farthest 0.2 % of a residual (step,), and three times the noise floor.
+
+    samples: of the smallest histogram to be drawn with them; fewer samples make wider bins.
+    """
+    bins = int(np.clip(2 * samples ** (1 / 3), 15, 61))
     low, high = np.nanpercentile(residual, [0.1, 99.9])
     reach = max(abs(low), abs(high), 3 * (floor or 0.0)) or 1.0
     return np.linspace(-1.05 * reach, 1.05 * reach, bins + 1)

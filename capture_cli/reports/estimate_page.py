@@ -8,9 +8,20 @@ from html import escape
 from pathlib import PurePath
 from typing import Any
 
-from capture_cli.reports import curve_plots, parameter_plots
-from capture_cli.reports import findings
+from capture_cli.reports import curve_plots, findings, parameter_plots
 from capture_cli.reports.curves import Curves
+from capture_cli.reports.made import how_it_was_made, source
+from capture_cli.reports.page import (
+    folded,
+    page,
+    plot,
+    section,
+    side_by_side,
+    table,
+    tiles,
+    verdict,
+    view_selector,
+)
 from capture_cli.reports.quantities import (
     MISSING,
     bound,
@@ -20,7 +31,6 @@ from capture_cli.reports.quantities import (
     to_precision_of,
     with_unit,
 )
-from capture_cli.reports.page import folded, page, plot, section, side_by_side, table, view_selector
 from capture_cli.stores.estimate import Estimate
 
 # Outputs past these are folded: a page of thirty sensors must still open at once.
@@ -29,117 +39,94 @@ OPEN_OUTPUTS = 4
 
 def render(estimate: Estimate, provenance: Mapping[str, Any] | None) -> str:
     """The page as HTML. provenance: the document of provenance.json, or None where it is not known."""
-    curves = Curves.of(estimate)
-    document = estimate.document
-    figures = _figures(estimate, curves)
-    body = "\n".join(
-        part
-        for part in (
-            _header(document, provenance),
-            _verdict(document),
-            _tiles(document, provenance),
-            _parameters(document),
-            _errors(estimate),
-            _curves(estimate, curves),
-            _search(figures),
-            _recordings(document, figures),
-            _made(document, provenance),
-            "<footer>Written by <code>capture identify</code>. The numbers are in estimate.json, the curves in "
-            "estimate.zarr, beside this page.</footer>",
-        )
-        if part
+    curves, document = Curves.of(estimate), estimate.document
+    plots = _plots(estimate, curves)
+    badge = findings.TITLES[document["verdict"]]
+    sections = [
+        _header(document, provenance),
+        verdict(
+            document["verdict"],
+            badge,
+            findings.sentence(document),
+            notes=findings.notes(document),
+            command=document.get("next_command"),
+        ),
+        _tiles(document, provenance),
+        _parameters(document),
+        _errors(estimate),
+        _curves(estimate, curves),
+        _search(plots),
+        _recordings(document, plots),
+        how_it_was_made(_facts(document), provenance),
+        "<footer>Written by <code>capture identify</code>. "
+        "The numbers are in estimate.json and the curves in estimate.zarr, beside this page.</footer>",
+    ]
+    return page(
+        title=f"{document['task']}: {badge}",
+        body="\n".join(s for s in sections if s),
+        plots=plots,
+        curves=curve_plots.curve_views(estimate, curves),
     )
-    title = f"{document['task']}: {findings.TITLES[document['verdict']]}"
-    return page(title=title, body=body, plots=figures, curves=curve_plots.curve_views(estimate, curves))
 
 
-def _figures(estimate: Estimate, curves: Curves) -> dict[str, Any]:
-    found = {}
+def _plots(estimate: Estimate, curves: Curves) -> dict[str, Any]:
+    plots = {}
     for k in range(len(estimate.attributes["outputs"])):
-        found[f"overlay-{k}"] = curve_plots.overlay(estimate, curves, k)
-        found[f"residual-{k}"] = curve_plots.residual_statistics(estimate, curves, k)
-    found["correlation"] = parameter_plots.correlation_matrix(estimate)
-    found["convergence"] = parameter_plots.convergence(estimate)
-    found["recordings"] = parameter_plots.recordings(estimate.document)
-    return {name: figure for name, figure in found.items() if figure}
+        plots[f"overlay-{k}"] = curve_plots.overlay(estimate, curves, k)
+        plots[f"residual-{k}"] = curve_plots.residual_statistics(estimate, curves, k)
+    plots["correlation"] = parameter_plots.correlation_matrix(estimate)
+    plots["convergence"] = parameter_plots.convergence(estimate)
+    plots["recordings"] = parameter_plots.recordings(estimate.document)
+    return {name: figure for name, figure in plots.items() if figure}
 
 
 def _header(document: Mapping[str, Any], provenance: Mapping[str, Any] | None) -> str:
-    facts = [
-        f"log <code>{escape(PurePath(document['log']['path']).name)}</code>",
-        escape(document["identifier"]),
-    ]
+    log = PurePath(document["log"]["path"]).name
+    facts = [f"log <code>{escape(log)}</code>", escape(document["identifier"])]
     if provenance:
-        facts.append(datetime.fromisoformat(provenance["began"]).strftime("%-d %B %Y, %H:%M UTC"))
+        began = datetime.fromisoformat(provenance["began"])
+        facts.append(f"{began.day} {began:%B %Y, %H:%M} UTC")
     return (
         '<header><p class="overline">capture identify</p>'
         f'<h1>{escape(document["task"])}</h1><p class="overline">{" · ".join(facts)}</p></header>'
     )
 
 
-def _verdict(document: Mapping[str, Any]) -> str:
-    verdict = document["verdict"]
-    notes = "".join(f"<li>{escape(n)}</li>" for n in findings.notes(document))
-    command = document.get("next_command")
-    following = f'<div class="next"><span>next</span><code>{escape(command)}</code></div>' if command else ""
-    return (
-        f'<div class="verdict {verdict}"><span class="badge">{findings.TITLES[verdict]}</span>'
-        f'<p class="sentence">{escape(findings.sentence(document))}</p>'
-        f"{f'<ul>{notes}</ul>' if notes else ''}{following}</div>"
-    )
-
-
 def _tiles(document: Mapping[str, Any], provenance: Mapping[str, Any] | None) -> str:
-    parameters = document["parameters"].values()
-    tiles = []
+    shown = []
     for part, title in (("test", "error on held-out data"), ("fit", "error on fitted data")):
         error = findings.normalized(document, part)
         if error is not None:
-            tiles.append((title, significant(error), "× noise floor"))
-    found = sum(p["identifiable"] for p in parameters)
+            shown.append((title, significant(error), "× noise floor"))
+    parameters = document["parameters"].values()
     if parameters:
-        tiles.append(("parameters determined", str(found), f"of {len(parameters)}"))
-    simulated = f"{document['rollouts']['simulated']:,}".replace(",", " ")
-    tiles.append(
-        ("rollouts simulated", simulated, f"in {significant(provenance['seconds'])} s" if provenance else "")
-    )
-    cells = "".join(
-        f"<div><dt>{title}</dt><dd>{value} <small>{detail}</small></dd></div>"
-        for title, value, detail in tiles
-    )
-    return f'<dl class="tiles">{cells}</dl>'
+        determined = sum(p["identifiable"] for p in parameters)
+        shown.append(("parameters determined", str(determined), f"of {len(parameters)}"))
+    seconds = (provenance or {}).get("seconds")
+    took = "" if seconds is None else f"in {significant(seconds)} s"
+    shown.append(("rollouts simulated", counted(document["rollouts"]["simulated"]), took))
+    return tiles(shown)
 
 
 def _parameters(document: Mapping[str, Any]) -> str:
-    title = "Parameters"
     if not document["parameters"]:
-        return section(
-            title, lead="None are declared: only the state at the start of each window was fitted."
-        )
+        lead = "None are declared: only the state at the start of each window was fitted."
+        return section("Parameters", lead=lead)
     rows = [_parameter_row(name, p) for name, p in document["parameters"].items()]
     head = ["parameter", "estimate", "sd", "95 % interval", "within its range", "remarks"]
-    return section(
-        title,
-        table(head, rows, numeric=(1, 2, 3)),
-        lead="Estimate and 95 % interval, drawn between the bounds the task declares.",
-    )
+    lead = "Estimate and 95 % interval, drawn between the bounds the task declares."
+    return section("Parameters", table(head, rows, numeric=(1, 2, 3)), lead=lead)
 
 
 def _parameter_row(name: str, p: Mapping[str, Any]) -> list[str]:
     sd, interval = p.get("sd"), p.get("ci95")
-    between = MISSING
-    if interval:
-        between = f"{to_precision_of(interval[0], sd)} to {to_precision_of(interval[1], sd)}"
-    remarks = []
-    if not p["identifiable"]:
-        remarks.append('<span class="unsure">not determined</span>')
-    if p["at_bound"]:
-        remarks.append('<span class="warn">at its bound</span>')
+    remarks = ['<span class="unsure">not determined</span>'] * (not p["identifiable"])
+    remarks += ['<span class="warn">at its bound</span>'] * p["at_bound"]
     return [
         f'<span class="name">{escape(name)}</span> <span class="unit">{escape(shown_unit(p["unit"]))}</span>',
         f'<span class="name">{to_precision_of(p["value"], sd)}</span>',
         significant(sd, 2),
-        between,
+        " to ".join(to_precision_of(v, sd) for v in interval) if interval else MISSING,
         _range(p),
         ", ".join(remarks) or '<span class="quiet">determined</span>',
     ]
@@ -151,117 +138,92 @@ def _range(p: Mapping[str, Any]) -> str:
     def percent(value: float) -> float:
         return 100 * min(1.0, max(0.0, (value - p["low"]) / (p["high"] - p["low"])))
 
-    bar = ""
+    interval = ""
     if p.get("ci95"):
         a, b = (percent(v) for v in p["ci95"])
-        bar = f'<span class="interval" style="left:{a:.2f}%;width:{b - a:.2f}%"></span>'
-    return (
-        f'<div class="range">{bar}<span class="value" style="left:{percent(p["value"]):.2f}%"></span></div>'
-        f'<div class="ends"><span>{bound(p["low"])}</span><span>{bound(p["high"])}</span></div>'
-    )
+        interval = f'<span class="interval" style="left:{a:.2f}%;width:{b - a:.2f}%"></span>'
+    value = f'<span class="value" style="left:{percent(p["value"]):.2f}%"></span>'
+    ends = f"<span>{bound(p['low'])}</span><span>{bound(p['high'])}</span>"
+    return f'<div class="range">{interval}{value}</div><div class="ends">{ends}</div>'
 
 
 def _errors(estimate: Estimate) -> str:
-    document, rows = estimate.document, []
-    for e in findings.output_errors(estimate):
-        source = findings.FLOOR_SOURCES.get(e.floor_source, e.floor_source)
-        rows.append(
-            [
-                f'<span class="name">{escape(e.name)}</span>',
-                with_unit(significant(e.nominal), escape(e.nominal_unit)),
-                *(with_unit(significant(v), escape(e.unit)) for v in (e.fit, e.test, e.floor)),
-                with_unit(significant(e.ratio), "×"),
-                f'<span class="quiet">{escape(source)}</span>',
-            ]
-        )
-    overall = [findings.normalized(document, part) for part in ("fit", "test")]
-    rows.append(
-        [
-            '<span class="quiet">all, over the noise floor</span>',
-            "",
-            *(with_unit(significant(v), "×") for v in overall),
-            "",
-            "",
-            "",
-        ]
-    )
+    errors = findings.output_errors(estimate)
+    together = [findings.normalized(estimate.document, part) for part in ("fit", "test")]
+    rows = [_error_row(e) for e in errors]
+    cells = [with_unit(significant(v), "×") for v in together]
+    rows.append(['<span class="quiet">all, over the noise floor</span>', "", *cells, "", "", ""])
     head = ["output", "nominal", "fitted", "held out", "noise floor", "over the floor", "noise floor is"]
-    return section(
-        "Error",
-        table(head, rows, numeric=(1, 2, 3, 4, 5)),
-        lead="RMSE of measured minus simulated. Held-out windows were never fitted; nominal is the model as it was "
-        "declared, on the same windows. No model can do better than the noise floor.",
+    if not any(e.floor_source for e in errors):
+        head, rows = head[:-1], [row[:-1] for row in rows]
+    lead = (
+        "RMSE of measured minus simulated. Held-out windows were never fitted; nominal is the model as it "
+        "was declared, on the same windows. No model can do better than the noise floor."
     )
+    return section("Error", table(head, rows, numeric=(1, 2, 3, 4, 5)), lead=lead)
+
+
+def _error_row(e: findings.OutputError) -> list[str]:
+    return [
+        f'<span class="name">{escape(e.name)}</span>',
+        with_unit(significant(e.nominal), escape(e.nominal_unit)),
+        *(with_unit(significant(v), escape(e.unit)) for v in (e.fit, e.test)),
+        with_unit(significant(e.floor), escape(e.floor_unit)),
+        with_unit(significant(e.ratio), "×"),
+        f'<span class="quiet">{escape(findings.FLOOR_SOURCES.get(e.floor_source, e.floor_source))}</span>',
+    ]
 
 
 def _curves(estimate: Estimate, curves: Curves) -> str:
-    blocks = [_output(estimate, curves, k) for k in range(len(estimate.attributes["outputs"]))]
     names = [o["name"] for o in estimate.attributes["outputs"]]
-    shown = [f"<h3>{escape(n)}</h3>{b}" for n, b in zip(names, blocks[:OPEN_OUTPUTS], strict=False)]
-    hidden = [folded(n, b) for n, b in zip(names[OPEN_OUTPUTS:], blocks[OPEN_OUTPUTS:], strict=True)]
-    selector = view_selector("show") if len(curves.slices) > 1 else ""
-    return section(
-        "Measured and simulated",
-        selector,
-        *shown,
-        *hidden,
-        lead="The simulation starts afresh at every window. Drag to zoom, double-click to go back, click a name in "
-        "the legend to hide it.",
+    blocks = [_output(name, k) for k, name in enumerate(names)]
+    blocks = [
+        f"<h3>{escape(name)}</h3>{block}" if k < OPEN_OUTPUTS else folded(name, block)
+        for k, (name, block) in enumerate(zip(names, blocks, strict=True))
+    ]
+    several = len(curves.slices) > 1
+    lead = "Drag to zoom, double-click to go back, click a name in the legend to hide it."
+    if several:
+        lead = f"The simulation starts afresh at every window. {lead}"
+    selector = view_selector("show") if several else ""
+    return section("Measured and simulated", selector, *blocks, lead=lead)
+
+
+def _output(name: str, k: int) -> str:
+    over_time = f"{name}: measured, simulated and nominal over time, and the residual"
+    statistics = f"{name}: histogram and autocorrelation of the residual"
+    caption = (
+        "Left: the residual against what the noise floor alone would give. "
+        "Right: its autocorrelation; white noise stays in the band."
+    )
+    return plot(f"overlay-{k}", height=460, label=over_time) + plot(
+        f"residual-{k}", height=250, label=statistics, caption=caption
     )
 
 
-def _output(estimate: Estimate, curves: Curves, k: int) -> str:
-    name = estimate.attributes["outputs"][k]["name"]
-    return plot(
-        f"overlay-{k}",
-        height=460,
-        label=f"{name}: measured, simulated and nominal over time, and the residual",
-    ) + plot(
-        f"residual-{k}",
-        height=250,
-        label=f"{name}: histogram and autocorrelation of the residual",
-        caption="Left: the residual against what the noise floor alone would give. Right: its autocorrelation; "
-        "white noise stays in the band.",
-    )
-
-
-def _search(figures: Mapping[str, Any]) -> str:
-    parts = []
-    if "correlation" in figures:
-        parts.append(
-            _titled_plot(
-                "Correlation of the estimates",
-                plot(
-                    "correlation",
-                    height=400,
-                    label="correlation matrix of the parameters",
-                    caption="Near ±1 the log fixes a combination of two parameters better than either alone.",
-                ),
-            )
-        )
-    if "convergence" in figures:
-        parts.append(
-            _titled_plot(
-                "Convergence",
-                plot(
-                    "convergence",
-                    height=400,
-                    label="error and parameters of the best so far, per round",
-                    caption="The best so far, round by round, and where in its range each parameter stands.",
-                ),
-            )
-        )
+def _search(plots: Mapping[str, Any]) -> str:
+    captions = {
+        "correlation": (
+            "Correlation of the estimates",
+            "Near ±1 the log fixes a combination of two parameters better than either alone.",
+        ),
+        "convergence": (
+            "Convergence",
+            "The best so far, round by round, and where in its range each parameter stands.",
+        ),
+    }
+    parts = [
+        f"<div><h3>{title}</h3>{plot(name, height=400, label=title, caption=caption)}</div>"
+        for name, (title, caption) in captions.items()
+        if name in plots
+    ]
     if not parts:
         return ""
     return section("How it got there", side_by_side(*parts) if len(parts) > 1 else parts[0])
 
 
-def _titled_plot(title: str, figure: str) -> str:
-    return f"<div><h3>{title}</h3>{figure}</div>"
-
-
-def _recordings(document: Mapping[str, Any], figures: Mapping[str, Any]) -> str:
-    if "recordings" not in figures:
+def _recordings(document: Mapping[str, Any], plots: Mapping[str, Any]) -> str:
+    if "recordings" not in plots:
         return ""
     found = document["recordings"]
     answer = {
@@ -269,60 +231,28 @@ def _recordings(document: Mapping[str, Any], figures: Mapping[str, Any]) -> str:
         False: "The recordings disagree: their estimates differ by more than their intervals allow.",
         None: "Too little is known to say whether the recordings agree.",
     }[found.get("agree")]
-    return section(
-        "Recording by recording",
-        plot(
-            "recordings",
-            height=parameter_plots.recordings_height(document),
-            label="each parameter as estimated from each recording alone",
-            caption="Each recording fitted alone, with 95 % intervals; the band is the interval of the joint estimate.",
-        ),
-        lead=found.get("text") or answer,
+    shown = plot(
+        "recordings",
+        height=parameter_plots.recordings_height(document),
+        label="each parameter as estimated from each recording alone",
+        caption="Each recording fitted alone, with 95 % intervals; the band is the joint estimate's.",
     )
+    return section("Recording by recording", shown, lead=found.get("text") or answer)
 
 
-def _made(document: Mapping[str, Any], provenance: Mapping[str, Any] | None) -> str:
-    log = document["log"]
+def _facts(document: Mapping[str, Any]) -> list[tuple[str, str]]:
     facts = [
-        (
-            "log",
-            f"<code>{escape(str(log['path']))}</code><br><code class=quiet>sha256 {escape(log['sha256'])}</code>",
-        )
+        ("log", source(document["log"]["path"], document["log"]["sha256"])),
+        ("identifier", escape(document["identifier"])),
     ]
-    facts.append(("identifier", escape(document["identifier"])))
     split = document.get("split")
     if split:
-        windows = f"{counted(split['fit_windows'], 'window')} fitted, {split['test_windows']} held out"
+        windows = f"{counted(split['fit_windows'])} windows fitted, {counted(split['test_windows'])} held out"
         facts.append(("split", f"{escape(split['how'])}: {windows}"))
     if document.get("starts"):
-        refined = (
-            "refined together with the parameters" if document["starts"]["refined"] else "taken from the log"
-        )
-        facts.append(("start of each window", refined))
-    rollouts = document["rollouts"]
-    facts.append(
-        (
-            "rollouts",
-            f"{rollouts['measured']:,} measured, {rollouts['simulated']:,} simulated".replace(",", " "),
-        )
-    )
-    facts += _provenance_facts(provenance) if provenance else []
-    listed = "".join(f"<dt>{title}</dt><dd>{value}</dd>" for title, value in facts)
-    return section("How it was made", f'<dl class="facts">{listed}</dl>')
-
-
-def _provenance_facts(provenance: Mapping[str, Any]) -> list[tuple[str, str]]:
-    packages = [f"{name} {version}" for name, version in provenance["packages"].items()]
-    made_by = [f"capture {provenance['capture']}", f"python {provenance['python']}", *packages]
-    facts = [("command", f"<code>{escape(str(provenance['command']))}</code>")]
-    options = {name: value for name, value in provenance["options"].items() if value is not None}
-    if options:
-        text = "<br>".join(f"{escape(name)} = {escape(str(value))}" for name, value in options.items())
-        facts.append(("options", f"<code>{text}</code>"))
-    for name, source in provenance["inputs"].items():
-        digest = f"<code class=quiet>sha256 {escape(source['sha256'])}</code>"
-        facts.append((f"input: {escape(name)}", f"<code>{escape(source['path'])}</code><br>{digest}"))
-    facts.append(("versions", escape(", ".join(made_by))))
-    facts.append(("machine", escape(provenance["platform"])))
-    facts.append(("began", escape(f"{provenance['began']}, took {significant(provenance['seconds'])} s")))
+        refined = document["starts"]["refined"]
+        how = "refined together with the parameters" if refined else "taken from the log"
+        facts.append(("start of each window", how))
+    rollouts = {kind: counted(count) for kind, count in document["rollouts"].items()}
+    facts.append(("rollouts", f"{rollouts['measured']} measured, {rollouts['simulated']} simulated"))
     return facts

@@ -9,8 +9,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from capture_cli.reports.curves import Curves, thin
 from capture_cli.reports.curve_plots import output_scale, residual_scale
+from capture_cli.reports.curves import Curves, thin
 from capture_cli.reports.quantities import bound, titled, to_precision_of, with_unit
 from capture_cli.stores.estimate import Estimate
 
@@ -19,6 +19,8 @@ WIDTH = 9.0  # inches
 POINTS = 4_000  # of each curve: more than there are pixels
 # Rows of a figure: a log with thirty sensors is for the page.
 MOST_OUTPUTS = 6
+# More names than these would cover the curves they name.
+MOST_NAMED = 8
 
 INK, MUTED, RULE = "#15191e", "#5c6772", "#d5dade"
 MEASURED, SIMULATED, NOMINAL = "#9fb0c1", "#c8430a", "#8c959e"
@@ -27,8 +29,9 @@ PATHS = ("#1f6391", "#c8430a", "#1b7a4a", "#7546b8", "#b0476a", "#8a6d1f", "#3d8
 
 
 def write_figures(estimate: Estimate, folder: Path) -> list[Path]:
-    """Write overlay.png and residual.png into `folder`, and where there is something to show, parameters.png and
-    convergence.png. Returns what was written."""
+    """Write overlay.png and residual.png into `folder`; also parameters.png and convergence.png where the
+    estimate has parameters and rounds. Returns the paths.
+    """
     curves = Curves.of(estimate)
     figures = {"overlay": _overlay(estimate, curves), "residual": _residual(estimate, curves)}
     if estimate.document["parameters"]:
@@ -55,7 +58,7 @@ def _overlay(estimate: Estimate, curves: Curves) -> Figure:
         nominal = axis.plot(x, drawn[:, 2], color=NOMINAL, lw=0.9, ls=(0, (2, 2)), label="nominal")
         simulated = axis.plot(x, drawn[:, 1], color=SIMULATED, lw=1.0, label="simulated")
         axis.set_ylim(framed)  # a nominal that runs away must not hide the rest
-        axis.set_ylabel(titled(estimate.attributes["outputs"][k]["name"], unit))
+        _title(axis, titled(estimate.attributes["outputs"][k]["name"], unit))
         _shade_test(axis, curves)
     handles = [*measured, *simulated, *nominal, *_test_patch(curves)]
     return _finished(figure, axes, curves, handles)
@@ -74,7 +77,7 @@ def _residual(estimate: Estimate, curves: Curves) -> Figure:
             axis.axhspan(-2 * floor * factor, 2 * floor * factor, color=FLOOR, alpha=0.18, lw=0)
             handles = [Patch(color=FLOOR, alpha=0.18, lw=0, label="noise floor ±2 sd")]
         axis.axhline(0, color=RULE, lw=0.8, zorder=0)
-        axis.set_ylabel(titled(f"{output['name']} residual", unit))
+        _title(axis, f"{titled(output['name'], unit)}, measured minus simulated")
         _shade_test(axis, curves)
     return _finished(figure, axes, curves, [*handles, *_test_patch(curves)])
 
@@ -119,10 +122,11 @@ def _convergence(estimate: Estimate) -> Figure:
         p = estimate.document["parameters"][name]
         place = (np.asarray(estimate.arrays["round/parameters"])[:, k] - p["low"]) / (p["high"] - p["low"])
         axes[1].plot(place, color=PATHS[k % len(PATHS)], lw=1.2, marker=marker, ms=3, label=name)
+    if 0 < len(names) <= MOST_NAMED:
+        axes[1].legend(frameon=False, fontsize=8, labelcolor=MUTED)
     if names:
         axes[1].set(ylim=(-0.05, 1.05), ylabel="place in range")
-        axes[1].set_yticks([0, 0.5, 1], ["low", "½", "high"])
-        axes[1].legend(frameon=False, fontsize=8, labelcolor=MUTED, ncols=1 + len(names) // 8)
+        axes[1].set_yticks([0, 0.5, 1], ["low", "middle", "high"])
     for axis in axes:
         axis.set_xlabel("round")
         axis.xaxis.get_major_locator().set_params(integer=True)
@@ -151,8 +155,11 @@ def _finished(figure: Figure, axes, curves: Curves, handles) -> Figure:
             fontsize=9,
             labelcolor=MUTED,
         )
-    figure.align_ylabels(axes)
     return figure
+
+
+def _title(axis, text: str) -> None:
+    axis.set_title(text, loc="left", fontsize=9, color=INK, pad=4)
 
 
 def _restrain(axis) -> None:
@@ -160,7 +167,7 @@ def _restrain(axis) -> None:
     axis.spines[["left", "bottom"]].set_color(RULE)
     axis.tick_params(colors=MUTED, labelsize=8, length=3, color=RULE)
     axis.xaxis.label.set(color=MUTED, size=9)
-    axis.yaxis.label.set(color=INK, size=9)
+    axis.yaxis.label.set(color=MUTED, size=9)
 
 
 def _shade_test(axis, curves: Curves) -> None:

@@ -1,4 +1,4 @@
-"""What an estimate says, in words and rows: shared by the page and the terminal, so that both say the same."""
+"""What an estimate says, in words and rows: one source for the page and the terminal."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ from capture_cli.reports.quantities import bound, scaled_unit, significant, with
 from capture_cli.stores.estimate import Estimate
 
 TITLES = {"explained": "explained", "unexplained": "unexplained", "not-identifiable": "not identifiable"}
+# In the unit of the errors, a noise floor under this has more zeros than digits.
+NEAR = 0.01
 FLOOR_SOURCES = {
     "declared": "declared in the task",
     "differences": "from high-order differences",
@@ -23,8 +25,9 @@ FLOOR_SOURCES = {
 class OutputError:
     """RMSE of one output; None where there is none.
 
-    fit, test and floor are in `unit`, nominal in `nominal_unit`; both may carry a prefix, and the nominal error may
-    well be a thousand times the others. ratio: of the held-out error (fit where nothing was held out) to the noise floor.
+    fit and test are in `unit`, the others in units of their own, which may all carry a prefix: the nominal
+    error may well be a thousand times the fitted one, and that a thousand times the noise floor.
+    ratio: of the held-out error (the fitted one where nothing was held out) to the noise floor.
     """
 
     name: str
@@ -34,6 +37,7 @@ class OutputError:
     fit: float | None
     test: float | None
     floor: float | None
+    floor_unit: str
     floor_source: str
     ratio: float | None
 
@@ -79,8 +83,9 @@ def notes(document: Mapping[str, Any]) -> list[str]:
     recordings = document.get("recordings") or {}
     if recordings.get("agree") is False:
         found.append(_disagreement(recordings))
-    if document.get("lack_of_fit"):
-        found.append(_lack_of_fit(document["lack_of_fit"]))
+    lack = document.get("lack_of_fit") or {}
+    if lack.get("text") or not document.get("summary"):  # a summary has said it
+        found.append(_lack_of_fit(lack))
     return [n for n in found if n]
 
 
@@ -92,7 +97,7 @@ def combination(weights: Mapping[str, float]) -> str:
 
 
 def correlation(estimate: Estimate) -> np.ndarray | None:
-    """Correlation of the parameters' errors (parameter, parameter); None where there are not two to correlate."""
+    """Correlation of the parameters' errors (parameter, parameter); None for fewer than two parameters."""
     if len(estimate.attributes["parameters"]) < 2:
         return None
     if estimate.document.get("correlation"):
@@ -112,6 +117,8 @@ def _output_error(document, name: str, unit: str, nominal: float | None, source:
     shown = rmse["test"] if rmse["test"] is not None else rmse["fit"]
     factor, label = scaled_unit(unit, shown or floor)
     nominal_factor, nominal_label = scaled_unit(unit, nominal)
+    near = floor and floor * factor >= NEAR  # then it is easier to compare in one unit
+    floor_factor, floor_label = (factor, label) if near else scaled_unit(unit, floor)
     return OutputError(
         name=name,
         unit=label,
@@ -119,7 +126,8 @@ def _output_error(document, name: str, unit: str, nominal: float | None, source:
         nominal_unit=nominal_label,
         fit=_times(rmse["fit"], factor),
         test=_times(rmse["test"], factor),
-        floor=_times(floor, factor),
+        floor=_times(floor, floor_factor),
+        floor_unit=floor_label,
         floor_source=source,
         ratio=shown / floor if floor and shown is not None else None,
     )
@@ -153,7 +161,8 @@ def _undetermined(item: Mapping[str, Any]) -> str:
 def _at_bound(name: str, parameter: Mapping[str, Any]) -> str:
     upper = abs(parameter["value"] - parameter["high"]) < abs(parameter["value"] - parameter["low"])
     limit = with_unit(bound(parameter["high" if upper else "low"]), parameter["unit"])
-    return f"{name} is at its {'upper' if upper else 'lower'} bound, {limit}: the bound, not the log, decides it."
+    side = "upper" if upper else "lower"
+    return f"{name} is at its {side} bound, {limit}: the bound, not the log, decides it."
 
 
 def _disagreement(recordings: Mapping[str, Any]) -> str:
@@ -168,6 +177,7 @@ def _disagreement(recordings: Mapping[str, Any]) -> str:
 def _lack_of_fit(lack: Mapping[str, Any]) -> str:
     if lack.get("text"):
         return lack["text"]
-    if lack.get("normalized") is None or lack.get("threshold") is None:
+    size, threshold = lack.get("normalized"), lack.get("threshold")
+    if size is None or threshold is None:
         return ""
-    return f"Lack of fit {significant(lack['normalized'])}; chance alone stays under {significant(lack['threshold'])}."
+    return f"Lack of fit {significant(size)}; chance alone stays under {significant(threshold)}."

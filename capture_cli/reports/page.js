@@ -27,7 +27,7 @@ const axis = { gridcolor: "--grid", linecolor: "--rule", zerolinecolor: "--rule"
 
 function laidOut(layout) {
   const full = {
-    margin: { l: 58, r: 12, t: 30, b: 44 },
+    margin: { l: 58, r: 12, t: 48, b: 44 }, // above the plot: buttons, then the legend
     hovermode: "x unified",
     legend: { orientation: "h", x: 0, y: 1, xanchor: "left", yanchor: "bottom" },
     paper_bgcolor: "rgba(0,0,0,0)",
@@ -94,7 +94,7 @@ function draw(place) {
   if (!figure || place.offsetParent === null) return; // folded away: drawn when it opens
   const { data, layout } = fromCurves(figure);
   const style = getComputedStyle(document.documentElement);
-  Plotly.react(place, painted(data, style), painted(laidOut(layout), style), config);
+  Plotly.react(place, painted(data, style), painted(laidOut(layout), style), { ...config, ...figure.config });
 }
 
 function drawAll() {

@@ -1,7 +1,7 @@
-"""A page that stands alone: one HTML file with its style, its script and plotly.js inside, and no network address.
+"""A page that stands alone: one HTML file with its style, its script and plotly.js inside.
 
-Colours are named, not given: a string "--ink" in a plot is the CSS variable of that name, looked up when the plot is
-drawn, so that one page serves light, dark and paper.
+Colours are named, not given: a string "--ink" in a plot is the CSS variable of that name, looked up when the
+plot is drawn, so that one page serves light, dark and paper.
 """
 
 from __future__ import annotations
@@ -16,14 +16,17 @@ from typing import Any
 import numpy as np
 
 # Nothing may be fetched: a page that is mailed around must not call home, nor break without a network.
-_POLICY = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:; form-action 'none'"
+_POLICY = (
+    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
+    "img-src data: blob:; form-action 'none'"
+)
 
 
 def page(*, title: str, body: str, plots: Mapping[str, Any], curves: Mapping[str, Any] | None = None) -> str:
     """The whole page. plots: plotly figures ({"data", "layout"}) by the id of the `plot` that shows them.
 
-    curves: {"sets": {SET: {SERIES: packed}}, "views": [{"label", "set", "first", "last"}, …]}; a trace takes its
-    points from them by "meta": {"series": NAME}, and the selector of views (`view_selector`) says which points.
+    curves: {"sets": {SET: {SERIES: packed}}, "views": [{"label", "set", "first", "last"}, …]}. A trace with
+    "meta": {"series": NAME} takes its points from there: those of the view that `view_selector` has chosen.
     """
     data = json.dumps({"plots": plots, "curves": curves}, allow_nan=False, separators=(",", ":"))
     return "\n".join(
@@ -58,11 +61,35 @@ def section(title: str, *parts: str, lead: str = "") -> str:
     )
 
 
+def verdict(tone: str, badge: str, sentence: str, *, notes: Sequence[str], command: str | None) -> str:
+    """The box at the top: a badge, the verdict in plain words, what to know beside it, and what to run next.
+
+    tone: the CSS class that colours it; it is a verdict of estimate.json or diagnosis.json.
+    """
+    listed = "".join(f"<li>{escape(n)}</li>" for n in notes)
+    parts = [
+        f'<span class="badge">{escape(badge)}</span>',
+        f'<p class="sentence">{escape(sentence)}</p>',
+        f"<ul>{listed}</ul>" if listed else "",
+        f'<div class="next"><span>next</span><code>{escape(command)}</code></div>' if command else "",
+    ]
+    return f'<div class="verdict {tone}">{"".join(parts)}</div>'
+
+
+def tiles(shown: Sequence[tuple[str, str, str]]) -> str:
+    """A row of single numbers: (title, number, what it counts)."""
+    cells = "".join(
+        f"<div><dt>{escape(title)}</dt><dd>{escape(number)} <small>{escape(detail)}</small></dd></div>"
+        for title, number, detail in shown
+    )
+    return f'<dl class="tiles">{cells}</dl>'
+
+
 def plot(name: str, *, height: int, label: str, caption: str = "") -> str:
-    """The place of the plot `name`, `height` px high; `label` says what it shows to those who cannot see it."""
+    """The place of the plot `name`, `height` px high; `label` tells those who cannot see it what it shows."""
     under = f"<figcaption>{escape(caption)}</figcaption>" if caption else ""
-    place = f'<div class="plot" id="{escape(name)}" role="img" aria-label="{escape(label)}" style="height:{height}px">'
-    return f"<figure>{place}</div>{under}</figure>"
+    attributes = f'id="{escape(name)}" role="img" aria-label="{escape(label)}" style="height:{height}px"'
+    return f'<figure><div class="plot" {attributes}></div>{under}</figure>'
 
 
 def side_by_side(*parts: str) -> str:
@@ -99,7 +126,7 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]], *, numeric: Sequen
 
 
 def packed(values: np.ndarray, dtype: str) -> dict[str, str]:
-    """Numbers (n,) as plotly takes them: little-endian bytes in base64. dtype: "f4" or "f8"; not finite is a gap."""
+    """Numbers (n,) as little-endian bytes in base64. dtype: "f4" or "f8"; what is not finite is a gap."""
     with np.errstate(over="ignore"):
         values = np.asarray(values).astype(f"<{dtype}")
     values = np.where(np.isfinite(values), values, np.nan).astype(f"<{dtype}")

@@ -1,4 +1,4 @@
-"""The interactive plots of an estimate's parameters: their correlation, how they were found, and per recording."""
+"""The interactive plots of an estimate's parameters: correlation, convergence, and recording by recording."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ from capture_cli.reports.plotly_parts import Plot, band, line, rounded
 from capture_cli.reports.quantities import shown_unit, titled
 from capture_cli.stores.estimate import Estimate
 
-RECORDING_COLUMNS = 3
-# Past this many, a marker per round is a thick line, and a number per field of the matrix a smudge.
-MOST_MARKERS, MOST_NUMBERED = 60, 10
+# Past these, markers make a thick line, numbers in the matrix a smudge, and a legend takes the plot's room.
+MOST_MARKERS, MOST_NUMBERED, MOST_NAMED = 60, 10, 8
+# They would lie over the titles of small plots.
+NO_BUTTONS = {"displayModeBar": False}
 # Of one luminance, so that they hold on light and on dark.
 PATHS = ("#2f7fb8", "#d9772b", "#3c9d6b", "#9a6fd0", "#c25573", "#8c7a3d", "#4f9fa5", "#7d8790")
 
@@ -48,24 +49,32 @@ def correlation_matrix(estimate: Estimate) -> Plot | None:
             "showgrid": False,
             "tickangle": 0 if sum(map(len, names)) < 45 else -40,
         },
-        "yaxis": {"type": "category", "showgrid": False, "autorange": "reversed", "ticklabelstandoff": 6},
+        "yaxis": {
+            "type": "category",
+            "showgrid": False,
+            "ticks": "",
+            "autorange": "reversed",
+            "ticklabelstandoff": 6,
+        },
     }
-    return {"data": [heatmap], "layout": layout}
+    return {"data": [heatmap], "layout": layout, "config": NO_BUTTONS}
 
 
 def convergence(estimate: Estimate) -> Plot | None:
-    """The best so far, round by round: its error, and its parameters within their ranges; None before any round."""
+    """The best so far, round by round: its error, its parameters in their ranges; None before any round."""
     errors = np.asarray(estimate.arrays["round/error"])
     if not len(errors):
         return None
     names, rounds = estimate.attributes["parameters"], np.arange(len(errors))
+    legend = {"orientation": "h", "x": 0, "y": -0.2, "xanchor": "left", "yanchor": "top"}
     marks = {"mode": "lines+markers" if len(rounds) <= MOST_MARKERS else "lines", "marker": {"size": 5}}
     hover = {"hovertemplate": "error %{y:.4g}<extra></extra>"}
     data = [line("error", "--ink", rounds, errors, showlegend=False, **marks, **hover)]
     layout = {
         "hovermode": "closest",
         "margin": {"l": 58, "r": 12, "t": 12, "b": 44},
-        "legend": {"orientation": "h", "x": 0, "y": -0.2, "xanchor": "left", "yanchor": "top"},
+        "legend": legend,
+        "showlegend": len(names) <= MOST_NAMED,
         "xaxis": {"title": {"text": "round", "standoff": 6}, "anchor": "y2" if names else "y"},
         "yaxis": {"title": {"text": "error / noise floor"}, "domain": [0.56 if names else 0, 1]},
     }
@@ -80,35 +89,49 @@ def convergence(estimate: Estimate) -> Plot | None:
             "tickvals": [0, 0.5, 1],
             "ticktext": ["low", "middle", "high"],
         }
-    return {"data": data, "layout": layout}
+    return {"data": data, "layout": layout, "config": NO_BUTTONS}
 
 
 def recordings(document: Mapping[str, Any]) -> Plot | None:
-    """Each recording's own estimate with its 95 % interval, beside the joint one; None for a single recording."""
+    """Each recording's own estimate and 95 % interval beside the joint one; None for a single recording."""
     found = document.get("recordings") or {}
     names, parameters = found.get("names") or [], found.get("parameters") or {}
     if len(names) < 2 or not parameters:
         return None
     data, annotations, shapes, axes = [], [], [], {}
+    rows, columns = _panels(document)
     for k, (name, own) in enumerate(parameters.items()):
         joint, number = document["parameters"][name], "" if k == 0 else str(k + 1)
-        axes |= _panel(k, len(parameters), number)
+        axes |= _panel(*divmod(k, columns), rows, columns, number)
         data.append(_recording_points(names, own, joint["unit"], number))
-        annotations.append(_heading(titled(name, joint["unit"]), own.get("p_value"), number))
+        annotations.append(_heading(_recording_title(document, name), number))
         if joint.get("ci95"):
             shapes.append(
                 band(*joint["ci95"], along=f"x{number}", across=f"y{number} domain", color="--floor-shade")
             )
-    margin = {"l": 20, "r": 12, "t": 30, "b": 34}
+    margin = {"l": 20, "r": 12, "t": 30, "b": 34 if rows == 1 else 10}
     layout = {"hovermode": "closest", "margin": margin, "annotations": annotations, "shapes": shapes, **axes}
-    return {"data": data, "layout": layout}
+    return {"data": data, "layout": layout, "config": NO_BUTTONS}
 
 
 def recordings_height(document: Mapping[str, Any]) -> int:
     """px that the plot of recordings needs."""
-    found = document["recordings"]
-    rows = -(-len(found["parameters"]) // RECORDING_COLUMNS)
-    return rows * (75 + 26 * len(found["names"])) + 30
+    rows, _ = _panels(document)
+    return rows * (75 + 26 * len(document["recordings"]["names"])) + 30
+
+
+def _panels(document: Mapping[str, Any]) -> tuple[int, int]:
+    """(rows, columns) of small plots, as many beside each other as their titles allow."""
+    parameters = document["recordings"]["parameters"]
+    longest = max(len(_recording_title(document, name)) for name in parameters)
+    columns = min(len(parameters), 3 if longest <= 24 else 2)
+    return -(-len(parameters) // columns), columns
+
+
+def _recording_title(document: Mapping[str, Any], name: str) -> str:
+    p = document["recordings"]["parameters"][name].get("p_value")
+    title = titled(name, document["parameters"][name]["unit"])
+    return title if p is None else f"{title}   p = {p:.2g}"
 
 
 def _path(estimate: Estimate, k: int, rounds: np.ndarray, marks: Plot) -> Plot:
@@ -121,12 +144,10 @@ def _path(estimate: Estimate, k: int, rounds: np.ndarray, marks: Plot) -> Plot:
     return line(name, PATHS[k % len(PATHS)], rounds, place, **marks, **more)
 
 
-def _panel(k: int, count: int, number: str) -> Plot:
-    """The axes of the k-th of `count` small plots, which fill the figure row by row."""
-    columns, rows = min(RECORDING_COLUMNS, count), -(-count // RECORDING_COLUMNS)
-    row, column = divmod(k, RECORDING_COLUMNS)
+def _panel(row: int, column: int, rows: int, columns: int, number: str) -> Plot:
+    """The axes of one small plot of a grid."""
     left, top = column / columns, 1 - row / rows
-    gap = 0.3 / rows if rows > 1 else 0.0
+    below, above = (0.25 / rows, 0.1 / rows) if rows > 1 else (0.0, 0.0)
     return {
         f"xaxis{number}": {
             "domain": [left + (0.03 if column else 0), left + 1 / columns - 0.01],
@@ -134,7 +155,7 @@ def _panel(k: int, count: int, number: str) -> Plot:
             "nticks": 5,
         },
         f"yaxis{number}": {
-            "domain": [top - 1 / rows + (gap if row < rows - 1 else 0), top - (gap / 3 if row else 0)],
+            "domain": [top - 1 / rows + below, top - above],
             "anchor": f"x{number}",
             "autorange": "reversed",
             "type": "category",
@@ -160,9 +181,9 @@ def _recording_points(names, own: Mapping[str, Any], unit: str, number: str) -> 
     }
 
 
-def _heading(title: str, p: float | None, number: str) -> Plot:
+def _heading(text: str, number: str) -> Plot:
     return {
-        "text": f"<b>{title}</b>" + ("" if p is None else f"   p = {p:.2g}"),
+        "text": text,
         "xref": f"x{number} domain",
         "yref": f"y{number} domain",
         "x": 0,

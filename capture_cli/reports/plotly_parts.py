@@ -10,7 +10,7 @@ Plot = dict[str, Any]
 
 
 def line(name: str, color: str, x=None, y=None, *, width: float = 1.5, axes: str = "", **more) -> Plot:
-    """A curve. x, y (n,), or neither where "meta" says which of the page's curves it shows. axes: "", "2", …"""
+    """A curve. x, y (n,), or neither where "meta" names one of the page's curves. axes: "", "2", …"""
     trace = {
         "type": "scatter",
         "mode": "lines",

@@ -6,7 +6,8 @@ import math
 import re
 
 MISSING = "–"
-# A prefix can be put before these symbols when they open a unit and carry no exponent: "m/s" yes, "m^2" and "kg" no.
+LONGEST_TITLE = 26  # characters: more do not fit beside a small plot
+# These symbols take a prefix where they open a unit and carry no exponent: "m/s" does, "m^2" and "kg" do not.
 _PREFIXABLE = re.compile(r"(m|rad|s|N|V|A|W|J|Pa|Hz)(?![\w^²³*])")
 _PREFIXES = ((1.0, ""), (1e3, "m"), (1e6, "µ"), (1e9, "n"))
 
@@ -44,7 +45,7 @@ def bound(value: float) -> str:
 
 
 def to_precision_of(value: float | None, sd: float | None) -> str:
-    """`value` to the digit that two digits of `sd` reach, and to six digits at most: 95.1078, 0.13 -> "95.11"."""
+    """`value` to the second digit of `sd`, and to six digits at most: 95.1078, 0.13 -> "95.11"."""
     if value is None or not math.isfinite(value):
         return MISSING
     if not sd or not math.isfinite(sd):
@@ -67,13 +68,14 @@ def shown_unit(unit: str) -> str:
 
 
 def titled(name: str, unit: str) -> str:
-    """The title of an axis: "q [mm]"; a number without a unit is its name alone."""
+    """The title of an axis: "q [mm]"; a number without a unit is its name alone, and a long name is cut."""
+    name = name if len(name) <= LONGEST_TITLE else name[: LONGEST_TITLE - 1] + "…"
     return f"{name} [{unit}]" if shown_unit(unit) else name
 
 
-def counted(count: int, noun: str) -> str:
-    """1, "window" -> "1 window"; 49, "window" -> "49 windows"."""
-    return f"{count:,} {noun}{'' if count == 1 else 's'}".replace(",", " ")
+def counted(count: int) -> str:
+    """A count, its thousands apart by a thin space: 1240 -> "1 240"."""
+    return f"{count:,}".replace(",", "\u2009")
 
 
 def _exponent(value: float, digits: int) -> int:

@@ -58,7 +58,7 @@ class _Screen:
         self.console.print()
 
     def wrapped(self, mark: str, content: str, style: str) -> None:
-        """A word in `style` and the text after it, wrapped under itself; without a word, the text in `style`."""
+        """A word in `style` and a text wrapped beside it; without a word, the text in `style`."""
         start = f"{mark}  " if mark else ""
         lines = textwrap.wrap(content, max(20, self.console.width - len(start)), break_on_hyphens=False)
         for k, line in enumerate(lines):
@@ -113,15 +113,14 @@ def _errors(errors: list[findings.OutputError]) -> list[list[str]]:
     rows = [["output", "nominal", "fitted", "held out", "noise floor", "over the floor"]]
     for e in (e for e in errors if e in farthest):
         nominal = with_unit(significant(e.nominal), e.nominal_unit)
-        values = [with_unit(significant(v), e.unit) for v in (e.fit, e.test, e.floor)]
-        rows.append([e.name, nominal, *values, with_unit(significant(e.ratio), "×")])
+        values = [with_unit(significant(v), e.unit) for v in (e.fit, e.test)]
+        floor = with_unit(significant(e.floor), e.floor_unit)
+        rows.append([e.name, nominal, *values, floor, with_unit(significant(e.ratio), "×")])
     return rows
 
 
 def _few(notes: list[str], outputs: int) -> list[str]:
     """As many notes as fit, and what else the report holds."""
-    more = [f"{len(notes) - MOST_NOTES} more notes"] if len(notes) > MOST_NOTES else []
-    more += (
-        [f"{outputs - MOST_OUTPUTS} more outputs, nearer to their floor"] if outputs > MOST_OUTPUTS else []
-    )
-    return notes[:MOST_NOTES] + ([f"In the report: {', '.join(more)}."] if more else [])
+    left = {"notes": len(notes) - MOST_NOTES, "outputs nearer to their floor": outputs - MOST_OUTPUTS}
+    more = [f"{what} ({count})" for what, count in left.items() if count > 0]
+    return notes[:MOST_NOTES] + ([f"Only in the report: {' and '.join(more)}."] if more else [])

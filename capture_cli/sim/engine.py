@@ -111,10 +111,15 @@ class Starts:
 
 @dataclass(frozen=True)
 class Rollouts:
-    """sensors (simulation, step, sensordata): at time start + step * dt. diverged (simulation,): do not believe."""
+    """sensors (simulation, step, sensordata): at time start + step * dt. diverged (simulation,): do not believe.
+
+    qpos, qvel (simulation, step, ...): the states, where asked for.
+    """
 
     sensors: np.ndarray
     diverged: np.ndarray
+    qpos: np.ndarray | None = None
+    qvel: np.ndarray | None = None
 
 
 class Engine:
@@ -135,31 +140,33 @@ class Engine:
         fields: ModelFields | None = None,
         forces: Sequence[Force] = (),
         columns: np.ndarray | None = None,
+        states: bool = False,
     ) -> Rollouts:
         """Step every simulation `steps` times and record its sensors before each step.
 
         controls: (row, at least `steps`, nu); simulation i is driven by controls[control_row[i]] (row i where None).
         fields: per-simulation model values; constants that derive from them are recomputed.
-        columns: which columns of sensordata to keep (all where None).
+        columns: which columns of sensordata to keep (all where None). states: keep qpos and qvel as well.
 
         A simulation in which MuJoCo warns of divergence is held from there on and marked.
         """
         count = len(starts)
         control_row = np.arange(count) if control_row is None else np.asarray(control_row)
         columns = np.arange(self.model.nsensordata) if columns is None else np.asarray(columns)
-        sensors = np.empty((count, steps, len(columns)))
-        diverged = np.zeros(count, dtype=bool)
+        fields_kept = ("sensordata", "qpos", "qvel") if states else ("sensordata",)
+        recorded: dict[str, list[np.ndarray]] = {name: [] for name in fields_kept}
+        diverged = []
         for first in range(0, count, self._chunk(steps)):
             rows = np.arange(first, min(count, first + self._chunk(steps)))
             runner = self._prepare(rows, starts, fields)
             tape = controls[control_row[rows], :steps]
-            if forces:
-                recorded, bad = self._step_with_forces(runner, rows, tape, forces)
-            else:
-                recorded, bad = self._step_in_c(runner, tape, steps)
-            sensors[rows] = recorded[..., columns]
-            diverged[rows] = bad | ~np.isfinite(sensors[rows]).all(axis=(1, 2))
-        return Rollouts(sensors, diverged)
+            chunk, bad = _step(runner, rows, tape, steps, forces, fields_kept)
+            chunk["sensordata"] = chunk["sensordata"][..., columns]
+            for name, values in chunk.items():
+                recorded[name].append(values)
+            diverged.append(bad | ~np.isfinite(chunk["sensordata"]).all(axis=(1, 2)))
+        whole = {name: np.concatenate(parts) for name, parts in recorded.items()}
+        return Rollouts(whole["sensordata"], np.concatenate(diverged), whole.get("qpos"), whole.get("qvel"))
 
     def _chunk(self, steps: int) -> int:
         row_bytes = 8 * steps * (self.model.nsensordata + self.model.nu + 1)
@@ -182,43 +189,53 @@ class Engine:
         runner.bind("time")[...] = starts.time[rows]
         return runner
 
-    @staticmethod
-    def _step_in_c(runner: batch.Batch, tape: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray]:
-        recorded = np.zeros((len(tape), steps, runner.model.nsensordata))
-        bad = np.zeros(len(tape), dtype=bool)
+
+Recorded = tuple[dict[str, np.ndarray], np.ndarray]
+
+
+def _step(runner, rows, tape: np.ndarray, steps: int, forces: Sequence[Force], names: Sequence[str]) -> Recorded:
+    """Fields `names` (simulation, step, ...) before each step, and which simulations diverged (simulation,)."""
+    if forces:
+        return _step_with_forces(runner, rows, tape, forces, names)
+    start = {name: runner.bind(name).copy() for name in names if name != "sensordata"}
+    recorded = {name: np.zeros((len(rows), steps, *runner.bind(name).shape[1:])) for name in names}
+    bad = np.zeros(len(rows), dtype=bool)
+    try:
+        runner.rollout(steps, tape if tape.shape[-1] else None, record=tuple(names), out=dict(recorded))
+    except batch.SimulationError as error:
+        bad[error.ids] = True
+    for name, first in start.items():  # states are recorded after each step, sensors describe the state before it
+        recorded[name] = np.concatenate([first[:, None], recorded[name][:, :-1]], axis=1)
+    return recorded, bad | _warned(runner)
+
+
+def _step_with_forces(runner, rows, tape: np.ndarray, forces: Sequence[Force], names: Sequence[str]) -> Recorded:
+    world = World(runner, rows)
+    ctrl, joint_force, body_force = (runner.bind(n) for n in ("ctrl", "qfrc_applied", "xfrc_applied"))
+    live = {name: runner.bind(name) for name in names}
+    recorded = {name: np.zeros((len(rows), tape.shape[1], *view.shape[1:])) for name, view in live.items()}
+    bad = np.zeros(len(rows), dtype=bool)
+    for step in range(tape.shape[1]):
+        ctrl[...] = tape[:, step]
+        joint_force[...] = 0.0
+        body_force[...] = 0.0
+        world.restore_varied()
+        for force in forces:
+            force(world)
+        joint_force[bad] = 0.0
+        body_force[bad] = 0.0
+        world.restore_varied(bad)
+        for name in names:
+            if name != "sensordata":
+                recorded[name][:, step] = live[name]
         try:
-            control = tape if tape.shape[-1] else None
-            runner.rollout(steps, control, record=("sensordata",), out={"sensordata": recorded})
+            runner.step()
         except batch.SimulationError as error:
             bad[error.ids] = True
-        return recorded, bad | _warned(runner)
-
-    @staticmethod
-    def _step_with_forces(
-        runner: batch.Batch, rows: np.ndarray, tape: np.ndarray, forces: Sequence[Force]
-    ) -> tuple[np.ndarray, np.ndarray]:
-        world = World(runner, rows)
-        ctrl, sensordata = runner.bind("ctrl"), runner.bind("sensordata")
-        joint_force, body_force = runner.bind("qfrc_applied"), runner.bind("xfrc_applied")
-        recorded = np.empty((len(rows), tape.shape[1], sensordata.shape[1]))
-        bad = np.zeros(len(rows), dtype=bool)
-        for step in range(tape.shape[1]):
-            ctrl[...] = tape[:, step]
-            joint_force[...] = 0.0
-            body_force[...] = 0.0
-            world.restore_varied()
-            for force in forces:
-                force(world)
-            joint_force[bad] = 0.0
-            body_force[bad] = 0.0
-            world.restore_varied(bad)
-            try:
-                runner.step()
-            except batch.SimulationError as error:
-                bad[error.ids] = True
-            bad |= _warned(runner)
-            recorded[:, step] = np.where(bad[:, None], recorded[:, max(step - 1, 0)], sensordata)
-        return recorded, bad
+        bad |= _warned(runner)
+        held = recorded["sensordata"][:, max(step - 1, 0)]
+        recorded["sensordata"][:, step] = np.where(bad[:, None], held, live["sensordata"])
+    return recorded, bad
 
 
 def _warned(runner: batch.Batch) -> np.ndarray:

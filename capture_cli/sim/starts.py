@@ -2,7 +2,8 @@
 
 Where an output measures a coordinate or its velocity, a local cubic fitted around the window's first sample gives
 value and derivative; its half-width is the widest at which its residual still looks like the output's noise. What no
-output measures keeps the model's own value and is hardly trusted.
+output measures is taken from one simulation of the whole episode, and trusted as far as it moves there: a coordinate
+that rests stays where it is.
 """
 
 from __future__ import annotations
@@ -18,9 +19,8 @@ from capture_cli.sim.engine import Starts
 HALF_WIDTHS = (4, 6, 9, 13, 19, 28, 40)  # samples on either side
 ACCEPTABLE_RESIDUAL = 1.3  # variance of the local fit's residual over that of the noise
 # The local fit uses samples that the window is fitted to as well, so it may not vote with its full weight twice.
-PRIOR_INFLATION = 3.0
-UNMEASURED_POSITION_SD = 1.0  # m or rad
-UNMEASURED_VELOCITY_SD = 10.0  # m/s or rad/s
+PRIOR_INFLATION = 10.0
+UNKNOWN_VELOCITY_SD = 10.0  # m/s or rad/s, where a position is measured but too seldom to be differentiated
 
 
 @dataclass(frozen=True)
@@ -55,24 +55,18 @@ def estimate_starts(
     window_first: np.ndarray,
     window_episode: np.ndarray,
     noise_sd: np.ndarray,
+    unmeasured: StartEstimate | None = None,
 ) -> StartEstimate:
     """Initial state of every window.
 
     sensors (output,): the sensor of each output column, by id; a sensor of dimension n stands n times in a row.
     time (step,), outputs (step, output), noise_sd (output,). window_first, window_episode (window,).
+    unmeasured: what is believed of coordinates that no output measures; the model's own start, fixed, where None.
     """
-    count, nv, na = len(window_first), model.nv, model.na
-    qpos = np.repeat(_model_start(model)[None], count, axis=0)
-    qvel = np.zeros((count, nv))
-    act = np.zeros((count, na))
-    sd = np.concatenate(
-        [
-            np.full((count, nv), UNMEASURED_POSITION_SD),
-            np.full((count, nv), UNMEASURED_VELOCITY_SD),
-            np.full((count, na), 1.0),
-        ],
-        axis=1,
-    )
+    count, nv = len(window_first), model.nv
+    believed = unmeasured or model_starts(model, count)
+    qpos, qvel, act = (a.copy() for a in (believed.starts.qpos, believed.starts.qvel, believed.starts.act))
+    sd = believed.sd.copy()
     sources = _sources(model, sensors)
     measured_velocity = {d for s in sources if s.kind == "velocity" for d in s.dofs}
     for w in range(count):
@@ -119,8 +113,39 @@ def shift(model: mujoco.MjModel, starts: Starts, offsets: np.ndarray) -> Starts:
     return Starts(qpos, starts.qvel + offsets[:, nv : 2 * nv], starts.act + offsets[:, 2 * nv :], starts.time)
 
 
-def _model_start(model: mujoco.MjModel) -> np.ndarray:
-    return model.key_qpos[0] if model.nkey else model.qpos0
+def model_starts(model: mujoco.MjModel, count: int) -> StartEstimate:
+    """The model's own initial state (its first keyframe if it has one), `count` times, taken as known."""
+    qpos = model.key_qpos[0] if model.nkey else model.qpos0
+    qvel = model.key_qvel[0] if model.nkey else np.zeros(model.nv)
+    act = model.key_act[0] if model.nkey else np.zeros(model.na)
+    starts = Starts(*(np.repeat(a[None], count, axis=0) for a in (qpos, qvel, act)), np.zeros(count))
+    return StartEstimate(starts, np.zeros((count, 2 * model.nv + model.na)))
+
+
+def measures_every_coordinate(model: mujoco.MjModel, sensors: Sequence[int]) -> bool:
+    """Whether every coordinate's position is among the outputs, and there are no activations."""
+    dofs = {d for s in _sources(model, sensors) if s.kind != "velocity" for d in s.dofs}
+    return len(dofs) == model.nv and model.na == 0
+
+
+def from_episodes(model: mujoco.MjModel, qpos, qvel, *, window_episode, window_step) -> StartEstimate:
+    """Starts of windows from simulations of whole episodes: qpos, qvel (episode, grid, ...), window_step (window,).
+
+    Each coordinate is trusted as far as it moves: its standard deviation over the episode. Activations are 0.
+    """
+    count, nv = len(window_episode), model.nv
+    starts = Starts(
+        qpos[window_episode, window_step],
+        qvel[window_episode, window_step],
+        np.zeros((count, model.na)),
+        np.zeros(count),
+    )
+    moved = np.zeros((len(qpos), qpos.shape[1], nv))
+    for episode, path in enumerate(qpos):
+        for step, position in enumerate(path):
+            mujoco.mj_differentiatePos(model, moved[episode, step], 1.0, path[0], position)
+    sd = np.concatenate([moved.std(axis=1), qvel.std(axis=1), np.full((len(qpos), model.na), 1.0)], axis=1)
+    return StartEstimate(starts, sd[window_episode])
 
 
 def _sources(model: mujoco.MjModel, sensors: Sequence[int]) -> list[_Source]:
@@ -175,8 +200,8 @@ def _local_fit(time, series, at, noise_sd):
     """
     columns = series.shape[1]
     value, slope = series[at].astype(float), np.zeros(columns)
-    value_sd, slope_sd = np.array(noise_sd, dtype=float), np.full(columns, UNMEASURED_VELOCITY_SD)
-    growing = np.ones(columns, dtype=bool)
+    value_sd, slope_sd = np.array(noise_sd, dtype=float), np.full(columns, UNKNOWN_VELOCITY_SD)
+    growing, fitted = np.ones(columns, dtype=bool), False
     for half in HALF_WIDTHS:
         a, b = max(0, at - half), min(len(time), at + half + 1)
         if b - a < 6 or not growing.any():
@@ -187,10 +212,11 @@ def _local_fit(time, series, at, noise_sd):
         coefficients = inverse @ (basis.T @ series[a:b])
         residual = series[a:b] - basis @ coefficients
         variance = (residual**2).sum(axis=0) / (b - a - 4)
-        # the residual's variance is itself uncertain: allow two of its standard deviations
-        limit = ACCEPTABLE_RESIDUAL + 2 * np.sqrt(2 / (b - a - 4))
-        if half != HALF_WIDTHS[0]:
+        # the residual's variance is itself uncertain: allow three of its standard deviations
+        limit = ACCEPTABLE_RESIDUAL + 3 * np.sqrt(2 / (b - a - 4))
+        if fitted:
             growing &= variance <= limit * np.square(noise_sd)
+        fitted = True
         scatter = np.sqrt(np.maximum(variance, np.square(noise_sd)))
         take = growing
         value[take], slope[take] = coefficients[0, take], coefficients[1, take] / span

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,9 +11,11 @@ import numpy as np
 from capture_cli.diagnosis.lack_of_fit import LackOfFit, lack_of_fit
 from capture_cli.errors import FitError
 from capture_cli.identifiers import REGISTRY
-from capture_cli.identifiers.base import Best, Identifier, run
+from capture_cli.identifiers.base import Best, Identifier, Trial, run
 from capture_cli.identifiers.intervals import Intervals, intervals
 from capture_cli.identifiers.linearization import Linearization, autocorrelation_time, columns
+from capture_cli.identifiers.least_squares import LeastSquares
+from capture_cli.parameters import ParameterSpace
 from capture_cli.simulator import Simulator
 from capture_cli.stages.prepared_log import PreparedLog, check_parameters_move_outputs, find_task, prepare
 from capture_cli.stores.estimate import FORMAT, VERSION, Estimate
@@ -22,7 +25,7 @@ from capture_cli.stores.provenance import Provenance
 
 AT_BOUND = 1e-4  # of the range
 DISAGREE_P = 0.01  # of all parameters together, Bonferroni
-START_ROUNDS = 3  # Gauss-Newton refinements of the starts of windows that were not fitted
+START_ROUNDS = 12  # to refine the starts of windows that were not fitted
 
 
 def identify(
@@ -121,7 +124,7 @@ class _Report:
         offsets = np.zeros_like(self.prepared.starts.sd)
         offsets[~self.is_test] = fitted.offsets
         if self.is_test.any():
-            offsets[self.is_test] = self._refine_starts(self.prepared.part(self.is_test), fitted.scatter)
+            offsets[self.is_test] = self._refine_starts(self.prepared.part(self.is_test))
         simulated, nominal = self._curves(offsets)
         recordings = self._recordings(fitted, found)
         lacking = self._lack_of_fit(fitted)
@@ -136,16 +139,16 @@ class _Report:
         outputs, diverged = part.evaluate(self.simulator, columns(evidence, x, offsets))
         return Linearization.from_columns(evidence, x, offsets, outputs, diverged)
 
-    def _refine_starts(self, part: PreparedLog, k: float) -> np.ndarray:
-        """Starts of windows that were not fitted, held by the log as firmly as those that were; (window, state)."""
-        evidence = part.evidence(self.simulator)
-        x = self.space.to_unit(self.best.parameters)
-        offsets = np.zeros_like(evidence.start_sd)
-        for _ in range(START_ROUNDS):
-            outputs, diverged = part.evaluate(self.simulator, columns(evidence, x, offsets, parameters=False))
-            at = Linearization.from_columns(evidence, x, offsets, outputs, diverged, parameters=False)
-            offsets = at.start_offsets(np.zeros(0), k)
-        return offsets
+    def _refine_starts(self, part: PreparedLog) -> np.ndarray:
+        """Starts of windows that were not fitted, at the estimate and by the same rule; (window, state)."""
+        evidence = replace(part.evidence(self.simulator), space=ParameterSpace([]))
+        solver = LeastSquares(evidence, start=np.zeros(0), starts=1, rounds=START_ROUNDS)
+
+        def evaluate(trial: Trial):
+            points = np.repeat(self.best.parameters[None], len(trial), axis=0)
+            return part.evaluate(self.simulator, Trial(points, trial.offsets))
+
+        return run(solver, evaluate).offsets
 
     def _curves(self, offsets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Simulated at the estimate and at the nominal values, (window, step, output)."""
@@ -178,7 +181,7 @@ class _Report:
         values, sds = [], []
         for number in numbers:
             part = fit.part(fit.recording == number)
-            solver = REGISTRY.get("least-squares")(
+            solver = LeastSquares(
                 part.evidence(self.simulator), start=self.best.parameters, seed=self.seed, rounds=12, starts=1
             )
             best = run(solver, lambda t, part=part: part.evaluate(self.simulator, t))

@@ -21,6 +21,7 @@ from capture_cli.tasks import load_task
 
 FORMAT = "capture/inspection"
 VERSION = 1
+NOTHING_TO_DO = "nothing to do"
 
 
 def inspect(path: Path, task: str | None = None) -> dict[str, Any]:
@@ -121,6 +122,13 @@ def _inspect_log(path: Path, document: dict[str, Any], machine) -> None:
                 "import the files again with --drop-nan",
             )
         )
+    findings += [
+        finding(
+            "note", r["name"], f"{r['dropped_rows']} incomplete rows were dropped on import", NOTHING_TO_DO
+        )
+        for r in log.recordings
+        if r.get("dropped_rows")
+    ]
     findings += log_findings(document)
     if machine is not None:
         findings += task_findings(log, document, machine)

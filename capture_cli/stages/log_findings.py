@@ -19,6 +19,7 @@ Finding = dict[str, str]
 UNEVEN = 0.1  # sd of the interval, over its median
 SATURATED = 0.05  # share of the samples at exactly one extreme
 SEVERAL_VISITS = 3  # a channel that returns to exactly the same extreme is held there by something
+PILED_UP = 5.0  # times the share at the values next to an extreme: a quantised sine has 3
 MANY_LEVELS = 10  # fewer are a switched signal, which is at its extremes by design
 MOSTLY_AT_REST = 0.5
 WINDOW_SAMPLES = 5  # fewer in a window say little
@@ -48,7 +49,7 @@ def task_findings(log: MeasuredLog, document: Mapping[str, Any], task: Task) -> 
     found = list(_names(log, task))
     if any(f["severity"] == "error" for f in found):
         return found
-        return [*found, *_lengths(document["episodes"], task), *_ranges(log, task)]
+    return [*found, *_lengths(document["episodes"], task), *_ranges(log, task)]
 
 
 # --- timing ---
@@ -85,7 +86,7 @@ def _timing(episodes: Sequence[Mapping[str, Any]]) -> Iterator[Finding]:
             _episode(worst) if len(uneven) == 1 else f"{len(uneven)} episodes",
             f"sampling is uneven: the interval's sd is {worst['jitter_sd']:.0%} of its median, "
             f"the longest is {worst['jitter_max']:.3g} times the median",
-            "nothing: every sample is compared at its own time",
+            "nothing to do: every sample is compared at its own time",
         )
 
 
@@ -138,15 +139,14 @@ def _values(channel: Mapping[str, Any], episodes: int) -> Iterator[Finding]:
             "note" if is_input else "warning",
             where,
             f"never changes in {len(still)} of {episodes} episodes: {_listed(still, len(still))}",
-            "nothing, if the machine stood still there; otherwise leave those episodes out",
+            "nothing to do, if the machine stood still there; otherwise leave those episodes out",
         )
 
 
 def _input(channel: Mapping[str, Any]) -> Iterator[Finding]:
     where, moves = f"input {channel['name']}", channel["excitation"]
-    for side in ("low", "high"):
-        extreme = channel[side]
-        if extreme["share"] > SATURATED and extreme["value"] != 0 and channel["levels"] > MANY_LEVELS:
+    for extreme in _extremes(channel):
+        if extreme["value"] != 0:
             yield finding(
                 "warning" if extreme["visits"] >= SEVERAL_VISITS else "note",
                 where,
@@ -170,12 +170,18 @@ def _input(channel: Mapping[str, Any]) -> Iterator[Finding]:
         )
 
 
+def _extremes(channel: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """The ends of a channel's range at which it is suspiciously often."""
+    if channel["levels"] <= MANY_LEVELS:
+        return []
+    ends = [channel["low"], channel["high"]]
+    return [e for e in ends if e["share"] > SATURATED and e["share"] > PILED_UP * e["neighbours"]]
+
+
 def _output(channel: Mapping[str, Any]) -> Iterator[Finding]:
     where, grid = f"output {channel['name']}", channel["quantisation"]
-    for side in ("low", "high"):
-        extreme = channel[side]
-        often = extreme["share"] > SATURATED and extreme["visits"] >= SEVERAL_VISITS
-        if often and channel["levels"] > MANY_LEVELS:
+    for extreme in _extremes(channel):
+        if extreme["visits"] >= SEVERAL_VISITS:
             yield finding(
                 "warning",
                 where,
@@ -189,7 +195,7 @@ def _output(channel: Mapping[str, Any]) -> Iterator[Finding]:
             where,
             f"is quantised in steps of {grid['step']:.3g} {channel['unit']} "
             f"(sd {grid['step'] / np.sqrt(12):.2g}), and moves less than that from sample to sample",
-            "nothing: the noise floor will show it",
+            "nothing to do: the noise floor will show it",
         )
 
 
@@ -216,17 +222,12 @@ def _channel_names(kind: str, names, units, channels: Sequence[Channel], task: s
     again = "import the files again with this task"
     if tuple(names) != expected:
         message = f"the log has ({', '.join(names)}); task {task!r} has ({', '.join(expected)})"
-        return [finding("error", kind, message, again)]
-    return [
-        finding(
-            "error",
-            f"{kind[:-1]} {c.name}",
-            f"the log has it in {unit!r}, task {task!r} in {c.unit!r}",
-            again,
-        )
-        for c, unit in zip(channels, units, strict=True)
-        if unit != c.unit
-    ]
+        yield finding("error", kind, message, again)
+        return
+    for c, unit in zip(channels, units, strict=True):
+        if unit != c.unit:
+            message = f"the log has it in {unit!r}, task {task!r} in {c.unit!r}"
+            yield finding("error", f"{kind[:-1]} {c.name}", message, again)
 
 
 def _lengths(episodes: Sequence[Mapping[str, Any]], task: Task) -> Iterator[Finding]:

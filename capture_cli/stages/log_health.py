@@ -10,25 +10,28 @@ import numpy as np
 from capture_cli.sim.windows import GAP_FACTOR
 
 PLACES_LISTED = 5
+NEIGHBOURS = 3  # values next to an extreme
 AT_REST = 0.01  # of an input's largest value: less is rest
 BAND_EDGES = (0.0, 0.001, 0.01, 0.1, 1.0)  # of the Nyquist frequency
 LEAST_SPECTRUM = 16  # samples
 SINGLE_LINE = 0.9  # of the power, within two lines of the strongest: one frequency and little else
 GRID_TOLERANCE = 0.05  # of a quantisation step
-FINEST_STEP = 1e-7  # of an output's range: a finer grid is that of the digits it was printed with
+FINEST_STEP = 1e-6  # of an output's range: a finer grid is that of the digits it was printed with
 
 
 def timing(time: np.ndarray) -> dict[str, Any]:
-    """Timing of one episode from its times (step,), s. Statistics leave out intervals that do not go forward.
+    """Timing of one episode from its times (step,), s, however they jump.
 
-    rate in Hz; jitter_sd and jitter_max are of the interval, over its median.
+    Intervals are from the latest time so far; those that do not go forward, and gaps, are left out of
+    the statistics: rate in Hz; jitter_sd and jitter_max, of the interval over its median.
     """
     with np.errstate(invalid="ignore"):
+        time = np.where(np.isfinite(time), time, np.nan)
         interval = np.diff(time)
-        interval[~np.isfinite(interval)] = np.nan
-        forward = interval[interval > 0]
-        median = float(np.median(forward)) if forward.size else np.inf
-        gaps = np.flatnonzero(interval > GAP_FACTOR * median)
+        ahead = time[1:] - np.fmax.accumulate(time)[:-1]
+        median = float(np.median(ahead[ahead > 0])) if np.any(ahead > 0) else np.inf
+        forward = ahead[(ahead > 0) & (ahead <= GAP_FACTOR * median)]
+        gaps = np.flatnonzero(ahead > GAP_FACTOR * median)
         repeated, backward = np.flatnonzero(interval == 0), np.flatnonzero(interval < 0)
     finite = time[np.isfinite(time)]
     return {
@@ -39,7 +42,7 @@ def timing(time: np.ndarray) -> dict[str, Any]:
         "rate": 1 / median if forward.size else None,
         "jitter_sd": float(forward.std() / median) if forward.size else None,
         "jitter_max": float(forward.max() / median) if forward.size else None,
-        "gaps": _places(gaps, time, interval),
+        "gaps": _places(gaps, time, ahead),
         "repeated_times": _places(repeated, time, interval),
         "backward_times": _places(backward, time, interval),
     }
@@ -49,18 +52,19 @@ def channel(values: np.ndarray, episodes: Sequence[slice]) -> dict[str, Any]:
     """Range and faults of one channel (step,).
 
     levels: how many different values. low, high: the least and the greatest value, the share of the samples
-    exactly there, and in how many visits. constant_episodes: those in which the channel never changes.
+    exactly there, in how many visits, and the mean share at each of the next few values (neighbours).
+    constant_episodes: those in which the channel never changes.
     """
     finite = values[np.isfinite(values)]
-    levels = np.unique(finite)
+    levels, counts = np.unique(finite, return_counts=True)
     with np.errstate(invalid="ignore"):
         still = [i for i, e in enumerate(episodes) if e.stop - e.start > 1 and np.ptp(values[e]) == 0]
     bad = np.flatnonzero(~np.isfinite(values))
     return {
         "mean": _number(finite.mean()) if finite.size else None,
         "rms": _number(np.sqrt(np.mean(np.square(finite)))) if finite.size else None,
-        "low": _extreme(values, levels[0]) if finite.size else None,
-        "high": _extreme(values, levels[-1]) if finite.size else None,
+        "low": _extreme(values, levels[0], counts[1:]) if finite.size else None,
+        "high": _extreme(values, levels[-1], counts[-2::-1]) if finite.size else None,
         "levels": len(levels),
         "nan": int(np.isnan(values).sum()),
         "infinite": int(np.isinf(values).sum()),
@@ -105,10 +109,16 @@ def _places(steps: np.ndarray, time: np.ndarray, interval: np.ndarray) -> dict[s
     }
 
 
-def _extreme(values: np.ndarray, value: float) -> dict[str, Any]:
+def _extreme(values: np.ndarray, value: float, others: np.ndarray) -> dict[str, Any]:
+    """`others`: how many samples are at the other values, nearest first."""
     there = values == value
     visits = int(there[0]) + int(np.count_nonzero(there[1:] & ~there[:-1]))
-    return {"value": float(value), "share": float(there.mean()), "visits": visits}
+    return {
+        "value": float(value),
+        "share": float(there.mean()),
+        "visits": visits,
+        "neighbours": float(others[:NEIGHBOURS].mean() / len(values)) if others.size else 0.0,
+    }
 
 
 def _grid_step(levels: np.ndarray) -> float | None:

@@ -11,7 +11,14 @@ from capture_cli.diagnosis.noise_floor import NoiseFloor, noise_floor
 from capture_cli.diagnosis.split import Split, split_windows
 from capture_cli.errors import FitError, LogError, OptionError
 from capture_cli.identifiers.base import Evidence, Trial
-from capture_cli.sim.starts import StartEstimate, estimate_starts
+from capture_cli.sim.engine import Engine, ModelFields
+from capture_cli.sim.starts import (
+    StartEstimate,
+    estimate_starts,
+    from_episodes,
+    measures_every_coordinate,
+    model_starts,
+)
 from capture_cli.sim.windows import Windows, cut
 from capture_cli.simulator import Simulator
 from capture_cli.stores.measured_log import MeasuredLog
@@ -94,15 +101,17 @@ def prepare(log: MeasuredLog, task: Task, *, window: float | None, test: str | N
         linear=linear,
     )
     noise = noise_floor(log.outputs, log.episodes, [c.noise_sd for c in task.outputs])
+    sensors = [c.sensor for c in task.outputs]
     starts = estimate_starts(
         task.model,
-        [c.sensor for c in task.outputs],
+        sensors,
         time=log.time,
         outputs=log.outputs,
         episodes=log.episodes,
         window_first=windows.first,
         window_episode=windows.episode,
         noise_sd=noise.sd,
+        unmeasured=None if measures_every_coordinate(task.model, sensors) else _simulate_episodes(log, task, windows, linear),
     )
     split = split_windows(
         episode=windows.episode,
@@ -112,6 +121,31 @@ def prepare(log: MeasuredLog, task: Task, *, window: float | None, test: str | N
         seed=seed,
     )
     return PreparedLog(task, log, windows, starts, noise, split)
+
+
+def _simulate_episodes(log: MeasuredLog, task: Task, windows: Windows, linear: np.ndarray) -> StartEstimate:
+    """What the coordinates that no output measures do when the nominal model is driven through whole episodes."""
+    model = task.model
+    whole = cut(
+        time=log.time,
+        inputs=log.inputs,
+        outputs=log.outputs,
+        episodes=log.episodes,
+        timestep=task.timestep,
+        duration=None,
+        linear=linear,
+    )
+    first = {e: i for i, e in reversed(list(enumerate(whole.episode)))}
+    own = model_starts(model, len(whole)).starts
+    fields = ModelFields(model, len(whole))
+    task.write(fields, np.repeat(task.space.nominal[None], len(whole), axis=0))
+    rollouts = Engine(model).rollout(
+        starts=own, controls=task.controls(whole.controls), steps=int(whole.grid_steps.max()), fields=fields, states=True
+    )
+    number = np.array([first[e] for e in windows.episode])
+    step = np.round((windows.time - whole.time[number]) / task.timestep).astype(int)
+    step = np.minimum(step, rollouts.qpos.shape[1] - 1)
+    return from_episodes(model, rollouts.qpos, rollouts.qvel, window_episode=number, window_step=step)
 
 
 def check_fits(log: MeasuredLog, task: Task) -> None:

@@ -1,0 +1,34 @@
+"""Rotations of whole arrays of vectors; a rotation by nothing changes no bit."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def rotate(vectors: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+    """Vectors (..., 3) turned by the rotation vectors (..., 3), in rad (Rodrigues)."""
+    angle = np.linalg.norm(rotation, axis=-1, keepdims=True)
+    once = np.cross(rotation, vectors)
+    half_sine = np.sinc(angle / (2 * np.pi))  # sin(angle / 2) / (angle / 2), 1 at 0
+    return vectors + np.sinc(angle / np.pi) * once + 0.5 * half_sine**2 * np.cross(rotation, once)
+
+
+def rotate_quaternions(quaternions: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+    """Unit quaternions (..., 4) turned, in the world, by the rotation vectors (..., 3), in rad."""
+    angle = np.linalg.norm(rotation, axis=-1, keepdims=True)
+    scalar, vector = np.cos(angle / 2), 0.5 * np.sinc(angle / (2 * np.pi)) * rotation
+    w, v = quaternions[..., :1], quaternions[..., 1:]
+    return np.concatenate(
+        [
+            scalar * w - (vector * v).sum(axis=-1, keepdims=True),
+            scalar * v + w * vector + np.cross(vector, v),
+        ],
+        axis=-1,
+    )
+
+
+def body_vectors(quaternions: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Vectors (..., 3) of frames with the orientations (..., 4), in the world."""
+    axis = quaternions[..., 1:]
+    twice = 2 * np.cross(axis, vectors)
+    return vectors + quaternions[..., :1] * twice + np.cross(axis, twice)

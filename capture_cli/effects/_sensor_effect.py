@@ -1,0 +1,163 @@
+"""What effects on a sensor's reports share: which sensors there are, their units, and shifts of time."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from capture_cli.effects._places import site_id, site_name
+from capture_cli.effects._scales import (
+    GRAVITY,
+    HINGE,
+    SLIDE,
+    characteristic_force,
+    characteristic_speed,
+    driven_joint,
+    extent,
+    travel,
+)
+from capture_cli.effects.base import GLOBAL, Effect
+
+FAST_TURN = 5.0  # rad/s
+
+_S = mujoco.mjtSensor
+_JOINT = {_S.mjSENS_JOINTPOS: "position", _S.mjSENS_JOINTVEL: "speed", _S.mjSENS_JOINTACTFRC: "force"}
+_ACTUATOR = {
+    _S.mjSENS_ACTUATORPOS: "position",
+    _S.mjSENS_ACTUATORVEL: "speed",
+    _S.mjSENS_ACTUATORFRC: "force",
+}
+_POSITIONS = (_S.mjSENS_FRAMEPOS, _S.mjSENS_SUBTREECOM, _S.mjSENS_RANGEFINDER, _S.mjSENS_TENDONPOS)
+_SPEEDS = (_S.mjSENS_FRAMELINVEL, _S.mjSENS_VELOCIMETER, _S.mjSENS_SUBTREELINVEL, _S.mjSENS_TENDONVEL)
+_TURNS = (_S.mjSENS_FRAMEANGVEL, _S.mjSENS_GYRO, _S.mjSENS_BALLANGVEL)
+_ACCELERATIONS = (_S.mjSENS_FRAMELINACC, _S.mjSENS_ACCELEROMETER)
+_AXES = (_S.mjSENS_FRAMEXAXIS, _S.mjSENS_FRAMEYAXIS, _S.mjSENS_FRAMEZAXIS)
+_QUATERNIONS = (_S.mjSENS_FRAMEQUAT, _S.mjSENS_BALLQUAT)
+_FORCES = (_S.mjSENS_FORCE, _S.mjSENS_TOUCH)
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What a sensor reports: its unit, and a size that its values commonly have."""
+
+    unit: str
+    size: float
+
+
+def quantity(model: mujoco.MjModel, sensor: int) -> Quantity | None:
+    """What `sensor` reports; None where that is no physical quantity known here."""
+    kind, which = mujoco.mjtSensor(int(model.sensor_type[sensor])), int(model.sensor_objid[sensor])
+    if kind in _JOINT:
+        return _of_joint(model, which, _JOINT[kind])
+    if kind in _ACTUATOR:
+        joint = driven_joint(model, which)
+        gear = abs(float(model.actuator_gear[which, 0])) or 1.0
+        through = {"position": gear, "speed": gear, "force": 1 / gear}[_ACTUATOR[kind]]
+        return _of_joint(model, joint, _ACTUATOR[kind], through) if joint >= 0 else None
+    weight = GRAVITY * float(model.body_subtreemass[0])
+    speed = float(np.sqrt(2 * GRAVITY * extent(model)))
+    for kinds, unit, size in (
+        (_POSITIONS, "m", extent(model)),
+        (_SPEEDS, "m/s", speed),
+        (_TURNS, "rad/s", FAST_TURN),
+        (_ACCELERATIONS, "m/s^2", GRAVITY),
+        (_AXES, "1", 1.0),
+        (_QUATERNIONS, "1", 1.0),
+        (_FORCES, "N", weight),
+        ((_S.mjSENS_TORQUE,), "N m", weight * extent(model)),
+        ((_S.mjSENS_SUBTREEANGMOM,), "kg m^2/s", weight * extent(model) * speed / GRAVITY),
+        ((_S.mjSENS_MAGNETOMETER,), "T", max(float(np.linalg.norm(model.opt.magnetic)), 1e-9)),
+    ):
+        if kind in kinds:
+            return Quantity(unit, size)
+    return None
+
+
+def _of_joint(model: mujoco.MjModel, joint: int, what: str, through: float = 1.0) -> Quantity | None:
+    if model.jnt_type[joint] not in (HINGE, SLIDE):
+        return None
+    hinge = model.jnt_type[joint] == HINGE
+    unit = {"position": ("m", "rad"), "speed": ("m/s", "rad/s"), "force": ("N", "N m")}[what][hinge]
+    size = {"position": travel, "speed": characteristic_speed, "force": characteristic_force}[what](
+        model, joint
+    )
+    return Quantity(unit, size * through)
+
+
+def is_quaternion(model: mujoco.MjModel, sensor: int) -> bool:
+    """Whether the sensor reports an orientation, which cannot be shifted or scaled number by number."""
+    return mujoco.mjtSensor(int(model.sensor_type[sensor])) in _QUATERNIONS
+
+
+def columns_of(model: mujoco.MjModel, sensor: int) -> slice:
+    """The sensor's columns of sensordata."""
+    first = int(model.sensor_adr[sensor])
+    return slice(first, first + int(model.sensor_dim[sensor]))
+
+
+class SensorEffect(Effect):
+    """An effect on the reports of one sensor."""
+
+    place = "measurement"
+    where = "every sensor"
+
+    def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
+        super().__init__(model, site)
+        if site == GLOBAL:
+            self.columns = slice(0, model.nsensordata)
+            return
+        sensor = site_id(model, "sensor", site)
+        self.columns = columns_of(model, sensor)
+        self.quantity = quantity(model, sensor)
+
+    @classmethod
+    def sites(cls, model: mujoco.MjModel) -> list[str]:
+        return [site_name(model, "sensor", s) for s in range(model.nsensor) if quantity(model, s)]
+
+    def measure(self, sensors, values, timestep):
+        sensors = sensors.copy()
+        sensors[..., self.columns] = self.reported(sensors[..., self.columns], values, timestep)
+        return sensors
+
+    @abstractmethod
+    def reported(self, series: np.ndarray, values: np.ndarray, timestep: float) -> np.ndarray:
+        """What is reported of `series` (simulation, grid, column)."""
+
+
+class NumberEffect(SensorEffect):
+    """An effect on the numbers that a sensor reports one by one."""
+
+    where = "every sensor but those of orientation"
+
+    @classmethod
+    def sites(cls, model: mujoco.MjModel) -> list[str]:
+        sensors = (s for s in range(model.nsensor) if quantity(model, s) and not is_quaternion(model, s))
+        return [site_name(model, "sensor", s) for s in sensors]
+
+
+class TimeEffect(SensorEffect):
+    """An effect on when a sensor reports, or when all of them do."""
+
+    where = "every sensor; all of them together where there are several"
+
+    @classmethod
+    def sites(cls, model: mujoco.MjModel) -> list[str]:
+        sensors = super().sites(model)
+        return [GLOBAL, *sensors] if len(sensors) > 1 else sensors
+
+
+def at_times(series: np.ndarray, steps: np.ndarray) -> np.ndarray:
+    """`series` (simulation, grid, column) at fractional grid points `steps` (simulation, grid).
+
+    Beyond either end it goes on as it does between the last two points, so that a start shows no kink.
+    """
+    last = max(series.shape[1] - 2, 0)
+    before = np.clip(np.floor(steps), 0, last).astype(int)
+    weight = (steps - before)[..., None]
+    row = np.arange(len(series))[:, None]
+    left, right = series[row, before], series[row, np.minimum(before + 1, series.shape[1] - 1)]
+    # exactly the right point, not left + (right - left), where the weight is 1
+    return np.where(weight == 1, right, left + weight * (right - left))

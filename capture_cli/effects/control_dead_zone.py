@@ -1,0 +1,23 @@
+"""A control that does nothing while it is small."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from capture_cli.effects._actuator_effect import UNIT, ActuatorEffect
+from capture_cli.parameters import Parameter
+
+
+class ControlDeadZone(ActuatorEffect):
+    """Controls within +-`width` (in the control's own unit) do nothing; larger ones arrive smaller by
+    `width`.
+    """
+
+    summary = "a control does nothing while it is small"
+
+    @property
+    def parameters(self):
+        return (Parameter("width", UNIT, 0.0, 0.5 * self.scale, 0.0),)
+
+    def changed(self, control, values, timestep):
+        return np.sign(control) * np.maximum(np.abs(control) - values, 0.0)

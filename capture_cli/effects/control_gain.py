@@ -1,0 +1,19 @@
+"""A control that arrives larger or smaller than commanded."""
+
+from __future__ import annotations
+
+from capture_cli.effects._actuator_effect import ActuatorEffect
+from capture_cli.parameters import Parameter
+
+
+class ControlGain(ActuatorEffect):
+    """The control arrives (1 + `change`) times as large."""
+
+    summary = "a control arrives larger or smaller than commanded"
+
+    @property
+    def parameters(self):
+        return (Parameter("change", "1", -0.5, 0.5, 0.0),)
+
+    def changed(self, control, values, timestep):
+        return control * (1 + values)

@@ -1,0 +1,28 @@
+"""A control that is cut off earlier than modelled."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from capture_cli.effects._actuator_effect import UNIT, ActuatorEffect
+from capture_cli.parameters import Parameter
+
+
+class ControlSaturation(ActuatorEffect):
+    """Controls beyond +-`limit` (in the control's own unit) arrive as `limit`; at its upper bound nothing is
+    cut off.
+
+    A limit that no control reaches moves nothing, so the outputs have no slope at null.
+    """
+
+    summary = "a control is cut off earlier than modelled"
+    smooth = False
+
+    @property
+    def parameters(self):
+        high = 2 * self.scale
+        return (Parameter("limit", UNIT, 0.02 * self.scale, high, high),)
+
+    def changed(self, control, values, timestep):
+        limit = np.where(values >= self.parameters[0].high, np.inf, values)
+        return np.clip(control, -limit, limit)

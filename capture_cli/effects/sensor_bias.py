@@ -1,0 +1,28 @@
+"""A sensor with an offset."""
+
+from __future__ import annotations
+
+import mujoco
+
+from capture_cli.effects._sensor_effect import NumberEffect
+from capture_cli.effects.base import GLOBAL
+from capture_cli.parameters import Parameter
+
+
+class SensorBias(NumberEffect):
+    """An offset, in the sensor's unit, of each of its numbers: `offset`, or `x`, `y` and `z`."""
+
+    summary = "a sensor reports with an offset"
+
+    def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
+        super().__init__(model, site)
+        size = self.columns.stop - self.columns.start
+        self.names = ("offset",) if size == 1 else tuple("xyz"[:size])
+
+    @property
+    def parameters(self):
+        high = 0.3 * self.quantity.size
+        return tuple(Parameter(name, self.quantity.unit, -high, high, 0.0) for name in self.names)
+
+    def reported(self, series, values, timestep):
+        return series + values[:, None]

@@ -1,0 +1,31 @@
+"""A logger whose clock does not keep time."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from capture_cli.effects._sensor_effect import TimeEffect, at_times
+from capture_cli.effects.base import GLOBAL
+from capture_cli.parameters import Parameter
+
+
+class SensorClockRate(TimeEffect):
+    """In one second of the log (1 + `error`) s went by, for all sensors, counted from the start of the
+    simulation.
+
+    The controls keep the model's time.
+    """
+
+    summary = "the sensors' clock runs slow or fast"
+    where = "the sensors together"
+
+    @classmethod
+    def sites(cls, model):
+        return [GLOBAL] if model.nsensordata else []
+
+    @property
+    def parameters(self):
+        return (Parameter("error", "1", -0.05, 0.05, 0.0),)
+
+    def reported(self, series, values, timestep):
+        return at_times(series, np.arange(series.shape[1]) * (1 + values))

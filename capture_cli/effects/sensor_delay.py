@@ -1,0 +1,21 @@
+"""A sensor that reports late."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from capture_cli.effects._sensor_effect import TimeEffect, at_times
+from capture_cli.parameters import Parameter
+
+
+class SensorDelay(TimeEffect):
+    """The sensor reports what was `delay` (s) ago; before the start, motion is taken to have been even."""
+
+    summary = "a sensor reports late"
+
+    @property
+    def parameters(self):
+        return (Parameter("delay", "s", 0.0, 0.1, 0.0),)
+
+    def reported(self, series, values, timestep):
+        return at_times(series, np.arange(series.shape[1]) - values / timestep)

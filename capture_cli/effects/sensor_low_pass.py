@@ -1,0 +1,34 @@
+"""A sensor behind a low-pass filter."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from capture_cli.effects._sensor_effect import TimeEffect
+from capture_cli.parameters import Parameter
+
+
+class SensorLowPass(TimeEffect):
+    """What is reported follows through a first-order lag of `time_constant` (s).
+
+    Exact for a signal that is straight between grid points. It begins as if motion before the start had been
+    even.
+    """
+
+    summary = "a sensor reports through a first-order low-pass filter"
+
+    @property
+    def parameters(self):
+        return (Parameter("time_constant", "s", 0.0, 0.1, 0.0),)
+
+    def reported(self, series, values, timestep):
+        steps = values / timestep
+        kept = np.exp(-1 / np.maximum(steps, 1e-12))
+        slope = np.diff(series, axis=1, append=series[:, -1:])
+        out = np.empty_like(series)
+        behind = -slope[:, 0] * steps  # what is reported less what is there
+        for k in range(series.shape[1]):
+            out[:, k] = series[:, k] + behind
+            ramp = slope[:, k] * steps
+            behind = kept * (behind + ramp) - ramp
+        return out

@@ -1,0 +1,74 @@
+"""A small machine to test on, and the real logs where they are at hand."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+SLIDER_XML = """\
+<mujoco model="slider">
+  <option timestep="0.002" gravity="0 0 0" integrator="implicitfast"/>
+  <worldbody>
+    <body name="carriage">
+      <joint name="x" type="slide" axis="1 0 0" damping="2"/>
+      <geom type="box" size="0.1 0.1 0.05" mass="1.5"/>
+    </body>
+  </worldbody>
+  <actuator><motor name="drive" joint="x"/></actuator>
+  <sensor><jointpos name="q" joint="x"/></sensor>
+</mujoco>
+"""
+
+SLIDER_TOML = """\
+format = 1
+name = "slider"
+model = "model.xml"
+
+[parameters.mass]
+set = "body:carriage:mass"
+low = 0.5
+high = 4.0
+unit = "kg"
+
+[parameters.damping]
+set = "joint:x:damping"
+low = 0.0
+high = 8.0
+unit = "N s/m"
+
+[inputs.drive]
+column = "u_N"
+unit = "N"
+
+[outputs.q]
+column = "q_m"
+unit = "m"
+
+[log]
+time = "t_s"
+window = 0.5
+"""
+
+REAL_DATA = Path(__file__).resolve().parents[1] / ".." / "shared" / "data"
+
+
+@pytest.fixture
+def slider_task(tmp_path: Path) -> Path:
+    """The task.toml of a slider driven by a force: mass and damping are open, its position is measured."""
+    folder = tmp_path / "slider"
+    folder.mkdir()
+    (folder / "model.xml").write_text(SLIDER_XML)
+    path = folder / "task.toml"
+    path.write_text(SLIDER_TOML)
+    return path
+
+
+@pytest.fixture(scope="session")
+def real_data() -> Path:
+    """The folder of real logs: $CAPTURE_REAL_DATA, or ../shared/data from the repository; skips without."""
+    path = Path(os.environ.get("CAPTURE_REAL_DATA", REAL_DATA))
+    if not path.is_dir():
+        pytest.skip(f"no real logs at {path}: set CAPTURE_REAL_DATA to the folder that holds them")
+    return path.resolve()

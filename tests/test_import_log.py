@@ -1,0 +1,401 @@
+"""Logs in: what is read, what is refused and in which words; no file can do worse than be refused."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from pyarrow import parquet
+
+from capture_cli.errors import CaptureError, LogError, OutputError
+from capture_cli.stages.import_log import import_log
+from capture_cli.stages.source_files import open_source
+from capture_cli.stores.measured_log import MeasuredLog
+
+HEADER = "t_s,u_N,q_m"
+ROWS = [f"{0.1 * i:.1f},{math.sin(i):.6f},{0.01 * i:.3f}" for i in range(12)]
+QUICK = settings(
+    max_examples=25,
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+)
+
+
+def csv(path: Path, *rows: str, header: str = HEADER) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text("\n".join([header, *rows]) + "\n", encoding="utf-8")
+    return path
+
+
+def refusal(path: Path, task: Path, **options) -> LogError:
+    """The error that importing `path` ends in; nothing may have been written."""
+    out = path.parent / "refused.zarr"
+    with pytest.raises(LogError) as caught:
+        import_log(files=[path], task=str(task), out=out, **options)
+    assert not out.exists()
+    assert not list(path.parent.glob(".refused*"))
+    assert caught.value.cure
+    return caught.value
+
+
+# --- what is read ---
+
+
+def test_a_csv_becomes_a_log_that_reads_back(tmp_path, slider_task):
+    log = import_log(
+        files=[csv(tmp_path / "run.csv", *ROWS)], task=str(slider_task), out=tmp_path / "run.zarr"
+    )
+    again = MeasuredLog.read(tmp_path / "run.zarr")
+    for found in (log, again):
+        np.testing.assert_allclose(found.time, 0.1 * np.arange(12), atol=1e-12)
+        np.testing.assert_allclose(found.inputs[:, 0], np.sin(np.arange(12)), atol=1e-6)
+        np.testing.assert_allclose(found.outputs[:, 0], 0.01 * np.arange(12), atol=1e-12)
+        assert found.task == "slider"
+        assert (found.input_names, found.input_units) == (("drive",), ("N",))
+        assert (found.output_names, found.output_units) == (("q",), ("m",))
+        assert found.recording_names == ("run",)
+        assert found.recordings[0]["source"].endswith("run.csv")
+
+
+def test_provenance_names_the_files_and_the_options(tmp_path, slider_task):
+    file = csv(tmp_path / "run.csv", *ROWS)
+    import_log(files=[file], task=str(slider_task), out=tmp_path / "run.zarr")
+    provenance = json.loads((tmp_path / "run.zarr" / "provenance.json").read_text())
+    assert provenance["command"] == "import-log"
+    assert set(provenance["inputs"]) == {"task", str(file)}
+    assert provenance["options"]["files"] == [str(file)]
+
+
+def test_scale_and_offset_bring_columns_to_the_unit_of_the_channel(tmp_path, slider_task):
+    text = slider_task.read_text()
+    slider_task.write_text(text.replace('column = "q_m"', 'column = "q_m"\nscale = -2.0\noffset = 0.5'))
+    log = import_log(
+        files=[csv(tmp_path / "run.csv", *ROWS)], task=str(slider_task), out=tmp_path / "run.zarr"
+    )
+    np.testing.assert_allclose(log.outputs[:, 0], 0.5 - 0.02 * np.arange(12), atol=1e-12)
+
+
+def test_times_need_not_begin_at_zero(tmp_path, slider_task):
+    rows = [f"{1.7e9 + 0.1 * i!r},0.0,{i}" for i in range(12)]
+    log = import_log(
+        files=[csv(tmp_path / "run.csv", *rows)], task=str(slider_task), out=tmp_path / "run.zarr"
+    )
+    assert log.time[0] == 1.7e9
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "\n".join([HEADER, *ROWS]).replace(",", ";"),
+        "\n".join([HEADER, *ROWS]).replace(",", ";").replace(".", ","),
+        "\n".join([HEADER, *ROWS]).replace(",", "\t"),
+        "\r\n".join([HEADER, *ROWS, ""]),
+        "\n\n" + "\n\n".join([HEADER, *ROWS]) + "\n\n",
+        "\ufeff" + "\n".join([HEADER, *ROWS]),
+        "\n".join(['"t_s", u_N ,"q_m"', *ROWS]),
+        "\n".join(["q_m,other,t_s,u_N", *(f"{r.split(',')[2]},text,{r.rsplit(',', 1)[0]}" for r in ROWS)]),
+    ],
+    ids=[
+        "semicolon",
+        "decimal-comma",
+        "tab",
+        "crlf",
+        "blank-lines",
+        "byte-order-mark",
+        "spaces",
+        "more-columns",
+    ],
+)
+def test_every_spelling_of_a_csv_reads_alike(tmp_path, slider_task, text):
+    plain = import_log(
+        files=[csv(tmp_path / "plain.csv", *ROWS)], task=str(slider_task), out=tmp_path / "a.zarr"
+    )
+    (tmp_path / "other.csv").write_bytes(text.encode())
+    other = import_log(files=[tmp_path / "other.csv"], task=str(slider_task), out=tmp_path / "b.zarr")
+    for name in ("time", "inputs", "outputs"):
+        np.testing.assert_array_equal(getattr(plain, name), getattr(other, name))
+
+
+@pytest.mark.parametrize(
+    "kind", [pa.float32(), pa.int64(), pa.decimal128(22, 3), pa.bool_(), pa.string()], ids=str
+)
+def test_parquet_columns_of_any_numeric_type_are_read(tmp_path, slider_task, kind):
+    values = [str(i % 2) for i in range(12)] if kind == pa.string() else [i % 2 for i in range(12)]
+    column = pa.array(values) if kind == pa.string() else pa.array(values).cast(kind)
+    table = pa.table({"t_s": 0.1 * np.arange(12), "u_N": column, "q_m": np.zeros(12)})
+    parquet.write_table(table, tmp_path / "run.parquet")
+    log = import_log(files=[tmp_path / "run.parquet"], task=str(slider_task), out=tmp_path / "run.zarr")
+    np.testing.assert_array_equal(log.inputs[:, 0], np.arange(12) % 2)
+
+
+def test_several_files_become_recordings_named_apart(tmp_path, slider_task):
+    files = [csv(tmp_path / d / "run.csv", *ROWS[: 8 + i]) for i, d in enumerate(("monday", "tuesday"))]
+    log = import_log(files=files, task=str(slider_task), out=tmp_path / "run.zarr")
+    assert log.recording_names == ("monday/run", "tuesday/run")
+    assert log.episode_ends.tolist() == [8, 17]
+    assert log.recording.tolist() == [0, 1]
+
+
+def test_the_episode_column_separates_episodes(tmp_path, slider_task):
+    slider_task.write_text(slider_task.read_text() + 'episode = "drop"\n')
+    rows = [f"{r},{'first' if i < 7 else 'second'}" for i, r in enumerate([*ROWS[:7], *ROWS])]
+    files = [csv(tmp_path / f"{n}.csv", *rows, header=HEADER + ",drop") for n in "ab"]
+    log = import_log(files=files, task=str(slider_task), out=tmp_path / "run.zarr")
+    assert log.episode_ends.tolist() == [7, 19, 26, 38]
+    assert log.recording.tolist() == [0, 0, 1, 1]
+
+
+def test_drop_nan_drops_rows_and_says_how_many(tmp_path, slider_task):
+    rows = [*ROWS[:4], "0.35,,1", "0.36,nan,1", "0.37,1,inf", *ROWS[4:]]
+    file = csv(tmp_path / "run.csv", *rows)
+    log = import_log(files=[file], task=str(slider_task), out=tmp_path / "run.zarr", drop_nan=True)
+    assert len(log.time) == len(ROWS)
+    assert MeasuredLog.read(tmp_path / "run.zarr").recordings[0]["dropped_rows"] == 3
+
+
+def test_real_logs_are_read(tmp_path, slider_task, real_data):
+    text = slider_task.read_text().replace('"u_N"', '"u_V"')
+    slider_task.write_text(text)
+    files = sorted((real_data / "emps").glob("emps_*.csv"))
+    log = import_log(files=files, task=str(slider_task), out=tmp_path / "emps.zarr")
+    assert log.recording_names == ("emps_test_pulses", "emps_train")
+    assert len(log.time) == 2 * 24841
+
+
+# --- what is refused ---
+
+
+@pytest.mark.parametrize(
+    ("rows", "words"),
+    [
+        ([*ROWS[:5], "0.5,x,0"], "'u_N' holds 'x' at line 7"),
+        ([*ROWS[:5], "", "0.5,1 000,0"], "'u_N' holds '1 000' at line 8"),
+        ([*ROWS[:5], "0.5,nan,0", "0.6,,0"], "'u_N' is missing or NaN at line 7 (2 of 7 rows"),
+        ([*ROWS[:5], "0.5,1,-inf"], "'q_m' is -inf at line 7"),
+        ([*ROWS[:5], "0.4,1,1"], "'t_s' stands still at line 7: 0.4 s after 0.4 s at line 6"),
+        ([*ROWS[:5], "0.39,1,1"], "'t_s' goes back at line 7: 0.39 s after 0.4 s at line 6"),
+        ([*ROWS[:5], "0.5,1"], "2 values at line 7, and the header has 3"),
+        ([], "no rows"),
+        (ROWS[:1], "single row"),
+        (ROWS[:3], "lasts 0.2 s, which is shorter than a window of 0.5 s"),
+        (["0.0,,"] * 3, "line 2"),
+    ],
+)
+def test_bad_rows_are_refused_with_their_place(tmp_path, slider_task, rows, words):
+    assert words in refusal(csv(tmp_path / "run.csv", *rows), slider_task).message
+
+
+def test_nothing_left_after_drop_nan_is_refused(tmp_path, slider_task):
+    error = refusal(csv(tmp_path / "run.csv", *["0.0,,"] * 3), slider_task, drop_nan=True)
+    assert "not one of its 3 rows is complete" in error.message
+
+
+def test_a_missing_column_names_those_that_exist(tmp_path, slider_task):
+    error = refusal(csv(tmp_path / "run.csv", *ROWS, header="t_s,u_N,q_mm"), slider_task)
+    assert "no column 'q_m': did you mean 'q_mm'? There are: q_mm, t_s, u_N" in error.message
+
+
+def test_a_file_without_a_header_is_told_so(tmp_path, slider_task):
+    error = refusal(csv(tmp_path / "run.csv", *ROWS[1:], header=ROWS[0]), slider_task)
+    assert "the first line must name the columns" in error.message
+
+
+def test_a_column_named_twice_is_refused(tmp_path, slider_task):
+    error = refusal(csv(tmp_path / "run.csv", *(f"{r},1" for r in ROWS), header=HEADER + ",q_m"), slider_task)
+    assert "2 columns named 'q_m'" in error.message
+
+
+def test_a_clock_that_restarts_points_to_the_episode_column(tmp_path, slider_task):
+    error = refusal(csv(tmp_path / "run.csv", *ROWS, *ROWS), slider_task)
+    assert "[log] episode" in error.cure
+
+
+def test_interleaved_episodes_are_refused(tmp_path, slider_task):
+    slider_task.write_text(slider_task.read_text() + 'episode = "drop"\n')
+    rows = [f"{r},{i % 2}" for i, r in enumerate(ROWS)]
+    error = refusal(csv(tmp_path / "run.csv", *rows, header=HEADER + ",drop"), slider_task)
+    assert "12 of 12 episodes have a single row" in error.message
+    assert "sort the rows by 'drop'" in error.cure
+
+
+def test_an_empty_episode_cell_is_refused(tmp_path, slider_task):
+    slider_task.write_text(slider_task.read_text() + 'episode = "drop"\n')
+    rows = [f"{r},{'' if i == 3 else 'a'}" for i, r in enumerate(ROWS)]
+    error = refusal(csv(tmp_path / "run.csv", *rows, header=HEADER + ",drop"), slider_task)
+    assert "'drop' is empty at line 5" in error.message
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("run.csv", b"", "is empty"),
+        ("run.csv", b"\n \n", "blank lines only"),
+        ("run.csv", "t_s,u_N,q_m,\u00b5\n".encode("latin-1"), "is not UTF-8"),
+        ("run.csv", b"PAR1\x00\xff\xfe", "is not UTF-8"),
+        ("run.parquet", b"t_s,u_N,q_m\n0,0,0\n", "is not a readable Parquet file"),
+        ("run.mat", b"MATLAB 5.0", "files that end in '.mat' are not read; .csv"),
+        ("run", b"t_s", "files without an ending"),
+    ],
+)
+def test_files_of_another_kind_are_refused(tmp_path, slider_task, name, content, words):
+    (tmp_path / name).write_bytes(content)
+    assert words in refusal(tmp_path / name, slider_task).message
+
+
+def test_missing_files_folders_and_repeats_are_refused(tmp_path, slider_task):
+    assert "does not exist" in refusal(tmp_path / "nowhere.csv", slider_task).message
+    (tmp_path / "logs").mkdir()
+    assert "is a folder" in refusal(tmp_path / "logs", slider_task).message
+    file = csv(tmp_path / "run.csv", *ROWS)
+    with pytest.raises(LogError, match="given twice"):
+        import_log(
+            files=[file, tmp_path / "logs" / ".." / "run.csv"], task=str(slider_task), out=tmp_path / "o"
+        )
+    with pytest.raises(LogError, match="no file"):
+        import_log(files=[], task=str(slider_task), out=tmp_path / "o")
+
+
+def test_a_parquet_column_of_text_is_refused_with_row_and_value(tmp_path, slider_task):
+    table = pa.table({"t_s": [0.0, 0.5, 1.0], "u_N": ["0", "off", "1"], "q_m": [0.0, 0.0, 0.0]})
+    parquet.write_table(table, tmp_path / "run.parquet")
+    assert "'u_N' holds 'off' at row 2 (of 3)" in refusal(tmp_path / "run.parquet", slider_task).message
+
+
+def test_a_parquet_column_of_times_of_day_is_refused(tmp_path, slider_task):
+    times = pa.array([0, 1, 2], pa.timestamp("ms"))
+    parquet.write_table(
+        pa.table({"t_s": times, "u_N": [0.0] * 3, "q_m": [0.0] * 3}), tmp_path / "run.parquet"
+    )
+    error = refusal(tmp_path / "run.parquet", slider_task)
+    assert "'t_s' is of type timestamp[ms]" in error.message
+    assert "seconds" in error.cure
+
+
+def test_an_output_that_exists_is_refused_before_the_files_are_read(tmp_path, slider_task):
+    (tmp_path / "run.zarr").mkdir()
+    with pytest.raises(OutputError, match="exists already"):
+        import_log(files=[tmp_path / "nowhere.csv"], task=str(slider_task), out=tmp_path / "run.zarr")
+
+
+# --- whatever a file holds ---
+
+numbers = st.floats(allow_nan=False, allow_infinity=False)
+increasing_times = st.lists(st.integers(0, 10**9), min_size=2, max_size=30, unique=True).map(
+    lambda ticks: [1e-3 * t for t in sorted(ticks)]
+)
+
+
+@st.composite
+def tables(draw) -> dict[str, list[float]]:
+    times = draw(increasing_times)
+    column = st.lists(numbers, min_size=len(times), max_size=len(times))
+    return {"t_s": times, "u_N": draw(column), "q_m": draw(column)}
+
+
+@pytest.fixture
+def any_length(slider_task) -> Path:
+    """The slider without a window, so that a log of any length will do."""
+    slider_task.write_text(slider_task.read_text().replace("window = 0.5\n", ""))
+    return slider_task
+
+
+@QUICK
+@given(table=tables(), delimiter=st.sampled_from(",;\t"), as_parquet=st.booleans())
+def test_any_table_of_finite_numbers_round_trips(tmp_path, any_length, table, delimiter, as_parquet):
+    if as_parquet:
+        file = tmp_path / "run.parquet"
+        parquet.write_table(pa.table(table), file)
+    else:
+        file = tmp_path / "run.csv"
+        rows = [delimiter.join(map(repr, row)) for row in zip(*table.values(), strict=True)]
+        csv(file, *rows, header=delimiter.join(table))
+    log = import_log(files=[file], task=str(any_length), out=tmp_path / "run.zarr", force=True)
+    again = MeasuredLog.read(tmp_path / "run.zarr")
+    for found in (log, again):
+        np.testing.assert_array_equal(found.time, table["t_s"])
+        np.testing.assert_array_equal(found.inputs[:, 0], table["u_N"])
+        np.testing.assert_array_equal(found.outputs[:, 0], table["q_m"])
+
+
+cells = st.one_of(
+    numbers.map(repr),
+    st.sampled_from(
+        ["", "nan", "inf", "-inf", "1e999", "x", '"', '""', "1,5", "\u00e9", "0x1F", "True", "1_0", "#N/A"]
+    ),
+    st.text(max_size=4),
+)
+
+
+@QUICK
+@given(table=tables(), data=st.data())
+def test_a_corrupt_csv_is_read_or_refused_never_a_crash(tmp_path, any_length, table, data):
+    rows = [list(map(repr, row)) for row in zip(*table.values(), strict=True)]
+    header = list(table)
+    how = data.draw(st.sampled_from(["cell", "column", "shuffle", "cut", "bytes"]))
+    if how == "cell":
+        data.draw(st.sampled_from([header, *rows]))[data.draw(st.integers(0, 2))] = data.draw(cells)
+    elif how == "column":
+        del header[data.draw(st.integers(0, 2))]
+    elif how == "shuffle":
+        rows = data.draw(st.permutations(rows))
+    text = "\n".join([",".join(header), *(",".join(row) for row in rows)]).encode()
+    if how == "cut":
+        text = text[: data.draw(st.integers(0, len(text)))]
+    elif how == "bytes":
+        at = data.draw(st.integers(0, len(text)))
+        text = text[:at] + data.draw(st.binary(min_size=1, max_size=4)) + text[at + 1 :]
+    file = tmp_path / "run.csv"
+    file.write_bytes(text)
+    try:
+        log = import_log(
+            files=[file],
+            task=str(any_length),
+            out=tmp_path / "o.zarr",
+            force=True,
+            drop_nan=data.draw(st.booleans()),
+        )
+    except CaptureError as error:
+        assert error.cure
+    else:
+        assert log.check() is log
+
+
+@QUICK
+@given(table=tables(), data=st.data())
+def test_a_corrupt_parquet_is_read_or_refused_never_a_crash(tmp_path, any_length, table, data):
+    how = data.draw(st.sampled_from(["column", "null", "kind", "bytes"]))
+    name = data.draw(st.sampled_from(sorted(table)))
+    columns = {key: pa.array(values) for key, values in table.items()}
+    if how == "column":
+        columns.pop(name)
+    elif how == "null":
+        columns[name] = pa.array([None, *table[name][1:]])
+    elif how == "kind":
+        count = len(table[name])
+        other = data.draw(st.sampled_from(["x", b"x", [1.0], {"a": 1.0}, None, True, "1.5"]))
+        columns[name] = pa.array([other] * count)
+    file = tmp_path / "run.parquet"
+    parquet.write_table(pa.table(columns), file)
+    if how == "bytes":
+        content = bytearray(file.read_bytes())
+        content[data.draw(st.integers(0, len(content) - 1))] ^= data.draw(st.integers(1, 255))
+        file.write_bytes(content)
+    try:
+        log = import_log(files=[file], task=str(any_length), out=tmp_path / "o.zarr", force=True)
+    except CaptureError as error:
+        assert error.cure
+    else:
+        assert log.check() is log
+
+
+def test_place_counts_lines_as_an_editor_does(tmp_path):
+    file = tmp_path / "run.csv"
+    file.write_text("\n" + HEADER + "\n\n" + ROWS[0] + "\n\n" + ROWS[1] + "\n")
+    source = open_source(file)
+    assert [source.place(0), source.place(1)] == ["line 4", "line 6"]

@@ -1,0 +1,426 @@
+"""Health of logs: every planted fault is found where it was put, a sound log has none, damage is reported."""
+
+from __future__ import annotations
+
+import io
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from capture_cli.errors import StoreError, TaskError
+from capture_cli.reports.inspection import render
+from capture_cli.stages.import_log import import_log
+from capture_cli.stages.inspect import inspect
+from capture_cli.stages.log_health import channel, excitation, quantisation, timing
+from capture_cli.stores.measured_log import MeasuredLog
+from capture_cli.stores.provenance import Provenance, write_json
+
+STEPS, RATE = 1000, 100.0
+
+
+def sound_log() -> MeasuredLog:
+    """Two recordings of one episode: an input of three frequencies, an output that follows it, and noise."""
+    noise = np.random.default_rng(0)
+    time = np.arange(STEPS) / RATE
+    drive = (
+        np.sin(2 * np.pi * 0.7 * time)
+        + 0.6 * np.sin(2 * np.pi * 3.1 * time)
+        + 0.4 * np.sin(2 * np.pi * 8 * time)
+    )
+    q = 0.1 * np.cumsum(drive) / RATE + 1e-4 * noise.standard_normal(STEPS)
+    return MeasuredLog(
+        task="slider",
+        time=np.tile(time, 2),
+        inputs=np.tile(drive, 2)[:, None],
+        outputs=np.concatenate([q, q + 1e-4 * noise.standard_normal(STEPS)])[:, None],
+        episode_ends=np.array([STEPS, 2 * STEPS]),
+        recording=np.array([0, 1]),
+        input_names=("drive",),
+        input_units=("N",),
+        output_names=("q",),
+        output_units=("m",),
+        recordings=(
+            {"name": "a", "source": "a.csv", "sha256": ""},
+            {"name": "b", "source": "b.csv", "sha256": ""},
+        ),
+    )
+
+
+def changed(log: MeasuredLog, **arrays) -> MeasuredLog:
+    """The log with copies of arrays changed in place by functions."""
+    copies = {name: getattr(log, name).copy() for name in arrays}
+    for name, change in arrays.items():
+        change(copies[name])
+    return replace(log, **copies)
+
+
+def inspected(log: MeasuredLog, folder: Path, task: Path | None = None) -> dict:
+    """The inspection of `log`, which must be JSON, and must render."""
+    log.write(folder / "log.zarr")
+    document = inspect(folder / "log.zarr", None if task is None else str(task))
+    assert json.loads(json.dumps(document, allow_nan=False)) == document
+    assert shown(document)
+    return document
+
+
+def shown(document: dict, width: int = 100) -> str:
+    console = Console(file=io.StringIO(), width=width)
+    render(document, console)
+    return console.file.getvalue()
+
+
+def only(document: dict) -> dict:
+    assert len(document["findings"]) == 1, document["findings"]
+    return document["findings"][0]
+
+
+# --- a sound log ---
+
+
+def test_a_sound_log_has_no_findings_and_true_numbers(tmp_path, slider_task):
+    document = inspected(sound_log(), tmp_path, slider_task)
+    assert document["findings"] == []
+    assert document["kind"] == "measured-log"
+    assert document["store"]["format"] == "capture/measured-log"
+    assert document["store"]["version"] == 1
+    assert document["sizes"] == {"recordings": 2, "episodes": 2, "steps": 2000, "inputs": 1, "outputs": 1}
+    episode = document["episodes"][1]
+    assert episode["recording"] == "b"
+    assert episode["rate"] == pytest.approx(RATE)
+    assert episode["duration"] == pytest.approx(9.99)
+    assert episode["jitter_sd"] == pytest.approx(0.0, abs=1e-9)
+    drive = document["channels"][0]
+    assert drive["rms"] == pytest.approx(np.sqrt((1 + 0.36 + 0.16) / 2), rel=0.01)
+    assert drive["excitation"]["median_frequency"] == pytest.approx(0.7, abs=0.2)
+    assert drive["excitation"]["frequency_95"] == pytest.approx(8.0, abs=0.2)
+    assert sum(b["share"] for b in drive["excitation"]["bands"]) == pytest.approx(1.0)
+    assert "nothing wrong was found" in shown(document)
+
+
+def test_real_logs_import_without_errors(tmp_path, slider_task, real_data):
+    slider_task.write_text(slider_task.read_text().replace('column = "u_N"', 'column = "u_V"'))
+    model = slider_task.parent / "model.xml"
+    model.write_text(model.read_text().replace('timestep="0.002"', 'timestep="0.001"'))
+    import_log(
+        files=sorted((real_data / "emps").glob("*.csv")), task=str(slider_task), out=tmp_path / "emps.zarr"
+    )
+    document = inspect(tmp_path / "emps.zarr", str(slider_task))
+    assert [f for f in document["findings"] if f["severity"] != "note"] == []
+    assert document["recordings"][0]["rate"] == pytest.approx(1000, rel=1e-3)
+    assert document["provenance"]["command"] == "import-log"
+
+
+def test_the_servos_encoder_is_recognised(tmp_path, slider_task, real_data):
+    text = slider_task.read_text().replace('column = "u_N"', 'column = "duty"').replace('"q_m"', '"q_rad"')
+    slider_task.write_text(text)
+    file = real_data / "bam_xl330" / "xl330_kp400_lift_and_drop.csv"
+    import_log(files=[file], task=str(slider_task), out=tmp_path / "servo.zarr")
+    q = inspect(tmp_path / "servo.zarr")["channels"][1]
+    assert q["quantisation"]["step"] == pytest.approx(2 * np.pi / 4096, rel=1e-4)
+
+
+# --- planted faults ---
+
+
+def set_to(index, value):
+    def change(array):
+        array[index] = value
+
+    return change
+
+
+def test_missing_values_are_found_and_the_log_still_described(tmp_path, slider_task):
+    log = changed(sound_log(), outputs=set_to([5, 1500], np.nan), inputs=set_to(7, np.inf))
+    document = inspected(log, tmp_path, slider_task)
+    assert [(f["severity"], f["where"]) for f in document["findings"]] == [
+        ("error", "input drive"),
+        ("error", "output q"),
+    ]
+    assert "2 values are NaN or infinite: step 5, step 1500" in document["findings"][1]["message"]
+    assert "--drop-nan" in document["findings"][1]["cure"]
+    assert document["channels"][1]["nan"] == 2
+    assert document["channels"][1]["rms"] > 0
+
+
+def test_a_channel_without_one_good_value_is_survived(tmp_path):
+    document = inspected(changed(sound_log(), inputs=set_to(slice(None), np.nan)), tmp_path)
+    assert only(document)["severity"] == "error"
+    assert document["channels"][0]["low"] is None
+
+
+def test_backward_and_repeated_times_are_found(tmp_path):
+    log = changed(sound_log(), time=lambda t: (set_to(1200, t[1199])(t), set_to(300, 0.5)(t)))
+    findings = inspected(log, tmp_path)["findings"]
+    assert [(f["severity"], f["where"]) for f in findings] == [
+        ("error", "a, episode 0"),
+        ("error", "b, episode 1"),
+    ]
+    assert "time goes back in 1 place: after 2.99 s (step 299)" in findings[0]["message"]
+    assert "time stands still in 1 place: after 1.99 s (step 199)" in findings[1]["message"]
+
+
+def test_times_that_are_not_numbers_are_found(tmp_path):
+    document = inspected(changed(sound_log(), time=set_to([3, 4], [np.nan, np.inf])), tmp_path)
+    assert only(document)["message"] == "2 times are NaN or infinite"
+
+
+def test_gaps_are_found_with_their_place(tmp_path):
+    def pause(t):
+        t[400:1000] += 0.8
+
+    finding = only(inspected(changed(sound_log(), time=pause), tmp_path))
+    assert finding["severity"] == "warning"
+    assert finding["message"] == "1 gap in the sampling: 0.81 s after 3.99 s"
+
+
+def test_uneven_sampling_is_noted(tmp_path):
+    jitter = np.random.default_rng(1).uniform(-0.4, 0.4, 2 * STEPS) / RATE
+    finding = only(inspected(replace(sound_log(), time=sound_log().time + jitter), tmp_path))
+    assert finding["severity"] == "note"
+    assert "uneven" in finding["message"]
+
+
+@pytest.mark.parametrize(("channel_name", "severity"), [("inputs", "warning"), ("outputs", "error")])
+def test_constant_channels_are_found(tmp_path, channel_name, severity):
+    finding = only(inspected(changed(sound_log(), **{channel_name: set_to(slice(None), 2.5)}), tmp_path))
+    assert finding["severity"] == severity
+    assert "never changes: always 2.5" in finding["message"]
+
+
+def test_a_sensor_dead_in_one_episode_is_found(tmp_path):
+    finding = only(inspected(changed(sound_log(), outputs=set_to(slice(STEPS, None), 0.1)), tmp_path))
+    assert (finding["severity"], finding["where"]) == ("warning", "output q")
+    assert "in 1 of 2 episodes: 1" in finding["message"]
+
+
+def test_a_saturated_input_is_found_and_a_switched_one_is_not(tmp_path):
+    clipped = replace(sound_log(), inputs=np.clip(sound_log().inputs, -1.0, 2.0))
+    finding = only(inspected(clipped, tmp_path))
+    assert (finding["severity"], finding["where"]) == ("warning", "input drive")
+    assert "at exactly -1 N" in finding["message"]
+    switched = replace(sound_log(), inputs=np.sign(sound_log().inputs))
+    assert inspected(switched, tmp_path)["findings"] == []
+
+
+def test_a_clipped_output_is_found(tmp_path):
+    low = np.quantile(sound_log().outputs, 0.2)
+    finding = only(inspected(replace(sound_log(), outputs=np.maximum(sound_log().outputs, low)), tmp_path))
+    assert (finding["severity"], finding["where"]) == ("warning", "output q")
+
+
+def test_a_coarse_sensor_is_noted_with_its_step(tmp_path):
+    step = 0.004
+    coarse = replace(sound_log(), outputs=step * np.round(sound_log().outputs / step))
+    document = inspected(coarse, tmp_path)
+    assert document["channels"][1]["quantisation"]["step"] == pytest.approx(step)
+    assert only(document)["severity"] == "note"
+
+
+def test_an_input_of_one_frequency_is_found(tmp_path):
+    sine = replace(sound_log(), inputs=np.sin(2 * np.pi * 1.3 * sound_log().time)[:, None])
+    finding = only(inspected(sine, tmp_path))
+    assert finding["message"] == "changes at a single frequency, 1.3 Hz"
+
+
+@pytest.mark.parametrize("shape", ["step", "noise", "sweep"])
+def test_rich_inputs_are_not_taken_for_one_frequency(shape):
+    time = np.arange(STEPS) / RATE
+    values = {
+        "step": (time > 4).astype(float),
+        "noise": np.random.default_rng(0).standard_normal(STEPS),
+        "sweep": np.sin(2 * np.pi * (0.2 + 0.5 * time) * time),
+    }[shape]
+    assert excitation(values, time, [slice(0, STEPS)])["single_frequency"] is None
+
+
+def test_an_input_mostly_at_rest_is_noted(tmp_path):
+    finding = only(inspected(changed(sound_log(), inputs=set_to(slice(100, 1400), 0.0)), tmp_path))
+    assert finding["severity"] == "note"
+    assert "for 66% of the samples" in finding["message"]
+
+
+# --- against a task ---
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (dict(input_names=("motor",)), "the log has (motor); task 'slider' has (drive)"),
+        (dict(output_units=("mm",)), "the log has it in 'mm', task 'slider' in 'm'"),
+        (dict(task="cart"), "made for the task 'cart'"),
+    ],
+)
+def test_a_log_of_another_task_is_found(tmp_path, slider_task, change, words):
+    assert words in only(inspected(replace(sound_log(), **change), tmp_path, slider_task))["message"]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("window = 0.5", "window = 30.0", "the longest lasts 9.99 s, and a window 30 s"),
+        ("window = 0.5", "window = 0.02", "a window of 0.02 s holds 2 samples"),
+    ],
+)
+def test_windows_that_do_not_suit_the_log_are_found(tmp_path, slider_task, old, new, words):
+    slider_task.write_text(slider_task.read_text().replace(old, new))
+    assert words in only(inspected(sound_log(), tmp_path, slider_task))["message"]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "where", "words"),
+    [
+        ('timestep="0.002"', 'timestep="0.02"', "time", "the model steps by 0.02 s"),
+        ('joint="x"/></actuator>', 'joint="x" ctrlrange="-1 1"/></actuator>', "input drive", "MuJoCo clips"),
+        (
+            'axis="1 0 0"',
+            'axis="1 0 0" range="5 6"',
+            "output q",
+            "100.0% of the samples lie outside the joint's range",
+        ),
+    ],
+)
+def test_models_that_do_not_suit_the_log_are_found(tmp_path, slider_task, old, new, where, words):
+    model = slider_task.parent / "model.xml"
+    assert old in model.read_text()
+    model.write_text(model.read_text().replace(old, new))
+    finding = only(inspected(sound_log(), tmp_path, slider_task))
+    assert finding["where"] == where
+    assert words in finding["message"]
+
+
+def test_a_bad_task_is_an_error_not_a_finding(tmp_path):
+    sound_log().write(tmp_path / "log.zarr")
+    with pytest.raises(TaskError):
+        inspect(tmp_path / "log.zarr", str(tmp_path / "nowhere.toml"))
+
+
+# --- other things, and damaged ones ---
+
+
+def test_a_truncated_log_is_a_finding(tmp_path):
+    sound_log().write(tmp_path / "log.zarr")
+    (tmp_path / "log.zarr" / "data" / "inputs" / "c" / "0" / "0").unlink()
+    document = inspect(tmp_path / "log.zarr")
+    assert document["kind"] == "measured-log"
+    assert "it is truncated" in only(document)["message"]
+    assert "truncated" in shown(document)
+
+
+def test_a_log_of_another_version_is_a_finding_with_the_cure(tmp_path):
+    sound_log().write(tmp_path / "log.zarr")
+    metadata = tmp_path / "log.zarr" / "zarr.json"
+    metadata.write_text(metadata.read_text().replace('"version": 1', '"version": 7'))
+    document = inspect(tmp_path / "log.zarr")
+    assert document["store"]["version"] == 7
+    assert "import-log" in only(document)["cure"]
+
+
+def test_an_empty_log_and_wrong_episodes_are_findings(tmp_path):
+    empty = sound_log().select_episodes([])
+    assert only(inspected(empty, tmp_path))["message"] == "it is empty"
+    wrong = replace(sound_log(), episode_ends=np.array([STEPS, STEPS]))
+    assert "do not divide" in only(inspected(wrong, tmp_path))["message"]
+
+
+def test_dropped_rows_are_noted(tmp_path, slider_task):
+    rows = [f"{0.01 * i:.2f},{np.sin(i)},{'' if i in (3, 4) else np.cos(2 * i)}" for i in range(100)]
+    (tmp_path / "run.csv").write_text("\n".join(["t_s,u_N,q_m", *rows]))
+    import_log(files=[tmp_path / "run.csv"], task=str(slider_task), out=tmp_path / "o.zarr", drop_nan=True)
+    notes = [f["message"] for f in inspect(tmp_path / "o.zarr")["findings"] if f["where"] == "run"]
+    assert notes == ["2 incomplete rows were dropped on import"]
+
+
+def test_a_foreign_zarr_is_described(tmp_path):
+    import zarr
+
+    group = zarr.open_group(str(tmp_path / "other.zarr"), mode="w")
+    group.create_array("deep/q", data=np.zeros((3, 2)))
+    document = inspect(tmp_path / "other.zarr")
+    assert document["kind"] == "zarr"
+    assert document["arrays"] == [{"path": "deep/q", "shape": [3, 2], "dtype": "float64", "unit": None}]
+    assert "deep/q" in shown(document)
+    (tmp_path / "other.zarr" / "deep" / "q" / "zarr.json").write_text("{")
+    assert only(inspect(tmp_path / "other.zarr"))["severity"] == "error"
+    (tmp_path / "other.zarr" / "zarr.json").write_text("{")
+    assert "not a readable Zarr group" in only(inspect(tmp_path / "other.zarr"))["message"]
+
+
+@pytest.mark.parametrize("kind", ["estimate", "diagnosis"])
+def test_result_directories_are_described(tmp_path, kind):
+    parameter = {"value": 95.1, "unit": "kg", "sd": 0.1, "at_bound": False, "identifiable": True}
+    log = tmp_path / "log.zarr"
+    sound_log().write(log)
+    result = {
+        "format": f"capture/{kind}",
+        "version": 1,
+        "task": "slider",
+        "log": {"path": str(log), "sha256": "of an earlier log"},
+        "verdict": "unexplained",
+        "parameters": {"mass": parameter, "gain": {**parameter, "at_bound": True}},
+        "effects": [{"name": "coulomb-friction", "site": "x"}] if kind == "diagnosis" else [],
+    }
+    folder = tmp_path / kind
+    folder.mkdir()
+    write_json(folder / f"{kind}.json", result)
+    Provenance("identify", {}, {}).write(folder)
+    document = inspect(folder)
+    assert document["kind"] == kind
+    assert document["result"]["verdict"] == "unexplained"
+    messages = {f["where"]: f["message"] for f in document["findings"]}
+    assert messages["parameter gain"] == "is at a bound"
+    assert "has changed since" in messages["log"]
+    assert "95.1" in shown(document)
+    assert ("estimate.zarr does not exist" in messages.get("store", "")) == (kind == "estimate")
+
+
+def test_any_folder_with_provenance_is_described_and_no_other(tmp_path):
+    folder = tmp_path / "result"
+    folder.mkdir()
+    with pytest.raises(StoreError, match="without a Zarr store"):
+        inspect(folder)
+    Provenance("export", {}, {}).write(folder)
+    document = inspect(folder)
+    assert (document["kind"], document["provenance"]["command"]) == ("directory", "export")
+    assert shown(document)
+    (folder / "provenance.json").write_text("[]")
+    assert only(inspect(folder))["severity"] == "warning"
+
+
+def test_what_is_not_there_or_is_a_file_is_refused_with_the_cure(tmp_path):
+    with pytest.raises(StoreError, match="does not exist"):
+        inspect(tmp_path / "nowhere")
+    (tmp_path / "run.csv").write_text("t_s\n0\n")
+    with pytest.raises(StoreError, match="is a file") as caught:
+        inspect(tmp_path / "run.csv")
+    assert "import-log" in caught.value.cure
+
+
+# --- numbers ---
+
+
+def test_timing_of_too_few_samples_has_no_rate():
+    for time in ([], [1.0], [1.0, 1.0], [np.nan, np.nan]):
+        found = timing(np.array(time))
+        assert found["rate"] is None
+        assert found["jitter_sd"] is None
+
+
+def test_a_grid_is_found_through_the_digits_of_a_file():
+    angles = 2 * np.pi / 4096 * np.random.default_rng(0).integers(-800, 800, 1000)
+    printed = np.array([float(f"{a:.7g}") for a in angles])
+    assert quantisation(printed)["step"] == pytest.approx(2 * np.pi / 4096, rel=1e-5)
+    assert quantisation(angles + 1e-5 * np.random.default_rng(1).standard_normal(1000))["step"] is None
+
+
+def test_visits_count_separate_stays():
+    values = np.array([1.0, 1.0, 0.0, 1.0, 0.5, 0.0, 0.0])
+    found = channel(values, [slice(0, 7)])
+    assert found["high"]["value"] == 1.0
+    assert found["high"]["share"] == pytest.approx(3 / 7)
+    assert found["high"]["neighbours"] == pytest.approx((1 / 7 + 3 / 7) / 2)
+    assert found["high"]["visits"] == 2
+    assert found["low"]["visits"] == 2
