@@ -39,9 +39,15 @@ def main() -> None:
     except BrokenPipeError:
         sys.stderr.close()  # the reader of our pipe went away; nothing is wrong
     except MemoryError:
-        _fail("error: out of memory\n  cure: use a shorter --window, fewer --starts, or a shorter log", 2, debug)
+        _fail(
+            "error: out of memory\n  cure: use a shorter --window, fewer --starts, or a shorter log", 2, debug
+        )
     except Exception as error:
-        _fail(f"internal error: {type(error).__name__}: {error}\n  this is a fault of `capture`; --debug shows where", 1, debug)
+        _fail(
+            f"internal error: {type(error).__name__}: {error}\n  this is a fault of `capture`; --debug shows where",
+            1,
+            debug,
+        )
 
 
 def _fail(message: str, code: int, debug: bool) -> None:
@@ -76,7 +82,8 @@ def _read_config(context: typer.Context, path: Path | None) -> Path | None:
         if name is None:
             options = sorted(k.replace("_", "-") for k in flags)
             raise OptionError(
-                f"--config {path}: `capture {context.info_name}` has no option {key!r}", cure=did_you_mean(key, options)
+                f"--config {path}: `capture {context.info_name}` has no option {key!r}",
+                cure=did_you_mean(key, options),
             )
         defaults[name] = [str(v) for v in value] if isinstance(value, list) else value
     context.default_map = defaults
@@ -85,7 +92,9 @@ def _read_config(context: typer.Context, path: Path | None) -> Path | None:
 
 Config = Annotated[
     Path | None,
-    typer.Option("--config", help="TOML with values for any of these options.", callback=_read_config, is_eager=True),
+    typer.Option(
+        "--config", help="TOML with values for any of these options.", callback=_read_config, is_eager=True
+    ),
 ]
 Force = Annotated[bool, typer.Option("--force", help="Replace --out if it exists.")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")]
@@ -115,7 +124,9 @@ def _pairs(texts: list[str], option: str) -> dict[str, float]:
                 raise ValueError
             result[name] = float(value)
         except ValueError:
-            raise OptionError(f"{option} {text!r} is not NAME=NUMBER", cure=f"for example {option} x=0.5") from None
+            raise OptionError(
+                f"{option} {text!r} is not NAME=NUMBER", cure=f"for example {option} x=0.5"
+            ) from None
     return result
 
 
@@ -129,7 +140,8 @@ def _ranges(texts: list[str], option: str) -> dict[str, tuple[float, float]]:
             result[name] = (float(low), float(high or low))
         except ValueError:
             raise OptionError(
-                f"{option} {text!r} is not NAME=VALUE or NAME=LOW:HIGH", cure=f"for example {option} x=-0.1:0.1"
+                f"{option} {text!r} is not NAME=VALUE or NAME=LOW:HIGH",
+                cure=f"for example {option} x=-0.1:0.1",
             ) from None
     return result
 
@@ -141,16 +153,26 @@ def _ranges(texts: list[str], option: str) -> dict[str, tuple[float, float]]:
 def identify(
     real_log: Annotated[Path, typer.Option("--real-log", help="Measured log (.zarr).")],
     task: TaskOption = None,
-    out: Annotated[Path | None, typer.Option("--out", help="Estimate directory; default LOG.estimate.")] = None,
-    identifier: Annotated[str, typer.Option("--identifier", help="least-squares or cma-es.")] = "least-squares",
-    test: Annotated[
-        str | None, typer.Option("--test", help="Recordings to hold out (names or patterns, comma-separated), or none.")
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Estimate directory; default LOG.estimate.")
     ] = None,
-    window: Annotated[float | None, typer.Option("--window", help="Seconds between restarts of the state.")] = None,
+    identifier: Annotated[
+        str, typer.Option("--identifier", help="least-squares or cma-es.")
+    ] = "least-squares",
+    test: Annotated[
+        str | None,
+        typer.Option("--test", help="Recordings to hold out (names or patterns, comma-separated), or none."),
+    ] = None,
+    window: Annotated[
+        float | None, typer.Option("--window", help="Seconds between restarts of the state.")
+    ] = None,
     starts: Annotated[int, typer.Option("--starts", min=1, help="Descents from different places.")] = 3,
-    rounds: Annotated[int, typer.Option("--rounds", min=1, help="At most so many rounds of simulations.")] = 100,
+    rounds: Annotated[
+        int, typer.Option("--rounds", min=1, help="At most so many rounds of simulations.")
+    ] = 100,
     fail_on: Annotated[
-        str | None, typer.Option("--fail-on", help="Exit with 3 on these verdicts: unexplained, not-identifiable.")
+        str | None,
+        typer.Option("--fail-on", help="Exit with 3 on these verdicts: unexplained, not-identifiable."),
     ] = None,
     seed: Seed = 0,
     threads: Threads = None,
@@ -253,18 +275,28 @@ def record(
     task: Annotated[str, typer.Option("--task", help="Built-in task, or path of a task.toml.")],
     out: Annotated[Path, typer.Option("--out", help="Measured log to write (.zarr).")],
     param: Annotated[list[str], typer.Option("--param", help="NAME=VALUE; others are nominal.")] = [],  # noqa: B006
-    random_parameters: Annotated[bool, typer.Option("--random-parameters", help="Draw the others at random.")] = False,
+    random_parameters: Annotated[
+        bool, typer.Option("--random-parameters", help="Draw the others at random.")
+    ] = False,
     effect: Annotated[list[str], typer.Option("--effect", help="NAME@SITE.PARAMETER=VALUE.")] = [],  # noqa: B006
     noise: Annotated[list[str], typer.Option("--noise", help="SD for all outputs, or OUTPUT=SD.")] = [],  # noqa: B006
     episodes: Annotated[int, typer.Option("--episodes", min=1, help="Number of episodes.")] = 1,
     duration: Annotated[float, typer.Option("--duration", help="Seconds per episode.")] = 10.0,
-    rate: Annotated[float | None, typer.Option("--rate", help="Samples per second; default the model's own.")] = None,
-    inputs_from: Annotated[Path | None, typer.Option("--inputs-from", help="Log whose inputs to replay.")] = None,
+    rate: Annotated[
+        float | None, typer.Option("--rate", help="Samples per second; default the model's own.")
+    ] = None,
+    inputs_from: Annotated[
+        Path | None, typer.Option("--inputs-from", help="Log whose inputs to replay.")
+    ] = None,
     amplitude: Annotated[list[str], typer.Option("--amplitude", help="INPUT=PEAK of the multisine.")] = [],  # noqa: B006
     band: Annotated[tuple[float, float], typer.Option("--band", help="Hz, of the multisine.")] = (0.1, 3.0),
     start: Annotated[list[str], typer.Option("--start", help="JOINT=POSITION or JOINT=LOW:HIGH.")] = [],  # noqa: B006
-    start_velocity: Annotated[list[str], typer.Option("--start-velocity", help="JOINT=VELOCITY or LOW:HIGH.")] = [],  # noqa: B006
-    truth: Annotated[Path | None, typer.Option("--truth", help="Where the truth goes; default OUT.truth.json.")] = None,
+    start_velocity: Annotated[
+        list[str], typer.Option("--start-velocity", help="JOINT=VELOCITY or LOW:HIGH.")
+    ] = [],  # noqa: B006
+    truth: Annotated[
+        Path | None, typer.Option("--truth", help="Where the truth goes; default OUT.truth.json.")
+    ] = None,
     seed: Seed = 0,
     threads: Threads = None,
     force: Force = False,
@@ -302,7 +334,9 @@ def record(
         _print_json(recording.truth)
     elif not quiet:
         steps, episodes_ = len(recording.log.time), len(recording.log.episode_ends)
-        print(f"{out}: {steps} steps in {episodes_} episode(s); truth in {truth or out.with_suffix('.truth.json')}")
+        print(
+            f"{out}: {steps} steps in {episodes_} episode(s); truth in {truth or out.with_suffix('.truth.json')}"
+        )
 
 
 def _noise(texts: list[str]) -> dict[str, float] | float:
@@ -379,6 +413,8 @@ def _version(wanted: bool) -> None:
 
 @app.callback()
 def _root(
-    version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")] = False,
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")
+    ] = False,
 ) -> None:
     pass

@@ -48,7 +48,8 @@ class ParameterSpace:
         repeated = {n for n in self.names if self.names.count(n) > 1}
         if repeated:
             raise OptionError(
-                f"parameters declared twice: {', '.join(sorted(repeated))}", cure="give each a name of its own"
+                f"parameters declared twice: {', '.join(sorted(repeated))}",
+                cure="give each a name of its own",
             )
         self.low = np.array([p.low for p in self.parameters], dtype=float)
         self.high = np.array([p.high for p in self.parameters], dtype=float)

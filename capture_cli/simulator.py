@@ -32,7 +32,11 @@ class Simulator:
     """
 
     def __init__(
-        self, task: Task, effects: Sequence[tuple[str, Effect]] = (), threads: int | None = None, engine: Engine | None = None
+        self,
+        task: Task,
+        effects: Sequence[tuple[str, Effect]] = (),
+        threads: int | None = None,
+        engine: Engine | None = None,
     ):
         self.task = task
         self.effects = tuple(effects)

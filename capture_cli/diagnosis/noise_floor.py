@@ -29,7 +29,9 @@ class NoiseFloor:
     source: tuple[str, ...]
 
 
-def noise_floor(outputs: np.ndarray, episodes: Sequence[slice], declared: Sequence[float | None]) -> NoiseFloor:
+def noise_floor(
+    outputs: np.ndarray, episodes: Sequence[slice], declared: Sequence[float | None]
+) -> NoiseFloor:
     """Of outputs (step, output); `declared` (output,) are known values, None where there are none."""
     sd, source = [], []
     for k, known in enumerate(declared):

@@ -47,12 +47,15 @@ def _by_recording(episode, recording, names, test: str) -> Split:
     for pattern in patterns:
         if not any(fnmatchcase(name, pattern) for name in names):
             raise OptionError(
-                f"--test {pattern!r} matches no recording of the log", cure=f"its recordings are: {', '.join(names)}"
+                f"--test {pattern!r} matches no recording of the log",
+                cure=f"its recordings are: {', '.join(names)}",
             )
     held = [i for i, name in enumerate(names) if any(fnmatchcase(name, p) for p in patterns)]
     is_test = np.isin(np.asarray(recording)[episode], held)
     if is_test.all():
-        raise OptionError(f"--test {test!r} holds out the whole log", cure="leave at least one recording to fit")
+        raise OptionError(
+            f"--test {test!r} holds out the whole log", cure="leave at least one recording to fit"
+        )
     return Split(is_test, "recordings held out: " + ", ".join(names[i] for i in held))
 
 

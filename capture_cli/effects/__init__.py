@@ -2,7 +2,97 @@
 
 from __future__ import annotations
 
-from capture_cli.effects.base import Effect
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+
+from capture_cli.effects.base import PLACES, Effect
+from capture_cli.parameters import Parameter
 from capture_cli.registry import Registry
 
 REGISTRY: Registry[Effect] = Registry("capture_cli.effects", "Effect", "effect")
+EXAMPLE = Path(__file__).with_name("_example_machine.xml")
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One effect of the catalogue: its sites in a model, and its parameters at the first of them."""
+
+    name: str
+    place: str
+    summary: str
+    where: str
+    sites: tuple[str, ...]
+    parameters: tuple[Parameter, ...]
+    shapes: tuple[str, ...]
+
+
+def catalogue(model: mujoco.MjModel | None = None) -> list[Entry]:
+    """Every effect, by place and name, with its sites in `model`; in the example machine where None."""
+    model = model or mujoco.MjModel.from_xml_path(str(EXAMPLE))
+    entries = []
+    for name, effect in REGISTRY.items():
+        sites = tuple(effect.sites(model))
+        parameters = effect(model, sites[0]).parameters if sites else ()
+        entries.append(
+            Entry(name, effect.place, effect.summary, effect.where, sites, parameters, effect.shapes)
+        )
+    return sorted(entries, key=lambda e: (PLACES.index(e.place), e.name))
+
+
+def markdown() -> str:
+    """docs/effects.md: a row per effect."""
+    rows = "\n".join(_row(entry) for entry in catalogue())
+    return _PAGE.format(rows=rows, example=EXAMPLE.read_text(encoding="utf-8").rstrip())
+
+
+def _row(entry: Entry) -> str:
+    cells = [
+        f"`{entry.name}`",
+        entry.place,
+        entry.summary,
+        entry.where,
+        "<br>".join(f"`{p.name}`{' (shape)' if p.name in entry.shapes else ''}" for p in entry.parameters),
+        "<br>".join(p.unit for p in entry.parameters),
+        "<br>".join(f"{p.low:.3g} to {p.high:.3g}" for p in entry.parameters),
+        "<br>".join("any" if p.name in entry.shapes else f"{p.nominal:.3g}" for p in entry.parameters),
+    ]
+    return f"| {' | '.join(cells)} |"
+
+
+_PAGE = """# Effects
+
+What a model may lack. Each effect is one file in `capture_cli/effects/`; this page is made from them
+(`capture_cli.effects.markdown()`), and a test compares the two.
+
+An effect sits at a place in the model: a joint, a body, a geom, an actuator, a sensor, or the model as a
+whole. `coulomb-friction@elbow` is that effect at the joint `elbow`, and `coulomb-friction@elbow.friction`
+its parameter; `gravity-tilt`, which sits at no one place, has `gravity-tilt.tilt_x`. Objects without a name
+are called by their number, `#0` being the first of a kind.
+
+At the null value of its parameters the simulation is, bit by bit, the one without the effect. Parameters
+marked *shape* say what the effect looks like; while the others are null they mean nothing, whatever they
+are.
+
+Effects of the place *model* are native MuJoCo features and export to MJCF. Those of the place *force* act
+at every step: friction and damping that depend on the state change MuJoCo's own `frictionloss` and
+`damping` step by step, so that they are integrated implicitly and stick as MuJoCo's do; compliance and
+backlash keep the motor's position as a state of their own. Effects of *control* change what the actuators
+receive, those of *measurement* what the sensors report. `ctrl` stands for the unit of the actuator's
+control.
+
+Ranges follow from the model: from the weight that a joint carries, what its actuators can give, its travel
+and its inertia. The ones in the table are those of the machine at the end of this page, at the effect's
+first site in it.
+
+| effect | place | what it is | sits at | parameters | unit | range | null |
+|---|---|---|---|---|---|---|---|
+{rows}
+
+The machine of the table:
+
+```xml
+{example}
+```
+"""

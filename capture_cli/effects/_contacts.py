@@ -12,9 +12,7 @@ from capture_cli.effects.base import GLOBAL, Effect
 
 
 def touching_pairs(model: mujoco.MjModel) -> np.ndarray:
-    """Pairs of geoms (pair, 2) that may collide by MuJoCo's filters; those of explicit <pair> elements are
-    not in it.
-    """
+    """Pairs of geoms (pair, 2) that may collide by MuJoCo's filters, without those of explicit <pair>s."""
     first, second = np.triu_indices(model.ngeom, 1)
     kind, affinity = model.geom_contype, model.geom_conaffinity
     allowed = (kind[first] & affinity[second]) | (kind[second] & affinity[first])
@@ -33,16 +31,10 @@ def touching_pairs(model: mujoco.MjModel) -> np.ndarray:
     return pairs[~np.isin(pairs @ (model.ngeom, 1), named @ (model.ngeom, 1))]
 
 
-def partners(pairs: np.ndarray, geom: int) -> np.ndarray:
-    """Geoms that `geom` may touch, (partner,)."""
-    return np.concatenate([pairs[pairs[:, 0] == geom, 1], pairs[pairs[:, 1] == geom, 0]])
-
-
 class ContactEffect(Effect):
     """An effect on the contacts of a geom, or on those of an explicit <pair>, called GEOM+GEOM.
 
-    pair: the pair's number, or -1; then geom is the geom's, and partners (partner,) what it may touch and
-    mixes with.
+    pair: the pair's number, or -1; then geom is the geom's, and partners (partner,) are what it mixes with.
     """
 
     where = "every geom that has a say in some contact, every explicit pair (GEOM+GEOM)"

@@ -7,8 +7,10 @@ import itertools
 import mujoco
 import numpy as np
 
+from capture_cli.effects._rotation import body_vectors
 from capture_cli.sim.engine import ModelFields
 
+CONJUGATE = np.array([1, -1, -1, -1])
 ALIGNED = 1 - 1e-9  # a direction this close to a principal axis is one
 
 
@@ -26,7 +28,7 @@ def add_point_mass(fields: ModelFields, body: int, mass: np.ndarray, position: n
 
 def _add_spread(fields: ModelFields, body: int, mass: np.ndarray, apart: np.ndarray) -> None:
     """Add the inertia of two masses, of reduced mass `mass`, that lie `apart` (simulation, 3)."""
-    local = _to_principal(fields["body_iquat"][:, body], apart)
+    local = body_vectors(fields["body_iquat"][:, body] * CONJUGATE, apart)  # in the principal frame
     added = mass[:, None, None] * (
         np.square(local).sum(axis=1)[:, None, None] * np.eye(3) - local[:, :, None] * local[:, None, :]
     )
@@ -38,13 +40,6 @@ def _add_spread(fields: ModelFields, body: int, mass: np.ndarray, apart: np.ndar
         moments[row], turn = _principal(np.diag(moments[row]) + added[row])
         mujoco.mju_mulQuat(quaternion := np.empty(4), fields["body_iquat"][row, body], turn)
         fields["body_iquat"][row, body] = quaternion
-
-
-def _to_principal(frames: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """Vectors (simulation, 3) of the body's frame in its principal frame, of orientation (simulation, 4)."""
-    axis = -frames[:, 1:]
-    twice = 2 * np.cross(axis, vectors)
-    return vectors + frames[:, :1] * twice + np.cross(axis, twice)
 
 
 def _principal(inertia: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

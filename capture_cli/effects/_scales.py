@@ -1,5 +1,4 @@
-"""How large an effect can sensibly be: characteristic forces, lengths and speeds, computed from the model
-alone.
+"""How large an effect can sensibly be: characteristic forces, lengths and speeds, from the model alone.
 
 They set ranges, not values. A range has to hold the truth and should not be wider by orders of magnitude.
 """
@@ -41,9 +40,8 @@ def characteristic_force(model: mujoco.MjModel, joint: int) -> float:
 
 def characteristic_speed(model: mujoco.MjModel, joint: int) -> float:
     """m/s or rad/s: what the characteristic force gives the joint over its travel."""
-    return float(
-        np.sqrt(2 * characteristic_force(model, joint) * travel(model, joint) / inertia(model, joint))
-    )
+    force = characteristic_force(model, joint)
+    return float(np.sqrt(2 * force * travel(model, joint) / inertia(model, joint)))
 
 
 def control_scale(model: mujoco.MjModel, actuator: int) -> float:

@@ -79,7 +79,7 @@ def quantity(model: mujoco.MjModel, sensor: int) -> Quantity | None:
 def _of_joint(model: mujoco.MjModel, joint: int, what: str, through: float = 1.0) -> Quantity | None:
     if model.jnt_type[joint] not in (HINGE, SLIDE):
         return None
-    hinge = model.jnt_type[joint] == HINGE
+    hinge = bool(model.jnt_type[joint] == HINGE)
     unit = {"position": ("m", "rad"), "speed": ("m/s", "rad/s"), "force": ("N", "N m")}[what][hinge]
     size = {"position": travel, "speed": characteristic_speed, "force": characteristic_force}[what](
         model, joint

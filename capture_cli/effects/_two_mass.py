@@ -1,16 +1,14 @@
 """A rotor and a link that are not one: what compliance and backlash share.
 
 The model's joint carries rotor and link as one rigid inertia M. With J of it in the rotor, which runs ahead
-of the link by the deflection d, the rotor obeys J (a + d'') = T - F and the link (M - J) a = F + rest, with a
-the joint's acceleration, T the actuators' force and F what the transmission passes on. Together, M a = T +
-rest - J d'': the model's own joint with the extra force -J d''. Eliminating a,
+of the link by the deflection d, the rotor obeys J (a + d'') = T - F and the link (M - J) a = F + rest, with
+a the joint's acceleration, T the actuators' force and F what the transmission passes on. Together,
+M a = T + rest - J d'': the model's own joint with the extra force -J d''. Eliminating a,
 
-    d'' (1 - J / M) = (T - F) / J - b,        b = a + (J / M) d''    (the acceleration without the extra
-    force).
+    d'' (1 - J / M) = (T - F) / J - b,    b = a + (J / M) d''   (the acceleration without the extra force).
 
 T and b are those of the step before; d is kept per simulation. Actuators and sensors go on seeing the joint,
-which is
-the link: an encoder on the rotor, and a servo that closes its loop there, are outside of this.
+which is the link: an encoder on the rotor, and a servo that closes its loop there, are outside of this.
 """
 
 from __future__ import annotations
@@ -23,12 +21,10 @@ from capture_cli.sim.engine import World
 
 
 class TwoMass(ABC):
-    """The force of a rotor of inertia `rotor` (simulation,), kg or kg m^2, on the joint of degree of freedom
-    `dof`.
+    """The force of a rotor of inertia `rotor` (simulation,), kg or kg m^2, on degree of freedom `dof`.
 
-    total: M, kg or kg m^2. Where it is not quite the joint's inertia (the pose and other joints change that),
-    what is said above about b holds a step late, which is stable as long as the rotor is less than the
-    inertia.
+    total: M, kg or kg m^2. The pose and other joints change the true one; then b is known a step late, which
+    is stable as long as the rotor has less than half of the inertia.
     """
 
     def __init__(self, dof: int, total: float, rotor: np.ndarray, timestep: float):
@@ -56,10 +52,8 @@ class TwoMass(ABC):
 
     @abstractmethod
     def at_rest(self, rows: np.ndarray, passed: np.ndarray) -> np.ndarray:
-        """Deflection (row,) at which the transmission passes on the force `passed` (row,) and stays as it is."""
+        """Deflection (row,) at which the transmission passes on the force `passed` (row,) and rests."""
 
     @abstractmethod
     def advance(self, rows: np.ndarray, pull: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Deflection and its rate (row,) after a step in which d'' would be `pull` (row,) if nothing were
-        passed on.
-        """
+        """Deflection and its rate (row,) after a step; d'' is `pull` (row,) while nothing is passed on."""

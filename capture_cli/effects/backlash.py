@@ -11,12 +11,11 @@ from capture_cli.parameters import Parameter
 
 
 class Backlash(JointEffect):
-    """Play of `width` (m or rad) between drive and joint: within it the motor turns alone and passes nothing
-    on.
+    """Play of `width` (m or rad) between drive and joint, in which the motor turns alone and drives nothing.
 
     `rotor` (kg or kg m^2) is the part of the joint's inertia on the motor's side. At an end of the play the
-    two collide and stay together until the force turns round. See _two_mass.py for the equations. A
-    simulation begins with the play taken up in the direction of the force.
+    two collide without rebound and stay together until the force turns round; the equations are in
+    _two_mass.py. A simulation begins with the play taken up in the direction of the force.
     """
 
     place = "force"

@@ -1,5 +1,4 @@
-"""What an effect is: something the model lacks, at a site of the model, with parameters that have a null
-value.
+"""What an effect is: something the model lacks, at a site of the model, with parameters that can be null.
 
 An effect acts in one of four places, and overrides the one method of that place:
 
@@ -75,16 +74,15 @@ class Effect(ABC):
         return ParameterSpace(self.parameters)
 
     def shape_grid(self, count: int = 5) -> np.ndarray:
-        """Points (point, parameter) with null amplitudes and `count` values of each shape: where to take a
-        score.
+        """Points (point, parameter) with null amplitudes and `count` values of each shape: where to score.
 
         Values of a shape that is positive are spread evenly in its logarithm.
         """
         axes = [_spread(p, count) if p.name in self.shapes else [p.nominal] for p in self.parameters]
         return np.stack([a.ravel() for a in np.meshgrid(*axes, indexing="ij")], axis=-1)
 
-    def write(self, fields: ModelFields, values: np.ndarray) -> None:  # noqa: B027 (of other places: nothing)
-        """Place "model": set fields from `values` (simulation, parameter), on top of what is written there."""
+    def write(self, fields: ModelFields, values: np.ndarray) -> None:  # noqa: B027
+        """Place "model": set fields from `values` (simulation, parameter), on top of what is there."""
 
     def force(self, values: np.ndarray, timestep: float) -> Force | None:
         """Place "force": a fresh force with the coefficients `values` (simulation, parameter).
@@ -94,13 +92,11 @@ class Effect(ABC):
         return None
 
     def drive(self, controls: np.ndarray, values: np.ndarray, timestep: float) -> np.ndarray:
-        """Place "control": ctrl (simulation, grid, nu) on the model's time grid as the actuators receive it."""
+        """Place "control": ctrl (simulation, grid, nu), on the model's grid, as the actuators receive it."""
         return controls
 
     def measure(self, sensors: np.ndarray, values: np.ndarray, timestep: float) -> np.ndarray:
-        """Place "measurement": sensordata (simulation, grid, column) on the model's time grid as it is
-        reported.
-        """
+        """Place "measurement": sensordata (simulation, grid, column), on that grid, as it is reported."""
         return sensors
 
 

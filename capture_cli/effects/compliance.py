@@ -11,8 +11,8 @@ from capture_cli.parameters import Parameter
 
 SLOWEST = 2 * np.pi * 2.0  # rad/s: a drive softer than 2 Hz is not a model error but another machine
 
-# Generalized-alpha (Chung and Hulbert 1993): second order, and vibrations that the step cannot follow shrink to this
-# part of themselves in every step.
+# Generalized-alpha (Chung and Hulbert 1993): second order, and of vibrations that the step cannot follow this
+# part is kept from one step to the next.
 KEPT = 0.3
 ALPHA_M, ALPHA_F = (2 * KEPT - 1) / (KEPT + 1), KEPT / (KEPT + 1)
 GAMMA = 0.5 - ALPHA_M + ALPHA_F
@@ -22,9 +22,9 @@ BETA = 0.25 * (1 - ALPHA_M + ALPHA_F) ** 2
 class Compliance(JointEffect):
     """A spring between drive and joint that winds up by `compliance` (m/N or rad/(N m)) per unit of force.
 
-    `rotor` (kg or kg m^2) is the part of the joint's inertia on the motor's side. The spring's own friction is
-    `damping_time` (s) times its stiffness. See _two_mass.py for the equations. The step is implicit in the spring, so
-    that any stiffness is stable.
+    `rotor` (kg or kg m^2) is the part of the joint's inertia on the motor's side. The spring's friction is
+    `damping_time` (s) times its stiffness. The equations are in _two_mass.py; the step is implicit in the
+    spring, so that any stiffness is stable.
     """
 
     place = "force"
@@ -53,7 +53,7 @@ class Compliance(JointEffect):
 
 
 class _Spring(TwoMass):
-    """I d'' + `damping_time` d' + d = I pull, with I the inertia that the spring works against times its compliance."""
+    """I d'' + `damping_time` d' + d = I pull, with I the compliance times the inertia against the spring."""
 
     def __init__(self, dof, total, rotor, timestep, compliance, damping_time):
         super().__init__(dof, total, rotor, timestep)

@@ -19,8 +19,7 @@ PERPENDICULAR = 1e-6
 
 
 class SensorFrameRotation(Effect):
-    """What a sensor of a vector or an orientation reports, turned by a rotation vector (rad) in the frame it
-    reports in.
+    """What a sensor of a vector or an orientation reports, turned by a rotation vector (rad).
 
     Two sensors of the same kind on perpendicular slide joints of one body are a vector in the plane,
     SENSOR+SENSOR, turned by one `angle` from the first towards the second.

@@ -10,7 +10,7 @@ STORM = 20.0  # m/s
 
 
 class Wind(Effect):
-    """Velocity of the medium (m/s), added to the model's. It acts only in a medium with density or viscosity."""
+    """Velocity (m/s) added to the medium's; it acts where the medium has density or viscosity."""
 
     place = "model"
     summary = "the medium moves: wind or a current"

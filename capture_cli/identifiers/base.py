@@ -67,7 +67,9 @@ class Identifier(ABC):
     start: where to begin (parameter,). rounds: at most so many ask / tell. Trials stay inside the space's bounds.
     """
 
-    def __init__(self, evidence: Evidence, *, start: np.ndarray, seed: int = 0, rounds: int = 100, starts: int = 3):
+    def __init__(
+        self, evidence: Evidence, *, start: np.ndarray, seed: int = 0, rounds: int = 100, starts: int = 3
+    ):
         self.evidence = evidence
         self.space = evidence.space
         self.start = np.clip(start, self.space.low, self.space.high)

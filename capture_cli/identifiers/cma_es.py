@@ -68,7 +68,9 @@ class CmaEs(Identifier):
         values[diverged.any(axis=1)] = np.inf
         finite = values[np.isfinite(values)]
         worst = 10 * finite.max() if finite.size else 1e300
-        self._search.tell([(x, v if np.isfinite(v) else worst) for x, v in zip(self._asked, values, strict=True)])
+        self._search.tell(
+            [(x, v if np.isfinite(v) else worst) for x, v in zip(self._asked, values, strict=True)]
+        )
         chosen = int(np.argmin(values))
         error = float(np.sqrt(values[chosen] / self.evidence.count))
         if error < self._best.error:

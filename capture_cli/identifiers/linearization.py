@@ -157,7 +157,9 @@ def autocovariance(residual: np.ndarray, mask: np.ndarray) -> np.ndarray:
     size = 1 << (2 * steps - 1).bit_length()
     spectrum = np.fft.rfft(residual * mask[..., None], size, axis=1)
     total = np.fft.irfft((np.abs(spectrum) ** 2).sum(axis=0), size, axis=0)[:steps]
-    pairs = np.fft.irfft((np.abs(np.fft.rfft(mask.astype(float), size, axis=1)) ** 2).sum(axis=0), size)[:steps]
+    pairs = np.fft.irfft((np.abs(np.fft.rfft(mask.astype(float), size, axis=1)) ** 2).sum(axis=0), size)[
+        :steps
+    ]
     return total / np.maximum(np.round(pairs), 1)[:, None]
 
 

@@ -5,7 +5,7 @@ MuJoCo's `mujoco.batch` does the stepping on its thread pool; results are bit-id
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -193,7 +193,9 @@ class Engine:
 Recorded = tuple[dict[str, np.ndarray], np.ndarray]
 
 
-def _step(runner, rows, tape: np.ndarray, steps: int, forces: Sequence[Force], names: Sequence[str]) -> Recorded:
+def _step(
+    runner, rows, tape: np.ndarray, steps: int, forces: Sequence[Force], names: Sequence[str]
+) -> Recorded:
     """Fields `names` (simulation, step, ...) before each step, and which simulations diverged (simulation,)."""
     if forces:
         return _step_with_forces(runner, rows, tape, forces, names)
@@ -204,12 +206,17 @@ def _step(runner, rows, tape: np.ndarray, steps: int, forces: Sequence[Force], n
         runner.rollout(steps, tape if tape.shape[-1] else None, record=tuple(names), out=dict(recorded))
     except batch.SimulationError as error:
         bad[error.ids] = True
-    for name, first in start.items():  # states are recorded after each step, sensors describe the state before it
+    for (
+        name,
+        first,
+    ) in start.items():  # states are recorded after each step, sensors describe the state before it
         recorded[name] = np.concatenate([first[:, None], recorded[name][:, :-1]], axis=1)
     return recorded, bad | _warned(runner)
 
 
-def _step_with_forces(runner, rows, tape: np.ndarray, forces: Sequence[Force], names: Sequence[str]) -> Recorded:
+def _step_with_forces(
+    runner, rows, tape: np.ndarray, forces: Sequence[Force], names: Sequence[str]
+) -> Recorded:
     world = World(runner, rows)
     ctrl, joint_force, body_force = (runner.bind(n) for n in ("ctrl", "qfrc_applied", "xfrc_applied"))
     live = {name: runner.bind(name) for name in names}
@@ -241,4 +248,3 @@ def _step_with_forces(runner, rows, tape: np.ndarray, forces: Sequence[Force], n
 def _warned(runner: batch.Batch) -> np.ndarray:
     """Which simulations have raised any warning, (simulation,)."""
     return runner.warning[:, :, 1].any(axis=1)
-

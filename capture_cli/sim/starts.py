@@ -157,15 +157,21 @@ def _sources(model: mujoco.MjModel, sensors: Sequence[int]) -> list[_Source]:
         what, which = int(model.sensor_type[sensor]), int(model.sensor_objid[sensor])
         if what in (kind.mjSENS_JOINTPOS, kind.mjSENS_JOINTVEL):
             name = "position" if what == kind.mjSENS_JOINTPOS else "velocity"
-            sources.append(_Source(name, columns, (int(model.jnt_dofadr[which]),), (int(model.jnt_qposadr[which]),)))
+            sources.append(
+                _Source(name, columns, (int(model.jnt_dofadr[which]),), (int(model.jnt_qposadr[which]),))
+            )
         elif what == kind.mjSENS_BALLQUAT:
             dof, adr = int(model.jnt_dofadr[which]), int(model.jnt_qposadr[which])
-            sources.append(_Source("orientation", columns, tuple(range(dof, dof + 3)), tuple(range(adr, adr + 4))))
+            sources.append(
+                _Source("orientation", columns, tuple(range(dof, dof + 3)), tuple(range(adr, adr + 4)))
+            )
         elif what in (kind.mjSENS_FRAMEPOS, kind.mjSENS_FRAMEQUAT) and _is_free_body_frame(model, sensor):
             joint = int(model.body_jntadr[which])
             dof, adr = int(model.jnt_dofadr[joint]), int(model.jnt_qposadr[joint])
             if what == kind.mjSENS_FRAMEPOS:
-                sources.append(_Source("position", columns, tuple(range(dof, dof + 3)), tuple(range(adr, adr + 3))))
+                sources.append(
+                    _Source("position", columns, tuple(range(dof, dof + 3)), tuple(range(adr, adr + 3)))
+                )
             else:
                 dofs, adrs = tuple(range(dof + 3, dof + 6)), tuple(range(adr + 3, adr + 7))
                 sources.append(_Source("orientation", columns, dofs, adrs))
@@ -176,7 +182,9 @@ def _is_free_body_frame(model: mujoco.MjModel, sensor: int) -> bool:
     """Whether a frame sensor reads, in world coordinates, the frame that a free joint moves."""
     body = int(model.sensor_objid[sensor])
     is_xbody = int(model.sensor_objtype[sensor]) == mujoco.mjtObj.mjOBJ_XBODY
-    is_body = int(model.sensor_objtype[sensor]) == mujoco.mjtObj.mjOBJ_BODY and model.body_sameframe[body] == 1
+    is_body = (
+        int(model.sensor_objtype[sensor]) == mujoco.mjtObj.mjOBJ_BODY and model.body_sameframe[body] == 1
+    )
     if not (is_xbody or is_body) or model.sensor_refid[sensor] >= 0 or model.body_jntnum[body] != 1:
         return False
     return int(model.jnt_type[model.body_jntadr[body]]) == mujoco.mjtJoint.mjJNT_FREE

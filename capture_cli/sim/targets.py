@@ -344,7 +344,9 @@ def object_id(model: mujoco.MjModel, kind: str, name: str, where: str) -> int:
     """The id of a body, joint, geom or actuator. Raises ModelError naming those that exist."""
     number = mujoco.mj_name2id(model, _KINDS[kind], name)
     if number < 0:
-        raise ModelError(f"{where}: the model has no {kind} {name!r}", cure=did_you_mean(name, object_names(model, kind)))
+        raise ModelError(
+            f"{where}: the model has no {kind} {name!r}", cure=did_you_mean(name, object_names(model, kind))
+        )
     return number
 
 

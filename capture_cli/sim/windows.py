@@ -108,7 +108,9 @@ def cut(
         weight[w, : b - a] = np.maximum(position - index[w, : b - a], 0.0)
         measured[w, : b - a] = outputs[a:b]
         mask[w, : b - a] = True
-        stop = episodes[number].stop  # the input after the last sample of a window is known, if not of an episode
+        stop = episodes[
+            number
+        ].stop  # the input after the last sample of a window is known, if not of an episode
         on_grid = time[a] + timestep * np.arange(grid)
         controls[w] = _on_grid(time[a:stop], inputs[a:stop], on_grid, timestep, linear)
     return Windows(

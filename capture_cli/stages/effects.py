@@ -27,7 +27,9 @@ _EXAMPLE = """
 def describe(task: str | None) -> dict[str, Any]:
     """{"effects": [...]}: each effect with its parameters; with a task, its sites in that model."""
     model = load_task(task).model if task else mujoco.MjModel.from_xml_string(_EXAMPLE)
-    return {"effects": [_one(name, cls, model, with_sites=task is not None) for name, cls in REGISTRY.items()]}
+    return {
+        "effects": [_one(name, cls, model, with_sites=task is not None) for name, cls in REGISTRY.items()]
+    }
 
 
 def _one(name: str, cls: type[Effect], model: mujoco.MjModel, *, with_sites: bool) -> dict[str, Any]:

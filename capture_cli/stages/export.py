@@ -44,7 +44,11 @@ def export(*, estimate: Path, out: Path, task: str | None = None, force: bool = 
 
 def _recorded_task(estimate: Path) -> str:
     provenance = read_result(
-        estimate, "provenance.json", "capture/provenance", 1, "make the estimate again with `capture identify`"
+        estimate,
+        "provenance.json",
+        "capture/provenance",
+        1,
+        "make the estimate again with `capture identify`",
     )
     recorded = provenance["inputs"].get("task")
     return recorded["path"] if recorded else provenance["options"]["task"]

@@ -13,8 +13,8 @@ from capture_cli.errors import FitError
 from capture_cli.identifiers import REGISTRY
 from capture_cli.identifiers.base import Best, Identifier, Trial, run
 from capture_cli.identifiers.intervals import Intervals, intervals
-from capture_cli.identifiers.linearization import Linearization, autocorrelation_time, columns
 from capture_cli.identifiers.least_squares import LeastSquares
+from capture_cli.identifiers.linearization import Linearization, autocorrelation_time, columns
 from capture_cli.parameters import ParameterSpace
 from capture_cli.simulator import Simulator
 from capture_cli.stages.prepared_log import PreparedLog, check_parameters_move_outputs, find_task, prepare
@@ -91,7 +91,9 @@ class _progress:
     def __init__(self, rounds: int, quiet: bool):
         from tqdm import tqdm
 
-        self.bar = tqdm(total=rounds, desc="identify", unit="round", file=sys.stderr, disable=quiet, leave=False)
+        self.bar = tqdm(
+            total=rounds, desc="identify", unit="round", file=sys.stderr, disable=quiet, leave=False
+        )
 
     def __enter__(self):
         return self
@@ -107,7 +109,9 @@ class _progress:
 class _Report:
     """Turns the best point into an Estimate: errors, intervals, verdict, recordings."""
 
-    def __init__(self, prepared, simulator, identifier: str, best: Best, history, method: type[Identifier], seed: int):
+    def __init__(
+        self, prepared, simulator, identifier: str, best: Best, history, method: type[Identifier], seed: int
+    ):
         self.prepared: PreparedLog = prepared
         self.simulator: Simulator = simulator
         self.identifier = identifier
@@ -129,7 +133,9 @@ class _Report:
         recordings = self._recordings(fitted, found)
         lacking = self._lack_of_fit(fitted)
         document = self._document(found, lacking, simulated, recordings)
-        return Estimate(document, self._arrays(found, offsets, simulated, nominal, recordings), self._attributes())
+        return Estimate(
+            document, self._arrays(found, offsets, simulated, nominal, recordings), self._attributes()
+        )
 
     # --- at the estimate ---
 
@@ -198,7 +204,11 @@ class _Report:
         prepared, log = self.prepared, self.prepared.log
         names = [c.name for c in prepared.task.outputs]
         undetermined = _undetermined(found, self.space.names)
-        verdict = "unexplained" if lacking.lacking else ("explained" if found.identifiable.all() else "not-identifiable")
+        verdict = (
+            "unexplained"
+            if lacking.lacking
+            else ("explained" if found.identifiable.all() else "not-identifiable")
+        )
         document = {
             "format": FORMAT,
             "version": VERSION,
@@ -206,7 +216,10 @@ class _Report:
             "log": {"path": str(log.path), "sha256": sha256(log.path)},
             "identifier": self.identifier,
             "parameters": self._parameters(found),
-            "error": {"fit": self._error(simulated, ~self.is_test), "test": self._error(simulated, self.is_test)},
+            "error": {
+                "fit": self._error(simulated, ~self.is_test),
+                "test": self._error(simulated, self.is_test),
+            },
             "noise_floor": dict(zip(names, prepared.noise.sd.tolist(), strict=True)),
             "noise_floor_source": dict(zip(names, prepared.noise.source, strict=True)),
             "verdict": verdict,
@@ -268,7 +281,9 @@ class _Report:
     def _arrays(self, found: Intervals, offsets, simulated, nominal, recordings) -> dict[str, np.ndarray]:
         windows = self.prepared.windows
         mask = windows.mask
-        steps = np.concatenate([np.arange(f, f + n) for f, n in zip(windows.first, windows.samples, strict=True)])
+        steps = np.concatenate(
+            [np.arange(f, f + n) for f, n in zip(windows.first, windows.samples, strict=True)]
+        )
         arrays = {
             "window/episode": windows.episode,
             "window/first": windows.first,
@@ -293,7 +308,9 @@ class _Report:
         log = self.prepared.log
         return {
             "parameters": list(self.space.names),
-            "outputs": [{"name": n, "unit": u} for n, u in zip(log.output_names, log.output_units, strict=True)],
+            "outputs": [
+                {"name": n, "unit": u} for n, u in zip(log.output_names, log.output_units, strict=True)
+            ],
             "recordings": list(log.recording_names),
         }
 

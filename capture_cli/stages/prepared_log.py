@@ -85,7 +85,9 @@ def find_task(task: str | None, log: MeasuredLog) -> Task:
     )
 
 
-def prepare(log: MeasuredLog, task: Task, *, window: float | None, test: str | None, seed: int) -> PreparedLog:
+def prepare(
+    log: MeasuredLog, task: Task, *, window: float | None, test: str | None, seed: int
+) -> PreparedLog:
     """Check that the log fits the task, and make it ready. Raises LogError or OptionError."""
     check_fits(log, task)
     duration = window if window is not None else task.log.window
@@ -111,7 +113,9 @@ def prepare(log: MeasuredLog, task: Task, *, window: float | None, test: str | N
         window_first=windows.first,
         window_episode=windows.episode,
         noise_sd=noise.sd,
-        unmeasured=None if measures_every_coordinate(task.model, sensors) else _simulate_episodes(log, task, windows, linear),
+        unmeasured=None
+        if measures_every_coordinate(task.model, sensors)
+        else _simulate_episodes(log, task, windows, linear),
     )
     split = split_windows(
         episode=windows.episode,
@@ -140,7 +144,11 @@ def _simulate_episodes(log: MeasuredLog, task: Task, windows: Windows, linear: n
     fields = ModelFields(model, len(whole))
     task.write(fields, np.repeat(task.space.nominal[None], len(whole), axis=0))
     rollouts = Engine(model).rollout(
-        starts=own, controls=task.controls(whole.controls), steps=int(whole.grid_steps.max()), fields=fields, states=True
+        starts=own,
+        controls=task.controls(whole.controls),
+        steps=int(whole.grid_steps.max()),
+        fields=fields,
+        states=True,
     )
     number = np.array([first[e] for e in windows.episode])
     step = np.round((windows.time - whole.time[number]) / task.timestep).astype(int)
@@ -178,7 +186,9 @@ def check_parameters_move_outputs(prepared: PreparedLog, simulator: Simulator, s
     if not len(space):
         return
     generator = np.random.default_rng(seed)
-    bases = np.stack([space.to_unit(space.nominal), np.full(len(space), 0.5), generator.uniform(0.1, 0.9, len(space))])
+    bases = np.stack(
+        [space.to_unit(space.nominal), np.full(len(space), 0.5), generator.uniform(0.1, 0.9, len(space))]
+    )
     still = np.ones(len(space), dtype=bool)
     some = prepared.part(np.unique(np.linspace(0, len(prepared.windows) - 1, 16).astype(int)))
     evidence = some.evidence(simulator)

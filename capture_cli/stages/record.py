@@ -75,7 +75,9 @@ def record(
     simulator = Simulator(machine, placed, threads)
     generator = np.random.default_rng(seed)
     point = machine.space.to_vector(parameters or {}, default=_random(machine, generator, random_parameters))
-    time, inputs, ends = _drive(machine, episodes, duration, rate, inputs_from, amplitude or {}, band, generator)
+    time, inputs, ends = _drive(
+        machine, episodes, duration, rate, inputs_from, amplitude or {}, band, generator
+    )
     starts = _starts(machine.model, len(ends), start or {}, start_velocity or {}, generator)
     outputs = _simulate(simulator, time, inputs, ends, starts, np.concatenate([point, effect_values]))
     noise_sd = _noise(noise, machine.outputs)
@@ -128,7 +130,8 @@ def parse_effects(texts: Sequence[str], model: mujoco.MjModel) -> tuple[list[tup
         parameter = match["parameter"] or names[0]
         if parameter not in names:
             raise OptionError(
-                f"--effect {text!r}: {match['name']} has no parameter {parameter!r}", cure=did_you_mean(parameter, names)
+                f"--effect {text!r}: {match['name']} has no parameter {parameter!r}",
+                cure=did_you_mean(parameter, names),
             )
         values[names.index(parameter)] = _number(match["value"], f"--effect {text!r}")
     effects = [(name, effect) for name, effect, _ in placed.values()]
@@ -173,7 +176,8 @@ def _drive(machine, episodes, duration, rate, inputs_from, amplitude, band, gene
         return source.time, source.inputs, source.episode_ends
     if episodes < 1 or duration <= 0 or (rate is not None and rate <= 0):
         raise OptionError(
-            f"episodes = {episodes}, duration = {duration:g} s, rate = {rate} Hz", cure="give positive numbers"
+            f"episodes = {episodes}, duration = {duration:g} s, rate = {rate} Hz",
+            cure="give positive numbers",
         )
     interval = machine.timestep if rate is None else 1.0 / rate
     steps = int(round(duration / interval)) + 1
@@ -183,7 +187,9 @@ def _drive(machine, episodes, duration, rate, inputs_from, amplitude, band, gene
     return np.tile(time, episodes), np.concatenate(tapes), steps * (1 + np.arange(episodes))
 
 
-def multisine(time: np.ndarray, count: int, band: tuple[float, float], generator: np.random.Generator) -> np.ndarray:
+def multisine(
+    time: np.ndarray, count: int, band: tuple[float, float], generator: np.random.Generator
+) -> np.ndarray:
     """`count` sums of sines of random phase, frequencies evenly spread in `band` Hz, peaking at 1; (step, count)."""
     signals = np.zeros((len(time), count))
     for k in range(count):
@@ -216,7 +222,8 @@ def _starts(model, count: int, positions, velocities, generator) -> Starts:
             number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, joint)
             if number < 0:
                 raise OptionError(
-                    f"{option}: the model has no joint {joint!r}", cure=did_you_mean(joint, object_names(model, "joint"))
+                    f"{option}: the model has no joint {joint!r}",
+                    cure=did_you_mean(joint, object_names(model, "joint")),
                 )
             state[:, address[number]] = generator.uniform(low, high, count)
     return Starts(qpos, qvel, np.zeros((count, model.na)), np.zeros(count))
@@ -252,5 +259,7 @@ def _noise(noise: Mapping[str, float] | float, outputs: Sequence[Channel]) -> np
         if name not in names:
             raise OptionError(f"--noise: the task has no output {name!r}", cure=did_you_mean(name, names))
         if not sd >= 0:
-            raise OptionError(f"--noise {name}={sd:g}", cure="give a standard deviation of 0 or more, in SI units")
+            raise OptionError(
+                f"--noise {name}={sd:g}", cure="give a standard deviation of 0 or more, in SI units"
+            )
     return np.array([noise.get(name, 0.0) for name in names])

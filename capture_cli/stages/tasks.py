@@ -20,7 +20,8 @@ def _one(task: Task) -> dict[str, Any]:
         "timestep": task.timestep,
         "window": task.log.window,
         "parameters": [
-            {"name": p.name, "unit": p.unit, "low": p.low, "high": p.high, "nominal": p.nominal} for p in task.space
+            {"name": p.name, "unit": p.unit, "low": p.low, "high": p.high, "nominal": p.nominal}
+            for p in task.space
         ],
         "inputs": [{"name": c.name, "unit": c.unit, "column": c.column} for c in task.inputs],
         "outputs": [

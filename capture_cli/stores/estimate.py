@@ -30,17 +30,37 @@ SCHEMA = Schema(
         ArraySpec("step/time", ("step",), "float64", "s", "time of each step, on the log's clock"),
         ArraySpec("step/measured", ("step", "output"), "float64", "per output", "measured outputs"),
         ArraySpec("step/simulated", ("step", "output"), "float64", "per output", "simulated at the estimate"),
-        ArraySpec("step/nominal", ("step", "output"), "float64", "per output", "simulated at the nominal values"),
+        ArraySpec(
+            "step/nominal", ("step", "output"), "float64", "per output", "simulated at the nominal values"
+        ),
         ArraySpec("parameter/estimate", ("parameter",), "float64", "per parameter", "the estimate"),
-        ArraySpec("parameter/covariance", ("parameter", "parameter"), "float64", "per parameter", "its covariance"),
-        ArraySpec("parameter/recordings", ("recording", "parameter"), "float64", "per parameter", "from each alone",
-                  optional=True),
-        ArraySpec("parameter/recordings_sd", ("recording", "parameter"), "float64", "per parameter", "their sd",
-                  optional=True),
+        ArraySpec(
+            "parameter/covariance", ("parameter", "parameter"), "float64", "per parameter", "its covariance"
+        ),
+        ArraySpec(
+            "parameter/recordings",
+            ("recording", "parameter"),
+            "float64",
+            "per parameter",
+            "from each alone",
+            optional=True,
+        ),
+        ArraySpec(
+            "parameter/recordings_sd",
+            ("recording", "parameter"),
+            "float64",
+            "per parameter",
+            "their sd",
+            optional=True,
+        ),
         ArraySpec("round/parameters", ("round", "parameter"), "float64", "per parameter", "best so far"),
         ArraySpec("round/error", ("round",), "float64", "1", "normalized fit error of the best so far"),
     ),
-    attributes={"parameters": "parameter names", "outputs": "list of {name, unit}", "recordings": "recording names"},
+    attributes={
+        "parameters": "parameter names",
+        "outputs": "list of {name, unit}",
+        "recordings": "recording names",
+    },
     cure_for_other_version=_CURE,
 )
 

@@ -24,7 +24,9 @@ class Provenance:
         self.command = command
         self.options = {k: str(v) if isinstance(v, Path) else v for k, v in options.items()}
         self.inputs = {
-            name: {"path": str(path), "sha256": sha256(path)} for name, path in inputs.items() if path is not None
+            name: {"path": str(path), "sha256": sha256(path)}
+            for name, path in inputs.items()
+            if path is not None
         }
         self.began = datetime.now(UTC)
         self._clock = time.perf_counter()

@@ -43,7 +43,8 @@ class MjcfFile(Task):
             self._targets.append(targets)
         self.space = ParameterSpace(parameters)
         self.inputs = tuple(
-            self._input(name, entry, f"{where}: [inputs.{name}]") for name, entry in _tables(table, "inputs", where)
+            self._input(name, entry, f"{where}: [inputs.{name}]")
+            for name, entry in _tables(table, "inputs", where)
         )
         self.outputs = tuple(
             channel
@@ -51,7 +52,9 @@ class MjcfFile(Task):
             for channel in self._output(name, entry, f"{where}: [outputs.{name}]")
         )
         if not self.outputs:
-            raise TaskError(f"{where}: no [outputs.NAME]", cure="name at least one sensor of the model as an output")
+            raise TaskError(
+                f"{where}: no [outputs.NAME]", cure="name at least one sensor of the model as an output"
+            )
         self.log = self._log_columns(table.get("log", {}), f"{where}: [log]")
 
     def write(self, fields, parameters):
@@ -65,7 +68,8 @@ class MjcfFile(Task):
         texts = [texts] if isinstance(texts, str) else texts
         if not isinstance(texts, list) or not texts or not all(isinstance(t, str) for t in texts):
             raise TaskError(
-                f"{where}: set = {entry.get('set')!r}", cure='write set = "KIND:NAME:ATTRIBUTE", or a list of such'
+                f"{where}: set = {entry.get('set')!r}",
+                cure='write set = "KIND:NAME:ATTRIBUTE", or a list of such',
             )
         targets = [parse_target(text, self.model, where) for text in texts]
         low, high = (_value(entry, key, float, where) for key in ("low", "high"))
@@ -101,18 +105,28 @@ class MjcfFile(Task):
         number = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_SENSOR, name)
         if number < 0:
             names = [self.model.sensor(i).name for i in range(self.model.nsensor)]
-            raise ModelError(f"{where}: the model has no sensor {name!r}", cure=did_you_mean(name, filter(None, names)))
+            raise ModelError(
+                f"{where}: the model has no sensor {name!r}", cure=did_you_mean(name, filter(None, names))
+            )
         size, first = int(self.model.sensor_dim[number]), int(self.model.sensor_adr[number])
         columns = entry.get("column")
         columns = [columns] if isinstance(columns, str) else columns
-        if not isinstance(columns, list) or len(columns) != size or not all(isinstance(c, str) for c in columns):
+        if (
+            not isinstance(columns, list)
+            or len(columns) != size
+            or not all(isinstance(c, str) for c in columns)
+        ):
             raise TaskError(
                 f"{where}: column = {entry.get('column')!r}, and the sensor has {size} values",
-                cure="name one column of the log" if size == 1 else f"give a list of {size} columns of the log",
+                cure="name one column of the log"
+                if size == 1
+                else f"give a list of {size} columns of the log",
             )
         noise_sd = _value(entry, "noise_sd", float, where, default=None)
         if noise_sd is not None and noise_sd <= 0:
-            raise TaskError(f"{where}: noise_sd = {noise_sd:g}", cure="give a positive number, or leave it out")
+            raise TaskError(
+                f"{where}: noise_sd = {noise_sd:g}", cure="give a positive number, or leave it out"
+            )
         axes = _AXES.get(size, tuple(f"_{i}" for i in range(size)))
         return [
             Channel(
@@ -149,7 +163,9 @@ def compile_model(path: Path) -> mujoco.MjModel:
     try:
         return mujoco.MjModel.from_xml_path(str(path))
     except ValueError as error:
-        raise ModelError(f"{path} does not compile: {error}", cure="correct the MJCF at the place named") from error
+        raise ModelError(
+            f"{path} does not compile: {error}", cure="correct the MJCF at the place named"
+        ) from error
 
 
 def _read(path: Path) -> dict[str, Any]:
@@ -185,7 +201,12 @@ def _value(table: dict[str, Any], key: str, kind: type, where: str, default: Any
             raise TaskError(f"{where}: {key!r} is missing", cure=f"add `{key} = ...` ({names[kind]})")
         return default
     value = table[key]
-    if kind is float and isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value):
+    if (
+        kind is float
+        and isinstance(value, int | float)
+        and not isinstance(value, bool)
+        and math.isfinite(value)
+    ):
         return float(value)
     if kind is str and isinstance(value, str) and value:
         return value
