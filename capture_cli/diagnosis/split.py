@@ -65,9 +65,32 @@ def _last_blocks(episode: np.ndarray, episodes: np.ndarray) -> Split:
         windows = np.flatnonzero(episode == number)
         if len(windows) > 1:
             is_test[windows[-max(1, round(TEST_SHARE * len(windows))) :]] = True
+    if not is_test.any() and len(episodes) > 1:
+        return Split(episode == episodes[-1], "last episode held out")
     if not is_test.any():
         raise LogError(
             f"the log has {len(episode)} window(s) in {len(episodes)} episode(s): too short to hold any back",
             cure="record more, set a shorter `window` under [log] (or --window), or pass --test none",
         )
     return Split(is_test, f"last {TEST_SHARE:.0%} of each episode held out")
+
+
+SELECT_SHARE = 1 / 3  # of what is not test
+ENOUGH_WINDOWS = 12  # to part with a third of them
+BLOCK = 3  # windows in a row
+
+
+def select_windows(episode: np.ndarray, is_test: np.ndarray) -> np.ndarray:
+    """Windows (window,), True, on which effects are selected: neither fitted nor test.
+
+    Whole episodes where there are enough, otherwise blocks of windows in a row; none where the log is short.
+    """
+    rest = np.flatnonzero(~is_test)
+    chosen = np.zeros(len(episode), dtype=bool)
+    if len(rest) < ENOUGH_WINDOWS:
+        return chosen
+    episodes = np.unique(episode[rest])
+    if len(episodes) >= 3 * ENOUGH_EPISODES // 2:
+        return ~is_test & np.isin(episode, episodes[1::3])
+    chosen[rest[(np.arange(len(rest)) // BLOCK) % 3 == 1]] = True
+    return chosen

@@ -20,7 +20,8 @@ class ControlSaturation(ActuatorEffect):
 
     @property
     def parameters(self):
-        high = 2 * self.scale
+        # MuJoCo itself cuts off at ctrlrange; where there is none, controls may be larger than they seem
+        high = self.scale * (1 if self.model.actuator_ctrllimited[self.actuator] else 2)
         return (Parameter("limit", UNIT, 0.02 * self.scale, high, high),)
 
     def changed(self, control, values, timestep):

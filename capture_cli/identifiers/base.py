@@ -64,15 +64,24 @@ class Best:
 class Identifier(ABC):
     """Finds the parameters that `evidence` was made with.
 
-    start: where to begin (parameter,). rounds: at most so many ask / tell. Trials stay inside the space's bounds.
+    start: where to begin (parameter,), and offsets (window, state): with which offsets of the windows' starts (none
+    where None). rounds: at most so many ask / tell. Trials stay inside the space's bounds.
     """
 
     def __init__(
-        self, evidence: Evidence, *, start: np.ndarray, seed: int = 0, rounds: int = 100, starts: int = 3
+        self,
+        evidence: Evidence,
+        *,
+        start: np.ndarray,
+        offsets: np.ndarray | None = None,
+        seed: int = 0,
+        rounds: int = 100,
+        starts: int = 3,
     ):
         self.evidence = evidence
         self.space = evidence.space
         self.start = np.clip(start, self.space.low, self.space.high)
+        self.offsets = np.zeros_like(evidence.start_sd) if offsets is None else offsets
         self.seed = seed
         self.rounds_left = rounds
         self.starts = starts

@@ -31,7 +31,7 @@ class CmaEs(Identifier):
         mean = np.append(mean, 0.5) if self._dummy else mean
         self._search = CMA(mean=mean, sigma=SPREAD, bounds=bounds, seed=self.seed) if size else None
         self._best_x = np.clip(self.space.to_unit(self.start), 0, 1)
-        self._best = Best(self.start, np.zeros_like(evidence.start_sd), np.inf)
+        self._best = Best(self.start, self.offsets, np.inf)
         self._at: Linearization | None = None
         self._generation = 0
         self._stalled = 0

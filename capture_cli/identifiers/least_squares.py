@@ -35,7 +35,7 @@ class LeastSquares(Identifier):
     def __init__(self, evidence: Evidence, **options):
         super().__init__(evidence, **options)
         self._screening = self.starts > 1 and len(self.space) > 0
-        self._descents = [] if self._screening else [Descent(evidence, self.space.to_unit(self.start))]
+        self._descents = [] if self._screening else [self._descent(self.space.to_unit(self.start))]
         self._asked: list[tuple[Descent, int]] = []
 
     @property
@@ -45,13 +45,13 @@ class LeastSquares(Identifier):
     @property
     def best(self) -> Best:
         if not self._descents:
-            return Best(self.start, np.zeros_like(self.evidence.start_sd), np.inf)
+            return Best(self.start, self.offsets, np.inf)
         return min((d.best for d in self._descents), key=lambda b: b.error)
 
     def ask(self) -> Trial:
         if self._screening:
             points = self._screening_points()
-            offsets = np.zeros((len(points), *self.evidence.start_sd.shape))
+            offsets = np.repeat(self.offsets[None], len(points), axis=0)
             return Trial(self.space.from_unit(points), offsets)
         trials = [d.ask() for d in self._active()]
         self._asked = [(d, len(t)) for d, t in zip(self._active(), trials, strict=True)]
@@ -68,6 +68,9 @@ class LeastSquares(Identifier):
             descent.tell(outputs[first : first + size], diverged[first : first + size])
             first += size
         self._drop_hopeless()
+
+    def _descent(self, x: np.ndarray) -> Descent:
+        return Descent(self.evidence, x, self.offsets)
 
     def _active(self) -> list[Descent]:
         return [d for d in self._descents if not d.converged]
@@ -89,7 +92,7 @@ class LeastSquares(Identifier):
             apart = np.abs(points[candidate] - points[chosen]).max(axis=1).min()
             if len(chosen) < self.starts and apart > 0.1 and np.isfinite(error[candidate]):
                 chosen.append(int(candidate))
-        self._descents = [Descent(self.evidence, points[c]) for c in chosen]
+        self._descents = [self._descent(points[c]) for c in chosen]
         self._screening = False
 
     def _drop_hopeless(self) -> None:
@@ -108,10 +111,10 @@ class Descent:
     window whose start ran away (a contact lost, a joint that sticks) goes back alone, the others keep their step.
     """
 
-    def __init__(self, evidence: Evidence, x: np.ndarray):
+    def __init__(self, evidence: Evidence, x: np.ndarray, offsets: np.ndarray):
         self.evidence = evidence
         self.x = np.clip(x, 0.0, 1.0)
-        self.offsets = np.zeros_like(evidence.start_sd)
+        self.offsets = offsets
         self.error = np.inf
         self.converged = False
         self.rounds = 0

@@ -68,6 +68,7 @@ def estimate_starts(
     qpos, qvel, act = (a.copy() for a in (believed.starts.qpos, believed.starts.qvel, believed.starts.act))
     sd = believed.sd.copy()
     sources = _sources(model, sensors)
+    lag = _velocity_lag(model)
     measured_velocity = {d for s in sources if s.kind == "velocity" for d in s.dofs}
     for w in range(count):
         steps = episodes[int(window_episode[w])]
@@ -77,27 +78,23 @@ def estimate_starts(
             series = outputs[steps][:, columns]
             if source.kind == "orientation":
                 rotation = _rotation_vectors(series, at - steps.start)
-                value, slope, value_sd, slope_sd = _local_fit(
-                    time[steps], rotation, at - steps.start, 2 * noise_sd[columns[:3]]
-                )
+                fit = _local_fit(time[steps], rotation, at - steps.start, 2 * noise_sd[columns[:3]])
                 mujoco.mju_copy(quat := np.empty(4), series[at - steps.start])
                 mujoco.mju_normalize4(quat)
-                mujoco.mju_quatIntegrate(quat, value, 1.0)
+                mujoco.mju_quatIntegrate(quat, fit.value, 1.0)
                 qpos[w, list(source.qpos)] = quat
             else:
-                value, slope, value_sd, slope_sd = _local_fit(
-                    time[steps], series, at - steps.start, noise_sd[columns]
-                )
+                fit = _local_fit(time[steps], series, at - steps.start, noise_sd[columns])
                 if source.kind == "position":
-                    qpos[w, list(source.qpos)] = value
+                    qpos[w, list(source.qpos)] = fit.value
             dofs = np.array(source.dofs)
             if source.kind == "velocity":
-                qvel[w, dofs], sd[w, nv + dofs] = value, PRIOR_INFLATION * value_sd
+                qvel[w, dofs], sd[w, nv + dofs] = fit.value, PRIOR_INFLATION * fit.value_sd
                 continue
-            sd[w, dofs] = PRIOR_INFLATION * value_sd
+            sd[w, dofs] = PRIOR_INFLATION * fit.value_sd
             new = np.array([d not in measured_velocity for d in source.dofs])
-            qvel[w, dofs[new]] = slope[new]
-            sd[w, nv + dofs[new]] = PRIOR_INFLATION * slope_sd[new]
+            qvel[w, dofs[new]] = (fit.slope - lag * fit.curvature)[new]
+            sd[w, nv + dofs[new]] = PRIOR_INFLATION * fit.slope_sd[new]
     return StartEstimate(Starts(qpos, qvel, act, np.asarray(time)[window_first].astype(float)), sd)
 
 
@@ -190,6 +187,14 @@ def _is_free_body_frame(model: mujoco.MjModel, sensor: int) -> bool:
     return int(model.jnt_type[model.body_jntadr[body]]) == mujoco.mjtJoint.mjJNT_FREE
 
 
+def _velocity_lag(model: mujoco.MjModel) -> float:
+    """How long before the time of a state its velocity is that of its path, s.
+
+    The integrators but RK4 step x' = x + h v' with the new velocity: v is the path's slope half a step earlier.
+    """
+    return 0.0 if model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4 else 0.5 * model.opt.timestep
+
+
 def _rotation_vectors(quaternions: np.ndarray, at: int) -> np.ndarray:
     """Rotations (step, 3) from the orientation at step `at`, in that body's frame, rad."""
     inverse = quaternions[at] * np.array([1, -1, -1, -1]) / np.linalg.norm(quaternions[at])
@@ -201,33 +206,70 @@ def _rotation_vectors(quaternions: np.ndarray, at: int) -> np.ndarray:
     return out
 
 
-def _local_fit(time, series, at, noise_sd):
-    """Value, derivative and their sd, (column,) each, of a local cubic through `series` (step, column) at step `at`.
+@dataclass
+class _Fit:
+    """A local polynomial at one step, (column,) each: value, slope, curvature, the sd of the first two."""
 
-    The widest half-width whose residual variance stays near the noise's is taken, column by column.
+    value: np.ndarray
+    slope: np.ndarray
+    curvature: np.ndarray
+    value_sd: np.ndarray
+    slope_sd: np.ndarray
+
+    def take(self, other: _Fit, which: np.ndarray) -> None:
+        """Replace the columns `which` (column,) by those of `other`."""
+        for name, values in vars(self).items():
+            values[which] = getattr(other, name)[which]
+
+
+def _local_fit(time: np.ndarray, series: np.ndarray, at: int, noise_sd: np.ndarray) -> _Fit:
+    """A polynomial through `series` (step, column) around step `at`.
+
+    A cubic over the widest half-width whose residual variance stays near the noise's is taken, column by column.
+    Where the curve stands out of the noise in the narrowest one already, a quintic is, and its sd is what it changes:
+    the residual of a polynomial tells little of how wrong its derivative is.
     """
     columns = series.shape[1]
-    value, slope = series[at].astype(float), np.zeros(columns)
-    value_sd, slope_sd = np.array(noise_sd, dtype=float), np.full(columns, UNKNOWN_VELOCITY_SD)
-    growing, fitted = np.ones(columns, dtype=bool), False
+    best = _Fit(
+        value=series[at].astype(float),
+        slope=np.zeros(columns),
+        curvature=np.zeros(columns),
+        value_sd=np.array(noise_sd, dtype=float),
+        slope_sd=np.full(columns, UNKNOWN_VELOCITY_SD),
+    )
+    growing, narrowest = np.ones(columns, dtype=bool), True
     for half in HALF_WIDTHS:
         a, b = max(0, at - half), min(len(time), at + half + 1)
         if b - a < 6 or not growing.any():
             continue
-        span = time[b - 1] - time[a]
-        basis = np.vander((time[a:b] - time[at]) / span, 4, increasing=True)
-        inverse = np.linalg.inv(basis.T @ basis)
-        coefficients = inverse @ (basis.T @ series[a:b])
-        residual = series[a:b] - basis @ coefficients
-        variance = (residual**2).sum(axis=0) / (b - a - 4)
+        around = time[a:b] - time[at]
+        cubic, variance = _polynomial(around, series[a:b], 3, noise_sd)
         # the residual's variance is itself uncertain: allow three of its standard deviations
         limit = ACCEPTABLE_RESIDUAL + 3 * np.sqrt(2 / (b - a - 4))
-        if fitted:
-            growing &= variance <= limit * np.square(noise_sd)
-        fitted = True
-        scatter = np.sqrt(np.maximum(variance, np.square(noise_sd)))
-        take = growing
-        value[take], slope[take] = coefficients[0, take], coefficients[1, take] / span
-        value_sd[take] = scatter[take] * np.sqrt(inverse[0, 0])
-        slope_sd[take] = scatter[take] * np.sqrt(inverse[1, 1]) / span
-    return value, slope, value_sd, slope_sd
+        growing &= variance <= limit * np.square(noise_sd)
+        best.take(cubic, growing)
+        if narrowest:
+            quintic, _ = _polynomial(around, series[a:b], min(5, b - a - 2), noise_sd)
+            quintic.value_sd = np.hypot(quintic.value_sd, quintic.value - cubic.value)
+            quintic.slope_sd = np.hypot(quintic.slope_sd, quintic.slope - cubic.slope)
+            best.take(quintic, ~growing)
+            narrowest = False
+    return best
+
+
+def _polynomial(time: np.ndarray, series: np.ndarray, degree: int, noise_sd: np.ndarray):
+    """The least-squares polynomial through `series` (step, column) at time 0, and its residual's variance (column,)."""
+    span = time[-1] - time[0]
+    basis = np.vander(time / span, degree + 1, increasing=True)
+    inverse = np.linalg.inv(basis.T @ basis)
+    coefficients = inverse @ (basis.T @ series)
+    variance = np.square(series - basis @ coefficients).sum(axis=0) / (len(time) - degree - 1)
+    scatter = np.sqrt(np.maximum(variance, np.square(noise_sd)))
+    fit = _Fit(
+        value=coefficients[0],
+        slope=coefficients[1] / span,
+        curvature=2 * coefficients[2] / span**2,
+        value_sd=scatter * np.sqrt(inverse[0, 0]),
+        slope_sd=scatter * np.sqrt(inverse[1, 1]) / span,
+    )
+    return fit, variance

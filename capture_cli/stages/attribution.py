@@ -1,0 +1,326 @@
+"""Which effect? Score every candidate at every site, refit the best, accept what holds; forward, then backward."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import mujoco
+import numpy as np
+
+from capture_cli.diagnosis.acceptance import Support, bic_gain, paired_p_value, wald_p_value
+from capture_cli.diagnosis.score import Score, score, similarity
+from capture_cli.effects import REGISTRY
+from capture_cli.identifiers.intervals import intervals
+from capture_cli.identifiers.linearization import autocorrelation_time
+from capture_cli.simulator import placed_name
+from capture_cli.stages.model_fits import Fit, ModelFits, PartFit, Placed
+from capture_cli.stages.prepared_log import PreparedLog
+
+REFITTED = 6  # best-scoring candidates that are fitted jointly, each time round
+PROBES = (0.01, 0.1)  # of an amplitude's range: a slope near null, and a secant further out
+SCORED_WINDOWS = 60  # evenly spread: a score needs no more
+SMALLEST_GAIN = 6.0  # of the objective over k: less is no reason to fit
+ABSORBED = 0.02  # share of a sensitivity that must be left once the declared parameters have imitated it
+MOST_EFFECTS = 6
+INDISTINCT = 0.05  # two models are tied where the paired test between them is not below this
+AT_BOUND = 1e-3  # of an amplitude's range
+
+
+@dataclass
+class Candidate:
+    """An effect at a site, and what became of it in the last round that it was tried in."""
+
+    effect: Placed
+    score: Score | None = None
+    start: np.ndarray | None = None
+    fit: Fit | None = None
+    select: PartFit | None = None
+    support: Support | None = None
+    why_rejected: str | None = None
+
+    @property
+    def name(self) -> str:
+        return placed_name(*self.effect)
+
+
+@dataclass
+class Accepted:
+    """An effect in the model, those it is tied with, and the p-value it was accepted with."""
+
+    effect: Placed
+    p_value: float
+    tied_with: list[str] = field(default_factory=list)
+
+    @property
+    def name(self) -> str:
+        return placed_name(*self.effect)
+
+
+def all_candidates(model: mujoco.MjModel) -> list[Candidate]:
+    """Every effect at every site of the model."""
+    return [Candidate((name, cls(model, site))) for name, cls in REGISTRY.items() for site in cls.sites(model)]
+
+
+class Attribution:
+    """Forward selection with a backward step, on the fit and select parts of a log.
+
+    fit_part is fitted; select_part (None where the log is too short) decides. on_stage is told each model that is
+    adopted; on_step each candidate tried.
+    """
+
+    def __init__(
+        self,
+        fits: ModelFits,
+        fit_part: PreparedLog,
+        select_part: PreparedLog | None,
+        *,
+        seed: int,
+        is_explained: Callable[[Fit], bool],
+        on_step: Callable[[str, int, int], None] = lambda *_: None,
+    ):
+        self.fits = fits
+        self.fit_part = fit_part
+        self.select_part = select_part
+        self.seed = seed
+        self.is_explained = is_explained
+        self.on_step = on_step
+        self.candidates = all_candidates(fits.prepared.task.model)
+        self.accepted: list[Accepted] = []
+        self.stages: list[tuple[str, Fit]] = []
+
+    def run(self, declared: Fit) -> Fit:
+        """Add effects to the declared model until none is accepted or nothing is left; returns the last model."""
+        current = declared
+        self.stages = [("declared", declared)]
+        while len(self.accepted) < MOST_EFFECTS and not self.is_explained(current):
+            found = self._forward(current)
+            if found is None:
+                break
+            current = found.fit
+            self.stages.append((f"+ {found.name}", current))
+            current = self._backward(current)
+        return current
+
+    # --- forward ---
+
+    def _forward(self, current: Fit) -> Candidate | None:
+        inside = {a.name for a in self.accepted}
+        tried = [c for c in self.candidates if c.name not in inside]
+        for number, candidate in enumerate(tried):
+            self.on_step("score", number, len(tried))
+            self._score(current, candidate)
+        ranked = sorted((c for c in tried if c.why_rejected is None), key=lambda c: -c.score.gain)
+        for candidate in ranked[REFITTED:]:
+            best = ranked[0].score.gain
+            candidate.why_rejected = f"explains less at first sight ({candidate.score.gain:.3g} of {best:.3g})"
+        before = None if self.select_part is None else self.fits.on(self.select_part, current)
+        for number, candidate in enumerate(ranked[:REFITTED]):
+            self.on_step("refit", number, len(ranked[:REFITTED]))
+            self._refit(current, candidate, before, len(tried))
+        supported = [c for c in ranked[:REFITTED] if c.why_rejected is None]
+        if not supported:
+            return None
+        return self._choose(supported)
+
+    def _score(self, current: Fit, candidate: Candidate) -> None:
+        """Fill in the candidate's score and where a refit should start, or why it is out."""
+        candidate.fit = candidate.select = candidate.support = candidate.score = None
+        candidate.why_rejected = None
+        part, at = _thinned(self.fit_part, current)
+        effect = candidate.effect[1]
+        space = effect.space
+        amplitudes = [i for i, n in enumerate(space.names) if n not in effect.shapes]
+        probes, steps = _probes(effect, amplitudes)
+        residuals, diverged = self.fits.probe(part, _with(current, at), candidate.effect, probes)
+        if diverged.all():
+            candidate.why_rejected = "every simulation with it diverged"
+            return
+        change = at.residual - residuals  # what the probe adds to the outputs
+        size = len(amplitudes)
+        for first in range(0, len(probes), size):
+            block = slice(first, first + size)
+            if diverged[block].any():
+                continue
+            scale = steps[block]
+            sensitivity = np.moveaxis(change[block] / scale[:, None, None], 0, -1)
+            low = (space.low - space.nominal)[amplitudes] / space.span[amplitudes]
+            high = (space.high - space.nominal)[amplitudes] / space.span[amplitudes]
+            found = score(at, sensitivity, low, high)
+            if candidate.score is None or found.gain > candidate.score.gain:
+                candidate.score = found
+                start = probes[first].copy()
+                start[amplitudes] = space.nominal[amplitudes] + found.amplitudes * space.span[amplitudes]
+                candidate.start = np.clip(start, space.low, space.high)
+        if candidate.score is None or not np.any(change):
+            candidate.why_rejected = "it moves no output of this log"
+        elif candidate.score.unabsorbed < ABSORBED:
+            candidate.why_rejected = "parameters that are in the model imitate it: this log cannot tell it from them"
+        elif candidate.score.gain < SMALLEST_GAIN:
+            candidate.why_rejected = f"it explains nothing (score {candidate.score.gain:.2g})"
+
+    def _refit(self, current: Fit, candidate: Candidate, before: PartFit | None, tried: int) -> None:
+        starts = [np.concatenate([self._nudged(current, candidate), candidate.start])]
+        fit = self._best_fit([*current.effects, candidate.effect], starts, current.offsets)
+        if fit is None or fit.squares >= current.squares:
+            candidate.why_rejected = "fitted jointly it explains nothing more"
+            return
+        candidate.fit = fit
+        candidate.support, candidate.select = self._support(current, fit, candidate.effect, before, tried)
+        candidate.why_rejected = candidate.support.reason_against or self._implausible(current, fit, candidate)
+
+    @staticmethod
+    def _nudged(current: Fit, candidate: Candidate) -> np.ndarray:
+        """The current parameters, moved along with the effect's linear step."""
+        return current.space.from_unit(current.at.x + candidate.score.parameters)
+
+    def _best_fit(self, effects: Sequence[Placed], starts: list[np.ndarray], offsets: np.ndarray) -> Fit | None:
+        fits = [self.fits.fit(self.fit_part, effects, s, offsets=offsets, seed=self.seed) for s in starts]
+        return min((f for f in fits if f is not None), key=lambda f: f.squares, default=None)
+
+    def _support(self, before_fit: Fit, fit: Fit, effect: Placed, before: PartFit | None, tried: int):
+        """Support for `effect` in `fit` over `before_fit`, and how `fit` does on the select part."""
+        added = len(effect[1].parameters)
+        amplitudes = _amplitudes(fit, effect)
+        found = intervals(fit.at)
+        size = fit.point[amplitudes] - fit.space.nominal[amplitudes]
+        p_fit = wald_p_value(size, found.covariance[np.ix_(amplitudes, amplitudes)], found.degrees, tried)
+        evidence = fit.at.evidence
+        time = autocorrelation_time(fit.at.residual.reshape(evidence.measured.shape), evidence.mask)
+        gain = bic_gain(before_fit.squares, fit.squares, evidence.count / time, added)
+        if self.select_part is None:
+            return Support(p_fit, 0.0, gain), None
+        after = self.fits.on(self.select_part, fit)
+        return Support(p_fit, self._paired(before, after), gain), after
+
+    def _paired(self, before: PartFit, after: PartFit) -> float:
+        blocks = _blocks(self.select_part)
+        return paired_p_value(before.squares, after.squares, blocks, self.seed)
+
+    @staticmethod
+    def _implausible(current: Fit, fit: Fit, candidate: Candidate) -> str | None:
+        """Evidence against an effect that fits: it runs to its bound, or drives a declared parameter to one."""
+        x = fit.space.to_unit(fit.point)
+        for i in _amplitudes(fit, candidate.effect):
+            null = (fit.space.nominal[i] - fit.space.low[i]) / fit.space.span[i]
+            if min(x[i], 1 - x[i]) < AT_BOUND and abs(x[i] - null) > AT_BOUND:
+                return f"it would have to be at the end of its range ({fit.space.names[i]} = {fit.point[i]:.3g})"
+        size = len(current.point)
+        was = current.at.x
+        for i in range(size):
+            if min(x[i], 1 - x[i]) < AT_BOUND <= min(was[i], 1 - was[i]):
+                return f"it drives {fit.space.names[i]} to its bound ({fit.point[i]:.3g})"
+        return None
+
+    def _choose(self, supported: list[Candidate]) -> Candidate:
+        """The best of the candidates that are supported, and those it cannot be told from."""
+        best = min(supported, key=self._loss)
+        tied = [c for c in supported if c is not best and self._indistinct(best, c)]
+        simplest = min([best, *tied], key=lambda c: (len(c.effect[1].parameters), self._loss(c)))
+        names = [c.name for c in [best, *tied] if c is not simplest]
+        for candidate in supported:
+            if candidate is not simplest:
+                candidate.why_rejected = (
+                    f"tied with {simplest.name}: this log cannot tell them apart"
+                    if candidate.name in names
+                    else f"{best.name} explains more"
+                )
+        self.accepted.append(Accepted(simplest.effect, simplest.support.p_fit, names))
+        return simplest
+
+    @staticmethod
+    def _loss(candidate: Candidate) -> float:
+        return float(candidate.fit.squares if candidate.select is None else candidate.select.squares.sum())
+
+    def _indistinct(self, best: Candidate, other: Candidate) -> bool:
+        if similarity(best.score.response, other.score.response) > 0.9999:
+            return True
+        if best.select is None:
+            evidence = best.fit.at.evidence
+            time = autocorrelation_time(best.fit.at.residual.reshape(evidence.measured.shape), evidence.mask)
+            return evidence.count / time * np.log(other.fit.squares / best.fit.squares) < 4.0
+        return self._paired(other.select, best.select) > INDISTINCT
+
+    # --- backward ---
+
+    def _backward(self, current: Fit) -> Fit:
+        """Drop effects that the later ones have made unnecessary."""
+        for accepted in list(self.accepted[:-1]):
+            effects = [e for e in current.effects if placed_name(*e) != accepted.name]
+            keep = [i for i, n in enumerate(current.space.names) if not n.startswith(accepted.name + ".")]
+            without = self._best_fit(effects, [current.point[keep]], current.offsets)
+            if without is None:
+                continue
+            before = None if self.select_part is None else self.fits.on(self.select_part, without)
+            support, _ = self._support(without, current, _placed(current, accepted.name), before, 1)
+            if support.reason_against is None:
+                continue
+            self.accepted = [a for a in self.accepted if a is not accepted]
+            for candidate in self.candidates:
+                if candidate.name == accepted.name:
+                    candidate.why_rejected = f"no longer needed beside {self.accepted[-1].name}"
+            current = without
+            self.stages.append((f"- {accepted.name}", current))
+        return current
+
+
+def _placed(fit: Fit, name: str) -> Placed:
+    return next(e for e in fit.effects if placed_name(*e) == name)
+
+
+def _amplitudes(fit: Fit, effect: Placed) -> list[int]:
+    """Indices in the fit's space of the effect's amplitudes."""
+    prefix = placed_name(*effect) + "."
+    shapes = effect[1].shapes
+    return [
+        i for i, n in enumerate(fit.space.names) if n.startswith(prefix) and n[len(prefix) :] not in shapes
+    ]
+
+
+def _probes(effect, amplitudes: list[int]) -> tuple[np.ndarray, np.ndarray]:
+    """Probe points (probe, parameter), one per amplitude after the other, and their steps in ranges (probe,)."""
+    space = effect.space
+    points, steps = [], []
+    for shape in effect.shape_grid():
+        for share in PROBES:
+            for i in amplitudes:
+                point = shape.copy()
+                room_above = (space.high[i] - space.nominal[i]) / space.span[i]
+                step = share if room_above >= share else -share
+                point[i] = space.nominal[i] + step * space.span[i]
+                points.append(point)
+                steps.append(step)
+    return np.array(points), np.array(steps)
+
+
+def _thinned(part: PreparedLog, fit: Fit):
+    """At most SCORED_WINDOWS windows of the part, and the fit's linearization on them."""
+    count = len(part.windows)
+    if count <= SCORED_WINDOWS:
+        return part, fit.at
+    keep = np.unique(np.linspace(0, count - 1, SCORED_WINDOWS).astype(int))
+    thinned = part.part(keep)
+    at = fit.at
+    rows = thinned.windows.measured.shape[1] * thinned.windows.measured.shape[2]
+    evidence = at.evidence.rows(keep)
+    evidence = type(evidence)(
+        evidence.space, thinned.windows.measured, thinned.windows.mask, evidence.noise_sd, evidence.start_sd
+    )
+    return thinned, type(at)(
+        evidence,
+        at.x,
+        at.offsets[keep],
+        at.residual[keep, :rows],
+        at.by_parameter[keep, :rows],
+        at.by_start[keep, :rows],
+    )
+
+
+def _with(fit: Fit, at) -> Fit:
+    return Fit(fit.effects, fit.space, fit.point, at)
+
+
+def _blocks(part: PreparedLog) -> np.ndarray:
+    """Which independent block each window belongs to, (window,): its episode where there are ten, or the window."""
+    episode = part.windows.episode
+    return episode if len(np.unique(episode)) >= 10 else np.arange(len(episode))

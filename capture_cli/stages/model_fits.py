@@ -1,0 +1,145 @@
+"""Fits of a task with effects to parts of a prepared log. What `diagnose` compares."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from capture_cli.effects.base import Effect
+from capture_cli.identifiers.base import Evidence, Trial, run
+from capture_cli.identifiers.least_squares import LeastSquares
+from capture_cli.identifiers.linearization import Linearization, columns
+from capture_cli.parameters import ParameterSpace
+from capture_cli.sim.engine import Engine
+from capture_cli.simulator import Simulator
+from capture_cli.stages.prepared_log import PreparedLog
+
+Placed = tuple[str, Effect]
+
+FIT_ROUNDS = 30
+START_ROUNDS = 12
+
+
+@dataclass(frozen=True)
+class PartFit:
+    """One part of the log at a fit's parameters, its starts refined: residual (window, row) in units of the noise."""
+
+    evidence: Evidence
+    offsets: np.ndarray
+    residual: np.ndarray
+
+    @property
+    def squares(self) -> np.ndarray:
+        """Sum of squares of each window, (window,)."""
+        return np.square(self.residual).sum(axis=1)
+
+    @property
+    def rmse(self) -> np.ndarray:
+        """Per output, in its unit, (output,)."""
+        return np.sqrt(self._mean(np.square(self._in_units)))
+
+    @property
+    def mae(self) -> np.ndarray:
+        """Mean absolute error per output, in its unit, (output,)."""
+        return self._mean(np.abs(self._in_units))
+
+    @property
+    def normalized(self) -> float:
+        """RMSE over the noise floor, over all outputs."""
+        return float(np.sqrt(self.squares.sum() / max(self.evidence.count, 1)))
+
+    @property
+    def _in_units(self) -> np.ndarray:
+        return self.residual.reshape(self.evidence.measured.shape) * self.evidence.noise_sd
+
+    def _mean(self, values: np.ndarray) -> np.ndarray:
+        return values.sum(axis=(0, 1)) / max(int(self.evidence.mask.sum()), 1)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fitted model: its effects, space and point (parameter,), and its linearization on the part it was fitted to."""
+
+    effects: tuple[Placed, ...]
+    space: ParameterSpace
+    point: np.ndarray
+    at: Linearization
+
+    @property
+    def offsets(self) -> np.ndarray:
+        return self.at.offsets
+
+    @property
+    def squares(self) -> float:
+        return float(np.square(self.at.residual).sum())
+
+
+class ModelFits:
+    """Fits models of `prepared.task` plus effects. `rollouts` counts what all of them simulated."""
+
+    def __init__(self, prepared: PreparedLog, threads: int | None):
+        self.prepared = prepared
+        self.engine = Engine(prepared.task.model, threads)
+        self.rollouts = 0
+
+    def fit(
+        self,
+        part: PreparedLog,
+        effects: Sequence[Placed],
+        start: np.ndarray,
+        *,
+        offsets: np.ndarray | None = None,
+        starts: int = 1,
+        rounds: int = FIT_ROUNDS,
+        seed: int = 0,
+    ) -> Fit | None:
+        """Fit from `start` (parameter,); None where every trial diverged."""
+        simulator = self._simulator(effects)
+        evidence = part.evidence(simulator)
+        solver = LeastSquares(evidence, start=start, offsets=offsets, starts=starts, rounds=rounds, seed=seed)
+        best = run(solver, lambda trial: part.evaluate(simulator, trial))
+        if not np.isfinite(best.error):
+            self.rollouts += simulator.rollouts
+            return None
+        at = self._linearize(part, simulator, best.parameters, best.offsets)
+        self.rollouts += simulator.rollouts
+        return Fit(tuple(effects), simulator.space, best.parameters, at)
+
+    def on(self, part: PreparedLog, fit: Fit) -> PartFit:
+        """Another part of the log at the fit's parameters, with starts refined by the rule they were fitted by."""
+        simulator = self._simulator(fit.effects)
+        evidence = replace(part.evidence(simulator), space=ParameterSpace([]))
+
+        def evaluate(trial: Trial):
+            points = np.repeat(fit.point[None], len(trial), axis=0)
+            return part.evaluate(simulator, Trial(points, trial.offsets))
+
+        best = run(LeastSquares(evidence, start=np.zeros(0), starts=1, rounds=START_ROUNDS), evaluate)
+        outputs, _ = evaluate(Trial(np.zeros((1, 0)), best.offsets[None]))
+        self.rollouts += simulator.rollouts
+        return PartFit(evidence, best.offsets, evidence.residual(outputs[0]))
+
+    def probe(self, part: PreparedLog, fit: Fit, effect: Placed, probes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Outputs as residuals (probe, window, row), and which probes diverged (probe,).
+
+        The fit's model with `effect` added at the values `probes` (probe, parameter) of its parameters.
+        """
+        simulator = self._simulator((*fit.effects, effect))
+        evidence = part.evidence(simulator)
+        points = np.concatenate([np.repeat(fit.point[None], len(probes), axis=0), probes], axis=1)
+        offsets = np.repeat(fit.offsets[None], len(probes), axis=0)
+        outputs, diverged = part.evaluate(simulator, Trial(points, offsets))
+        self.rollouts += simulator.rollouts
+        return evidence.residual(outputs), diverged.any(axis=1)
+
+    def _simulator(self, effects: Sequence[Placed]) -> Simulator:
+        return Simulator(self.prepared.task, effects, engine=self.engine)
+
+    @staticmethod
+    def _linearize(part: PreparedLog, simulator: Simulator, point, offsets) -> Linearization:
+        evidence = part.evidence(simulator)
+        x = simulator.space.to_unit(point)
+        outputs, diverged = part.evaluate(simulator, columns(evidence, x, offsets))
+        return Linearization.from_columns(evidence, x, offsets, outputs, diverged)

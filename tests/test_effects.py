@@ -1,0 +1,533 @@
+"""The contract of an effect, run over the whole catalogue, and the physics of those that need a reference."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from capture_cli import effects
+from capture_cli.effects.base import GLOBAL, PLACES
+from capture_cli.errors import ModelError
+from capture_cli.sim import engine as engine_module
+from capture_cli.sim.engine import Engine, ModelFields, Starts
+
+SLIDER = """
+<mujoco model="slider">
+  <option timestep="0.002" integrator="implicitfast"/>
+  <worldbody>
+    <body name="carriage">
+      <joint name="x" type="slide" axis="1 0 0" damping="2" stiffness="20" limited="true" range="-.4 .4"/>
+      <geom type="box" size=".05 .05 .02" mass="1.5" contype="0" conaffinity="0"/>
+    </body>
+  </worldbody>
+  <actuator><motor name="drive" joint="x" gear="4" ctrllimited="true" ctrlrange="-3 3"/></actuator>
+  <sensor><jointpos name="x" joint="x"/><jointvel name="v" joint="x"/></sensor>
+</mujoco>
+"""
+
+CART_POLE = """
+<mujoco model="cart_pole">
+  <option timestep="0.002" integrator="implicitfast"/>
+  <default><geom contype="0" conaffinity="0"/></default>
+  <worldbody>
+    <body name="cart">
+      <joint name="cart" type="slide" axis="1 0 0" damping="0.5" frictionloss="0.2"/>
+      <geom type="box" size=".1 .05 .05" mass="1"/>
+      <body name="pole">
+        <joint name="pole" type="hinge" axis="0 1 0"/>
+        <geom type="capsule" fromto="0 0 0 0 0 -0.5" size=".02" mass="0.3"/>
+      </body>
+    </body>
+  </worldbody>
+  <actuator><motor name="push" joint="cart" ctrllimited="true" ctrlrange="-8 8"/></actuator>
+  <sensor>
+    <jointpos name="cart" joint="cart"/><jointpos name="pole" joint="pole"/>
+    <e_potential name="potential"/><e_kinetic name="kinetic"/>
+  </sensor>
+</mujoco>
+"""
+
+ARM = """
+<mujoco model="arm">
+  <option timestep="0.002" integrator="implicitfast"/>
+  <default><geom contype="0" conaffinity="0"/></default>
+  <worldbody>
+    <body name="upper">
+      <joint name="shoulder" type="hinge" axis="0 1 0" damping="0.2" armature="0.02"/>
+      <geom type="capsule" fromto="0 0 0 .4 0 0" size=".03" mass="1.2"/>
+      <body name="fore" pos=".4 0 0">
+        <joint name="elbow" type="hinge" axis="0 1 0" damping="0.1" armature="0.01"/>
+        <geom type="capsule" fromto="0 0 0 .3 0 .05" size=".02" mass="0.6"/>
+        <site name="hand" pos=".3 0 .05"/>
+      </body>
+    </body>
+  </worldbody>
+  <actuator>
+    <position name="shoulder" joint="shoulder" kp="40" kv="2" forcelimited="true" forcerange="-20 20"/>
+    <position name="elbow" joint="elbow" kp="20" kv="1" forcelimited="true" forcerange="-8 8"/>
+  </actuator>
+  <sensor>
+    <jointpos name="shoulder" joint="shoulder"/><jointpos name="elbow" joint="elbow"/>
+    <framepos name="hand" objtype="site" objname="hand"/><gyro name="gyro" site="hand"/>
+  </sensor>
+</mujoco>
+"""
+
+PUCK = """
+<mujoco model="puck">
+  <option timestep="0.001" cone="elliptic"/>
+  <default><geom solref="-5000 -10"/></default>
+  <worldbody>
+    <geom name="table" type="box" size="1 .5 .1" pos="0 0 -.1" friction=".05 .005 .0001"/>
+    <geom name="wall" type="box" size=".2 .5 .1" pos=".6 0 .1" friction=".1 .005 .0001"/>
+    <body name="puck" pos="0 0 .011">
+      <joint name="px" type="slide" axis="1 0 0"/>
+      <joint name="py" type="slide" axis="0 1 0"/>
+      <joint name="pz" type="slide" axis="0 0 1"/>
+      <geom name="puck" type="cylinder" size=".03 .01" mass=".1" friction="0 0 0"/>
+    </body>
+  </worldbody>
+  <sensor><jointpos name="px" joint="px"/><jointpos name="py" joint="py"/></sensor>
+</mujoco>
+"""
+
+BALL = """
+<mujoco model="ball">
+  <option timestep="0.002" density="1.2"/>
+  <worldbody>
+    <geom name="floor" type="plane" size="5 5 .1"/>
+    <body name="ball" pos="0 0 .3">
+      <freejoint name="ball"/>
+      <geom name="ball" type="sphere" size=".05" mass=".05"/>
+    </body>
+    <body name="brick" pos="0 2 .12">
+      <freejoint/>
+      <geom name="brick" type="box" size=".1 .05 .02" mass=".4"/>
+      <geom name="corner" type="sphere" size=".04" pos=".1 .05 .02" mass=".1"/>
+    </body>
+  </worldbody>
+  <contact><pair geom1="corner" geom2="floor" condim="3" friction=".6 .6 .005 .0001 .0001"/></contact>
+  <sensor>
+    <framepos name="ball" objtype="xbody" objname="ball"/>
+    <framequat name="attitude" objtype="xbody" objname="ball"/>
+    <framepos name="brick" objtype="xbody" objname="brick"/>
+  </sensor>
+</mujoco>
+"""
+
+MACHINES = {"slider": SLIDER, "cart_pole": CART_POLE, "arm": ARM, "puck": PUCK, "ball": BALL}
+NAMES = effects.REGISTRY.names()
+DURATION = 0.4  # s
+
+
+def build(xml: str) -> mujoco.MjModel:
+    return mujoco.MjModel.from_xml_string(xml)
+
+
+@cache
+def machine(name: str) -> mujoco.MjModel:
+    return build(MACHINES[name])
+
+
+def start(model: mujoco.MjModel, count: int) -> Starts:
+    """`count` times a motion in which every part of the machine takes part."""
+    qpos, qvel = model.qpos0.copy(), np.zeros(model.nv)
+    match model.names.split(b"\0")[0]:
+        case b"slider":
+            qvel[0] = 0.5
+        case b"cart_pole":
+            qpos[1] = 0.6
+        case b"puck":
+            qvel[:2] = 1.5, 0.4
+        case b"ball":
+            qvel[[0, 4, 6]] = 1, 20, 0.5
+            qvel[9:12] = 1, 2, 3
+    many = (np.repeat(a[None], count, axis=0) for a in (qpos, qvel, np.zeros(model.na)))
+    return Starts(*many, time=np.full(count, 0.25))
+
+
+def controls(model: mujoco.MjModel, count: int) -> np.ndarray:
+    """Square waves (simulation, grid, nu), of most of what the actuators take."""
+    time = np.arange(round(DURATION / model.opt.timestep)) * model.opt.timestep
+    size = np.where(model.actuator_ctrllimited, model.actuator_ctrlrange[:, 1], 1.0) * 0.8
+    waves = size * np.sign(np.sin(2 * np.pi * (3.1 + np.arange(model.nu)) * time[:, None] + 0.5))
+    return np.repeat(waves[None], count, axis=0)
+
+
+def run(model: mujoco.MjModel, *effect_values, count: int = 1, starts=None, tape=None):
+    """Sensors (simulation, grid, sensordata) and diverged (simulation,) with (effect, values) pairs in place."""
+    step, fields, forces = model.opt.timestep, ModelFields(model, count), []
+    tape = controls(model, count) if tape is None else tape
+    for effect, values in effect_values:
+        effect.write(fields, values)
+        tape = effect.drive(tape, values, step)
+        forces += [f for f in [effect.force(values, step)] if f]
+    rollouts = Engine(model, 1).rollout(
+        starts=starts or start(model, count),
+        controls=tape,
+        steps=tape.shape[1],
+        fields=fields,
+        forces=forces,
+    )
+    sensors = rollouts.sensors
+    for effect, values in effect_values:
+        sensors = effect.measure(sensors, values, step)
+    return sensors, rollouts.diverged
+
+
+@cache
+def plain(name: str) -> np.ndarray:
+    return run(machine(name))[0]
+
+
+@cache
+def placed(name: str) -> list[tuple[str, effects.Effect]]:
+    """(machine, effect) for every site of the effect on every machine."""
+    effect = effects.REGISTRY.get(name)
+    return [(m, effect(machine(m), site)) for m in MACHINES for site in effect.sites(machine(m))]
+
+
+def is_shape(effect) -> np.ndarray:
+    return np.array([p.name in effect.shapes for p in effect.parameters])
+
+
+def away(effect, part: float) -> np.ndarray:
+    """Amplitudes at `part` of the way from null to the farther bound, shapes at their nominal values."""
+    space = effect.space
+    farther = np.where(space.high - space.nominal >= space.nominal - space.low, space.high, space.low)
+    return np.where(is_shape(effect), space.nominal, space.nominal + part * (farther - space.nominal))
+
+
+# -- the contract, for every effect
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_an_effect_says_what_it_is_and_where_it_sits(name):
+    effect = effects.REGISTRY.get(name)
+    assert effect.place in PLACES and effect.summary and effect.where
+    assert placed(name), "no test machine has a site for it"
+    for _, instance in placed(name):
+        names = [p.name for p in instance.parameters]
+        assert len(set(names)) == len(names) > 0
+        assert set(names) - set(effect.shapes), "no amplitude"
+        for parameter in instance.parameters:
+            assert parameter.unit and parameter.low <= parameter.nominal <= parameter.high
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_at_null_it_is_exactly_the_plain_model_whatever_the_shapes(name):
+    rng = np.random.default_rng(0)
+    for where, effect in placed(name):
+        space = effect.space
+        anywhere = space.low + rng.random((3, len(space))) * space.span
+        null = np.where(is_shape(effect), anywhere, space.nominal)
+        sensors, _ = run(machine(where), (effect, null), count=3)
+        assert np.array_equal(sensors, np.repeat(plain(where), 3, axis=0)), (where, effect.site)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_away_from_null_every_parameter_moves_outputs_somewhere(name):
+    unmoved = {p.name for _, effect in placed(name) for p in effect.parameters}
+    for where, effect in placed(name):
+        space = effect.space
+        base = away(effect, 0.5)
+        one_less = np.repeat(base[None], len(space), axis=0)
+        shape = is_shape(effect)
+        # without each amplitude in turn, and with another value of each shape
+        np.fill_diagonal(one_less, np.where(shape, 0.5 * (space.low + base), space.nominal))
+        sensors, _ = run(machine(where), (effect, np.vstack([base, one_less])), count=1 + len(space))
+        moved = np.abs(sensors[1:] - sensors[0]).max(axis=(1, 2)) > 1e-9
+        unmoved -= {p.name for p, m in zip(effect.parameters, moved, strict=True) if m}
+    assert not unmoved
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_at_its_bounds_the_simulation_stays_finite(name):
+    for where, effect in placed(name):
+        space = effect.space
+        sensors, diverged = run(machine(where), (effect, np.stack([space.low, space.high])), count=2)
+        assert np.isfinite(sensors).all() and not diverged.any(), (where, effect.site)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_batch_in_chunks_is_its_simulations_one_by_one(name, monkeypatch):
+    where, effect = placed(name)[-1]
+    values = np.stack([away(effect, part) for part in (0.1, 0.4, 0.7)])
+    alone = np.concatenate([run(machine(where), (effect, row[None]))[0] for row in values])
+    monkeypatch.setattr(engine_module, "CHUNK_SIMULATIONS", 2)
+    batch, _ = run(machine(where), (effect, values), count=3)
+    assert np.array_equal(batch, alone)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_what_it_is_given_stays_as_it_is(name):
+    where, effect = placed(name)[0]
+    values = away(effect, 0.5)[None]
+    tape, sensors = controls(machine(where), 1), plain(where)
+    before = tape.copy(), sensors.copy()
+    effect.drive(tape, values, 0.002)
+    effect.measure(sensors, values, 0.002)
+    assert np.array_equal(tape, before[0]) and np.array_equal(sensors, before[1])
+
+
+def test_the_page_in_docs_is_the_one_made_from_the_effects():
+    page = Path(__file__).parents[1] / "docs" / "effects.md"
+    assert page.read_text(encoding="utf-8") == effects.markdown()
+
+
+def test_shapes_are_spread_over_their_range_with_null_amplitudes():
+    effect = effects.REGISTRY.get("stribeck-friction")(machine("slider"), "x")
+    grid = effect.shape_grid(4)
+    assert grid.shape == (4, 2) and not grid[:, 0].any()
+    assert np.allclose(np.diff(np.log(grid[:, 1])), np.log(effect.space.high[1] / effect.space.low[1]) / 4)
+
+
+def test_a_site_without_a_name_is_called_by_its_number_and_a_wrong_one_is_refused():
+    force = effects.REGISTRY.get("constant-force")
+    assert force.sites(machine("ball")) == ["ball", "#1"]
+    assert force(machine("ball"), "#1").joint == 1
+    with pytest.raises(ModelError, match="cannot sit at 'elbw'") as refused:
+        effects.REGISTRY.get("coulomb-friction")(machine("arm"), "elbw")
+    assert "elbow" in refused.value.cure
+    with pytest.raises(ModelError, match="no place"):
+        effects.REGISTRY.get("magnus-lift")(machine("arm"), GLOBAL)
+
+
+# -- physics
+
+
+DISSIPATIVE = [
+    "coulomb-friction",
+    "cubic-drag",
+    "direction-dependent-coulomb",
+    "direction-dependent-viscous",
+    "medium-density",
+    "medium-viscosity",
+    "position-dependent-friction",
+    "quadratic-drag",
+    "stribeck-friction",
+    "viscous-damping",
+]
+
+
+@pytest.mark.parametrize("name", DISSIPATIVE)
+def test_friction_takes_energy_and_never_gives_any(name):
+    model, effect = machine("cart_pole"), effects.REGISTRY.get(name)
+    effect = effect(model, "pole" if "pole" in effect.sites(model) else GLOBAL)
+    null, some = effect.space.nominal, away(effect, 0.3)
+    if name == "stribeck-friction":
+        null[1] = some[1] = 4.0  # rad/s: as fast as the pole falls
+    values = np.clip([null, some, 2 * null - some], effect.space.low, effect.space.high)
+    sensors, _ = run(model, (effect, values), count=3, tape=np.zeros((3, 300, 1)))
+    energy = sensors[..., 2:].sum(axis=-1)
+    assert (np.diff(energy, axis=1) < 1e-6).all()
+    assert energy[1:, -1].min() < energy[0, -1] - 0.01
+
+
+def test_load_dependent_friction_is_the_coefficient_times_the_squeeze():
+    model = build("""
+        <mujoco><option timestep="0.002"/><worldbody><body>
+          <joint name="z" type="slide" axis="0 0 1"/><geom size=".1" mass="2" contype="0" conaffinity="0"/>
+        </body></worldbody>
+        <actuator><motor joint="z"/></actuator><sensor><jointvel joint="z"/></sensor></mujoco>""")
+    effect = effects.REGISTRY.get("load-dependent-friction")(model, "z")
+    weight = 2 * 9.81
+    lifted = np.full((1, 200, 1), 1.5 * weight)
+    speed = run(model, (effect, np.array([[0.1]])), tape=lifted)[0][0, -1, 0]
+    assert speed == pytest.approx((1.5 * weight - weight - 0.1 * 2.5 * weight) / 2 * 0.002 * 199, rel=0.01)
+    held = run(model, (effect, np.array([[0.6]])), tape=lifted / 1.5 * 1.2)[0][0, -1, 0]
+    assert abs(held) < 0.02  # MuJoCo's friction creeps; free of it, the speed would be 0.8 m/s
+
+
+def test_friction_that_varies_not_at_all_is_native_frictionloss():
+    model = machine("cart_pole")
+    patch = effects.REGISTRY.get("position-dependent-friction")(model, "cart")
+    native = effects.REGISTRY.get("coulomb-friction")(model, "cart")
+    everywhere = np.array([[0.4, 0.0, 1e9]])
+    # two of them add up, and what one step added is gone at the next
+    varied, _ = run(model, (patch, everywhere), (patch, 2 * everywhere))
+    assert np.array_equal(varied, run(model, (native, np.array([[0.4 + 0.8]])))[0])
+
+
+def test_direction_dependent_friction_is_the_models_own_in_each_direction():
+    effect = effects.REGISTRY.get("direction-dependent-viscous")(machine("slider"), "x")
+    native = effects.REGISTRY.get("viscous-damping")(machine("slider"), "x")
+    tape = np.zeros((1, 100, 1))
+    for push, asymmetry, damping in ((2.0, 1.5, 1.5), (-2.0, 1.5, -1.5), (-2.0, 9.0, -2.0)):
+        tape[...] = push
+        begin = Starts(np.zeros((1, 1)), np.full((1, 1), push / 10), np.zeros((1, 0)), np.zeros(1))
+        one_way = run(machine("slider"), (effect, np.array([[asymmetry]])), tape=tape, starts=begin)[0]
+        expected = run(machine("slider"), (native, np.array([[damping]])), tape=tape, starts=begin)[0]
+        assert np.array_equal(one_way, expected)
+
+
+@pytest.mark.parametrize("host", ["fore", "brick"])
+def test_a_payload_is_a_point_mass_welded_on(host):
+    # in flight and in a vacuum: contacts and drag know bodies, not only their inertia
+    xml = ARM if host == "fore" else BALL.replace("0 2 .12", "0 2 2").replace('density="1.2"', "")
+    model = build(xml)
+    effect = effects.REGISTRY.get("payload")(model, host)
+    mass, reach = 0.3, 1.4 * effect.distance
+    spec = mujoco.MjSpec.from_string(xml)
+    point = spec.body(host).add_body(name="point", pos=reach * effect.centre / effect.distance)
+    point.mass, point.ipos, point.inertia, point.explicitinertial = mass, [0.0] * 3, [1e-12] * 3, True
+    welded = spec.compile()
+    sensors, _ = run(model, (effect, np.array([[mass, reach]])))
+    expected = run(welded, starts=start(model, 1), tape=controls(model, 1))[0]
+    assert np.abs(run(model)[0] - expected).max() > 1e-3
+    assert np.abs(sensors - expected).max() < 1e-6
+
+
+def test_a_shifted_centre_of_mass_is_the_one_compiled_there():
+    effect = effects.REGISTRY.get("com-shift")(machine("arm"), "fore")
+    assert [p.name for p in effect.parameters] == ["x", "z"]  # along y, its only axis, nothing would move
+    model = build(ARM)
+    model.body("fore").ipos += [0.03, 0, -0.02]
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+    sensors, _ = run(machine("arm"), (effect, np.array([[0.03, -0.02]])))
+    assert np.allclose(sensors, run(model)[0], atol=1e-12)
+
+
+def test_gravity_leans_where_it_says():
+    effect = effects.REGISTRY.get("gravity-tilt")(machine("puck"))
+    fields = ModelFields(machine("puck"), 1)
+    effect.write(fields, np.array([[0.1, 0.0]]))
+    assert np.allclose(fields["opt.gravity"], [[9.81 * np.sin(0.1), 0, -9.81 * np.cos(0.1)]])
+
+
+def test_lowering_the_friction_of_a_geom_lowers_that_of_its_equals():
+    effect = effects.REGISTRY.get("contact-friction")(machine("ball"), "floor")
+    fields = ModelFields(machine("ball"), 2)
+    effect.write(fields, np.array([[-0.4], [0.4]]))
+    ball, floor = (machine("ball").geom(n).id for n in ("ball", "floor"))
+    assert np.allclose(fields["geom_friction"][:, [floor, ball], 0].max(axis=1), [0.6, 1.4])
+
+
+# a rotor of 0.3 kg that drives a link of 0.7 kg through {joint}, and the same as one mass
+TWO_MASSES = """
+<mujoco><option timestep="1e-4" gravity="0 0 0" integrator="implicitfast"/>
+  <default><geom type="sphere" size=".1" contype="0" conaffinity="0"/></default>
+  <worldbody>
+    <body><joint name="r" type="slide" axis="1 0 0"/><geom mass=".3"/></body>
+    <body><joint name="l" type="slide" axis="1 0 0" damping="1" stiffness="30"/><geom mass=".7"/></body>
+  </worldbody>
+  <tendon><fixed name="t" {joint}><joint joint="r" coef="1"/><joint joint="l" coef="-1"/></fixed></tendon>
+  <actuator><motor joint="r"/></actuator><sensor><jointpos joint="l"/></sensor>
+</mujoco>
+"""
+ONE_MASS = """
+<mujoco><option timestep="1e-3" gravity="0 0 0" integrator="implicitfast"/>
+  <worldbody>
+    <body><joint name="l" type="slide" axis="1 0 0" damping="1" stiffness="30"/>
+      <geom type="sphere" size=".1" mass="1" contype="0" conaffinity="0"/></body>
+  </worldbody>
+  <actuator><motor joint="l"/></actuator><sensor><jointpos joint="l"/></sensor>
+</mujoco>
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "joint", "values", "begin"),
+    [
+        (
+            "compliance",
+            'stiffness="200" damping="0.6" springlength="0"',
+            [1 / 200, 0.3, 0.003],
+            3 / 200 * 0.7,
+        ),
+        (
+            "backlash",
+            'limited="true" range="-.02 .02" solreflimit="4e-4 3" solimplimit=".99 .999 .0001"',
+            [0.04, 0.3],
+            0.02,
+        ),
+    ],
+)
+def test_compliance_and_backlash_are_a_rotor_and_a_link(name, joint, values, begin):
+    one, two = build(ONE_MASS), build(TWO_MASSES.format(joint=joint))
+    tape = 3 * np.sign(np.cos(2 * np.pi * 1.3 * np.arange(900) * 1e-3))[None, :, None]
+    # the rotor begins where the force holds it
+    held = Starts(np.array([[begin, 0]]), np.zeros((1, 2)), np.zeros((1, 0)), np.zeros(1))
+    truth = run(two, tape=np.repeat(tape, 10, axis=1), starts=held)[0][:, ::10]
+    rigid = run(one, tape=tape)[0]
+    effect = effects.REGISTRY.get(name)(one, "l")
+    sensors = run(one, (effect, np.array([values])), tape=tape)[0]
+    error, error_rigid = (np.sqrt(np.mean((s - truth) ** 2)) for s in (sensors, rigid))
+    assert error < 0.1 * error_rigid
+
+
+def drive(name: str, tape: np.ndarray, *values: float) -> np.ndarray:
+    """What reaches the slider's actuator of `tape` (grid,), in steps of 1 s."""
+    effect = effects.REGISTRY.get(name)(machine("slider"), "drive")
+    return effect.drive(np.asarray(tape, dtype=float)[None, :, None], np.array([values]), 1.0)[0, :, 0]
+
+
+def test_controls_arrive_as_the_effects_say():
+    tape = [1.0, 1.0, 3.0, 3.0, -2.0, -2.0]
+    assert np.allclose(drive("control-delay", tape, 1.0), [1, 1, 1, 3, 3, -2])
+    assert np.allclose(drive("control-delay", tape, 1.25), [1, 1, 1, 2.5, 3, -0.75])
+    assert np.allclose(drive("control-gain", tape, 0.5), np.multiply(tape, 1.5))
+    assert np.allclose(drive("control-bias", tape, 0.5), np.add(tape, 0.5))
+    assert np.allclose(drive("control-dead-zone", tape, 1.5), [0, 0, 1.5, 1.5, -0.5, -0.5])
+    assert np.allclose(drive("control-saturation", tape, 1.5), [1, 1, 1.5, 1.5, -1.5, -1.5])
+    # one unit in 0.4 s: 2 units take 0.8 of the step, 5 units two steps
+    assert np.allclose(drive("control-rate-limit", tape, 0.4), [1, 1, 2.2, 3, 1.75, -0.75])
+    lag = drive("control-lag", [0.0, 1.0, 1.0, 1.0], 2.0)
+    start_of_step = 1 - np.exp(-np.arange(4) / 2)
+    mean = 1 - 2 * (np.exp(-np.arange(3) / 2) - np.exp(-np.arange(1, 4) / 2))
+    assert np.allclose(lag[1:], mean) and (lag[1:] > start_of_step[:-1]).all()
+
+
+def measure(name: str, series: np.ndarray, *values: float) -> np.ndarray:
+    """What the slider's sensor x reports of `series` (grid,), in steps of 1 s."""
+    effect = effects.REGISTRY.get(name)(machine("slider"), "x" if name != "sensor-clock-rate" else GLOBAL)
+    series = np.stack([series, series], axis=-1).astype(float)
+    return effect.measure(series[None], np.array([values]), 1.0)[0, :, 0]
+
+
+def test_sensors_report_as_the_effects_say():
+    ramp = np.arange(6.0)
+    assert np.allclose(measure("sensor-delay", ramp, 1.3), ramp - 1.3)  # before the start, too
+    assert np.allclose(measure("sensor-delay", ramp**2, 2.0)[2:], ramp[:-2] ** 2)
+    assert np.allclose(measure("sensor-clock-rate", ramp, 0.1), 1.1 * ramp)
+    assert np.allclose(measure("sensor-low-pass", ramp, 0.7), ramp - 0.7)
+    step = measure("sensor-low-pass", np.array([0.0, 0, 1, 1, 1]), 2.0)
+    rise = 1 - 2 * (1 - np.exp(-0.5))  # at the end of a ramp from 0 to 1
+    assert np.allclose(step[2:], 1 - (1 - rise) * np.exp(-np.arange(3) / 2))
+    assert np.allclose(measure("sensor-quantisation", ramp, 2.5), [0, 0, 2.5, 2.5, 5, 5])
+    assert np.allclose(measure("sensor-scale", ramp, 0.1), 1.1 * ramp)
+    assert np.allclose(measure("sensor-bias", ramp, 0.1), ramp + 0.1)
+
+
+def test_a_frame_is_turned_in_the_plane_and_in_space():
+    effect = effects.REGISTRY.get("sensor-frame-rotation")
+    plane = effect(machine("puck"), "px+py").measure(np.array([[[1.0, 0.0]]]), np.array([[0.3]]), 1.0)
+    assert np.allclose(plane, [[[np.cos(0.3), np.sin(0.3)]]])
+    sensors = np.arange(1.0, 11.0)[None, None] / 10
+    sensors[..., 3:7] = 1, 0, 0, 0
+    turn = np.array([[0.0, 0.0, 0.2]])
+    assert np.allclose(
+        effect(machine("ball"), "attitude").measure(sensors, turn, 1.0)[0, 0, 3:7],
+        [np.cos(0.1), 0, 0, np.sin(0.1)],
+    )
+    x, y, z = effect(machine("ball"), "ball").measure(sensors, turn, 1.0)[0, 0, :3]
+    assert np.allclose(
+        [x, y, z], [0.1 * np.cos(0.2) - 0.2 * np.sin(0.2), 0.1 * np.sin(0.2) + 0.2 * np.cos(0.2), 0.3]
+    )
+
+
+def test_lift_is_perpendicular_to_spin_and_flight():
+    effect = effects.REGISTRY.get("magnus-lift")(machine("ball"), "ball")
+    lift = 0.005
+    tape = np.zeros((1, 2, 0))
+    # flying along x, spinning about y in a body frame that is turned half round about z
+    begin = start(machine("ball"), 1)
+    begin.qpos[:, 3:7] = 0, 0, 0, 1
+    begin.qvel[:, :6] = 2, 0, 0, 0, -10, 0
+    steps = [run(machine("ball"), (effect, np.array([[k]])), tape=tape, starts=begin)[0] for k in (0.0, lift)]
+    rise = (steps[1] - steps[0])[0, 1, :3] / machine("ball").opt.timestep ** 2
+    assert np.allclose(rise, np.cross([0, 10, 0], [2, 0, 0]) * lift / 0.05, atol=1e-6)
