@@ -7,8 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 LEVEL = 0.01  # chance of accepting anything where nothing is missing, over all candidates together
-SELECT_LEVEL = 0.05  # one-sided, of the paired test on data that was not fitted
+SELECT_LEVEL = 0.05  # one-sided, of the paired test on data that was not fitted, with all other effects in
+# While other effects are still missing the right one need not help everywhere: it may enter, and is judged at the end.
+ENTRY_LEVEL = 0.25
 RESAMPLES = 4000
+TINY = 1e-300  # a sum of squares that is nothing
 
 
 @dataclass(frozen=True)
@@ -19,14 +22,13 @@ class Support:
     p_select: float
     bic_gain: float
 
-    @property
-    def reason_against(self) -> str | None:
+    def reason_against(self, select_level: float = SELECT_LEVEL) -> str | None:
         """Why the effect is not accepted, or None."""
         if self.p_fit > LEVEL:
             return f"its size cannot be told from zero (p = {self.p_fit:.2g} over all candidates)"
         if self.bic_gain <= 0:
             return f"it is not worth its parameters (BIC rises by {-self.bic_gain:.3g})"
-        if self.p_select > SELECT_LEVEL:
+        if self.p_select > select_level:
             return f"data that was not fitted is not explained better (p = {self.p_select:.2g})"
         return None
 
@@ -44,21 +46,19 @@ def wald_p_value(size: np.ndarray, covariance: np.ndarray, degrees: float, candi
 
 
 def paired_p_value(before: np.ndarray, after: np.ndarray, block: np.ndarray, seed: int) -> float:
-    """That squared error (window,) fell from before to after only by chance: bootstrap over blocks, one-sided.
+    """That errors fell from before to after (window,), sums of squares, only by chance: paired, one-sided.
 
-    Blocks are resampled with replacement; with fewer than ten, signs are flipped at random instead (a bootstrap of
+    The statistic is the mean logarithm of their ratio over blocks, so that one bad window does not decide alone.
+    Blocks are resampled with replacement; with twelve or fewer all flips of sign are counted instead (a bootstrap of
     few blocks is too sure of itself).
     """
     _, number = np.unique(block, return_inverse=True)
-    fall = np.bincount(number, weights=before - after)
-    generator = np.random.default_rng(seed)
-    if len(fall) < 10:
-        if len(fall) <= 12:
-            signs = 1 - 2 * ((np.arange(2 ** len(fall))[:, None] >> np.arange(len(fall))) & 1)
-        else:
-            signs = generator.choice([-1, 1], size=(RESAMPLES, len(fall)))
+    total = [np.bincount(number, weights=squares) for squares in (before, after)]
+    fall = np.log(np.maximum(total[0], TINY) / np.maximum(total[1], TINY))
+    if len(fall) <= 12:
+        signs = 1 - 2 * ((np.arange(2 ** len(fall))[:, None] >> np.arange(len(fall))) & 1)
         return float(np.mean(signs @ fall >= fall.sum() - 1e-12 * np.abs(fall).sum()))
-    drawn = generator.integers(len(fall), size=(RESAMPLES, len(fall)))
+    drawn = np.random.default_rng(seed).integers(len(fall), size=(RESAMPLES, len(fall)))
     return float((np.sum(fall[drawn].sum(axis=1) <= 0) + 1) / (RESAMPLES + 1))
 
 

@@ -24,7 +24,7 @@ def to_mjcf(source: Path, fields: ModelFields, target: Path) -> str:
     spec = mujoco.MjSpec.from_file(str(source))
     _point_at_assets(spec, source, target)
     if "geom_size" in fields.values:
-        spec.compiler.saveinertial = True  # or the mass would follow the new size
+        _fix_inertia(spec)
     if "actuator_biastype" in fields.values:
         for actuator, kind in zip(spec.actuators, fields["actuator_biastype"][0], strict=True):
             actuator.biastype = mujoco.mjtBias(int(kind))
@@ -43,6 +43,16 @@ def to_mjcf(source: Path, fields: ModelFields, target: Path) -> str:
         ) from error
     with _full_precision():
         return spec.to_xml()
+
+
+def _fix_inertia(spec: mujoco.MjSpec) -> None:
+    """Write the inertia of every body down, or it would follow the new sizes of its geoms."""
+    model = spec.compile()
+    for body in spec.bodies[1:]:
+        body.explicitinertial = True
+        body.mass = model.body_mass[body.id]
+        body.ipos, body.iquat = model.body_ipos[body.id], model.body_iquat[body.id]
+        body.inertia = model.body_inertia[body.id]
 
 
 def _assign(model: mujoco.MjModel, name: str, value: np.ndarray) -> None:

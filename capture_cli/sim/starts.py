@@ -20,6 +20,7 @@ HALF_WIDTHS = (4, 6, 9, 13, 19, 28, 40)  # samples on either side
 ACCEPTABLE_RESIDUAL = 1.3  # variance of the local fit's residual over that of the noise
 # The local fit uses samples that the window is fitted to as well, so it may not vote with its full weight twice.
 PRIOR_INFLATION = 10.0
+LAG_LEFT = 0.02  # of the correction for the integrator's lag: higher orders of the timestep
 UNKNOWN_VELOCITY_SD = 10.0  # m/s or rad/s, where a position is measured but too seldom to be differentiated
 
 
@@ -93,8 +94,10 @@ def estimate_starts(
                 continue
             sd[w, dofs] = PRIOR_INFLATION * fit.value_sd
             new = np.array([d not in measured_velocity for d in source.dofs])
-            qvel[w, dofs[new]] = (fit.slope - lag * fit.curvature)[new]
-            sd[w, nv + dofs[new]] = PRIOR_INFLATION * fit.slope_sd[new]
+            change = lag * fit.curvature
+            qvel[w, dofs[new]] = (fit.slope - change)[new]
+            left = LAG_LEFT * (np.linalg.norm(change) if source.kind == "orientation" else change)
+            sd[w, nv + dofs[new]] = PRIOR_INFLATION * np.hypot(fit.slope_sd, left)[new]
     return StartEstimate(Starts(qpos, qvel, act, np.asarray(time)[window_first].astype(float)), sd)
 
 

@@ -373,6 +373,8 @@ def _named(kind: str, number: int, attribute: str, model: mujoco.MjModel, where:
         return ActuatorBias(number, {"bias": 0, "bias_position": 1, "bias_velocity": 2}[attribute])
     elif attribute == "time_constant":
         _check_filter(number, model, where)
+    elif attribute == "springref":
+        _check_scalar(number, model, where)
     if key in _SPECIAL:
         return _SPECIAL[key](number)
     field, column = _FIELDS[key]
@@ -406,6 +408,15 @@ def _geom_size(number: int, attribute: str, model: mujoco.MjModel, where: str) -
             cure="sizes can be set for spheres (x), capsules and cylinders (x, y), ellipsoids and boxes (x, y, z)",
         )
     return GeomSize(number, (slice(None),) if column is None else (column,))
+
+
+def _check_scalar(number: int, model: mujoco.MjModel, where: str) -> None:
+    kind = mujoco.mjtJoint
+    if int(model.jnt_type[number]) not in (kind.mjJNT_HINGE, kind.mjJNT_SLIDE):
+        raise ModelError(
+            f"{where}: the joint {model.joint(number).name!r} has more than one coordinate",
+            cure="springref can be set on hinge and slide joints only",
+        )
 
 
 def _check_motor(number: int, model: mujoco.MjModel, where: str) -> None:

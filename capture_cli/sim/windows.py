@@ -86,8 +86,8 @@ def cut(
     """Windows of `duration` seconds (whole episodes where None) of every episode.
 
     time (step,) s; inputs (step, input); outputs (step, output). linear (input,): interpolate that input rather than
-    hold it. A window's last sample is the next one's first but one: none is used twice. The tail of an episode that
-    is shorter than half a window is joined to the window before it.
+    hold it. No sample is in two windows, and none is left out but one that stands alone between two gaps. The tail of
+    an episode that is shorter than half a window is joined to the window before it.
     """
     spans = [
         (number, a, b)
@@ -137,8 +137,17 @@ def _spans(time: np.ndarray, offset: int, duration: float | None) -> list[tuple[
         tolerance = 0.5 * float(np.median(np.diff(time[a:b]))) if b - a > 1 else 0.0
         count = max(1, round((time[b - 1] - time[a] + 2 * tolerance) / duration))
         edges = a + np.searchsorted(time[a:b], time[a] + duration * np.arange(count) - tolerance)
-        spans += [(offset + i, offset + j) for i, j in zip(edges, [*edges[1:], b], strict=True)]
+        spans += [(offset + i, offset + j) for i, j in _with_two_samples(edges, b)]
     return [(i, j) for i, j in spans if j - i >= 2]
+
+
+def _with_two_samples(edges: np.ndarray, stop: int) -> list[tuple[int, int]]:
+    """[first, last) between neighbouring edges; one that holds a single sample is joined to the one before it."""
+    kept = [int(edges[0])]
+    for edge in [int(e) for e in edges[1:]]:
+        if edge - kept[-1] >= 2 and stop - edge >= 2:
+            kept.append(edge)
+    return list(zip(kept, [*kept[1:], stop], strict=True))
 
 
 def _without_gaps(time: np.ndarray) -> list[tuple[int, int]]:

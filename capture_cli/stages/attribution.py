@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import mujoco
 import numpy as np
 
-from capture_cli.diagnosis.acceptance import Support, bic_gain, paired_p_value, wald_p_value
+from capture_cli.diagnosis.acceptance import ENTRY_LEVEL, SELECT_LEVEL, Support, bic_gain, paired_p_value, wald_p_value
 from capture_cli.diagnosis.score import Score, score, similarity
 from capture_cli.effects import REGISTRY
 from capture_cli.identifiers.intervals import intervals
@@ -17,14 +17,19 @@ from capture_cli.simulator import placed_name
 from capture_cli.stages.model_fits import Fit, ModelFits, PartFit, Placed
 from capture_cli.stages.prepared_log import PreparedLog
 
-REFITTED = 6  # best-scoring candidates that are fitted jointly, each time round
+REFITTED = 5  # best-scoring candidates that are fitted jointly, each time round
 PROBES = (0.01, 0.1)  # of an amplitude's range: a slope near null, and a secant further out
-SCORED_WINDOWS = 60  # evenly spread: a score needs no more
+SCORED_WINDOWS = 40  # evenly spread: a score needs no more
 SMALLEST_GAIN = 6.0  # of the objective over k: less is no reason to fit
 ABSORBED = 0.02  # share of a sensitivity that must be left once the declared parameters have imitated it
 MOST_EFFECTS = 6
 INDISTINCT = 0.05  # two models are tied where the paired test between them is not below this
 AT_BOUND = 1e-3  # of an amplitude's range
+RIVALS = 4  # other candidates that an accepted effect is compared with once everything else is in the model
+CLEARLY_BETTER = 10.0  # of BIC: "very strong" (Kass & Raftery 1995)
+BETTER, TIED = "{other} explains more", "tied with {mine}: this log cannot tell them apart"
+WORSE, NOT_WORTH_IT = "{mine} explains more", "no better than {mine}, with more parameters"
+SAME_RESPONSE = 0.9999  # cosine of two effects' responses beyond which no parameter value tells them apart
 
 
 @dataclass
@@ -46,10 +51,11 @@ class Candidate:
 
 @dataclass
 class Accepted:
-    """An effect in the model, those it is tied with, and the p-value it was accepted with."""
+    """An effect in the model, candidates that did as well when it entered, and how it stands in the last model."""
 
     effect: Placed
-    p_value: float
+    rivals: list[Candidate]
+    support: Support
     tied_with: list[str] = field(default_factory=list)
 
     @property
@@ -88,19 +94,23 @@ class Attribution:
         self.candidates = all_candidates(fits.prepared.task.model)
         self.accepted: list[Accepted] = []
         self.stages: list[tuple[str, Fit]] = []
+        self._fitted: dict[frozenset[str], Fit | None] = {}
 
     def run(self, declared: Fit) -> Fit:
         """Add effects to the declared model until none is accepted or nothing is left; returns the last model."""
         current = declared
         self.stages = [("declared", declared)]
+        self._fitted[frozenset()] = declared
         while len(self.accepted) < MOST_EFFECTS and not self.is_explained(current):
             found = self._forward(current)
             if found is None:
                 break
             current = found.fit
+            self._fitted[frozenset(placed_name(*e) for e in current.effects)] = current
             self.stages.append((f"+ {found.name}", current))
-            current = self._backward(current)
-        return current
+            current = self._backward(current, self.accepted[:-1], ENTRY_LEVEL)
+        current = self._backward(current, self.accepted, SELECT_LEVEL)
+        return self._compare_with_rivals(current)
 
     # --- forward ---
 
@@ -167,7 +177,8 @@ class Attribution:
             return
         candidate.fit = fit
         candidate.support, candidate.select = self._support(current, fit, candidate.effect, before, tried)
-        candidate.why_rejected = candidate.support.reason_against or self._implausible(current, fit, candidate)
+        reason = candidate.support.reason_against(ENTRY_LEVEL)
+        candidate.why_rejected = reason or self._implausible(current, fit, candidate)
 
     @staticmethod
     def _nudged(current: Fit, candidate: Candidate) -> np.ndarray:
@@ -185,9 +196,7 @@ class Attribution:
         found = intervals(fit.at)
         size = fit.point[amplitudes] - fit.space.nominal[amplitudes]
         p_fit = wald_p_value(size, found.covariance[np.ix_(amplitudes, amplitudes)], found.degrees, tried)
-        evidence = fit.at.evidence
-        time = autocorrelation_time(fit.at.residual.reshape(evidence.measured.shape), evidence.mask)
-        gain = bic_gain(before_fit.squares, fit.squares, evidence.count / time, added)
+        gain = bic_gain(before_fit.squares, fit.squares, self._effective_samples(fit), added)
         if self.select_part is None:
             return Support(p_fit, 0.0, gain), None
         after = self.fits.on(self.select_part, fit)
@@ -201,7 +210,8 @@ class Attribution:
     def _implausible(current: Fit, fit: Fit, candidate: Candidate) -> str | None:
         """Evidence against an effect that fits: it runs to its bound, or drives a declared parameter to one."""
         x = fit.space.to_unit(fit.point)
-        for i in _amplitudes(fit, candidate.effect):
+        prefix = candidate.name + "."
+        for i in [i for i, n in enumerate(fit.space.names) if n.startswith(prefix)]:
             null = (fit.space.nominal[i] - fit.space.low[i]) / fit.space.span[i]
             if min(x[i], 1 - x[i]) < AT_BOUND and abs(x[i] - null) > AT_BOUND:
                 return f"it would have to be at the end of its range ({fit.space.names[i]} = {fit.point[i]:.3g})"
@@ -213,59 +223,130 @@ class Attribution:
         return None
 
     def _choose(self, supported: list[Candidate]) -> Candidate:
-        """The best of the candidates that are supported, and those it cannot be told from."""
+        """The best of the candidates that are supported; among those it cannot be told from, the simplest."""
         best = min(supported, key=self._loss)
-        tied = [c for c in supported if c is not best and self._indistinct(best, c)]
-        simplest = min([best, *tied], key=lambda c: (len(c.effect[1].parameters), self._loss(c)))
-        names = [c.name for c in [best, *tied] if c is not simplest]
-        for candidate in supported:
-            if candidate is not simplest:
-                candidate.why_rejected = (
-                    f"tied with {simplest.name}: this log cannot tell them apart"
-                    if candidate.name in names
-                    else f"{best.name} explains more"
-                )
-        self.accepted.append(Accepted(simplest.effect, simplest.support.p_fit, names))
-        return simplest
+        alike = [c for c in supported if c is best or self._indistinct(best, c)]
+        chosen = min(alike, key=lambda c: (len(c.effect[1].parameters), self._loss(c)))
+        rivals = sorted((c for c in supported if c is not chosen), key=self._loss)
+        for candidate in rivals:
+            candidate.why_rejected = f"{chosen.name} explains as much with less, or more"
+        self.accepted.append(Accepted(chosen.effect, rivals[:RIVALS], chosen.support))
+        return chosen
 
     @staticmethod
     def _loss(candidate: Candidate) -> float:
         return float(candidate.fit.squares if candidate.select is None else candidate.select.squares.sum())
 
     def _indistinct(self, best: Candidate, other: Candidate) -> bool:
-        if similarity(best.score.response, other.score.response) > 0.9999:
+        if similarity(best.score.response, other.score.response) > SAME_RESPONSE:
             return True
         if best.select is None:
-            evidence = best.fit.at.evidence
-            time = autocorrelation_time(best.fit.at.residual.reshape(evidence.measured.shape), evidence.mask)
-            return evidence.count / time * np.log(other.fit.squares / best.fit.squares) < 4.0
-        return self._paired(other.select, best.select) > INDISTINCT
+            ratio = other.fit.squares / best.fit.squares
+            return bool(self._effective_samples(best.fit) * abs(np.log(ratio)) < 4.0)
+        first, second = (best, other) if self._loss(best) <= self._loss(other) else (other, best)
+        return self._paired(second.select, first.select) > INDISTINCT
+
+    @staticmethod
+    def _effective_samples(fit: Fit) -> float:
+        evidence = fit.at.evidence
+        residual = fit.at.residual.reshape(evidence.measured.shape)
+        return evidence.count / autocorrelation_time(residual, evidence.mask)
 
     # --- backward ---
 
-    def _backward(self, current: Fit) -> Fit:
-        """Drop effects that the later ones have made unnecessary."""
-        for accepted in list(self.accepted[:-1]):
-            effects = [e for e in current.effects if placed_name(*e) != accepted.name]
-            keep = [i for i, n in enumerate(current.space.names) if not n.startswith(accepted.name + ".")]
-            without = self._best_fit(effects, [current.point[keep]], current.offsets)
-            if without is None:
-                continue
-            before = None if self.select_part is None else self.fits.on(self.select_part, without)
-            support, _ = self._support(without, current, _placed(current, accepted.name), before, 1)
-            if support.reason_against is None:
-                continue
-            self.accepted = [a for a in self.accepted if a is not accepted]
-            for candidate in self.candidates:
-                if candidate.name == accepted.name:
-                    candidate.why_rejected = f"no longer needed beside {self.accepted[-1].name}"
+    def _backward(self, current: Fit, judged: Sequence[Accepted], level: float) -> Fit:
+        """Drop, weakest first, the effects among `judged` that the model does not need."""
+        judged = list(judged)
+        while judged:
+            weakest, without = None, None
+            for accepted in judged:
+                self.on_step("drop", 0, 1)
+                fit = self._without(current, accepted)
+                if fit is None:
+                    continue
+                before = None if self.select_part is None else self.fits.on(self.select_part, fit)
+                tried = len(self.candidates)
+                accepted.support, _ = self._support(fit, current, accepted.effect, before, tried)
+                if accepted.support.reason_against(level) and (
+                    weakest is None or accepted.support.bic_gain < weakest.support.bic_gain
+                ):
+                    weakest, without = accepted, fit
+            if weakest is None:
+                return current
+            judged.remove(weakest)
+            self.accepted.remove(weakest)
+            self._candidate(weakest.name).why_rejected = (
+                f"with the other effects in: {weakest.support.reason_against(level)}"
+            )
             current = without
-            self.stages.append((f"- {accepted.name}", current))
+            self.stages.append((f"- {weakest.name}", current))
         return current
 
+    def _without(self, current: Fit, accepted: Accepted) -> Fit | None:
+        effects = [e for e in current.effects if placed_name(*e) != accepted.name]
+        keep = [i for i, n in enumerate(current.space.names) if not n.startswith(accepted.name + ".")]
+        key = frozenset(placed_name(*e) for e in effects)
+        if key not in self._fitted:
+            self._fitted[key] = self._best_fit(effects, [current.point[keep]], current.offsets)
+        return self._fitted[key]
 
-def _placed(fit: Fit, name: str) -> Placed:
-    return next(e for e in fit.effects if placed_name(*e) == name)
+    def _candidate(self, name: str) -> Candidate:
+        return next(c for c in self.candidates if c.name == name)
+
+    # --- ties ---
+
+    def _compare_with_rivals(self, current: Fit) -> Fit:
+        """Put each accepted effect's rivals in its place: swap where one is better, tie where none can tell."""
+        for accepted in list(self.accepted):
+            inside = {a.name for a in self.accepted}
+            mine = self._candidate_of(current, accepted)
+            for number, rival in enumerate(r for r in accepted.rivals if r.name not in inside):
+                self.on_step("compare", number, len(accepted.rivals))
+                other = self._swapped(current, accepted, rival)
+                if other is None:
+                    continue
+                verdict = self._compare(mine, other)
+                self._candidate(rival.name).why_rejected = verdict.format(mine=mine.name, other=other.name)
+                if verdict == TIED:
+                    accepted.tied_with.append(rival.name)
+                elif verdict == BETTER:
+                    self._candidate(mine.name).why_rejected = f"{other.name} explains more"
+                    self._candidate(other.name).why_rejected = None
+                    accepted.effect, accepted.support, accepted.tied_with = rival.effect, other.support, []
+                    mine, current = other, other.fit
+                    self.stages.append((f"{other.name} instead", current))
+        return current
+
+    def _compare(self, mine: Candidate, other: Candidate) -> str:
+        """BETTER, TIED or why not, of `other` in the place of `mine`."""
+        more = len(other.effect[1].parameters) - len(mine.effect[1].parameters)
+        gain = bic_gain(mine.fit.squares, other.fit.squares, self._effective_samples(other.fit), more)
+        if more > 0 and gain < CLEARLY_BETTER:
+            return NOT_WORTH_IT
+        if not self._indistinct(mine, other):
+            return WORSE if self._loss(mine) <= self._loss(other) else BETTER
+        return TIED if gain > -CLEARLY_BETTER else WORSE
+
+    def _candidate_of(self, fit: Fit, accepted: Accepted) -> Candidate:
+        select = None if self.select_part is None else self.fits.on(self.select_part, fit)
+        own = self._candidate(accepted.name)
+        return Candidate(accepted.effect, own.score, own.start, fit, select, accepted.support)
+
+    def _swapped(self, current: Fit, accepted: Accepted, rival: Candidate) -> Candidate | None:
+        """The model with `rival` in the place of `accepted`, if the rival is supported there."""
+        without = self._without(current, accepted)
+        if without is None:
+            return None
+        rest = without.effects
+        fit = self._best_fit([*rest, rival.effect], [np.concatenate([without.point, rival.start])], without.offsets)
+        if fit is None:
+            return None
+        before = None if self.select_part is None else self.fits.on(self.select_part, without)
+        support, select = self._support(without, fit, rival.effect, before, len(self.candidates))
+        found = Candidate(rival.effect, rival.score, rival.start, fit, select, support)
+        if support.reason_against() or self._implausible(without, fit, found):
+            return None
+        return found
 
 
 def _amplitudes(fit: Fit, effect: Placed) -> list[int]:

@@ -18,7 +18,7 @@ from capture_cli.stages.prepared_log import PreparedLog
 
 Placed = tuple[str, Effect]
 
-FIT_ROUNDS = 30
+FIT_ROUNDS = 20
 START_ROUNDS = 12
 
 

@@ -27,6 +27,8 @@ from capture_cli.tasks.base import Task
 
 MOVES_SHARE = 0.05  # of the range: the step with which a parameter must move some output
 MOVES_LEAST = 1e-4  # of the noise floor: less is nothing
+FEWEST_SAMPLES = 8  # of the longest episode
+FEWEST_IN_WINDOW = 4  # samples: with fewer, the start of a window explains all of it
 
 
 @dataclass(frozen=True)
@@ -170,14 +172,25 @@ def check_fits(log: MeasuredLog, task: Task) -> None:
 
 
 def _check_long_enough(log: MeasuredLog, duration: float | None) -> None:
+    if duration is not None and not 0 < duration < np.inf:
+        raise OptionError(f"--window {duration:g}", cure="give a positive number of seconds")
     longest = max(log.time[e.stop - 1] - log.time[e.start] for e in log.episodes)
     if duration is not None and longest < 0.9 * duration:
         raise LogError(
             f"{log.path}: its longest episode lasts {longest:.3g} s, and a window {duration:.3g} s",
             cure="set a shorter `window` under [log] of the task.toml, or pass --window",
         )
-    if max(e.stop - e.start for e in log.episodes) < 8:
-        raise LogError(f"{log.path}: no episode has 8 samples", cure="record longer, or at a higher rate")
+    if max(e.stop - e.start for e in log.episodes) < FEWEST_SAMPLES:
+        raise LogError(
+            f"{log.path}: no episode has {FEWEST_SAMPLES} samples", cure="record longer, or at a higher rate"
+        )
+    interval = float(np.median(np.concatenate([np.diff(log.time[e]) for e in log.episodes])))
+    if duration is not None and duration < FEWEST_IN_WINDOW * interval:
+        raise LogError(
+            f"{log.path}: a window of {duration:.3g} s holds fewer than {FEWEST_IN_WINDOW} samples, "
+            f"which are {interval:.3g} s apart",
+            cure="set a longer `window` under [log] of the task.toml, or pass --window",
+        )
 
 
 def check_parameters_move_outputs(prepared: PreparedLog, simulator: Simulator, seed: int) -> None:

@@ -1,0 +1,12 @@
+"""What the README claims, measured again: `python -m benchmarks [NAME...]`. One benchmark = one file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from benchmarks.base import Benchmark
+from capture_cli.registry import Registry
+
+ROOT = Path(__file__).resolve().parents[1]
+MACHINES = Path(__file__).with_name("machines")
+REGISTRY: Registry[Benchmark] = Registry("benchmarks", "Benchmark", "benchmark")

@@ -1,0 +1,108 @@
+"""Steps per second of the batch engine over bare MuJoCo in C, of the same model, in the same run.
+
+Both make the same simulations (starts, controls, steps) on one thread. The engine does what a fit needs besides:
+parameters of their own in every simulation, sensors recorded at every step. The bare loop is the faster of
+`mj_step(model, data, nstep)` and `mujoco.rollout`. Repeats are interleaved; ratios are medians over repeats.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import mujoco
+import numpy as np
+from mujoco import rollout
+
+from benchmarks import MACHINES
+from benchmarks.base import Benchmark, Figure, Result
+from capture_cli.sim.engine import Engine, ModelFields, World
+from capture_cli.sim.starts import model_starts
+from capture_cli.tasks import load_task
+from capture_cli.tasks.base import Task
+
+SIMULATIONS, STEPS, REPEATS = 256, 500, 9
+SPREAD = 0.05  # of the nominal values: simulations must differ, and cost the same
+TARGET = 0.85
+
+
+class EngineSpeed(Benchmark):
+    summary = "the batch engine over bare mj_step in C, one thread"
+
+    def run(self) -> Result:
+        result = Result()
+        for folder in sorted(MACHINES.iterdir()):
+            runs = _Runs(load_task(str(folder)))
+            kinds = {"mj_step": runs.mj_step, "rollout": runs.rollout, "engine": runs.engine}
+            kinds["engine with a force"] = lambda runs=runs: runs.engine(drag)
+            speeds = _interleaved(kinds)
+            bare = np.maximum(speeds["mj_step"], speeds["rollout"])
+            ratio = {k: float(np.median(speeds[k] / bare)) for k in ("engine", "engine with a force")}
+            name = folder.name
+            result.figures += [
+                Figure(f"{name}: engine / bare", ratio["engine"], target=(TARGET, None)),
+                Figure(f"{name}: engine with a numpy force / bare", ratio["engine with a force"]),
+                Figure(f"{name}: engine", float(np.median(speeds["engine"])), "steps/s"),
+            ]
+            result.details[name] = {
+                "steps_per_second": {k: v.tolist() for k, v in speeds.items()},
+                "ratio": ratio,
+            }
+        result.details["workload"] = {"simulations": SIMULATIONS, "steps": STEPS, "repeats": REPEATS}
+        return result
+
+
+def drag(world: World) -> None:
+    """A force that depends on the state: quadratic drag on every degree of freedom."""
+    world.qfrc_applied[...] -= 0.01 * world.qvel * np.abs(world.qvel)
+
+
+class _Runs:
+    """The same simulations by each way of stepping; every method makes all of them."""
+
+    def __init__(self, task: Task):
+        self.task, self.model = task, task.model
+        generator = np.random.default_rng(0)
+        self.starts = model_starts(task.model, SIMULATIONS).starts
+        push = generator.uniform(-1, 1, (SIMULATIONS, task.model.nu))
+        push *= np.abs(task.model.actuator_ctrlrange).max(axis=1, initial=0.0)
+        self.controls = np.repeat(push[:, None], STEPS, axis=1)
+        spread = generator.uniform(-SPREAD, SPREAD, (SIMULATIONS, len(task.space)))
+        self.parameters = task.space.nominal + spread * task.space.nominal
+        self.stepper = Engine(task.model, threads=1)
+        self.data = mujoco.MjData(task.model)
+        mujoco.mj_resetData(task.model, self.data)
+        size = mujoco.mj_stateSize(task.model, mujoco.mjtState.mjSTATE_FULLPHYSICS)
+        state = np.zeros(size)
+        mujoco.mj_getState(task.model, self.data, state, mujoco.mjtState.mjSTATE_FULLPHYSICS)
+        self.states = np.repeat(state[None], SIMULATIONS, axis=0)
+
+    def engine(self, *forces) -> None:
+        fields = ModelFields(self.model, SIMULATIONS)
+        self.task.write(fields, self.parameters)
+        self.stepper.rollout(
+            starts=self.starts, controls=self.controls, steps=STEPS, fields=fields, forces=forces
+        )
+
+    def mj_step(self) -> None:
+        for push in self.controls[:, 0]:
+            mujoco.mj_resetData(self.model, self.data)
+            self.data.ctrl[:] = push
+            mujoco.mj_step(self.model, self.data, nstep=STEPS)
+
+    def rollout(self) -> None:
+        controls = self.controls if self.model.nu else None
+        rollout.rollout(self.model, self.data, self.states, controls, nstep=STEPS)
+
+
+def _interleaved(kinds: dict[str, Callable[[], None]]) -> dict[str, np.ndarray]:
+    """Steps per second of each, (repeat,), one after the other in every repeat."""
+    seconds: dict[str, list[float]] = {name: [] for name in kinds}
+    for run in kinds.values():
+        run()  # first calls load libraries and touch memory
+    for _ in range(REPEATS):
+        for name, run in kinds.items():
+            began = time.perf_counter()
+            run()
+            seconds[name].append(time.perf_counter() - began)
+    return {name: SIMULATIONS * STEPS / np.array(s) for name, s in seconds.items()}

@@ -1,0 +1,287 @@
+"""The batch engine against MuJoCo's own mj_step, one simulation at a time."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import mujoco
+import numpy as np
+import pytest
+
+from capture_cli.sim import engine as engine_module
+from capture_cli.sim.engine import Engine, ModelFields, Starts, World
+
+# A pole on a driven cart, and a ball that drops on the floor beside it: joints, an activation, a contact.
+XML = """
+<mujoco>
+  <option timestep="0.002" integrator="implicitfast"/>
+  <worldbody>
+    <geom name="floor" type="plane" size="5 5 .1"/>
+    <body name="cart" pos="0 0 1">
+      <joint name="x" type="slide" axis="1 0 0" damping="1" stiffness="5"/>
+      <geom type="box" size=".1 .05 .05" mass="1"/>
+      <site name="s"/>
+      <body name="pole">
+        <joint name="theta" type="hinge" axis="0 1 0" damping="0.01"/>
+        <geom type="capsule" fromto="0 0 0 0 0 -.5" size=".02" mass=".2"/>
+      </body>
+    </body>
+    <body name="ball" pos="2 0 .2"><freejoint/><geom size=".1" mass=".3"/></body>
+  </worldbody>
+  <actuator>
+    <general name="drive" joint="x" dyntype="filterexact" dynprm=".05" gainprm="4"/>
+    <motor name="twist" joint="theta"/>
+  </actuator>
+  <sensor>
+    <jointpos joint="x"/><jointvel joint="theta"/><accelerometer site="s"/>
+    <framepos objtype="xbody" objname="ball"/>
+  </sensor>
+</mujoco>
+"""
+SIMULATIONS, STEPS = 7, 60
+
+
+@pytest.fixture(scope="module")
+def model() -> mujoco.MjModel:
+    return mujoco.MjModel.from_xml_string(XML)
+
+
+@pytest.fixture
+def starts(model) -> Starts:
+    random = np.random.default_rng(1)
+    qpos = np.repeat(model.qpos0[None], SIMULATIONS, axis=0)
+    qpos[:, :2] += random.normal(0, 0.2, (SIMULATIONS, 2))
+    return Starts(
+        qpos,
+        random.normal(0, 0.5, (SIMULATIONS, model.nv)),
+        random.normal(0, 0.1, (SIMULATIONS, model.na)),
+        np.arange(SIMULATIONS) / 8,
+    )
+
+
+@pytest.fixture
+def controls(model) -> np.ndarray:
+    return np.random.default_rng(2).normal(0, 1, (SIMULATIONS, STEPS, model.nu))
+
+
+@pytest.fixture
+def fields(model) -> ModelFields:
+    """Mass, damping, gravity and gain that differ in every simulation."""
+    fields = ModelFields(model, SIMULATIONS)
+    vary = np.linspace(0.5, 2, SIMULATIONS)
+    fields["body_mass"][:, 2] *= vary
+    fields["body_inertia"][:, 2] *= vary[:, None]
+    fields["dof_damping"][:, 0] = 3 * vary
+    fields["opt.gravity"][:, 2] *= vary
+    fields["actuator_gainprm"][:, 0, 0] = vary
+    return fields
+
+
+def one_by_one(model, starts, controls, fields=None) -> np.ndarray:
+    """Sensors (simulation, step, sensordata), each simulation stepped alone by mj_step on a model of its own."""
+    sensors = np.zeros((len(starts), STEPS, model.nsensordata))
+    for i in range(len(starts)):
+        own = mujoco.MjModel.from_xml_string(XML)
+        for name, values in (fields.values if fields else {}).items():
+            engine_module.model_field(own, name)[...] = values[i]
+        mujoco.mj_setConst(own, mujoco.MjData(own))
+        data = mujoco.MjData(own)
+        data.qpos, data.qvel, data.act, data.time = (
+            starts.qpos[i],
+            starts.qvel[i],
+            starts.act[i],
+            starts.time[i],
+        )
+        for step in range(STEPS):
+            data.ctrl = controls[i, step]
+            mujoco.mj_step(own, data)
+            sensors[i, step] = data.sensordata
+    return sensors
+
+
+def rollout(model, starts, controls, threads=2, **options):
+    return Engine(model, threads).rollout(starts=starts, controls=controls, steps=STEPS, **options)
+
+
+def test_first_sensors_are_those_of_the_start(model, starts, controls):
+    sensors = rollout(model, starts, controls).sensors
+    np.testing.assert_array_equal(sensors[:, 0, 0], starts.qpos[:, 0])
+    np.testing.assert_array_equal(sensors[:, 0, 1], starts.qvel[:, 1])
+    np.testing.assert_array_equal(sensors[:, 0, 5:], starts.qpos[:, 2:5])
+
+
+def test_equals_mj_step_bit_for_bit(model, starts, controls):
+    np.testing.assert_array_equal(
+        rollout(model, starts, controls).sensors, one_by_one(model, starts, controls)
+    )
+
+
+def test_equals_mj_step_with_parameters_of_each_simulation(model, starts, controls, fields):
+    batch = rollout(model, starts, controls, fields=fields)
+    np.testing.assert_array_equal(batch.sensors, one_by_one(model, starts, controls, fields))
+    assert not batch.diverged.any()
+
+
+def test_parameters_do_not_leak_into_the_next_call(model, starts, controls, fields):
+    engine = Engine(model, 1)
+    before = engine.rollout(starts=starts, controls=controls, steps=STEPS).sensors
+    engine.rollout(starts=starts, controls=controls, steps=STEPS, fields=fields)
+    after = engine.rollout(starts=starts, controls=controls, steps=STEPS).sensors
+    np.testing.assert_array_equal(before, after)
+
+
+@pytest.mark.parametrize("threads", [2, 3])
+def test_same_for_any_number_of_threads(model, starts, controls, fields, threads):
+    one = rollout(model, starts, controls, threads=1, fields=fields)
+    more = rollout(model, starts, controls, threads=threads, fields=fields)
+    np.testing.assert_array_equal(one.sensors, more.sensors)
+
+
+def test_control_row_picks_the_tape(model, starts, controls):
+    row = np.array([3, 3, 0, 1, 6, 2, 5])
+    np.testing.assert_array_equal(
+        rollout(model, starts, controls, control_row=row).sensors,
+        rollout(model, starts, controls[row]).sensors,
+    )
+
+
+def test_columns_and_states(model, starts, controls):
+    whole = rollout(model, starts, controls, states=True)
+    some = rollout(model, starts, controls, columns=np.array([5, 0]))
+    np.testing.assert_array_equal(some.sensors, whole.sensors[..., [5, 0]])
+    assert some.qpos is None
+    np.testing.assert_array_equal(whole.qpos[:, 0], starts.qpos)
+    np.testing.assert_array_equal(whole.qvel[:, 0], starts.qvel)
+    np.testing.assert_array_equal(whole.qpos[..., 0], whole.sensors[..., 0])
+    np.testing.assert_array_equal(whole.qvel[..., 1], whole.sensors[..., 1])
+
+
+# --- forces ---
+
+
+def no_force(world: World) -> None:
+    world.qfrc_applied[...] += 0.0
+
+
+def drag(coefficient: np.ndarray):
+    """A force -c v on the cart, c (simulation,)."""
+
+    def force(world: World) -> None:
+        world.qfrc_applied[:, 0] -= coefficient[world.rows] * world.qvel[:, 0]
+
+    return force
+
+
+def implicit_drag(coefficient: np.ndarray):
+    def force(world: World) -> None:
+        world.vary("dof_damping")[:, 0] += coefficient[world.rows]
+
+    return force
+
+
+@pytest.fixture
+def damped(model) -> tuple[np.ndarray, ModelFields]:
+    """Added damping coefficients (simulation,), and the model fields that hold them natively."""
+    coefficient = np.linspace(0.1, 3, SIMULATIONS)
+    fields = ModelFields(model, SIMULATIONS)
+    fields["dof_damping"][:, 0] += coefficient
+    return coefficient, fields
+
+
+def test_no_force_is_the_plain_path_bit_for_bit(model, starts, controls, fields):
+    plain = rollout(model, starts, controls, fields=fields, states=True)
+    forced = rollout(model, starts, controls, fields=fields, forces=[no_force], states=True)
+    for name in ("sensors", "qpos", "qvel", "diverged"):
+        np.testing.assert_array_equal(getattr(plain, name), getattr(forced, name), err_msg=name)
+
+
+def test_a_damping_force_is_nearly_native_damping(model, starts, controls, damped):
+    coefficient, fields = damped
+    plain = rollout(model, starts, controls).sensors[..., 0]
+    native = rollout(model, starts, controls, fields=fields).sensors[..., 0]
+    forced = rollout(model, starts, controls, forces=[drag(coefficient)]).sensors[..., 0]
+    effect = np.abs(native - plain).max()
+    assert effect > 5e-3  # m
+    assert np.abs(forced - native).max() < 0.02 * effect  # explicit, against implicit
+
+
+def test_varied_damping_is_native_damping_bit_for_bit(model, starts, controls, damped):
+    coefficient, fields = damped
+    native = rollout(model, starts, controls, fields=fields)
+    forced = rollout(model, starts, controls, forces=[implicit_drag(coefficient)])
+    np.testing.assert_array_equal(native.sensors, forced.sensors)
+
+
+def test_forces_add_up(model, starts, controls):
+    third, whole = np.full(SIMULATIONS, 1 / 3), np.full(SIMULATIONS, 1.0)
+    np.testing.assert_allclose(
+        rollout(model, starts, controls, forces=[drag(third)] * 3).sensors[..., 0],
+        rollout(model, starts, controls, forces=[drag(whole)]).sensors[..., 0],
+        rtol=1e-12,
+    )
+
+
+# --- chunks ---
+
+
+@pytest.mark.parametrize("forced", [False, True])
+def test_chunks_do_not_change_results(model, starts, controls, fields, damped, monkeypatch, forced):
+    options = {"fields": fields, "forces": [drag(damped[0])] if forced else [], "states": True}
+    whole = rollout(model, starts, controls, **options)
+    monkeypatch.setattr(engine_module, "CHUNK_SIMULATIONS", 3)
+    parts = rollout(model, starts, controls, **options)
+    for name in ("sensors", "qpos", "qvel", "diverged"):
+        np.testing.assert_array_equal(getattr(whole, name), getattr(parts, name), err_msg=name)
+
+
+def test_long_rollouts_are_chunked_by_memory(model, monkeypatch):
+    monkeypatch.setattr(engine_module, "CHUNK_BYTES", 8 * STEPS * (model.nsensordata + model.nu + 1) * 2)
+    assert Engine(model)._chunk(STEPS) == 2
+    assert Engine(model)._chunk(100 * STEPS) == 1
+
+
+# --- divergence ---
+
+
+@pytest.mark.parametrize("forced", [False, True])
+def test_a_diverging_simulation_is_marked_and_harms_no_other(model, starts, controls, forced):
+    fields = ModelFields(model, SIMULATIONS)
+    fields["opt.gravity"][4, 0] = 1e13
+    forces = [no_force] if forced else []
+    batch = rollout(model, starts, controls, fields=fields, forces=forces)
+    assert batch.diverged.tolist() == [i == 4 for i in range(SIMULATIONS)]
+    others = np.arange(SIMULATIONS) != 4
+    alone = rollout(model, starts, controls)
+    np.testing.assert_array_equal(batch.sensors[others], alone.sensors[others])
+
+
+def test_a_force_that_blows_up_is_marked(model, starts, controls):
+    def explode(world: World) -> None:
+        world.qfrc_applied[world.rows == 2, 0] = 1e15
+
+    batch = rollout(model, starts, controls, forces=[explode])
+    assert batch.diverged.tolist() == [i == 2 for i in range(SIMULATIONS)]
+    others = np.arange(SIMULATIONS) != 2
+    np.testing.assert_array_equal(
+        batch.sensors[others], rollout(model, starts, controls, forces=[no_force]).sensors[others]
+    )
+
+
+def test_divergence_prints_nothing_and_writes_no_log_file(tmp_path):
+    program = f"""
+import mujoco, numpy as np
+from capture_cli.sim.engine import Engine, ModelFields, Starts
+model = mujoco.MjModel.from_xml_string('''{XML}''')
+fields = ModelFields(model, 50)
+fields["opt.gravity"][:, 0] = 1e13
+start = Starts(model.qpos0[None], np.zeros((1, model.nv)), np.zeros((1, model.na)), np.zeros(1))
+for forces in ([], [lambda world: None]):
+    done = Engine(model, 2).rollout(
+        starts=start.rows(np.zeros(50, int)), controls=np.zeros((50, 20, 2)), steps=20, fields=fields, forces=forces
+    )
+    assert done.diverged.all()
+"""
+    done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+    assert list(tmp_path.iterdir()) == []

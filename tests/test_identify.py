@@ -1,0 +1,391 @@
+"""Plant parameters, record a log, identify: what comes back, what is said about it, and what is refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from capture_cli.errors import FitError, LogError, OptionError
+from capture_cli.stages import identify as stage
+from capture_cli.stages.record import record
+from capture_cli.stores.estimate import Estimate
+from capture_cli.stores.measured_log import MeasuredLog
+from capture_cli.stores.output import sha256
+
+MACHINES = Path(__file__).resolve().parents[1] / "benchmarks" / "machines"
+SLIDER = MACHINES / "slider" / "task.toml"
+TRUTH = {"mass": 1.4, "damping": 9.0, "stiffness": 110.0}
+
+
+@pytest.fixture(autouse=True)
+def without_pages(monkeypatch):
+    """Reports have tests of their own."""
+    monkeypatch.setattr(stage, "_write_pages", lambda *_: None)
+
+
+@pytest.fixture
+def plant(tmp_path):
+    """Records a log of a task, by default the slider at TRUTH: 2 episodes of 1.5 s at 250 Hz."""
+
+    def plant(task: Path = SLIDER, name: str = "log", **options) -> MeasuredLog:
+        defaults = {"parameters": TRUTH, "noise": 5e-4, "episodes": 2, "duration": 1.5, "rate": 250.0}
+        made = record(
+            task=str(task), out=tmp_path / f"{name}.zarr", **{**defaults, "threads": 1, **options}
+        ).log
+        return replace(made, path=tmp_path / f"{name}.zarr")
+
+    return plant
+
+
+@pytest.fixture
+def identify(tmp_path):
+    """Identifies from a log, which is written first if it was changed in memory; one descent, one thread."""
+
+    def identify(log: MeasuredLog, task: Path = SLIDER, **options) -> Estimate:
+        path = log.path
+        if path is None:
+            path = tmp_path / "changed.zarr"
+            log.write(path)
+        options = {"starts": 1, "threads": 1, "quiet": True, "test": "none", **options}
+        out = options.pop("out", tmp_path / "estimate")
+        return stage.identify(real_log=path, task=str(task), out=out, force=True, **options)
+
+    return identify
+
+
+def changed(log: MeasuredLog, **fields) -> MeasuredLog:
+    return replace(log, path=None, **fields)
+
+
+def join(*logs: MeasuredLog) -> MeasuredLog:
+    """One log with each of `logs` as a recording."""
+    steps = np.cumsum([0, *(len(log.time) for log in logs[:-1])])
+    first = logs[0]
+    return changed(
+        first,
+        time=np.concatenate([log.time for log in logs]),
+        inputs=np.concatenate([log.inputs for log in logs]),
+        outputs=np.concatenate([log.outputs for log in logs]),
+        episode_ends=np.concatenate([log.episode_ends + s for log, s in zip(logs, steps, strict=True)]),
+        recording=np.concatenate([np.full(len(log.episode_ends), i) for i, log in enumerate(logs)]),
+        recordings=tuple(
+            {"name": f"run{i}", "source": "test", "sha256": None} for i, _ in enumerate(logs, start=1)
+        ),
+    )
+
+
+def variant(tmp_path: Path, text: str, *replacements: tuple[str, str]) -> Path:
+    """A task.toml of the slider's model with `text` as its parameters."""
+    task = SLIDER.read_text()
+    task = task[: task.index("[parameters")] + text + task[task.index("[inputs") :]
+    for old, new in replacements:
+        assert old in task
+        task = task.replace(old, new)
+    folder = tmp_path / "variant"
+    folder.mkdir()
+    (folder / "model.xml").write_text((MACHINES / "slider" / "model.xml").read_text())
+    (folder / "task.toml").write_text(task)
+    return folder / "task.toml"
+
+
+def parameter(name: str, targets: str, low: float, high: float) -> str:
+    return f'[parameters.{name}]\nset = "{targets}"\nlow = {low}\nhigh = {high}\nunit = "SI"\n\n'
+
+
+MASS = parameter("mass", "body:carriage:mass", 1.0, 4.0)
+DAMPING = parameter("damping", "joint:x:damping", 0.0, 15.0)
+
+
+def errors_in(found: Estimate, truth: dict[str, float], unit: str) -> np.ndarray:
+    """Estimate minus truth of each parameter, over its range ("range") or over its standard deviation ("sd")."""
+    rows = [(truth[name], p) for name, p in found.document["parameters"].items()]
+    scale = {"range": lambda p: p["high"] - p["low"], "sd": lambda p: p["sd"]}[unit]
+    return np.array([(p["value"] - true) / scale(p) for true, p in rows])
+
+
+# --- plant and recover ---
+
+
+@pytest.mark.parametrize("machine", ["slider", "cart_pole", "arm"])
+@pytest.mark.parametrize("noise", [0.0, 5e-4])
+def test_recovers_what_was_planted(plant, identify, machine, noise):
+    task = MACHINES / machine / "task.toml"
+    log = plant(task, parameters={}, random_parameters=True, noise=noise, seed=7)
+    truth = record(
+        task=str(task), out=log.path, parameters={}, random_parameters=True, duration=0.01, seed=7, force=True
+    ).truth["parameters"]
+    log = changed(log)
+    found = identify(log, task, starts=3)
+    assert found.document["verdict"] == "explained"
+    assert all(p["identifiable"] and not p["at_bound"] for p in found.document["parameters"].values())
+    assert np.abs(errors_in(found, truth, "range")).max() < (1e-3 if noise == 0 else 0.02)
+    assert np.abs(errors_in(found, truth, "sd")).max() < 4
+    assert found.document["error"]["fit"]["normalized"] < 1.1
+    for name, p in found.document["parameters"].items():
+        assert p["low"] <= p["ci95"][0] <= p["value"] <= p["ci95"][1] <= p["high"], name
+
+
+def test_cma_es_recovers_it_too(plant, identify):
+    found = identify(plant(), identifier="cma-es", rounds=60)
+    assert found.document["identifier"] == "cma-es"
+    assert np.abs(errors_in(found, TRUTH, "sd")).max() < 5
+    assert found.document["verdict"] == "explained"
+
+
+def test_uneven_sampling(plant, identify):
+    even = plant(duration=1.5, rate=200.0)
+    jitter = np.random.default_rng(0).uniform(-0.45, 0.45, len(even.time)) / 200
+    jitter[[0, *even.episode_ends[:-1]]] = 0
+    uneven = changed(even, time=even.time + jitter)
+    uneven.write(even.path.parent / "uneven.zarr")
+    log = plant(name="again", inputs_from=even.path.parent / "uneven.zarr")
+    assert np.ptp(np.diff(log.time[: log.episode_ends[0]])) > 4e-3
+    found = identify(log)
+    assert found.document["verdict"] == "explained"
+    assert np.abs(errors_in(found, TRUTH, "sd")).max() < 4
+
+
+def test_a_clock_that_does_not_begin_at_zero(plant, identify):
+    log = plant()
+    later = identify(changed(log, time=log.time + 1e5))
+    assert np.abs(errors_in(later, TRUTH, "sd")).max() < 4
+
+
+def test_a_task_without_inputs(plant, identify):
+    task = MACHINES / "puck" / "task.toml"
+    log = plant(
+        task,
+        parameters={"friction": 0.17},
+        start_velocity={"x": (0.3, 1.0), "y": (-0.5, 0.5)},
+        duration=0.8,
+        noise=2e-4,
+    )
+    assert log.inputs.shape[1] == 0
+    found = identify(log, task)
+    assert np.abs(errors_in(found, {"friction": 0.17}, "sd")).max() < 4
+
+
+def test_an_empty_list_of_parameters(plant, identify, tmp_path):
+    task = variant(tmp_path, "")
+    found = identify(plant(task, parameters={}), task)
+    assert found.document["parameters"] == {}
+    assert found.document["verdict"] == "explained"
+    wrong = identify(plant(name="stiffer", parameters={"stiffness": 80.0}), task)
+    assert wrong.document["verdict"] == "unexplained"
+
+
+def test_noisy_starts_are_refined(plant, identify):
+    """Windows so short that a start off by its noise would be most of the error."""
+    log = plant(noise=3e-3, duration=2.0)
+    found = identify(log, window=0.2)
+    assert found.document["verdict"] == "explained"
+    assert found.document["error"]["fit"]["normalized"] < 1.05
+    assert np.abs(found.arrays["window/start_offset"]).max() > 1e-3
+    assert np.abs(errors_in(found, TRUTH, "sd")).max() < 4
+
+
+def test_trials_that_diverge_are_bad_points_only(plant, identify, tmp_path):
+    task = variant(tmp_path, MASS + parameter("damping", "joint:x:damping", -20000.0, 15.0))
+    log = plant(task, parameters={"mass": 1.4, "damping": 9.0})
+    found = identify(log, task, starts=3)
+    assert np.abs(errors_in(found, {"mass": 1.4, "damping": 9.0}, "sd")).max() < 4
+    assert found.document["verdict"] == "explained"
+
+
+def test_when_every_trial_diverges_that_is_said(plant, identify, tmp_path):
+    task = variant(tmp_path, parameter("damping", "joint:x:damping", -30000.0, -20000.0))
+    with pytest.raises(FitError, match="diverged") as caught:
+        identify(plant(), task)
+    assert "bounds" in caught.value.cure
+    assert not (tmp_path / "estimate").exists()
+
+
+# --- the same again ---
+
+
+def test_the_same_bytes_for_any_threads_and_any_run(plant, identify, tmp_path):
+    log = plant(noise=1e-3)
+    hashes = set()
+    for run, threads in enumerate((1, 2, 1)):
+        out = tmp_path / f"run{run}"
+        identify(log, starts=2, threads=threads, test=None, out=out)
+        hashes.add(sha256(out / "estimate.zarr"))
+    assert len(hashes) == 1
+
+
+# --- what is said ---
+
+
+def test_an_effect_that_is_not_declared_is_unexplained(plant, identify):
+    found = identify(plant(effects=["coulomb-friction@x=3.0"]))
+    assert found.document["verdict"] == "unexplained"
+    assert found.document["error"]["fit"]["normalized"] > 5
+    assert "The model lacks something" in found.document["summary"]
+
+
+def test_only_a_sum_is_determined(plant, identify, tmp_path):
+    """Damping of the joint and of its drive act alike."""
+    both = MASS + DAMPING + parameter("back_emf", "actuator:drive:bias_velocity", -15.0, 0.0)
+    task = variant(tmp_path, both)
+    found = identify(plant(task, parameters={"mass": 2.0, "damping": 4.0, "back_emf": -3.0}), task)
+    document = found.document
+    assert document["verdict"] == "not-identifiable"
+    assert [p["identifiable"] for p in document["parameters"].values()] == [True, False, False]
+    (open_,) = document["undetermined"]
+    assert set(open_["combination"]) == {"damping", "back_emf"}
+    assert open_["combination"]["damping"] * open_["combination"]["back_emf"] == pytest.approx(1, abs=0.01)
+    assert "damping" in document["summary"]
+    assert "back_emf" in document["summary"]
+    total = document["parameters"]["damping"]["value"] - document["parameters"]["back_emf"]["value"]
+    assert total == pytest.approx(7.0, abs=0.1)
+
+
+def test_only_a_product_is_determined(plant, identify, tmp_path):
+    pair = parameter("gain", "actuator:drive:gain", 0.5, 2.0) + parameter("gear", "actuator:drive:gear", 0.5, 2.0)
+    task = variant(tmp_path, MASS + pair)
+    found = identify(plant(task, parameters={"mass": 2.0, "gain": 1.2, "gear": 0.9}), task)
+    assert found.document["verdict"] == "not-identifiable"
+    values = {name: p["value"] for name, p in found.document["parameters"].items()}
+    assert values["gain"] * values["gear"] == pytest.approx(1.08, rel=0.01)
+    assert [set(u["combination"]) for u in found.document["undetermined"]] == [{"gain", "gear"}]
+
+
+def test_a_parameter_that_moves_nothing_is_named(plant, identify, tmp_path):
+    task = variant(tmp_path, MASS + parameter("idle", "geom:block:friction", 0.1, 1.0))
+    with pytest.raises(FitError, match="idle moves no output") as caught:
+        identify(plant(), task)
+    assert "mass" not in caught.value.message
+    assert not (tmp_path / "estimate").exists()
+
+
+def test_a_parameter_at_its_bound_is_said(plant, identify):
+    found = identify(plant(parameters={**TRUTH, "mass": 5.0}))
+    mass = found.document["parameters"]["mass"]
+    assert (mass["at_bound"], mass["value"]) == (True, 4.0)
+    assert mass["ci95"][1] == 4.0
+
+
+def test_autocorrelated_noise_widens_the_intervals(plant, identify):
+    """Against the same amount of white noise: first-order autoregressive with coefficient 0.9."""
+    clean = plant(noise=0.0, duration=4.0)
+    white = np.random.default_rng(1).standard_normal(clean.outputs.shape)
+    drifting = np.zeros_like(white)
+    for step in range(1, len(white)):
+        drifting[step] = 0.9 * drifting[step - 1] + np.sqrt(1 - 0.9**2) * white[step]
+    sd = []
+    for noise in (white, drifting):
+        found = identify(changed(clean, outputs=clean.outputs + 1e-3 * noise))
+        sd.append([p["sd"] for p in found.document["parameters"].values()])
+        assert np.abs(errors_in(found, TRUTH, "sd")).max() < 4
+    assert (np.array(sd[1]) > 1.5 * np.array(sd[0])).all()
+
+
+def test_rounds_and_rollouts_are_reported(plant, identify):
+    found = identify(plant(), rounds=2)
+    assert len(found.document["rounds"]) == 2
+    assert found.document["rounds"][0]["error"] >= found.document["rounds"][1]["error"]
+    assert found.document["rollouts"]["measured"] == 2
+    assert found.document["rollouts"]["simulated"] > 0
+
+
+# --- several recordings ---
+
+
+def test_recordings_that_agree(plant, identify):
+    found = identify(join(plant(name="a"), plant(name="b", seed=1)))
+    said = found.document["recordings"]
+    assert (said["agree"], said["names"]) == (True, ["run1", "run2"])
+    for name, each in said["parameters"].items():
+        assert np.abs((np.array(each["values"]) - TRUTH[name]) / each["sd"]).max() < 4
+    assert found.arrays["parameter/recordings"].shape == (2, 3)
+
+
+def test_recordings_that_disagree(plant, identify):
+    heavier = {**TRUTH, "mass": 1.5}
+    found = identify(join(plant(name="a"), plant(name="b", seed=1, parameters=heavier)))
+    said = found.document["recordings"]
+    assert not said["agree"]
+    assert "mass" in said["text"]
+    assert said["parameters"]["mass"]["values"] == pytest.approx([1.4, 1.5], abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("test", "held"), [("run2", [1]), ("run[13]", [0, 2]), ("run1, run3", [0, 2]), ("*2", [1]), ("none", [])]
+)
+def test_recordings_are_held_out_by_pattern(plant, identify, test, held):
+    log = join(*(plant(name=str(i), seed=i, episodes=1) for i in range(3)))
+    found = identify(log, test=test, rounds=2)
+    is_test = found.arrays["window/is_test"]
+    recording = np.asarray(log.recording)[found.arrays["window/episode"]]
+    np.testing.assert_array_equal(is_test, np.isin(recording, held))
+    assert (found.document["error"]["test"] is None) == (test == "none")
+
+
+@pytest.mark.parametrize(("test", "named"), [("run7", "run1, run2"), ("run*", "at least one")])
+def test_patterns_that_hold_out_nothing_or_everything(plant, identify, test, named):
+    with pytest.raises(OptionError) as caught:
+        identify(join(plant(name="a"), plant(name="b")), test=test)
+    assert f"--test {test!r}" in caught.value.message
+    assert named in str(caught.value)
+
+
+def test_a_share_is_held_out_by_default(plant, identify):
+    found = identify(plant(episodes=4), test=None)
+    assert found.document["split"] == {
+        "how": "1 of 4 episodes held out",
+        "fit_windows": 9,
+        "test_windows": 3,
+    }
+    assert found.document["error"]["test"]["normalized"] < 1.3
+
+
+# --- logs that cannot be used ---
+
+
+@pytest.mark.parametrize(
+    ("options", "cut_to", "named"),
+    [
+        ({}, 0.3, "window"),  # s, shorter than a window
+        ({"window": 0.02}, 0.024, "8 samples"),
+        ({"window": 0.008}, 1.0, "fewer than 4 samples"),
+        ({"window": 1.0, "test": None}, 1.0, "hold any back"),
+    ],
+)
+def test_a_log_that_is_too_short(plant, identify, options, cut_to, named):
+    log = plant(episodes=1, duration=cut_to)
+    with pytest.raises(LogError, match=named) as caught:
+        identify(log, **options)
+    assert caught.value.cure
+
+
+@pytest.mark.parametrize("window", [0.0, -0.5, np.nan, np.inf])
+def test_a_window_that_is_no_duration(plant, identify, window):
+    with pytest.raises(OptionError, match="--window"):
+        identify(plant(), window=window)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+@pytest.mark.parametrize("where", ["outputs", "inputs"])
+def test_values_that_are_not_finite(plant, identify, bad, where):
+    log = plant()
+    values = getattr(log, where).copy()
+    values[17] = bad
+    with pytest.raises(LogError, match="at step 17"):
+        identify(changed(log, **{where: values}))
+
+
+def test_a_log_of_another_task(plant, identify):
+    log = plant(MACHINES / "puck" / "task.toml", parameters={}, start_velocity={"x": (1.0, 1.0)})
+    with pytest.raises(LogError) as caught:
+        identify(log)
+    assert "(x, y)" in caught.value.message or "()" in caught.value.message
+    assert "'slider'" in caught.value.message
+
+
+def test_what_is_not_an_identifier(plant, identify):
+    with pytest.raises(OptionError) as caught:
+        identify(plant(), identifier="least-sqares")
+    assert "least-squares" in caught.value.cure

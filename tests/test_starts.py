@@ -1,0 +1,228 @@
+"""Initial states from noisy logs: within what they say they are known to, for every kind of joint."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+
+from capture_cli.sim.engine import Engine, Starts
+from capture_cli.sim.starts import (
+    PRIOR_INFLATION,
+    StartEstimate,
+    estimate_starts,
+    from_episodes,
+    measures_every_coordinate,
+    model_starts,
+    shift,
+)
+
+# A carriage on a spring, a pendulum on a ball joint, and a body that flies: every kind of coordinate.
+XML = """
+<mujoco>
+  <option timestep="0.002" integrator="implicitfast"/>
+  <worldbody>
+    <body name="carriage">
+      <joint name="x" type="slide" axis="1 0 0" stiffness="40"/>
+      <geom size=".1" mass="1"/>
+    </body>
+    <body name="pendulum" pos="0 0 2">
+      <joint name="ball" type="ball"/>
+      <geom type="capsule" fromto="0 0 0 .1 0 -.5" size=".02" mass="1"/>
+    </body>
+    <body name="flyer" pos="3 0 5"><freejoint/><geom type="box" size=".3 .2 .1" mass="1"/></body>
+  </worldbody>
+  <sensor>
+    <jointpos name="x" joint="x"/>
+    <ballquat name="ball" joint="ball"/>
+    <framepos name="where" objtype="xbody" objname="flyer"/>
+    <framequat name="how" objtype="xbody" objname="flyer"/>
+    <jointvel name="v" joint="x"/>
+  </sensor>
+</mujoco>
+"""
+STEPS, EVERY = 600, 2  # model steps, and how many of them to one sample
+
+
+@pytest.fixture(scope="module")
+def model() -> mujoco.MjModel:
+    return mujoco.MjModel.from_xml_string(XML)
+
+
+@pytest.fixture(scope="module")
+def motion(model):
+    """One episode in which everything moves: time (step,), and the true rollout at those samples."""
+    random = np.random.default_rng(3)
+    start = Starts(
+        model.qpos0[None] + 0.0, random.normal(0, 1.0, (1, model.nv)), np.zeros((1, 0)), np.zeros(1)
+    )
+    done = Engine(model, 1).rollout(starts=start, controls=np.zeros((1, STEPS, 0)), steps=STEPS, states=True)
+    sampled = slice(None, None, EVERY)
+    return (
+        model.opt.timestep * np.arange(STEPS)[sampled],
+        done.sensors[0, sampled],
+        done.qpos[0, sampled],
+        done.qvel[0, sampled],
+    )
+
+
+def columns(model, *names: str) -> tuple[list[int], np.ndarray]:
+    """The sensor of each output column, and the columns of sensordata, of the sensors `names`."""
+    sensors, data = [], []
+    for name in names:
+        sensor = model.sensor(name)
+        sensors += [sensor.id] * sensor.dim[0]
+        data += range(sensor.adr[0], sensor.adr[0] + sensor.dim[0])
+    return sensors, np.array(data)
+
+
+def estimate(model, motion, names, noise: float, first=None, **options) -> tuple[StartEstimate, np.ndarray]:
+    """Starts of windows that begin at the steps `first`, from noisy outputs, and their true tangent error."""
+    time, sensors, qpos, qvel = motion
+    first = np.arange(0, len(time) - 60, 30) if first is None else first
+    ids, data = columns(model, *names)
+    outputs = sensors[:, data] + noise * np.random.default_rng(4).standard_normal((len(time), len(data)))
+    found = estimate_starts(
+        model,
+        ids,
+        time=time,
+        outputs=outputs,
+        episodes=[slice(0, len(time))],
+        window_first=first,
+        window_episode=np.zeros(len(first), dtype=int),
+        noise_sd=np.full(len(data), max(noise, 1e-9)),
+        **options,
+    )
+    error = np.zeros((len(first), 2 * model.nv))
+    for row, step in enumerate(first):
+        mujoco.mj_differentiatePos(model, error[row, : model.nv], 1.0, qpos[step], found.starts.qpos[row])
+        error[row, model.nv :] = found.starts.qvel[row] - qvel[step]
+    return found, error
+
+
+ALL = ("x", "ball", "where", "how")
+
+
+def test_errors_are_within_the_standard_deviation_and_that_is_not_idle(model, motion):
+    found, error = estimate(model, motion, ALL, noise=1e-3)
+    in_sd = np.abs(error) / found.sd  # the sd is a prior's, of a local fit inflated by PRIOR_INFLATION
+    assert in_sd.max() < 1
+    assert in_sd.max(axis=0).min() > 0.3 / PRIOR_INFLATION
+
+
+def test_better_than_one_sample_and_one_difference(model, motion):
+    noise, interval = 1e-3, EVERY * 0.002
+    _, error = estimate(model, motion, ALL, noise=noise)
+    rms = np.sqrt(np.mean(error**2, axis=0))
+    assert rms[: model.nv].max() < 2 * noise
+    assert rms[model.nv :].max() < 0.4 * np.sqrt(2) * noise / interval
+
+
+def test_less_noise_smaller_sd_and_smaller_error(model, motion):
+    coarse, fine = (estimate(model, motion, ALL, noise=n) for n in (3e-3, 3e-5))
+    assert (fine[0].sd.mean(axis=0) < 0.2 * coarse[0].sd.mean(axis=0)).all()
+    assert np.abs(fine[1]).mean() < 0.2 * np.abs(coarse[1]).mean()
+
+
+def test_without_noise_the_velocity_is_the_one_the_integrator_means(model, motion):
+    """It is the path's slope half a model step earlier: one without that correction is far off here."""
+    time, sensors, _, qvel = motion
+    found, error = estimate(model, motion, ALL, noise=0.0)
+    assert np.abs(error).max() < 1e-4
+    assert (np.abs(error) < 2 * found.sd).all()
+    slope = np.gradient(sensors[:, 0], time, edge_order=2)
+    assert np.abs(slope - qvel[:, 0]).max() > 10 * np.abs(error[:, model.nv]).max()
+
+
+def test_a_measured_velocity_is_used(model, motion):
+    found, error = estimate(model, motion, ("x", "v"), noise=1e-3)
+    derived, _ = estimate(model, motion, ("x",), noise=1e-3)
+    assert found.sd[:, model.nv].max() < 0.2 * derived.sd[:, model.nv].min()
+    assert np.abs(error[:, model.nv]).max() < 4e-3
+
+
+def test_quaternions_are_unit_even_where_the_log_rounds_them(model, motion):
+    found, _ = estimate(model, motion, ALL, noise=5e-3)
+    for part in (found.starts.qpos[:, 1:5], found.starts.qpos[:, 8:12]):
+        np.testing.assert_allclose(np.linalg.norm(part, axis=1), 1, rtol=1e-12)
+
+
+def test_a_quaternion_that_changes_its_sign_is_the_same_orientation(model, motion):
+    time, sensors, qpos, qvel = motion
+    flipped = sensors.copy()
+    _, ball = columns(model, "ball")
+    flipped[40:, ball] *= -1
+    _, plain = estimate(model, motion, ("ball",), noise=0.0)
+    _, error = estimate(model, (time, flipped, qpos, qvel), ("ball",), noise=0.0)
+    np.testing.assert_allclose(error, plain, atol=1e-9)
+
+
+def test_the_clock_begins_where_the_log_does(model, motion):
+    time, *rest = motion
+    found, _ = estimate(model, (time + 1234.5, *rest), ALL, noise=1e-3, first=np.array([0, 50]))
+    np.testing.assert_array_equal(found.starts.time, time[[0, 50]] + 1234.5)
+
+
+@pytest.mark.parametrize("samples", [2, 5])
+def test_too_few_samples_to_differentiate_leave_the_velocity_open(model, motion, samples):
+    short = tuple(part[:samples] for part in motion)
+    found, _ = estimate(model, short, ("x",), noise=1e-3, first=np.array([0]))
+    assert found.starts.qvel[0, 0] == 0
+    assert found.sd[0, model.nv] >= 10
+
+
+# --- what no output measures ---
+
+
+def test_unmeasured_coordinates_stay_at_the_models_start(model, motion):
+    found, _ = estimate(model, motion, ("x",), noise=1e-3)
+    np.testing.assert_array_equal(found.starts.qpos[:, 1:], np.tile(model.qpos0[1:], (len(found.sd), 1)))
+    assert (found.sd[:, 1 : model.nv] == 0).all()
+    assert (found.sd[:, 0] > 0).all()
+    assert (found.sd[:, model.nv] > 0).all()
+
+
+def test_unmeasured_coordinates_are_trusted_as_far_as_they_move(model, motion):
+    _, _, qpos, qvel = motion
+    first = np.array([0, 100])
+    believed = from_episodes(
+        model, qpos[None], qvel[None], window_episode=np.zeros(2, dtype=int), window_step=first
+    )
+    found, error = estimate(model, motion, ("x",), noise=1e-3, first=first, unmeasured=believed)
+    assert np.abs(error[:, 1 : model.nv]).max() < 1e-12  # they come from the simulation: exact here
+    np.testing.assert_allclose(found.sd[0, 1 : model.nv], believed.sd[0, 1 : model.nv])
+    assert believed.sd[0, 0] == pytest.approx(qpos[:, 0].std())
+    resting = from_episodes(
+        model,
+        np.repeat(qpos[None, :1], 5, axis=1),
+        np.zeros((1, 5, model.nv)),
+        window_episode=np.array([0]),
+        window_step=np.array([2]),
+    )
+    assert (resting.sd == 0).all()
+
+
+def test_which_outputs_measure_every_coordinate(model):
+    assert measures_every_coordinate(model, columns(model, *ALL)[0])
+    assert not measures_every_coordinate(model, columns(model, "x", "ball", "where")[0])
+    assert not measures_every_coordinate(model, columns(model, "v", "ball", "where", "how")[0])
+
+
+def test_the_models_start_is_its_first_keyframe():
+    keyed = mujoco.MjModel.from_xml_string(
+        XML.replace("</mujoco>", '<keyframe><key qvel="1 2 3 4 5 6 7 8 9 10"/></keyframe></mujoco>')
+    )
+    found = model_starts(keyed, 3)
+    assert found.starts.qvel.tolist() == [[1, 2, 3, 4, 5, 6, 7, 8, 9, 10]] * 3
+    assert (found.sd == 0).all()
+
+
+def test_shift_moves_quaternions_by_a_rotation(model):
+    start = model_starts(model, 2).starts
+    offsets = np.zeros((2, 2 * model.nv))
+    offsets[1, [0, 3, model.nv]] = [0.25, np.pi / 2, -1.0]
+    moved = shift(model, start, offsets)
+    np.testing.assert_array_equal(moved.qpos[0], start.qpos[0])
+    assert moved.qpos[1, 0] == 0.25
+    np.testing.assert_allclose(moved.qpos[1, 1:5], [np.sqrt(0.5), 0, 0, np.sqrt(0.5)], atol=1e-12)
+    assert moved.qvel[1, 0] == start.qvel[1, 0] - 1

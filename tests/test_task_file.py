@@ -1,0 +1,254 @@
+"""task.toml: what it may say, and that every mistake is named with its place and its cure."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from capture_cli.errors import CaptureError, ModelError, TaskError
+from capture_cli.sim.engine import ModelFields
+from capture_cli.tasks import load_task
+
+MODEL = """
+<mujoco>
+  <option timestep="0.004"/>
+  <worldbody>
+    <body name="left"><joint name="a" type="slide" damping="2"/><geom name="l" size=".1" mass="1.5"/></body>
+    <body name="right" pos="0 3 0"><freejoint name="f"/><geom name="r" size=".1" mass="1.5"/></body>
+  </worldbody>
+  <actuator><motor name="push" joint="a"/><motor name="pull" joint="a"/></actuator>
+  <sensor>
+    <jointpos name="q" joint="a"/>
+    <framepos name="where" objtype="xbody" objname="right"/>
+    <framequat name="how" objtype="xbody" objname="right"/>
+  </sensor>
+</mujoco>
+"""
+TASK = """
+format = 1
+name = "pair"
+model = "model.xml"
+
+[parameters.mass]
+set = "body:left:mass"
+low = 0.5
+high = 4.0
+unit = "kg"
+
+[inputs.push]
+column = "u"
+unit = "N"
+
+[outputs.q]
+column = "q_m"
+unit = "m"
+
+[log]
+time = "t_s"
+window = 0.5
+"""
+FORMAT, PARAMETER, INPUT, OUTPUT, LOG = "task.toml", "[parameters.mass]", "[inputs.push]", "[outputs.q]", "[log]"
+
+
+@pytest.fixture
+def write(tmp_path):
+    """Writes a task.toml beside the model; the text of TASK with replacements made in it."""
+
+    def write(*replacements: tuple[str, str], extra: str = "") -> Path:
+        text = TASK
+        for old, new in replacements:
+            assert old in text
+            text = text.replace(old, new, 1)
+        (tmp_path / "model.xml").write_text(MODEL)
+        path = tmp_path / "task.toml"
+        path.write_text(text + extra)
+        return path
+
+    return write
+
+
+def test_a_task_in_full(write):
+    task = load_task(str(write()))
+    assert (task.name, task.timestep, task.space.names) == ("pair", 0.004, ("mass",))
+    mass = task.space.parameters[0]
+    assert (mass.low, mass.high, mass.nominal, mass.unit) == (0.5, 4.0, 1.5, "kg")  # nominal: the model's own
+    assert [(c.name, c.column, c.unit, c.scale, c.offset, c.linear) for c in task.inputs] == [
+        ("push", "u", "N", 1.0, 0.0, False)
+    ]
+    assert [(c.name, c.column, c.index, c.noise_sd) for c in task.outputs] == [("q", "q_m", 0, None)]
+    assert (task.log.time, task.log.episode, task.log.window) == ("t_s", None, 0.5)
+
+
+def test_a_folder_stands_for_the_task_in_it(write):
+    assert load_task(str(write().parent)).name == "pair"
+
+
+def test_optional_keys(write):
+    task = load_task(
+        str(
+            write(
+                ('name = "pair"\n', ""),
+                ('unit = "kg"', 'unit = "kg"\nnominal = 3'),
+                ('unit = "N"', 'unit = "N"\nscale = 2\noffset = -1.5\ninterpolate = "linear"'),
+                ('column = "q_m"', 'column = "q_m"\nscale = 0.001\noffset = 0.25\nnoise_sd = 1e-4'),
+                ('time = "t_s"\nwindow = 0.5', 'episode = "run"'),
+            )
+        )
+    )
+    assert task.name == task.path.parent.name
+    assert task.space.nominal.tolist() == [3.0]
+    push, q = task.inputs[0], task.outputs[0]
+    assert (push.scale, push.offset, push.linear) == (2.0, -1.5, True)
+    assert (q.scale, q.offset, q.noise_sd) == (0.001, 0.25, 1e-4)
+    assert (task.log.time, task.log.episode, task.log.window) == ("time", "run", None)
+
+
+def test_sensors_with_several_values_become_an_output_each(write):
+    extra = """
+[outputs.where]
+column = ["px", "py", "pz"]
+unit = "m"
+[outputs.how]
+column = ["w", "i", "j", "k"]
+unit = "1"
+"""
+    outputs = load_task(str(write(extra=extra))).outputs
+    assert [c.name for c in outputs] == [
+        *("q", "where_x", "where_y", "where_z", "how_w", "how_x", "how_y", "how_z"),
+    ]
+    assert [c.column for c in outputs] == ["q_m", "px", "py", "pz", "w", "i", "j", "k"]
+    assert [c.index for c in outputs] == list(range(8))
+    assert [c.sensor for c in outputs] == [0, 1, 1, 1, 2, 2, 2, 2]
+
+
+def test_a_parameter_may_set_several_targets(write):
+    task = load_task(str(write(('"body:left:mass"', '["body:left:mass", "body:right:mass"]'))))
+    fields = ModelFields(task.model, 2)
+    task.write(fields, np.array([[2.0], [3.0]]))
+    assert fields["body_mass"][:, 1:].tolist() == [[2.0, 2.0], [3.0, 3.0]]
+
+
+def test_a_task_may_have_no_parameters_and_no_inputs(write):
+    text = TASK[: TASK.index("[parameters")] + TASK[TASK.index("[outputs") :]
+    path = write()
+    path.write_text(text)
+    task = load_task(str(path))
+    assert (len(task.space), task.inputs) == (0, ())
+    assert task.controls(np.zeros((5, 0))).shape == (5, 2)
+
+
+def test_inputs_reach_their_actuators(write):
+    task = load_task(str(write(("inputs.push", "inputs.pull"))))
+    assert task.controls(np.array([[7.0]])).tolist() == [[0.0, 7.0]]
+
+
+def test_a_nominal_outside_the_bounds_is_brought_inside_if_it_is_the_models(write):
+    assert load_task(str(write(("low = 0.5", "low = 2.0")))).space.nominal.tolist() == [2.0]
+
+
+# replaced text, by what; where; what the message and its cure must name
+MISTAKES = {
+    "format-missing": ("format = 1\n", "", "task.toml", ["format", "None", "`format = 1`"]),
+    "format-version": ("format = 1", "format = 2", "task.toml", ["format = 2", "reads 1", "`format = 1`"]),
+    "unknown-key": ("name =", "nme =", "task.toml", ["'nme'", "did you mean 'name'"]),
+    "unknown-table": ("[inputs.push]", "[input.push]", "task.toml", ["'input'", "'inputs'"]),
+    "name-type": ('"pair"', "5", "task.toml", ["name = 5", "a string"]),
+    "model-missing-key": ('model = "model.xml"\n', "", "task.toml", ["'model' is missing", "add `model"]),
+    "model-missing-file": ('"model.xml"', '"modl.xml"', "modl.xml", ["does not exist", "model = ..."]),
+    "parameters-no-table": ("[parameters.mass]", "[parameters]", "parameters", ["not a table", "[table]"]),
+    "parameter-unknown-key": ("low =", "lo =", PARAMETER, ["'lo'", "did you mean 'low'"]),
+    "parameter-missing-low": ("low = 0.5\n", "", PARAMETER, ["'low' is missing", "a number"]),
+    "parameter-missing-high": ("high = 4.0\n", "", PARAMETER, ["'high' is missing", "a number"]),
+    "parameter-missing-unit": ('unit = "kg"\n', "", PARAMETER, ["'unit' is missing", "a string"]),
+    "parameter-missing-set": ('set = "body:left:mass"\n', "", PARAMETER, ["set = None", "KIND:NAME:ATTRIBUTE"]),
+    "parameter-empty-set": ('"body:left:mass"', "[]", PARAMETER, ["set = []", "KIND:NAME:ATTRIBUTE"]),
+    "parameter-set-type": ('"body:left:mass"', "[1]", PARAMETER, ["set = [1]", "KIND:NAME:ATTRIBUTE"]),
+    "parameter-low-type": ("low = 0.5", 'low = "0.5"', PARAMETER, ["low = '0.5'", "a number"]),
+    "parameter-low-nan": ("low = 0.5", "low = nan", PARAMETER, ["low = nan", "a number"]),
+    "parameter-high-infinite": ("high = 4.0", "high = inf", PARAMETER, ["high = inf", "a number"]),
+    "parameter-low-bool": ("low = 0.5", "low = true", PARAMETER, ["low = True", "a number"]),
+    "parameter-bounds": ("high = 4.0", "high = 0.25", PARAMETER, ["low = 0.5, high = 0.25", "low < high"]),
+    "parameter-bounds-equal": ("high = 4.0", "high = 0.5", PARAMETER, ["low = 0.5, high = 0.5", "low < high"]),
+    "parameter-nominal": ("high = 4.0", "high = 4.0\nnominal = 5", PARAMETER, ["nominal = 5", "[0.5, 4]", "inside"]),
+    "target-kind": ("body:left:mass", "bod:left:mass", PARAMETER, ["'bod:left:mass'", "'body'", "joint"]),
+    "target-name": ("body:left:mass", "body:lft:mass", PARAMETER, ["no body 'lft'", "'left'", "right"]),
+    "target-attribute": ("body:left:mass", "body:left:mas", PARAMETER, ["'mas'", "'mass'", "inertia"]),
+    "input-actuator": ("inputs.push", "inputs.psh", "[inputs.psh]", ["no actuator 'psh'", "'push'", "pull"]),
+    "input-unknown-key": ('column = "u"', 'column = "u"\ngain = 2', INPUT, ["'gain'", "scale"]),
+    "input-column": ('column = "u"\n', "", INPUT, ["'column' is missing", "a string"]),
+    "input-column-type": ('column = "u"', 'column = ["u"]', INPUT, ["column = ['u']", "a string"]),
+    "input-unit": ('unit = "N"\n', "", INPUT, ["'unit' is missing"]),
+    "input-scale": ('unit = "N"', 'unit = "N"\nscale = "2"', INPUT, ["scale = '2'", "a number"]),
+    "input-interpolate": ('unit = "N"', 'unit = "N"\ninterpolate = "cubic"', INPUT, ["'cubic'", '"hold"', '"linear"']),
+    "output-sensor": ("outputs.q", "outputs.qq", "[outputs.qq]", ["no sensor 'qq'", "'q'", "where"]),
+    "output-unknown-key": ('column = "q_m"', 'column = "q_m"\nnoise = 1', OUTPUT, ["'noise'", "'noise_sd'"]),
+    "output-column": ('column = "q_m"\n', "", OUTPUT, ["column = None", "one column"]),
+    "output-column-type": ('column = "q_m"', "column = 3", OUTPUT, ["column = 3", "one column"]),
+    "output-columns": ("outputs.q", "outputs.where", "[outputs.where]", ["3 values", "a list of 3"]),
+    "output-unit": ('unit = "m"\n', "", OUTPUT, ["'unit' is missing"]),
+    "output-noise": ('unit = "m"', 'unit = "m"\nnoise_sd = 0', OUTPUT, ["noise_sd = 0", "positive"]),
+    "outputs-none": ('[outputs.q]\ncolumn = "q_m"\nunit = "m"', "", "task.toml", ["no [outputs.NAME]", "sensor"]),
+    "log-unknown-key": ("window", "windows", LOG, ["'windows'", "did you mean 'window'"]),
+    "log-window": ("window = 0.5", "window = -1.0", LOG, ["window = -1", "positive"]),
+    "log-window-type": ("window = 0.5", 'window = "0.5"', LOG, ["window = '0.5'", "a number"]),
+    "log-time-type": ('time = "t_s"', "time = 5", LOG, ["time = 5", "a string"]),
+    "log-no-table": ("[log]", "[[log]]", LOG, ["not a table", "[table]"]),
+    "not-toml": ("format = 1", "format = ", "task.toml", ["is not TOML", "line 2", "correct the file"]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", MISTAKES)
+def test_a_mistake_is_named_with_its_place_and_cure(write, name):
+    old, new, where, named = MISTAKES[name]
+    with pytest.raises((TaskError, ModelError)) as caught:
+        load_task(str(write((old, new))))
+    assert where in caught.value.message
+    assert caught.value.cure
+    for piece in named:
+        assert piece in str(caught.value)
+
+
+def test_a_file_that_is_not_text(tmp_path):
+    path = tmp_path / "task.toml"
+    path.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(TaskError, match="is not TOML"):
+        load_task(str(path))
+
+
+def test_a_model_that_does_not_compile(write, tmp_path):
+    path = write()
+    (tmp_path / "model.xml").write_text(MODEL.replace('type="slide"', 'type="slid"'))
+    with pytest.raises(ModelError) as caught:
+        load_task(str(path))
+    assert "does not compile" in caught.value.message
+    assert "line 5" in caught.value.message
+    assert "joint" in caught.value.message
+
+
+def test_a_model_that_is_a_folder(write, tmp_path):
+    (tmp_path / "folder.xml").mkdir()
+    with pytest.raises(ModelError, match=r"folder\.xml"):
+        load_task(str(write(("model.xml", "folder.xml"))))
+
+
+@pytest.mark.parametrize("name", ["nowhere.toml", "no-such-task", ""])
+def test_a_task_that_is_not_there(tmp_path, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(TaskError) as caught:
+        load_task(name)
+    assert repr(name) in caught.value.message
+    assert "task.toml" in caught.value.cure
+
+
+def test_a_table_declared_twice(write):
+    """TOML itself refuses a table that is declared twice; the message names the line."""
+    with pytest.raises(CaptureError, match=r"is not TOML.*line"):
+        load_task(str(write(extra='\n[outputs.q]\ncolumn = "again"\nunit = "m"\n')))
+
+
+def test_the_model_is_the_one_mujoco_loads(write, tmp_path):
+    task = load_task(str(write()))
+    assert task.model.nbody == mujoco.MjModel.from_xml_path(str(tmp_path / "model.xml")).nbody == 3

@@ -1,0 +1,166 @@
+"""A log cut into windows: nothing used twice, nothing lost, inputs and outputs at the right times."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from capture_cli.sim.windows import GAP_FACTOR, Windows, cut
+
+TIMESTEP = 1 / 512  # s; this and all times are dyadic, so that sums of them are exact
+TICK = TIMESTEP / 4
+DURATIONS = [None, 0.03125, 0.125, 1.0]
+
+
+@st.composite
+def episodes(draw) -> list[np.ndarray]:
+    """Times (step,) of one to three episodes: uneven, beginning anywhere, some with gaps."""
+    result = []
+    for _ in range(draw(st.integers(1, 3))):
+        ticks = draw(st.lists(st.integers(1, 16), min_size=1, max_size=80))
+        if draw(st.booleans()):
+            ticks.insert(draw(st.integers(0, len(ticks))), 400)
+        first = draw(st.integers(-1000, 1000))
+        result.append(first + TICK * np.cumsum([0, *ticks]))
+    return result
+
+
+def windows_of(times: list[np.ndarray], duration, linear=False) -> tuple[Windows, dict[str, np.ndarray]]:
+    """The windows, and the log they were cut from: random inputs and outputs."""
+    random = np.random.default_rng(0)
+    time = np.concatenate(times)
+    ends = np.cumsum([len(t) for t in times])
+    log = {
+        "time": time,
+        "inputs": random.standard_normal((len(time), 2)),
+        "outputs": random.standard_normal((len(time), 3)),
+    }
+    spans = [slice(b - len(t), b) for t, b in zip(times, ends, strict=True)]
+    linear = np.array([False, linear])
+    return cut(**log, episodes=spans, timestep=TIMESTEP, duration=duration, linear=linear), log
+
+
+def steps_of(windows: Windows) -> list[np.ndarray]:
+    """The log's steps in each window."""
+    return [np.arange(a, a + n) for a, n in zip(windows.first, windows.samples, strict=True)]
+
+
+def is_gap(time: np.ndarray) -> np.ndarray:
+    """Which intervals of an episode are gaps, (step - 1,)."""
+    if len(time) < 3:
+        return np.zeros(len(time) - 1, dtype=bool)
+    return np.diff(time) > GAP_FACTOR * np.median(np.diff(time))
+
+
+@settings(max_examples=60, deadline=None)
+@given(episodes(), st.sampled_from(DURATIONS))
+def test_every_sample_is_in_one_window_but_those_alone_between_gaps(times, duration):
+    windows, _ = windows_of(times, duration)
+    used = np.concatenate(steps_of(windows))
+    assert len(set(used)) == len(used)
+    alone, first = set(), 0
+    for time in times:
+        gap = np.concatenate([[True], is_gap(time), [True]])
+        alone |= set((first + np.flatnonzero(gap[:-1] & gap[1:])).tolist())
+        first += len(time)
+    assert set(range(first)) - set(used.tolist()) == alone
+
+
+@settings(max_examples=60, deadline=None)
+@given(episodes(), st.sampled_from(DURATIONS))
+def test_windows_hold_their_samples_of_one_episode_without_a_gap(times, duration):
+    windows, log = windows_of(times, duration)
+    ends = np.cumsum([len(t) for t in times])
+    for w, steps in enumerate(steps_of(windows)):
+        number = windows.episode[w]
+        assert ends[number] - len(times[number]) <= steps[0] <= steps[-1] < ends[number]
+        in_episode = steps - (ends[number] - len(times[number]))
+        assert not is_gap(times[number])[in_episode[0] : in_episode[-1]].any()
+        assert windows.time[w] == log["time"][steps[0]]
+        np.testing.assert_array_equal(windows.measured[w][windows.mask[w]], log["outputs"][steps])
+        np.testing.assert_array_equal(windows.mask[w], np.arange(windows.mask.shape[1]) < len(steps))
+
+
+@settings(max_examples=60, deadline=None)
+@given(episodes(), st.sampled_from(DURATIONS), st.booleans())
+def test_inputs_are_held_or_interpolated_on_the_grid(times, duration, linear):
+    windows, log = windows_of(times, duration, linear)
+    for w, steps in enumerate(steps_of(windows)):
+        stop = np.cumsum([len(t) for t in times])[windows.episode[w]]
+        time, inputs = log["time"][steps[0] : stop], log["inputs"][steps[0] : stop]
+        for g in range(windows.grid_steps[w]):
+            t = windows.time[w] + g * TIMESTEP
+            held = inputs[np.flatnonzero(time <= t)[-1]]
+            expected = [held[0], np.interp(t, time, inputs[:, 1]) if linear else held[1]]
+            np.testing.assert_allclose(windows.controls[w, g], expected, rtol=1e-12, atol=1e-12)
+
+
+@settings(max_examples=60, deadline=None)
+@given(episodes(), st.sampled_from(DURATIONS))
+def test_samples_are_interpolated_at_the_logs_times(times, duration):
+    windows, log = windows_of(times, duration)
+    grid = int(windows.grid_steps.max())
+    sensors = np.random.default_rng(1).standard_normal((2, len(windows), grid, 3))  # candidates first
+    sampled = windows.sample(sensors)
+    assert sampled.shape == (2, *windows.measured.shape)
+    for w, steps in enumerate(steps_of(windows)):
+        on_grid = windows.time[w] + TIMESTEP * np.arange(grid)
+        assert on_grid[windows.grid_steps[w] - 1] >= log["time"][steps[-1]]
+        for output in range(3):
+            expected = np.interp(log["time"][steps], on_grid, sensors[1, w, :, output])
+            np.testing.assert_allclose(sampled[1, w, : len(steps), output], expected, rtol=1e-12, atol=1e-12)
+
+
+@settings(max_examples=30, deadline=None)
+@given(episodes(), st.sampled_from(DURATIONS), st.integers(-4096, 4096))
+def test_when_the_clock_began_does_not_matter(times, duration, shift):
+    here, _ = windows_of(times, duration, linear=True)
+    there, _ = windows_of([t + shift for t in times], duration, linear=True)
+    for name in ("episode", "first", "grid_steps", "controls", "index", "weight", "measured", "mask"):
+        np.testing.assert_array_equal(getattr(here, name), getattr(there, name), err_msg=name)
+    np.testing.assert_array_equal(here.time + shift, there.time)
+
+
+@settings(max_examples=30, deadline=None)
+@given(episodes(), st.sampled_from(DURATIONS), st.randoms(use_true_random=False))
+def test_rows_keep_windows_and_trim_padding(times, duration, random):
+    windows, _ = windows_of(times, duration)
+    keep = sorted(random.sample(range(len(windows)), random.randint(1, len(windows))))
+    some = windows.rows(np.array(keep))
+    assert some.mask.shape[1] == windows.samples[keep].max()
+    assert some.controls.shape[1] == windows.grid_steps[keep].max()
+    for row, w in enumerate(keep):
+        n, g = windows.samples[w], windows.grid_steps[w]
+        assert (some.episode[row], some.first[row], some.time[row]) == (
+            windows.episode[w],
+            windows.first[w],
+            windows.time[w],
+        )
+        assert (some.samples[row], some.grid_steps[row]) == (n, g)
+        for name in ("index", "weight", "measured", "mask"):
+            np.testing.assert_array_equal(getattr(some, name)[row, :n], getattr(windows, name)[w, :n])
+        np.testing.assert_array_equal(some.controls[row, :g], windows.controls[w, :g])
+    by_mask = windows.rows(np.isin(np.arange(len(windows)), keep))
+    np.testing.assert_array_equal(by_mask.measured, some.measured)
+
+
+@pytest.mark.parametrize(
+    ("samples", "in_windows"), [(384, [128] * 3), (320, [128, 192]), (460, [128, 128, 128, 76])]
+)
+def test_windows_of_an_even_log_last_as_long_as_asked(samples, in_windows):
+    windows, _ = windows_of([np.arange(samples) / 256], 0.5)
+    assert windows.samples.tolist() == in_windows
+
+
+def test_times_rounded_in_a_file_stay_on_the_grid():
+    """A sample that is a rounding error before a grid point gets the input of that point, and no interpolation."""
+    exact = 0.002 * np.arange(500)
+    log = {"inputs": np.arange(500.0)[:, None], "outputs": np.zeros((500, 1))}
+    options = {"episodes": [slice(0, 500)], "timestep": 0.002, "duration": 0.25, "linear": np.array([False])}
+    for time in (exact, np.round(exact + 7.3, 6) + 1e-9 * (-1) ** np.arange(500)):
+        windows = cut(time=time, **log, **options)
+        assert windows.weight.max() < 1e-3
+        for w, steps in enumerate(steps_of(windows)):
+            np.testing.assert_array_equal(windows.controls[w, : len(steps), 0], steps)
