@@ -9,4 +9,5 @@ from capture_cli.registry import Registry
 
 ROOT = Path(__file__).resolve().parents[1]
 MACHINES = Path(__file__).with_name("machines")
+EMPS = ROOT / "docs" / "examples" / "emps"
 REGISTRY: Registry[Benchmark] = Registry("benchmarks", "Benchmark", "benchmark")

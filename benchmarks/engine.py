@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 from mujoco import rollout
 
-from benchmarks import MACHINES
+from benchmarks import EMPS, MACHINES
 from benchmarks.base import Benchmark, Figure, Result
 from capture_cli.sim.engine import Engine, ModelFields, World
 from capture_cli.sim.starts import model_starts
@@ -23,6 +23,7 @@ from capture_cli.tasks.base import Task
 
 SIMULATIONS, STEPS, REPEATS = 256, 500, 9
 SPREAD = 0.05  # of the nominal values: simulations must differ, and cost the same
+PUSH = 3.0  # of the control, where the model sets no range
 TARGET = 0.85
 
 
@@ -31,7 +32,7 @@ class EngineSpeed(Benchmark):
 
     def run(self) -> Result:
         result = Result()
-        for folder in sorted(MACHINES.iterdir()):
+        for folder in [*sorted(MACHINES.iterdir()), EMPS]:
             runs = _Runs(load_task(str(folder)))
             kinds = {"mj_step": runs.mj_step, "rollout": runs.rollout, "engine": runs.engine}
             kinds["engine with a force"] = lambda runs=runs: runs.engine(drag)
@@ -65,7 +66,7 @@ class _Runs:
         generator = np.random.default_rng(0)
         self.starts = model_starts(task.model, SIMULATIONS).starts
         push = generator.uniform(-1, 1, (SIMULATIONS, task.model.nu))
-        push *= np.abs(task.model.actuator_ctrlrange).max(axis=1, initial=0.0)
+        push *= np.where(task.model.actuator_ctrllimited, task.model.actuator_ctrlrange[:, 1], PUSH)
         self.controls = np.repeat(push[:, None], STEPS, axis=1)
         spread = generator.uniform(-SPREAD, SPREAD, (SIMULATIONS, len(task.space)))
         self.parameters = task.space.nominal + spread * task.space.nominal

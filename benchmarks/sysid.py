@@ -2,8 +2,8 @@
 
 All fit mass, damping, Coulomb friction and actuator bias to the same windows, from the same point, with the starts
 of the windows fixed, on all cores. Two objectives: "its residual", mujoco.sysid's own, in which each window is divided
-by the norm of what was measured in it, and the "plain residual", the difference. The costs at the end are computed by one and the same
-simulation, so that "the same optimum" is checked and not assumed.
+by the norm of what was measured in it, and the "plain residual", the difference. The costs at the end are computed by
+one and the same simulation, so that "the same optimum" is checked and not assumed.
 
 The log is that of the real machine (nonlinearbenchmark.org) in $CAPTURE_REAL_DATA or ../shared/data; where there is
 none, one recorded from a model of it.
@@ -24,7 +24,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from benchmarks import MACHINES, ROOT
+from benchmarks import EMPS, ROOT
 from benchmarks.base import Benchmark, Figure, Result
 from capture_cli.errors import OptionError
 from capture_cli.identifiers.base import Evidence, Trial, run
@@ -86,17 +86,23 @@ class _Objective:
 
 def _emps() -> tuple[PreparedLog, str]:
     """The first 49 windows of 0.5 s of the training log, and where it came from."""
-    task = load_task(str(MACHINES / "emps"))
+    task = load_task(str(EMPS))
     data = Path(os.environ.get("CAPTURE_REAL_DATA", ROOT / ".." / "shared" / "data")) / "emps"
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "emps.zarr"
         if data.is_dir():
-            import_log(files=[data / "emps_train.csv"], task=str(MACHINES / "emps"), out=path)
+            import_log(files=[data / "emps_train.csv"], task=str(EMPS), out=path)
             source = "emps_train.csv, measured"
         else:
-            truth = {"mass": 95.0, "damping": 203.0, "coulomb": 20.0, "bias": -0.09}
+            truth = {"mass": 95.0, "damping": 203.0, "coulomb": 20.0, "bias": -3.2}
             record(
-                task=str(MACHINES / "emps"), out=path, parameters=truth, noise=1e-6, duration=25.0, rate=1000
+                task=str(EMPS),
+                out=path,
+                parameters=truth,
+                noise=1e-6,
+                duration=25.0,
+                rate=1000,
+                amplitude={"drive": 5},
             )
             source = "recorded from a model of the machine"
         log = MeasuredLog.read(path)
@@ -189,7 +195,7 @@ def _difference(objective: _Objective) -> Callable:
 
 
 def _set_mass(spec, parameter) -> None:
-    spec.geom("carriage").mass = float(parameter.value[0])
+    spec.body("carriage").first_geom().mass = float(parameter.value[0])
 
 
 def _set_damping(spec, parameter) -> None:

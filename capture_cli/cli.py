@@ -7,17 +7,37 @@ Exit codes: 0 done; 1 our fault; 2 the user can mend it; 3 it ran, and the verdi
 from __future__ import annotations
 
 import json
+import math
+import os
 import sys
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from capture_cli import __version__
 from capture_cli.errors import CaptureError, OptionError, did_you_mean
 
+
+class _PassedOn(Exception):
+    """Carries an exception that typer would turn into an exit code of its own to `main`."""
+
+
+class _Commands(TyperGroup):
+    def invoke(self, ctx):
+        try:
+            try:
+                return super().invoke(ctx)
+            finally:
+                sys.stdout.flush()
+        except (KeyboardInterrupt, BrokenPipeError) as error:
+            raise _PassedOn from error
+
+
 app = typer.Typer(
     name="capture",
+    cls=_Commands,
     help="Find the parameters of a MuJoCo model from a measured log, and what the model lacks.",
     epilog="Add --debug to any command for a traceback.",
     no_args_is_help=True,
@@ -31,13 +51,17 @@ def main() -> None:
     debug = "--debug" in sys.argv
     arguments = [a for a in sys.argv[1:] if a != "--debug"]
     try:
-        app(arguments, prog_name="capture")
+        try:
+            app(arguments, prog_name="capture")
+        except _PassedOn as passed:
+            raise passed.__cause__ from None
     except CaptureError as error:
         _fail(f"error: {error}", 2, debug)
     except KeyboardInterrupt:
         _fail("interrupted: nothing was written\n  cure: run the same command again", 2, debug)
     except BrokenPipeError:
-        sys.stderr.close()  # the reader of our pipe went away; nothing is wrong
+        # the reader of our pipe went away: nothing is wrong, and the rest of stdout goes nowhere
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except MemoryError:
         _fail(
             "error: out of memory\n  cure: use a shorter --window, fewer --starts, or a shorter log", 2, debug
@@ -114,6 +138,14 @@ def _console():
     return Console(highlight=False)
 
 
+def _finite(text: str) -> float:
+    """Raises ValueError."""
+    number = float(text)
+    if not math.isfinite(number):
+        raise ValueError
+    return number
+
+
 def _pairs(texts: list[str], option: str) -> dict[str, float]:
     """NAME=VALUE texts as a dict. Raises OptionError."""
     result = {}
@@ -122,7 +154,7 @@ def _pairs(texts: list[str], option: str) -> dict[str, float]:
         try:
             if not equals:
                 raise ValueError
-            result[name] = float(value)
+            result[name] = _finite(value)
         except ValueError:
             raise OptionError(
                 f"{option} {text!r} is not NAME=NUMBER", cure=f"for example {option} x=0.5"
@@ -137,7 +169,9 @@ def _ranges(texts: list[str], option: str) -> dict[str, tuple[float, float]]:
         name, _, value = text.partition("=")
         low, _, high = value.partition(":")
         try:
-            result[name] = (float(low), float(high or low))
+            result[name] = (_finite(low), _finite(high or low))
+            if result[name][0] > result[name][1]:
+                raise ValueError
         except ValueError:
             raise OptionError(
                 f"{option} {text!r} is not NAME=VALUE or NAME=LOW:HIGH",
@@ -210,6 +244,64 @@ def identify(
 
         print_estimate(estimate, _console(), out)
     if estimate.document["verdict"] in verdicts:
+        raise typer.Exit(3)
+
+
+@app.command()
+def diagnose(
+    real_log: Annotated[Path, typer.Option("--real-log", help="Measured log (.zarr).")],
+    estimate: Annotated[
+        Path | None, typer.Option("--estimate", help="Estimate directory of the same log.")
+    ] = None,
+    task: TaskOption = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Diagnosis directory; default LOG.diagnosis.")
+    ] = None,
+    test: Annotated[
+        str | None, typer.Option("--test", help="Recordings to hold out; default those of the estimate.")
+    ] = None,
+    window: Annotated[
+        float | None, typer.Option("--window", help="Seconds between restarts of the state.")
+    ] = None,
+    starts: Annotated[int, typer.Option("--starts", min=1, help="Descents from different places.")] = 3,
+    fail_on: Annotated[
+        str | None, typer.Option("--fail-on", help="Exit with 3 on this verdict: unexplained.")
+    ] = None,
+    seed: Seed = 0,
+    threads: Threads = None,
+    force: Force = False,
+    json_: Json = False,
+    quiet: Quiet = False,
+    config: Config = None,
+) -> None:
+    """Find what the model lacks, add it, and report the error before and after.
+
+    Example: capture diagnose --real-log run.zarr --estimate run.estimate --out run.diagnosis
+    """
+    from capture_cli.stages.diagnose import diagnose as stage
+
+    verdicts = _verdicts(fail_on)
+    out = out or Path(f"{real_log.stem}.diagnosis")
+    diagnosis = stage(
+        real_log=real_log,
+        out=out,
+        estimate=estimate,
+        task=task,
+        test=test,
+        window=window,
+        starts=starts,
+        seed=seed,
+        threads=threads,
+        force=force,
+        quiet=quiet,
+    )
+    if json_:
+        _print_json(diagnosis.document)
+    elif not quiet:
+        from capture_cli.reports.terminal import print_diagnosis
+
+        print_diagnosis(diagnosis, _console(), out)
+    if diagnosis.document["verdict"] in verdicts:
         raise typer.Exit(3)
 
 

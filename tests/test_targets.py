@@ -393,3 +393,42 @@ def test_a_bias_that_is_not_affine_is_refused():
         </mujoco>""")
     with pytest.raises(ModelError, match="not affine"):
         parse_target("actuator:m:bias", muscle, "here")
+
+
+# --- files beside the model ---
+
+MESH = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
+
+
+@pytest.mark.parametrize("meshdir", ["", "assets", "../shared"])
+@pytest.mark.parametrize("where", ["task", "elsewhere/deep", "."])
+def test_an_export_finds_its_meshes_and_includes_from_any_folder(tmp_path, meshdir, where):
+    folder = tmp_path / "task"
+    (folder / meshdir).mkdir(parents=True, exist_ok=True)
+    (folder / meshdir / "wedge.obj").write_text(MESH)
+    (folder / "more.xml").write_text(
+        '<mujoco><worldbody><body name="more"><freejoint/><geom size=".1"/></body></worldbody></mujoco>'
+    )
+    (folder / "model.xml").write_text(f"""
+        <mujoco>
+          <compiler meshdir="{meshdir}"/>
+          <include file="more.xml"/>
+          <default><default class="rough"><geom friction="0.9 0.01 0.001"/></default></default>
+          <asset><mesh name="wedge" file="wedge.obj"/></asset>
+          <worldbody>
+            <body name="part"><joint name="j" damping="1"/><geom class="rough" type="mesh" mesh="wedge"/></body>
+          </worldbody>
+          <keyframe><key qpos="0.5 1 1 1 1 0 0 0"/></keyframe>
+        </mujoco>""")
+    model = mujoco.MjModel.from_xml_path(str(folder / "model.xml"))
+    fields = ModelFields(model, 1)
+    parse_target("joint:j:damping", model, "here").write(fields, np.array([2.5]))
+    target = tmp_path / where / "identified.xml"
+    target.parent.mkdir(parents=True, exist_ok=True)
+    target.write_text(to_mjcf(folder / "model.xml", fields, target))
+    loaded = mujoco.MjModel.from_xml_path(str(target))
+    assert loaded.joint("j").damping[0] == 2.5
+    model.dof_damping[model.joint("j").dofadr] = 2.5
+    expected = numbers(model)
+    for name, value in numbers(loaded).items():
+        np.testing.assert_allclose(value, expected[name], rtol=1e-12, atol=1e-14, err_msg=name)

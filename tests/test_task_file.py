@@ -50,7 +50,13 @@ unit = "m"
 time = "t_s"
 window = 0.5
 """
-FORMAT, PARAMETER, INPUT, OUTPUT, LOG = "task.toml", "[parameters.mass]", "[inputs.push]", "[outputs.q]", "[log]"
+FORMAT, PARAMETER, INPUT, OUTPUT, LOG = (
+    "task.toml",
+    "[parameters.mass]",
+    "[inputs.push]",
+    "[outputs.q]",
+    "[log]",
+)
 
 
 @pytest.fixture

@@ -11,17 +11,17 @@ from capture_cli.sim.windows import GAP_FACTOR, Windows, cut
 
 TIMESTEP = 1 / 512  # s; this and all times are dyadic, so that sums of them are exact
 TICK = TIMESTEP / 4
-DURATIONS = [None, 0.03125, 0.125, 1.0]
+DURATIONS = [None, 1 / 128, 1 / 32, 1 / 8, 1.0]
 
 
 @st.composite
 def episodes(draw) -> list[np.ndarray]:
-    """Times (step,) of one to three episodes: uneven, beginning anywhere, some with gaps."""
+    """Times (step,) of one to three episodes: uneven, beginning anywhere, some with a pause, some with a gap."""
     result = []
     for _ in range(draw(st.integers(1, 3))):
         ticks = draw(st.lists(st.integers(1, 16), min_size=1, max_size=80))
-        if draw(st.booleans()):
-            ticks.insert(draw(st.integers(0, len(ticks))), 400)
+        for pause in draw(st.sampled_from([(), (100,), (400,), (100, 400), (400, 400)])):
+            ticks.insert(draw(st.integers(0, len(ticks))), pause)
         first = draw(st.integers(-1000, 1000))
         result.append(first + TICK * np.cumsum([0, *ticks]))
     return result

@@ -12,10 +12,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from capture_cli.identifiers.linearization import Linearization, autocovariance, correlation_length
+from capture_cli.identifiers.linearization import (
+    PARAMETER_STEP,
+    Linearization,
+    autocovariance,
+    correlation_length,
+)
 
 # Posterior sd beyond this share of the range: the 95 % interval spans two thirds of what was known before.
 UNDETERMINED_SD = 1 / 6
+# Sensitivities are finite differences, wrong by about their step: columns more alike than that are the same.
+INFORMATION_FLOOR = PARAMETER_STEP**2
+LOST_SD = 1.0  # of the range, where the log says nothing at all
 
 
 @dataclass(frozen=True)
@@ -43,7 +51,7 @@ def intervals(at: Linearization) -> Intervals:
 
     evidence, space = at.evidence, at.evidence.space
     covariance, degrees = unit_covariance(at)
-    sd_unit = np.sqrt(np.diag(covariance))
+    sd_unit = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     values, directions = np.linalg.eigh(covariance)
     loose = np.sqrt(np.maximum(values, 0)) > UNDETERMINED_SD
     value = space.from_unit(at.x)
@@ -69,16 +77,15 @@ def unit_covariance(at: Linearization) -> tuple[np.ndarray, float]:
     through = gain @ (b.swapaxes(1, 2) @ j)
     projected = j - b @ through  # M J, (window, row, p)
     hessian, _ = at.normal(k)
-    fitted_starts = float(len(gain) * gain.shape[-1] - k * np.trace(gain, axis1=1, axis2=2).sum())
+    fitted_starts = at.fitted_starts
     count = at.evidence.count
     free = max(count - j.shape[-1] - fitted_starts, 1.0)
     meat, correlation = _filtered_product(at, projected)
     meat *= count / free
     starts = b.swapaxes(1, 2) @ projected  # B'MJ
     meat += np.einsum("wsp,wsq->pq", starts, starts)
-    inverse = _bounded_inverse(hessian)
     degrees = max(count / correlation - j.shape[-1] - fitted_starts / correlation, 1.0)
-    return inverse @ meat @ inverse, degrees
+    return _sandwich(hessian, meat, np.einsum("wrp,wrp->p", j, j)), degrees
 
 
 def _filtered_product(at: Linearization, projected: np.ndarray) -> tuple[np.ndarray, float]:
@@ -105,8 +112,16 @@ def _filtered_product(at: Linearization, projected: np.ndarray) -> tuple[np.ndar
     return meat, float(sum(times) / total) if total > 0 else 1.0
 
 
-def _bounded_inverse(hessian: np.ndarray) -> np.ndarray:
-    """Inverse of a positive semi-definite matrix; directions without information get a huge, finite variance."""
-    values, vectors = np.linalg.eigh(hessian)
-    floor = max(values.max(initial=0.0) * 1e-13, 1e-12)
-    return (vectors / np.maximum(values, floor)) @ vectors.T
+def _sandwich(hessian: np.ndarray, meat: np.ndarray, sensitivity: np.ndarray) -> np.ndarray:
+    """A^-1 meat A^-1 over the directions in which A = hessian (p, p) has information; LOST_SD in the others.
+
+    sensitivity (p,): what the diagonal of A would be without the starts, the scale of its error.
+    """
+    scale = np.sqrt(np.where(sensitivity > 0, sensitivity, 1.0))
+    values, vectors = np.linalg.eigh(hessian / np.outer(scale, scale))
+    known = values > INFORMATION_FLOOR
+    directions = vectors / scale[:, None]
+    inverse = (directions[:, known] / values[known]) @ directions[:, known].T
+    lost = directions[:, ~known] / np.linalg.norm(directions[:, ~known], axis=0)
+    covariance = inverse @ meat @ inverse + LOST_SD**2 * lost @ lost.T
+    return (covariance + covariance.T) / 2

@@ -102,6 +102,13 @@ class Linearization:
         ridge = np.broadcast_to(k + damping, len(bb))[:, None, None]
         return np.linalg.inv(bb + ridge * np.eye(bb.shape[-1]))
 
+    @property
+    def fitted_starts(self) -> float:
+        """How many free numbers the starts amount to, their prior counted."""
+        k = self.scatter
+        gain = self.start_gain(k)
+        return float(len(gain) * gain.shape[-1] - k * np.trace(gain, axis1=1, axis2=2).sum())
+
     def normal(self, k: float, damping: np.ndarray | float = 0.0) -> tuple[np.ndarray, np.ndarray]:
         """Hessian (p, p) and downhill gradient (p,) of half the objective, starts eliminated."""
         jj, jb, _, jr, br = self.products

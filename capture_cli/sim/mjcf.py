@@ -64,10 +64,12 @@ def _assign(model: mujoco.MjModel, name: str, value: np.ndarray) -> None:
 
 def _point_at_assets(spec: mujoco.MjSpec, source: Path, target: Path) -> None:
     """Make asset folders, which are relative to the model file, right for where the new one will lie."""
-    for key in ("meshdir", "texturedir"):
-        folder = (source.parent / getattr(spec, key)).resolve()
-        if (spec.meshes or spec.textures or spec.hfields) and folder != target.parent.resolve():
-            setattr(spec, key, os.path.relpath(folder, target.parent.resolve()))
+    there = target.parent.resolve()
+    if spec.meshes or spec.textures or spec.hfields:
+        for key in ("meshdir", "texturedir"):
+            folder = (source.parent / getattr(spec, key)).resolve()
+            setattr(spec, key, "" if folder == there else os.path.relpath(folder, there))
+    spec.modelfiledir = str(there)
 
 
 @contextmanager

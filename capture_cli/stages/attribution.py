@@ -8,7 +8,14 @@ from dataclasses import dataclass, field
 import mujoco
 import numpy as np
 
-from capture_cli.diagnosis.acceptance import ENTRY_LEVEL, SELECT_LEVEL, Support, bic_gain, paired_p_value, wald_p_value
+from capture_cli.diagnosis.acceptance import (
+    ENTRY_LEVEL,
+    SELECT_LEVEL,
+    Support,
+    bic_gain,
+    paired_p_value,
+    wald_p_value,
+)
 from capture_cli.diagnosis.score import Score, score, similarity
 from capture_cli.effects import REGISTRY
 from capture_cli.identifiers.intervals import intervals
@@ -65,7 +72,9 @@ class Accepted:
 
 def all_candidates(model: mujoco.MjModel) -> list[Candidate]:
     """Every effect at every site of the model."""
-    return [Candidate((name, cls(model, site))) for name, cls in REGISTRY.items() for site in cls.sites(model)]
+    return [
+        Candidate((name, cls(model, site))) for name, cls in REGISTRY.items() for site in cls.sites(model)
+    ]
 
 
 class Attribution:
@@ -123,7 +132,9 @@ class Attribution:
         ranked = sorted((c for c in tried if c.why_rejected is None), key=lambda c: -c.score.gain)
         for candidate in ranked[REFITTED:]:
             best = ranked[0].score.gain
-            candidate.why_rejected = f"explains less at first sight ({candidate.score.gain:.3g} of {best:.3g})"
+            candidate.why_rejected = (
+                f"explains less at first sight ({candidate.score.gain:.3g} of {best:.3g})"
+            )
         before = None if self.select_part is None else self.fits.on(self.select_part, current)
         for number, candidate in enumerate(ranked[:REFITTED]):
             self.on_step("refit", number, len(ranked[:REFITTED]))
@@ -165,7 +176,9 @@ class Attribution:
         if candidate.score is None or not np.any(change):
             candidate.why_rejected = "it moves no output of this log"
         elif candidate.score.unabsorbed < ABSORBED:
-            candidate.why_rejected = "parameters that are in the model imitate it: this log cannot tell it from them"
+            candidate.why_rejected = (
+                "parameters that are in the model imitate it: this log cannot tell it from them"
+            )
         elif candidate.score.gain < SMALLEST_GAIN:
             candidate.why_rejected = f"it explains nothing (score {candidate.score.gain:.2g})"
 
@@ -185,7 +198,9 @@ class Attribution:
         """The current parameters, moved along with the effect's linear step."""
         return current.space.from_unit(current.at.x + candidate.score.parameters)
 
-    def _best_fit(self, effects: Sequence[Placed], starts: list[np.ndarray], offsets: np.ndarray) -> Fit | None:
+    def _best_fit(
+        self, effects: Sequence[Placed], starts: list[np.ndarray], offsets: np.ndarray
+    ) -> Fit | None:
         fits = [self.fits.fit(self.fit_part, effects, s, offsets=offsets, seed=self.seed) for s in starts]
         return min((f for f in fits if f is not None), key=lambda f: f.squares, default=None)
 
@@ -214,7 +229,9 @@ class Attribution:
         for i in [i for i, n in enumerate(fit.space.names) if n.startswith(prefix)]:
             null = (fit.space.nominal[i] - fit.space.low[i]) / fit.space.span[i]
             if min(x[i], 1 - x[i]) < AT_BOUND and abs(x[i] - null) > AT_BOUND:
-                return f"it would have to be at the end of its range ({fit.space.names[i]} = {fit.point[i]:.3g})"
+                return (
+                    f"it would have to be at the end of its range ({fit.space.names[i]} = {fit.point[i]:.3g})"
+                )
         size = len(current.point)
         was = current.at.x
         for i in range(size):
@@ -275,9 +292,9 @@ class Attribution:
                 return current
             judged.remove(weakest)
             self.accepted.remove(weakest)
-            self._candidate(weakest.name).why_rejected = (
-                f"with the other effects in: {weakest.support.reason_against(level)}"
-            )
+            self._candidate(
+                weakest.name
+            ).why_rejected = f"with the other effects in: {weakest.support.reason_against(level)}"
             current = without
             self.stages.append((f"- {weakest.name}", current))
         return current
@@ -285,10 +302,19 @@ class Attribution:
     def _without(self, current: Fit, accepted: Accepted) -> Fit | None:
         effects = [e for e in current.effects if placed_name(*e) != accepted.name]
         keep = [i for i, n in enumerate(current.space.names) if not n.startswith(accepted.name + ".")]
+        return self._fit_once(effects, current.point[keep], current.offsets)
+
+    def _fit_once(self, effects: Sequence[Placed], start: np.ndarray, offsets: np.ndarray) -> Fit | None:
         key = frozenset(placed_name(*e) for e in effects)
         if key not in self._fitted:
-            self._fitted[key] = self._best_fit(effects, [current.point[keep]], current.offsets)
+            self._fitted[key] = self._best_fit(effects, [start], offsets)
         return self._fitted[key]
+
+    def nested(self, last: Fit, count: int) -> Fit:
+        """The fit of the declared model with the first `count` effects of `last`."""
+        effects = last.effects[:count]
+        size = len(self.fits.prepared.task.space) + sum(len(e.parameters) for _, e in effects)
+        return self._fit_once(effects, last.point[:size], last.offsets) or last
 
     def _candidate(self, name: str) -> Candidate:
         return next(c for c in self.candidates if c.name == name)
@@ -338,7 +364,9 @@ class Attribution:
         if without is None:
             return None
         rest = without.effects
-        fit = self._best_fit([*rest, rival.effect], [np.concatenate([without.point, rival.start])], without.offsets)
+        fit = self._best_fit(
+            [*rest, rival.effect], [np.concatenate([without.point, rival.start])], without.offsets
+        )
         if fit is None:
             return None
         before = None if self.select_part is None else self.fits.on(self.select_part, without)

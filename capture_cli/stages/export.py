@@ -36,8 +36,8 @@ def export(*, estimate: Path, out: Path, task: str | None = None, force: bool = 
     values = machine.space.to_vector({n: p["value"] for n, p in found.document["parameters"].items()})
     fields = ModelFields(machine.model, 1)
     machine.write(fields, values[None])
-    text = to_mjcf(machine.model_path, fields, out)
     with new_file(out, force=force) as partial:
+        text = to_mjcf(machine.model_path, fields, out)
         partial.write_text(_header(found, values, machine) + text, encoding="utf-8")
     return out
 

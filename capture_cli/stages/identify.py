@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,6 +17,7 @@ from capture_cli.identifiers.linearization import Linearization, autocorrelation
 from capture_cli.parameters import ParameterSpace
 from capture_cli.simulator import Simulator
 from capture_cli.stages.prepared_log import PreparedLog, check_parameters_move_outputs, find_task, prepare
+from capture_cli.stages.progress import Progress
 from capture_cli.stores.estimate import FORMAT, VERSION, Estimate
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.stores.output import new_directory, refuse_existing, sha256
@@ -59,11 +59,16 @@ def identify(
     check_parameters_move_outputs(prepared, simulator, seed)
     fit = prepared.part(~prepared.split.is_test)
     history: list[Best] = []
-    with _progress(rounds, quiet) as on_round:
+    with Progress("identify", "round", quiet=quiet) as progress:
+
+        def on_round(best: Best) -> None:
+            history.append(best)
+            progress.step(f"error {best.error:.3g} x noise floor")
+
         solver = method(
             fit.evidence(simulator), start=found.space.nominal, seed=seed, rounds=rounds, starts=starts
         )
-        best = run(solver, lambda t: fit.evaluate(simulator, t), lambda b: (history.append(b), on_round(b)))
+        best = run(solver, lambda t: fit.evaluate(simulator, t), on_round)
     if not np.isfinite(best.error):
         raise FitError(
             "every simulation tried diverged",
@@ -83,27 +88,6 @@ def _write_pages(estimate: Estimate, folder: Path, provenance: Provenance) -> No
 
     (folder / "report.html").write_text(render(estimate, provenance.document()), encoding="utf-8")
     write_figures(estimate, folder)
-
-
-class _progress:
-    """A tqdm bar over rounds that shows the error; plain where stderr is no terminal."""
-
-    def __init__(self, rounds: int, quiet: bool):
-        from tqdm import tqdm
-
-        self.bar = tqdm(
-            total=rounds, desc="identify", unit="round", file=sys.stderr, disable=quiet, leave=False
-        )
-
-    def __enter__(self):
-        return self
-
-    def __call__(self, best: Best) -> None:
-        self.bar.set_postfix_str(f"error {best.error:.3g} x noise floor")
-        self.bar.update()
-
-    def __exit__(self, *_):
-        self.bar.close()
 
 
 class _Report:
@@ -170,11 +154,8 @@ class _Report:
     def _lack_of_fit(self, fitted: Linearization) -> LackOfFit:
         evidence = fitted.evidence
         squares = float(np.square(fitted.residual).sum())
-        k = fitted.scatter
-        gain = fitted.start_gain(k)
-        starts = gain.shape[0] * gain.shape[-1] - k * np.trace(gain, axis1=1, axis2=2).sum()
         time = autocorrelation_time(fitted.residual.reshape(evidence.measured.shape), evidence.mask)
-        return lack_of_fit(squares, evidence.count - len(self.space) - starts, time)
+        return lack_of_fit(squares, evidence.count - len(self.space) - fitted.fitted_starts, time)
 
     # --- several recordings ---
 

@@ -18,7 +18,7 @@ from capture_cli.stages.prepared_log import PreparedLog
 
 Placed = tuple[str, Effect]
 
-FIT_ROUNDS = 20
+FIT_ROUNDS = 60
 START_ROUNDS = 12
 
 
@@ -96,7 +96,7 @@ class ModelFits:
         seed: int = 0,
     ) -> Fit | None:
         """Fit from `start` (parameter,); None where every trial diverged."""
-        simulator = self._simulator(effects)
+        simulator = self.simulator(effects)
         evidence = part.evidence(simulator)
         solver = LeastSquares(evidence, start=start, offsets=offsets, starts=starts, rounds=rounds, seed=seed)
         best = run(solver, lambda trial: part.evaluate(simulator, trial))
@@ -109,7 +109,7 @@ class ModelFits:
 
     def on(self, part: PreparedLog, fit: Fit) -> PartFit:
         """Another part of the log at the fit's parameters, with starts refined by the rule they were fitted by."""
-        simulator = self._simulator(fit.effects)
+        simulator = self.simulator(fit.effects)
         evidence = replace(part.evidence(simulator), space=ParameterSpace([]))
 
         def evaluate(trial: Trial):
@@ -121,12 +121,14 @@ class ModelFits:
         self.rollouts += simulator.rollouts
         return PartFit(evidence, best.offsets, evidence.residual(outputs[0]))
 
-    def probe(self, part: PreparedLog, fit: Fit, effect: Placed, probes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def probe(
+        self, part: PreparedLog, fit: Fit, effect: Placed, probes: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Outputs as residuals (probe, window, row), and which probes diverged (probe,).
 
         The fit's model with `effect` added at the values `probes` (probe, parameter) of its parameters.
         """
-        simulator = self._simulator((*fit.effects, effect))
+        simulator = self.simulator((*fit.effects, effect))
         evidence = part.evidence(simulator)
         points = np.concatenate([np.repeat(fit.point[None], len(probes), axis=0), probes], axis=1)
         offsets = np.repeat(fit.offsets[None], len(probes), axis=0)
@@ -134,7 +136,8 @@ class ModelFits:
         self.rollouts += simulator.rollouts
         return evidence.residual(outputs), diverged.any(axis=1)
 
-    def _simulator(self, effects: Sequence[Placed]) -> Simulator:
+    def simulator(self, effects: Sequence[Placed]) -> Simulator:
+        """Simulates the task with `effects` on the shared engine."""
         return Simulator(self.prepared.task, effects, engine=self.engine)
 
     @staticmethod

@@ -202,7 +202,7 @@ def check_parameters_move_outputs(prepared: PreparedLog, simulator: Simulator, s
     bases = np.stack(
         [space.to_unit(space.nominal), np.full(len(space), 0.5), generator.uniform(0.1, 0.9, len(space))]
     )
-    still = np.ones(len(space), dtype=bool)
+    still, seen = np.ones(len(space), dtype=bool), np.zeros(len(space), dtype=bool)
     some = prepared.part(np.unique(np.linspace(0, len(prepared.windows) - 1, 16).astype(int)))
     evidence = some.evidence(simulator)
     for base in bases:
@@ -211,12 +211,16 @@ def check_parameters_move_outputs(prepared: PreparedLog, simulator: Simulator, s
         for row, column in enumerate(columns, start=1):
             moved[row, column] += MOVES_SHARE if moved[row, column] < 0.5 else -MOVES_SHARE
         trial = Trial(space.from_unit(moved), np.zeros((len(moved), *evidence.start_sd.shape)))
-        outputs, _ = some.evaluate(simulator, trial)
-        change = np.abs(evidence.residual(outputs[1:]) - evidence.residual(outputs[:1])).max(axis=(1, 2))
-        still[columns[change > MOVES_LEAST]] = False
+        outputs, diverged = some.evaluate(simulator, trial)
+        change = np.abs(evidence.residual(outputs[1:]) - evidence.residual(outputs[:1])).max(axis=2)
+        valid = ~(diverged[1:] | diverged[:1])
+        seen[columns] |= valid.any(axis=1)
+        still[columns[(valid & (change > MOVES_LEAST)).any(axis=1)]] = False
         if not still.any():
             return
-    names = [name for name, fixed in zip(space.names, still, strict=True) if fixed]
+    names = [name for name, fixed in zip(space.names, still & seen, strict=True) if fixed]
+    if not names:
+        return  # where everything diverged nothing can be told: the fit will say so
     raise FitError(
         f"task {prepared.task.name!r}: {', '.join(names)} moves no output of this log, so it cannot be identified",
         cure="remove it from the task.toml, correct what it sets, or record a motion in which it matters",

@@ -174,13 +174,21 @@ def _drive(machine, episodes, duration, rate, inputs_from, amplitude, band, gene
                 cure=f"give a log with the task's inputs ({', '.join(c.name for c in machine.inputs)})",
             )
         return source.time, source.inputs, source.episode_ends
-    if episodes < 1 or duration <= 0 or (rate is not None and rate <= 0):
+    positive = [duration] if rate is None else [duration, rate]
+    if episodes < 1 or not all(0 < number < np.inf for number in positive):
         raise OptionError(
             f"episodes = {episodes}, duration = {duration:g} s, rate = {rate} Hz",
             cure="give positive numbers",
         )
+    if not 0 <= band[0] < band[1] < np.inf:
+        raise OptionError(
+            f"--band {band[0]:g} {band[1]:g}", cure="give two frequencies in Hz, the lower one first"
+        )
+    names = [c.name for c in machine.inputs]
+    for name in set(amplitude) - set(names):
+        raise OptionError(f"--amplitude: the task has no input {name!r}", cure=did_you_mean(name, names))
     interval = machine.timestep if rate is None else 1.0 / rate
-    steps = int(round(duration / interval)) + 1
+    steps = round(duration / interval) + 1
     time = interval * np.arange(steps)
     peaks = np.array([_peak(machine.model, channel, amplitude) for channel in machine.inputs])
     tapes = [peaks * multisine(time, len(peaks), band, generator) for _ in range(episodes)]

@@ -1,0 +1,207 @@
+"""Do 95 % intervals hold the truth 95 times in 100? Are false alarms rare? Is nothing lost without noise?
+
+Logs are recorded from three machines with parameters drawn at random within their ranges, and identified with the
+defaults of `capture identify`: 12 episodes of 3 s at 250 Hz, white noise. One JSON line is kept per log, so that the
+work can be stopped and taken up again; a line counts as long as the code that made it is unchanged.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+import capture_cli
+from benchmarks import MACHINES
+from benchmarks.base import Benchmark, Figure, Result
+from capture_cli.stages import identify as stage
+from capture_cli.stages.record import record
+
+EPISODES, DURATION, RATE = 12, 3.0, 250.0
+NOISE = {"slider": {"q": 5e-4}, "cart_pole": {"cart": 5e-4, "pole": 1e-3}, "arm": {"q1": 1e-3, "q2": 1e-3}}
+WITHOUT_NOISE = 4  # one log in so many is recorded again without noise
+COVERED = (0.92, 0.98)
+LOST = 1e-3  # of the range
+# What the numbers depend on: lines of other code are not counted.
+CODE = ("parameters.py", "simulator.py", "sim", "tasks", "identifiers", "diagnosis", "stages")
+
+
+@dataclass(frozen=True)
+class _Case:
+    machine: str
+    seed: int
+    noisy: bool
+
+
+class Coverage(Benchmark):
+    summary = "coverage of 95 % intervals, false alarms, and recovery without noise"
+
+    def run(self) -> Result:
+        from tqdm import tqdm
+
+        cases = list(self._cases())
+        code = _code()
+        lines = {machine: self._lines(machine, code) for machine in NOISE}
+        for case in tqdm(cases, desc="logs", unit="log"):
+            known = lines[case.machine]
+            if case not in known:
+                known[case] = _identify(case)
+                self._keep(case, code, known[case])
+        found = [(c, lines[c.machine][c]) for c in cases]
+        noisy = {m: [d for c, d in found if c.noisy and c.machine == m] for m in NOISE}
+        clean = [d for c, d in found if not c.noisy]
+        return Result(
+            _figures(noisy, clean), {"noise_sd": NOISE, "episodes": EPISODES, "machines": _details(noisy)}
+        )
+
+    def _cases(self) -> Iterator[_Case]:
+        for seed in range(self.logs):
+            for machine in NOISE:
+                yield _Case(machine, seed, True)
+                if seed % WITHOUT_NOISE == 0:
+                    yield _Case(machine, seed, False)
+
+    # --- one line per log ---
+
+    def _path(self, machine: str) -> Path:
+        return self.folder / "coverage" / f"{machine}.jsonl"
+
+    def _lines(self, machine: str, code: str) -> dict[_Case, dict]:
+        path = self._path(machine)
+        if not path.is_file():
+            return {}
+        found = {}
+        for text in path.read_text(encoding="utf-8").splitlines():
+            try:
+                line = json.loads(text)
+            except ValueError:
+                continue  # cut off when the work was stopped
+            if line["code"] == code:
+                found[_Case(machine, line["seed"], line["noisy"])] = line["found"]
+        return found
+
+    def _keep(self, case: _Case, code: str, found: dict) -> None:
+        path = self._path(case.machine)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with path.open("a", encoding="utf-8") as file:
+            line = {"code": code, "seed": case.seed, "noisy": case.noisy, "found": found}
+            file.write(json.dumps(line) + "\n")
+
+
+def _code() -> str:
+    """A hash of the files that the numbers depend on."""
+    package = Path(capture_cli.__file__).parent
+    files = sorted(
+        f for name in CODE for f in [package / name, *(package / name).rglob("*.py")] if f.is_file()
+    )
+    return hashlib.sha256(b"".join(f.read_bytes() for f in files)).hexdigest()[:16]
+
+
+def _identify(case: _Case) -> dict:
+    """Record a log and identify it: truth, estimate, sd and interval of each parameter, and the verdict."""
+    task = str(MACHINES / case.machine / "task.toml")
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        recording = record(
+            task=task,
+            out=folder / "log.zarr",
+            random_parameters=True,
+            noise=NOISE[case.machine] if case.noisy else 0.0,
+            episodes=EPISODES,
+            duration=DURATION,
+            rate=RATE,
+            seed=case.seed,
+        )
+        document = stage.identify(
+            real_log=folder / "log.zarr", out=folder / "estimate", task=task, seed=case.seed, quiet=True
+        ).document
+    return {
+        "verdict": document["verdict"],
+        "normalized": {k: document["error"][k]["normalized"] for k in ("fit", "test")},
+        "parameters": {
+            name: {
+                "truth": recording.truth["parameters"][name],
+                **{k: p[k] for k in ("value", "sd", "ci95", "low", "high")},
+            }
+            for name, p in document["parameters"].items()
+        },
+    }
+
+
+# --- figures ---
+
+
+def _figures(noisy: dict[str, list[dict]], clean: list[dict]) -> list[Figure]:
+    everything = [d for documents in noisy.values() for d in documents]
+    inside = _inside(everything)
+    low, high = clopper_pearson(sum(inside), len(inside))
+    alarms = [d["verdict"] == "unexplained" for d in everything]
+    _, most_alarms = clopper_pearson(sum(alarms), len(alarms))
+    figures = [
+        Figure(f"{machine}: share of intervals that cover", float(np.mean(_inside(documents))))
+        for machine, documents in noisy.items()
+    ]
+    figures += [
+        Figure(f"share of all {len(inside)} intervals that cover", float(np.mean(inside)), target=COVERED),
+        Figure("  its 95 % interval, low", low),
+        Figure("  its 95 % interval, high", high),
+        Figure(f'share of {len(alarms)} logs falsely called "unexplained"', float(np.mean(alarms))),
+        Figure("  its 95 % interval, high", most_alarms),
+    ]
+    if clean:
+        lost = max(_errors_over_range(clean))
+        figures.append(
+            Figure(
+                f"largest error over the range, {len(clean)} logs without noise", lost, target=(None, LOST)
+            )
+        )
+    return figures
+
+
+def _details(noisy: dict[str, list[dict]]) -> dict:
+    return {
+        machine: {
+            "logs": len(documents),
+            "intervals": len(_inside(documents)),
+            "covered": sum(_inside(documents)),
+            "rms_of_error_over_sd": float(np.sqrt(np.mean(np.square(_scaled_errors(documents))))),
+            "verdicts": {
+                v: sum(d["verdict"] == v for d in documents) for v in {d["verdict"] for d in documents}
+            },
+            "normalized_test": float(np.mean([d["normalized"]["test"] for d in documents])),
+        }
+        for machine, documents in noisy.items()
+    }
+
+
+def _parameters(documents: list[dict]) -> list[dict]:
+    return [p for d in documents for p in d["parameters"].values()]
+
+
+def _inside(documents: list[dict]) -> list[bool]:
+    return [p["ci95"][0] <= p["truth"] <= p["ci95"][1] for p in _parameters(documents)]
+
+
+def _scaled_errors(documents: list[dict]) -> list[float]:
+    return [(p["value"] - p["truth"]) / p["sd"] for p in _parameters(documents)]
+
+
+def _errors_over_range(documents: list[dict]) -> list[float]:
+    return [abs(p["value"] - p["truth"]) / (p["high"] - p["low"]) for p in _parameters(documents)]
+
+
+def clopper_pearson(hits: int, trials: int) -> tuple[float, float]:
+    """Exact 95 % interval of a binomial share (Clopper and Pearson 1934).
+
+    Parameters of one log are estimated from the same noise, so for shares over them it is a little too narrow.
+    """
+    from scipy.special import betaincinv
+
+    low = 0.0 if hits == 0 else float(betaincinv(hits, trials - hits + 1, 0.025))
+    high = 1.0 if hits == trials else float(betaincinv(hits + 1, trials - hits, 0.975))
+    return low, high

@@ -1,0 +1,61 @@
+"""Where and when does the residual arise? Residual acceleration against time, position, velocity and input."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+BINS = 24
+HALF_WIDTH = 8  # samples on either side of the local quadratic that differentiates the residual
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Mean residual acceleration in bins of a covariate.
+
+    centre, mean, error (bin,); share: of the residual acceleration's variance that the covariate accounts for
+    (correlation ratio, less what as many random bins would).
+    """
+
+    centre: np.ndarray
+    mean: np.ndarray
+    error: np.ndarray
+    share: float
+
+
+def accelerations(residual: np.ndarray, time: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """Second derivative of residual (window, step, output) by local quadratics; NaN where there is no room."""
+    width = 2 * HALF_WIDTH + 1
+    out = np.full(residual.shape, np.nan)
+    if residual.shape[1] < width:
+        return out
+    views = np.lib.stride_tricks.sliding_window_view(
+        residual, width, axis=1
+    )  # (window, step, output, sample)
+    interval = float(np.median(np.diff(time, axis=1)[mask[:, 1:]]))
+    at = interval * np.arange(-HALF_WIDTH, HALF_WIDTH + 1)
+    weights = 2 * np.linalg.pinv(np.vander(at, 3, increasing=True))[2]
+    out[:, HALF_WIDTH : residual.shape[1] - HALF_WIDTH] = views @ weights
+    complete = np.zeros(mask.shape, dtype=bool)
+    room = np.lib.stride_tricks.sliding_window_view(mask, width, axis=1).all(axis=-1)
+    complete[:, HALF_WIDTH : mask.shape[1] - HALF_WIDTH] = room
+    out[~complete] = np.nan
+    return out
+
+
+def curve(covariate: np.ndarray, acceleration: np.ndarray) -> Curve:
+    """Bins of equal count of `covariate` (step,), both flat and of one output; NaN are left out."""
+    good = np.isfinite(acceleration) & np.isfinite(covariate)
+    x, y = covariate[good], acceleration[good]
+    empty = np.full(BINS, np.nan)
+    if len(x) < 4 * BINS or np.ptp(x) == 0:
+        return Curve(empty, empty, empty, 0.0)
+    order = np.argsort(x, kind="stable")
+    groups = np.array_split(order, BINS)
+    mean = np.array([y[g].mean() for g in groups])
+    error = np.array([y[g].std() / np.sqrt(len(g)) for g in groups])
+    total = np.square(y - y.mean()).sum()
+    between = sum(len(g) * (y[g].mean() - y.mean()) ** 2 for g in groups)
+    share = (between / total - (BINS - 1) / len(y)) if total > 0 else 0.0
+    return Curve(np.array([x[g].mean() for g in groups]), mean, error, float(max(share, 0.0)))

@@ -1,0 +1,393 @@
+"""`capture diagnose`: what the model lacks, traced to an effect, added, and the error before and after."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from capture_cli.diagnosis.lack_of_fit import LackOfFit, lack_of_fit
+from capture_cli.diagnosis.localisation import accelerations, curve
+from capture_cli.diagnosis.split import select_windows
+from capture_cli.errors import FitError, OptionError, StoreError
+from capture_cli.identifiers.intervals import Intervals, intervals
+from capture_cli.identifiers.linearization import autocorrelation_time
+from capture_cli.simulator import placed_name
+from capture_cli.stages.attribution import Attribution
+from capture_cli.stages.model_fits import Fit, ModelFits, PartFit
+from capture_cli.stages.prepared_log import PreparedLog, check_parameters_move_outputs, find_task, prepare
+from capture_cli.stages.progress import Progress
+from capture_cli.stores.diagnosis import FORMAT, VERSION, Diagnosis
+from capture_cli.stores.estimate import Estimate, read_result
+from capture_cli.stores.measured_log import MeasuredLog
+from capture_cli.stores.output import new_directory, refuse_existing, sha256
+from capture_cli.stores.provenance import Provenance
+
+FIT, SELECT, TEST = 0, 1, 2
+NEAR_FLOOR = 1.2  # error over the noise floor up to which what was found counts as the explanation
+
+
+def diagnose(
+    *,
+    real_log: Path,
+    out: Path,
+    estimate: Path | None = None,
+    task: str | None = None,
+    test: str | None = None,
+    window: float | None = None,
+    starts: int = 3,
+    seed: int = 0,
+    threads: int | None = None,
+    force: bool = False,
+    quiet: bool = False,
+) -> Diagnosis:
+    """Diagnose the log at `real_log`; write a diagnosis directory at `out`.
+
+    estimate: the estimate directory of the same log, whose task, windows and held-out part are taken over. Without
+    it `task`, `test` and `window` are as for identify. Raises CaptureError for whatever the user can mend.
+    """
+    options = {k: v for k, v in locals().items() if k not in ("quiet", "force")}
+    refuse_existing(out, force=force)
+    log = MeasuredLog.read(real_log)
+    begin = None
+    if estimate is not None:
+        begin, options_then = _check_estimate(estimate, real_log)
+        task, test = task or options_then["task"], test or options_then["test"]
+        window = window if window is not None else options_then["window"]
+        seed = options_then["seed"]
+    found = find_task(task, log)
+    provenance = Provenance(
+        "diagnose",
+        options,
+        {"real_log": real_log, "task": getattr(found, "path", None), "estimate": estimate},
+    )
+    prepared = prepare(log, found, window=window, test=test, seed=seed)
+    fits = ModelFits(prepared, threads)
+    check_parameters_move_outputs(prepared, fits.simulator(()), seed)
+    with Progress("diagnose", "model", quiet=quiet) as progress:
+        work = _Work(prepared, fits, progress, seed)
+        diagnosis = work.run(_nominal(found, begin), starts)
+    with new_directory(out, force=force) as folder:
+        diagnosis.write(folder)
+        _write_pages(diagnosis, folder, provenance)
+        provenance.write(folder)
+    return diagnosis
+
+
+def _check_estimate(folder: Path, real_log: Path) -> tuple[Estimate, dict[str, Any]]:
+    found = Estimate.read(folder)
+    if found.document["log"]["sha256"] != sha256(real_log):
+        raise OptionError(
+            f"{folder} was made from {found.document['log']['path']}, and {real_log} is not that log",
+            cure=f"identify it first: capture identify --real-log {real_log}",
+        )
+    again = "make the estimate again with `capture identify`"
+    return found, read_result(folder, "provenance.json", "capture/provenance", 1, again)["options"]
+
+
+def _nominal(task, estimate: Estimate | None) -> np.ndarray:
+    if estimate is None:
+        return task.space.nominal
+    parameters = estimate.document["parameters"]
+    if estimate.document["task"] != task.name or list(parameters) != list(task.space.names):
+        raise StoreError(
+            f"the estimate has task {estimate.document['task']!r} with ({', '.join(parameters)}); "
+            f"the task is {task.name!r} with ({', '.join(task.space.names)})",
+            cure="identify again with the task as it is now",
+        )
+    return task.space.to_vector({name: p["value"] for name, p in parameters.items()})
+
+
+def _write_pages(diagnosis: Diagnosis, folder: Path, provenance: Provenance) -> None:
+    from capture_cli.reports.diagnosis_figures import write_figures
+    from capture_cli.reports.diagnosis_page import render
+
+    (folder / "report.html").write_text(render(diagnosis, provenance.document()), encoding="utf-8")
+    write_figures(diagnosis, folder)
+
+
+class _Work:
+    """The protocol, step by step, on a prepared log."""
+
+    def __init__(self, prepared: PreparedLog, fits: ModelFits, progress: Progress, seed: int):
+        self.prepared = prepared
+        self.fits = fits
+        self.progress = progress
+        self.seed = seed
+        is_test = prepared.split.is_test
+        is_select = select_windows(prepared.windows.episode, is_test)
+        self.part = np.where(is_test, TEST, np.where(is_select, SELECT, FIT))
+
+    def run(self, start: np.ndarray, starts: int) -> Diagnosis:
+        declared = self.fits.fit(self._windows(FIT), [], start, starts=starts, seed=self.seed)
+        if declared is None:
+            raise FitError(
+                "every simulation of the declared model diverged",
+                cure="tighten the parameters' bounds, shorten the window, or reduce the model's timestep",
+            )
+        attribution = Attribution(
+            self.fits,
+            self._windows(FIT),
+            self._windows(SELECT),
+            seed=self.seed,
+            is_explained=lambda fit: not self._lack(fit).lacking,
+            on_step=self._tell,
+        )
+        last = attribution.run(declared)
+        models = self._models(attribution, last)
+        return self._diagnosis(attribution, models)
+
+    def _tell(self, what: str, number: int, total: int) -> None:
+        self.progress.step(f"{what} {number + 1} of {total}")
+
+    def _windows(self, *parts: int) -> PreparedLog | None:
+        keep = np.isin(self.part, parts)
+        return self.prepared.part(keep) if keep.any() else None
+
+    def _lack(self, fit: Fit) -> LackOfFit:
+        evidence = fit.at.evidence
+        free = evidence.count - len(fit.space) - fit.at.fitted_starts
+        residual = fit.at.residual.reshape(evidence.measured.shape)
+        return lack_of_fit(fit.squares, free, autocorrelation_time(residual, evidence.mask))
+
+    def _models(self, attribution: Attribution, last: Fit) -> list[tuple[str, Fit, Fit]]:
+        """The declared model and each with one more accepted effect: (name, fit on FIT, refit on FIT and SELECT)."""
+        models = []
+        effects = last.effects
+        for count in range(len(effects) + 1):
+            own = effects[:count]
+            name = "declared" if count == 0 else f"+ {placed_name(*own[-1])}"
+            fit = last if count == len(effects) else attribution.nested(last, count)
+            self._tell("refit", count, len(effects) + 1)
+            again = self.fits.fit(self._windows(FIT, SELECT), own, fit.point) or fit
+            models.append((name, fit, again))
+        return models
+
+    # --- what is written ---
+
+    def _diagnosis(self, attribution: Attribution, models) -> Diagnosis:
+        before, after = models[0][2], models[-1][2]
+        lacking_before, lacking = self._lack(models[0][1]), self._lack(models[-1][1])
+        stages = [self._stage(*m) for m in models]
+        log, task = self.prepared.log, self.prepared.task
+        names = [c.name for c in task.outputs]
+        whole = {"before": self._whole(before), "after": self._whole(after)}
+        curves, bins = self._localise(whole)
+        verdict = _verdict(lacking_before, lacking, attribution)
+        last = "test" if stages[-1]["test"] else "fit"
+        document = {
+            "format": FORMAT,
+            "version": VERSION,
+            "task": task.name,
+            "log": {"path": str(log.path), "sha256": sha256(log.path)},
+            "verdict": verdict,
+            "summary": _summary(verdict, stages, attribution, lacking, last),
+            "effects": self._effects(attribution, after),
+            "parameters": _parameters(after, intervals(after.at), range(len(task.space))),
+            "stages": stages,
+            "before": {"test": stages[0]["test"]},
+            "after": {"test": stages[-1]["test"]},
+            "noise_floor": dict(zip(names, self.prepared.noise.sd.tolist(), strict=True)),
+            "noise_floor_source": dict(zip(names, self.prepared.noise.source, strict=True)),
+            "lack_of_fit": {"before": vars(lacking_before), "after": vars(lacking)},
+            "absorbed": _absorbed(before, after),
+            "candidates": [self._candidate(c) for c in _ranked(attribution)],
+            "localisation": curves,
+            "split": {
+                "how": self.prepared.split.how,
+                **{
+                    f"{name}_windows": int((self.part == number).sum())
+                    for name, number in (("fit", FIT), ("select", SELECT), ("test", TEST))
+                },
+            },
+            "rollouts": {"measured": len(log.episode_ends), "simulated": self.fits.rollouts},
+            "next_experiment": None,
+        }
+        return Diagnosis(document, self._arrays(whole, bins), self._attributes(curves))
+
+    def _stage(self, name: str, fit: Fit, again: Fit) -> dict[str, Any]:
+        """Errors of one model. fit and test are of the refit; select is of the fit that did not see it."""
+        return {
+            "model": name,
+            "fit": self._error(FIT, again),
+            "select": self._error(SELECT, fit),
+            "test": self._error(TEST, again),
+        }
+
+    def _error(self, part: int, fit: Fit) -> dict[str, Any] | None:
+        windows = self._windows(part)
+        if windows is None:
+            return None
+        on = self.fits.on(windows, fit)
+        names = [c.name for c in self.prepared.task.outputs]
+        return {
+            "rmse": dict(zip(names, on.rmse.tolist(), strict=True)),
+            "mae": dict(zip(names, on.mae.tolist(), strict=True)),
+            "normalized": on.normalized,
+        }
+
+    def _effects(self, attribution: Attribution, after: Fit) -> list[dict[str, Any]]:
+        found = intervals(after.at)
+        rows = []
+        for accepted in attribution.accepted:
+            prefix = accepted.name + "."
+            own = [i for i, n in enumerate(after.space.names) if n.startswith(prefix)]
+            parameters = _parameters(after, found, own)
+            rows.append(
+                {
+                    "name": accepted.effect[0],
+                    "site": accepted.effect[1].site,
+                    "summary": accepted.effect[1].summary,
+                    "parameters": {name[len(prefix) :]: p for name, p in parameters.items()},
+                    "p_value": accepted.support.p_fit,
+                    "p_select": accepted.support.p_select,
+                    "tied_with": accepted.tied_with,
+                }
+            )
+        return rows
+
+    def _candidate(self, candidate) -> dict[str, Any]:
+        select = candidate.select
+        return {
+            "effect": candidate.effect[0],
+            "site": candidate.effect[1].site,
+            "score": None if candidate.score is None else candidate.score.gain,
+            "refit_select_error": None if select is None else select.normalized,
+            "why_rejected": candidate.why_rejected,
+        }
+
+    def _whole(self, fit: Fit) -> PartFit:
+        return self.fits.on(self.prepared, fit)
+
+    def _localise(self, whole: dict[str, PartFit]):
+        """Curves of residual acceleration before and after, against everything it could depend on."""
+        windows, task = self.prepared.windows, self.prepared.task
+        steps = self._log_steps()
+        time = np.take(self.prepared.log.time, steps)
+        series = {k: _in_units(p) for k, p in whole.items()}
+        acceleration = {k: accelerations(r, time, windows.mask) for k, r in series.items()}
+        names, bins = [], []
+        for k, output in enumerate(task.outputs):
+            position = np.where(windows.mask, windows.measured[..., k], np.nan)
+            velocity = np.gradient(position, axis=1) / np.gradient(time, axis=1)
+            covariates = [("time", "s", time), (output.name, output.unit, position)]
+            covariates.append((f"rate of {output.name}", f"{output.unit}/s", velocity))
+            inputs = np.take(self.prepared.log.inputs, steps, axis=0)
+            covariates += [(c.name, c.unit, inputs[..., i]) for i, c in enumerate(task.inputs)]
+            for against, unit, covariate in covariates:
+                flat = np.where(windows.mask, covariate, np.nan).ravel()
+                was = curve(flat, acceleration["before"][..., k].ravel())
+                now = curve(flat, acceleration["after"][..., k].ravel())
+                names.append({"output": output.name, "against": against, "unit": unit, "share": was.share})
+                bins.append((was.centre, was.mean, now.mean, was.error))
+        return names, np.array(bins)
+
+    def _log_steps(self) -> np.ndarray:
+        windows = self.prepared.windows
+        steps = windows.first[:, None] + np.arange(windows.mask.shape[1])
+        return np.minimum(steps, len(self.prepared.log.time) - 1)
+
+    def _arrays(self, whole: dict[str, PartFit], bins: np.ndarray) -> dict[str, np.ndarray]:
+        windows = self.prepared.windows
+        mask = windows.mask
+        measured = windows.measured[mask]
+        bins = np.nan_to_num(bins)
+        return {
+            "window/episode": windows.episode,
+            "window/first": windows.first,
+            "window/part": self.part,
+            "step/window": np.repeat(np.arange(len(windows)), windows.samples),
+            "step/time": self.prepared.log.time[self._log_steps()[mask]],
+            "step/measured": measured,
+            "step/before": measured - _in_units(whole["before"])[mask],
+            "step/after": measured - _in_units(whole["after"])[mask],
+            "bin/centre": bins[:, 0],
+            "bin/before": bins[:, 1],
+            "bin/after": bins[:, 2],
+            "bin/error": bins[:, 3],
+        }
+
+    def _attributes(self, curves) -> dict[str, Any]:
+        log = self.prepared.log
+        return {
+            "outputs": [
+                {"name": n, "unit": u} for n, u in zip(log.output_names, log.output_units, strict=True)
+            ],
+            "recordings": list(log.recording_names),
+            "curves": curves,
+        }
+
+
+def _in_units(part: PartFit) -> np.ndarray:
+    """Residual (window, step, output) in the outputs' units."""
+    return part.residual.reshape(part.evidence.measured.shape) * part.evidence.noise_sd
+
+
+def _verdict(before: LackOfFit, after: LackOfFit, attribution: Attribution) -> str:
+    if not before.lacking:
+        return "explained"
+    if not attribution.accepted or (after.lacking and after.normalized > NEAR_FLOOR):
+        return "unexplained"
+    return "tied" if any(a.tied_with for a in attribution.accepted) else "effect-found"
+
+
+def _parameters(fit: Fit, found: Intervals, which) -> dict[str, Any]:
+    x = fit.space.to_unit(fit.point)
+    return {
+        fit.space.names[i]: {
+            "value": float(fit.point[i]),
+            "unit": fit.space.parameters[i].unit,
+            "low": float(fit.space.low[i]),
+            "high": float(fit.space.high[i]),
+            "sd": float(found.sd[i]),
+            "ci95": [float(found.low[i]), float(found.high[i])],
+            "at_bound": bool(min(x[i], 1 - x[i]) < 1e-4),
+            "identifiable": bool(found.identifiable[i]),
+        }
+        for i in which
+    }
+
+
+def _absorbed(before: Fit, after: Fit) -> dict[str, Any]:
+    """How far each declared parameter moved when the effects came in, in standard deviations of the later one."""
+    if len(after.space) == len(before.space):
+        return {}
+    sd = intervals(after.at).sd
+    return {
+        name: {
+            "before": float(before.point[i]),
+            "after": float(after.point[i]),
+            "unit": before.space.parameters[i].unit,
+            "shift_in_sd": float((after.point[i] - before.point[i]) / sd[i]) if sd[i] > 0 else 0.0,
+        }
+        for i, name in enumerate(before.space.names)
+    }
+
+
+def _ranked(attribution: Attribution):
+    """Candidates, accepted ones first, then by score."""
+    accepted = {a.name for a in attribution.accepted}
+    return sorted(
+        attribution.candidates,
+        key=lambda c: (c.name not in accepted, -(c.score.gain if c.score else -1.0), c.name),
+    )
+
+
+def _summary(verdict: str, stages, attribution: Attribution, lacking: LackOfFit, part: str) -> str:
+    if verdict == "explained":
+        return f"Nothing is missing: the error is {lacking.normalized:.3g} times the noise floor."
+    first, last = (s[part]["normalized"] for s in (stages[0], stages[-1]))
+    where = "held-out" if part == "test" else "fit"
+    if not attribution.accepted:
+        return (
+            f"None of these: the {where} error is {last:.3g} times the noise floor, and no effect of the catalogue "
+            "explains it."
+        )
+    found = " and ".join(
+        a.name + (f" (or {', '.join(a.tied_with)})" if a.tied_with else "") for a in attribution.accepted
+    )
+    text = f"The model lacks {found}: with it the {where} error falls to {last / first:.2g} of what it was."
+    if verdict == "unexplained":
+        text += f" What is left is still {lacking.normalized:.3g} times the noise floor: this is not all."
+    return text

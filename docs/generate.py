@@ -1,0 +1,366 @@
+"""Writes the pages, and parts of pages, that are made from the code: `make docs`. A test compares them with it."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import inspect
+import pkgutil
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import get_args, get_origin, get_type_hints
+
+from typer.models import ArgumentInfo, OptionInfo
+
+ROOT = Path(__file__).resolve().parents[1]
+NOT_LISTED = {".git", ".venv", ".hypothesis", ".pytest_cache", ".ruff_cache", "__pycache__", "build", "runs"}
+
+# Captions of what has no docstring; a folder named here is one line of the tree.
+CAPTIONS = {
+    ".ci/run": "what continuous integration runs: lint and tests",
+    ".gitignore": "what is not kept",
+    "CHANGELOG.md": "what changed, by version",
+    "LICENSE": "MIT",
+    "Makefile": "make demo, test, install, lint, bench, docs: each sets up what it needs",
+    "README.md": "this page",
+    "constraints.txt": "the exact versions that are installed",
+    "pyproject.toml": "the package, its dependencies, the settings of pytest and ruff",
+    "benchmarks/machines/arm": "a two-joint arm: model.xml and task.toml",
+    "benchmarks/machines/cart_pole": "a cart with a hanging pole",
+    "benchmarks/machines/emps": "a carriage on a screw, driven by a motor's voltage (EMPS)",
+    "benchmarks/machines/puck": "a puck that slides over a table into a wall",
+    "benchmarks/machines/slider": "a driven carriage on a spring",
+    "capture_cli/effects/_example_machine.xml": "the machine whose ranges docs/effects.md shows",
+    "capture_cli/reports/page.css": "how report.html looks",
+    "capture_cli/reports/page.js": "what report.html does: zoom, legends, theme",
+    "datasets/README.md": "how the logs shipped here were made",
+    "datasets/cart": "the demo: a cart whose model lacks dry friction, its log and its truth",
+    "docs/benchmarks.md": "figures measured, each with its command",
+    "docs/commands.md": "every command and option",
+    "docs/concepts.md": "windows, starts, noise floor, intervals, verdicts, and their limits",
+    "docs/effects.md": "every effect, where it sits and its parameters",
+    "docs/findings.md": "what was found out on the way, with dates; failures too",
+    "docs/images": "the pictures of these pages",
+    "docs/schemas.md": "every file format, array by array and key by key",
+    "docs/task-file.md": "every key of a task.toml, and everything a parameter can set",
+    "docs/tutorial.md": "your own machine, from a CSV to an identified MJCF",
+}
+
+
+def main() -> None:
+    """Write every page, and every part of a page."""
+    for path, make in PAGES.items():
+        (ROOT / path).write_text(make(), encoding="utf-8")
+    for path, parts in PARTS.items():
+        page = ROOT / path
+        page.write_text(with_parts(page.read_text(encoding="utf-8"), parts), encoding="utf-8")
+
+
+def with_parts(page: str, parts: dict[str, Callable[[], str]]) -> str:
+    """`page` with the text between `<!-- NAME begins -->` and `<!-- NAME ends -->` made anew."""
+    for name, make in parts.items():
+        begin, end = f"<!-- {name} begins: written by `make docs` -->", f"<!-- {name} ends -->"
+        if page.count(begin) != 1 or page.count(end) != 1:
+            raise ValueError(f"the page must hold {begin} and {end} once each")
+        before, rest = page.split(begin)
+        page = f"{before}{begin}\n{make()}\n{end}{rest.split(end)[1]}"
+    return page
+
+
+# --- commands.md ---
+
+
+def commands() -> str:
+    """Every command with its options, from the signatures in capture_cli/cli.py."""
+    from capture_cli.cli import app
+
+    lines = [_COMMANDS.strip(), ""]
+    for command in app.registered_commands:
+        name = command.name or command.callback.__name__.replace("_", "-")
+        lines += _command(name, command.callback)
+    return "\n".join(lines)
+
+
+def _command(name: str, callback: Callable) -> list[str]:
+    summary, _, example = inspect.getdoc(callback).partition("Example:")
+    lines = [f"## capture {name}", "", " ".join(summary.split()), ""]
+    if example:
+        lines += ["```sh", " ".join(example.split()), "```", ""]
+    lines += ["| option | what it is | default |", "|---|---|---|"]
+    kinds = get_type_hints(callback, include_extras=True)
+    for parameter in inspect.signature(callback).parameters.values():
+        kind, option = get_args(kinds[parameter.name])
+        lines.append(_option(kind, option, parameter))
+    return [*lines, ""]
+
+
+def _option(kind, option, parameter: inspect.Parameter) -> str:
+    several = get_origin(kind) is list
+    if isinstance(option, ArgumentInfo):
+        form = parameter.name.upper() + ("..." if several else "")
+    else:
+        # inside Annotated, typer.Option takes its first name for a default, and corrects that when it runs
+        form = " ".join([str(option.default), *_value(kind)])
+    text = option.help.removesuffix(".").replace("|", "\\|")
+    often = "; may be given several times" if several and isinstance(option, OptionInfo) else ""
+    return f"| `{form}` | {text}{often} | {_default(parameter.default)} |"
+
+
+def _value(kind) -> list[str]:
+    """What follows the option on the command line: nothing for a flag."""
+    inner = [k for k in get_args(kind) if k is not type(None)]
+    if get_origin(kind) is tuple:
+        return [_value(k)[0] for k in inner]
+    if inner:
+        return _value(inner[0])
+    return {bool: [], int: ["N"], float: ["NUMBER"], Path: ["PATH"]}.get(kind, ["TEXT"])
+
+
+def _default(default: object) -> str:
+    if default is inspect.Parameter.empty:
+        return "required"
+    if default is None or default is False or default == []:
+        return ""
+    return f"`{' '.join(map(str, default)) if isinstance(default, tuple) else default}`"
+
+
+# --- schemas.md ---
+
+
+def schemas() -> str:
+    """Every store's arrays and attributes, and every key of the JSON documents."""
+    from capture_cli import stores
+    from capture_cli.stores.schema import Schema
+
+    lines = [_SCHEMAS.strip(), ""]
+    for info in sorted(pkgutil.iter_modules(stores.__path__), key=lambda m: m.name):
+        module = importlib.import_module(f"capture_cli.stores.{info.name}")
+        for schema in (v for v in vars(module).values() if isinstance(v, Schema)):
+            lines += [schema.markdown(), "", f"Of another version: {schema.cure_for_other_version}.", ""]
+    lines += ["## JSON documents", ""]
+    for name, (text, keys) in DOCUMENTS.items():
+        lines += [f"### {name}", "", text, "", "| key | meaning |", "|---|---|"]
+        lines += [f"| `{key}` | {meaning} |" for key, meaning in keys.items()]
+        lines.append("")
+    return "\n".join(lines)
+
+
+def keys_of(document: object, names: dict[str, str], path: str = "") -> set[str]:
+    """The keys of a JSON document, as DOCUMENTS writes them. names: the name for the keys of a table, by its path."""
+    if isinstance(document, list):
+        inner = [keys_of(item, names, f"{path}[]") for item in document]
+        return set().union(*inner) if any(inner) else {path}
+    if not isinstance(document, dict) or not document:
+        return {path}
+    found = set()
+    for key, value in document.items():
+        shown = names.get(path, key)
+        found |= keys_of(value, names, f"{path}.{shown}" if path else shown)
+    return found
+
+
+NAMES = {  # tables whose keys are names that the user chose
+    "parameters": "NAME",
+    "noise_floor": "OUTPUT",
+    "noise_floor_source": "OUTPUT",
+    "error.fit.rmse": "OUTPUT",
+    "error.fit.mae": "OUTPUT",
+    "error.test.rmse": "OUTPUT",
+    "error.test.mae": "OUTPUT",
+    "rounds[].parameters": "NAME",
+    "effects": "EFFECT@SITE.PARAMETER",
+    "noise_sd": "OUTPUT",
+    "inputs": "INPUT",
+    "packages": "PACKAGE",
+    "options": "OPTION",
+}
+
+_ERROR = {
+    "rmse.OUTPUT": "root mean square of measured minus simulated, in the output's unit",
+    "mae.OUTPUT": "mean of its absolute value, in the output's unit",
+    "normalized": "RMSE over the noise floor, root mean square over outputs (1: only noise is left)",
+}
+DOCUMENTS: dict[str, tuple[str, dict[str, str]]] = {
+    "estimate.json": (
+        "What `capture identify` found; also what its `--json` prints.",
+        {
+            "format": '"capture/estimate"',
+            "version": "1",
+            "task": "name of the task",
+            "log.path": "the log, as it was named",
+            "log.sha256": "hash of its files",
+            "identifier": "who searched: least-squares or cma-es",
+            "parameters.NAME.value": "the estimate, in `unit`",
+            "parameters.NAME.unit": "its unit",
+            "parameters.NAME.low": "lower bound",
+            "parameters.NAME.high": "upper bound",
+            "parameters.NAME.sd": "standard deviation of the estimate",
+            "parameters.NAME.ci95[]": "95 % interval, cut to the bounds",
+            "parameters.NAME.at_bound": "whether the estimate lies at a bound",
+            "parameters.NAME.identifiable": "whether the log determines it",
+            **{f"error.fit.{k}": f"{v}; windows that were fitted" for k, v in _ERROR.items()},
+            **{f"error.test.{k}": f"{v}; windows held out" for k, v in _ERROR.items()},
+            "noise_floor.OUTPUT": "standard deviation of the output's noise",
+            "noise_floor_source.OUTPUT": "declared, differences or resolution",
+            "verdict": "explained, unexplained or not-identifiable",
+            "summary": "the verdict in one sentence",
+            "lack_of_fit.normalized": "error of the fit over the noise floor, degrees of freedom allowed for",
+            "lack_of_fit.threshold": "what chance allows",
+            "lack_of_fit.autocorrelation_time": "of the residual, in steps",
+            "undetermined": "combinations of parameters that the log leaves open: {combination, sd_over_range, text}",
+            "correlation[][]": "of the estimates, (parameter, parameter)",
+            "recordings": "null, or how the recordings agree: {names, agree, parameters, text}",
+            "split.how": "how windows were divided into fit and test, in words",
+            "split.fit_windows": "how many were fitted",
+            "split.test_windows": "how many were held out",
+            "rollouts.measured": "episodes of the log",
+            "rollouts.simulated": "windows simulated in all",
+            "rounds[].parameters.NAME": "best point after each round",
+            "rounds[].error": "its error over the noise floor",
+            "next_command": "null, or the command to run next",
+        },
+    ),
+    "truth.json": (
+        "What `capture record` made a log with, in a file of its own beside the log.",
+        {
+            "format": '"capture/truth"',
+            "version": "1",
+            "task": "name of the task",
+            "parameters.NAME": "the parameters",
+            "effects.EFFECT@SITE.PARAMETER": "the effects",
+            "noise_sd.OUTPUT": "standard deviation of the noise added",
+            "seed": "of every random choice",
+        },
+    ),
+    "provenance.json": (
+        "In every output: what made it, from what, and how long it took.",
+        {
+            "format": '"capture/provenance"',
+            "version": "1",
+            "command": "the command",
+            "options.OPTION": "its options, as resolved",
+            "inputs.INPUT.path": "each file it read",
+            "inputs.INPUT.sha256": "and its hash",
+            "capture": "version of capture",
+            "python": "version of Python",
+            "packages.PACKAGE": "versions of what the numbers depend on",
+            "platform": "operating system and processor",
+            "began": "when, UTC",
+            "seconds": "how long it took",
+        },
+    ),
+}
+
+
+# --- the table of task-file.md and the tree of README.md ---
+
+
+def targets() -> str:
+    """Everything a parameter can set."""
+    from capture_cli.sim.targets import ATTRIBUTES
+
+    lines = ["| target | unit | what it is |", "|---|---|---|"]
+    for kind, attributes in ATTRIBUTES.items():
+        for name, (unit, meaning) in attributes.items():
+            form = f"option:{name}" if kind == "option" else f"{kind}:NAME:{name}"
+            lines.append(f"| `{form}` | {unit} | {meaning or 'likewise'} |")
+    return "\n".join(lines)
+
+
+def tree() -> str:
+    """Every file of the project with a caption: the first line of its docstring, or one of CAPTIONS."""
+    lines = []
+    shown: set[Path] = set()
+    for path, caption in _captioned():
+        for folder in reversed(path.parents[:-1]):
+            if folder not in shown:
+                shown.add(folder)
+                lines.append(f"{'  ' * (len(folder.parts) - 1)}{folder.name}/")
+        indent = "  " * (len(path.parts) - 1)
+        name = path.name + ("/" if (ROOT / path).is_dir() else "")
+        lines.append(f"{indent}{name:<{max(1, 34 - len(indent))}}  {caption}")
+    return "\n".join(["```", *lines, "```"])
+
+
+def _captioned() -> list[tuple[Path, str]]:
+    """(path, caption) of every line of the tree, folders before files."""
+    found: dict[Path, str] = {}
+    for file in ROOT.rglob("*"):
+        path = file.relative_to(ROOT)
+        if file.is_dir() or NOT_LISTED & set(path.parts) or any(p.endswith(".egg-info") for p in path.parts):
+            continue
+        folded = next((p for p in [*reversed(path.parents), path] if p.as_posix() in CAPTIONS), path)
+        found[folded] = _caption(folded)
+    return sorted(found.items(), key=lambda item: _place(item[0]))
+
+
+def _place(path: Path) -> list[tuple[bool, str]]:
+    """Sorts files before folders, and each by name."""
+    parts = [(True, part) for part in path.parts]
+    return [*parts[:-1], ((ROOT / path).is_dir(), path.name)]
+
+
+def _caption(path: Path) -> str:
+    if path.as_posix() in CAPTIONS:
+        return CAPTIONS[path.as_posix()]
+    text = (ROOT / path).read_text(encoding="utf-8") if path.suffix == ".py" else ""
+    docstring = ast.get_docstring(ast.parse(text)) if text else None
+    if not docstring:
+        raise ValueError(
+            f"{path} has no caption: give it a docstring, or a line in CAPTIONS of docs/generate.py"
+        )
+    return docstring.splitlines()[0].rstrip(".")
+
+
+_COMMANDS = """
+# Commands
+
+This page is made from the command line itself (`make docs`).
+
+stdout carries results only: tables, or with `--json` exactly one JSON document. Progress and messages go to stderr.
+Every option can also stand in a TOML file given by `--config`, by its name (`starts = 5`), or in a table named after
+the command (`[identify]`). An output appears whole or not at all, and nothing is overwritten without `--force`.
+`--debug`, anywhere on the line, adds a traceback to an error.
+
+| exit code | meaning |
+|---|---|
+| 0 | done |
+| 1 | a fault of `capture` |
+| 2 | something you can mend: the message says what was found, what was expected, where, and the cure |
+| 3 | it ran, and the verdict is one that `--fail-on` names |
+"""
+
+_SCHEMAS = """
+# File formats
+
+This page is made from the tables that write and check the files (`make docs`). Stores are Zarr v3 groups (measured
+logs are read from v2 as well); numbers are in SI units; a version that the program does not read is refused with the
+command that mends it. Axes are named: arrays that share an axis have the same length along it.
+
+A measured log is `NAME.zarr`. An estimate is a folder: `estimate.json`, the curves in `estimate.zarr`, `report.html`,
+figures, and `provenance.json`.
+
+## Stores
+"""
+
+
+def _effects() -> str:
+    from capture_cli.effects import markdown
+
+    return markdown()
+
+
+PAGES: dict[str, Callable[[], str]] = {
+    "docs/commands.md": commands,
+    "docs/schemas.md": schemas,
+    "docs/effects.md": _effects,
+}
+PARTS: dict[str, dict[str, Callable[[], str]]] = {
+    "docs/task-file.md": {"targets": targets},
+    "README.md": {"tree": tree},
+}
+
+if __name__ == "__main__":
+    sys.path.insert(0, str(ROOT))
+    main()

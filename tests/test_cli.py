@@ -1,0 +1,481 @@
+"""The command line: what goes to stdout, exit codes, --config, and what is left when a run does not end well."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from capture_cli import cli
+from capture_cli.simulator import Simulator
+from capture_cli.stages import identify as stage
+from capture_cli.stages.prepared_log import prepare
+from capture_cli.stores.estimate import Estimate
+from capture_cli.stores.measured_log import MeasuredLog
+from capture_cli.stores.output import PROVENANCE
+from capture_cli.tasks import load_task
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+MACHINES = REPOSITORY / "benchmarks" / "machines"
+SLIDER = MACHINES / "slider" / "task.toml"
+FAST = ("--starts", "1", "--threads", "1")
+RECORD = ("record", "--task", str(SLIDER), "--duration", "1.5", "--rate", "250", "--noise", "0.0005")
+
+
+@pytest.fixture
+def capture(capsys, monkeypatch, tmp_path):
+    """Runs `capture ARGUMENTS` in this process and in tmp_path: (exit code, stdout, stderr)."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["capture", *map(str, arguments)])
+        capsys.readouterr()
+        try:
+            cli.main()
+            code = 0
+        except SystemExit as ended:
+            code = ended.code or 0
+        out, err = capsys.readouterr()
+        return code, out, err
+
+    return run
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory) -> Path:
+    """A log of the slider, 4 episodes of 1.5 s, with noise."""
+    path = tmp_path_factory.mktemp("log") / "run.zarr"
+    subprocess.run(
+        [*CAPTURE, *RECORD, "--episodes", "4", "--param", "mass=1.5", "--seed", "3", "--out", str(path)],
+        check=True,
+        capture_output=True,
+        env=ENVIRONMENT,
+    )
+    return path
+
+
+@pytest.fixture
+def without_pages(monkeypatch):
+    monkeypatch.setattr(stage, "_write_pages", lambda *_: None)
+
+
+CAPTURE = (sys.executable, "-m", "capture_cli")
+ENVIRONMENT = {**os.environ, "PYTHONPATH": str(REPOSITORY)}
+
+
+def identify(log: Path, *more) -> tuple:
+    return ("identify", "--real-log", log, "--task", SLIDER, *FAST, *more)
+
+
+def start(folder: Path, *arguments, program: tuple = CAPTURE) -> subprocess.Popen:
+    return subprocess.Popen(
+        [*program, *map(str, arguments)],
+        cwd=folder,
+        env=ENVIRONMENT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+# --- the whole path ---
+
+
+def test_from_record_to_export(tmp_path):
+    """Each command as a user runs it: with --json, stdout is one JSON document and nothing else."""
+
+    def run(*arguments) -> dict:
+        done = subprocess.run(
+            [*CAPTURE, *map(str, arguments), "--json"],
+            cwd=tmp_path,
+            env=ENVIRONMENT,
+            capture_output=True,
+            text=True,
+        )
+        assert done.returncode == 0, done.stderr
+        return json.loads(done.stdout)
+
+    truth = run(*RECORD, "--episodes", 4, "--param", "mass=1.5", "--param", "damping=7", "--out", "run.zarr")
+    assert truth["parameters"] == {"mass": 1.5, "damping": 7.0, "stiffness": 60.0}
+    assert run("inspect", "run.zarr", "--task", SLIDER)["kind"] == "measured-log"
+    document = run("identify", "--real-log", "run.zarr", "--task", SLIDER, "--out", "run.estimate")
+    assert document == json.loads((tmp_path / "run.estimate" / "estimate.json").read_text())
+    assert (document["format"], document["version"], document["task"]) == ("capture/estimate", 1, "slider")
+    assert document["verdict"] == "explained"
+    for name, p in document["parameters"].items():
+        assert p["value"] == pytest.approx(truth["parameters"][name], abs=4 * p["sd"])
+    files = {p.name for p in (tmp_path / "run.estimate").iterdir()}
+    assert {"estimate.json", "estimate.zarr", "report.html", PROVENANCE} <= files
+    assert run("export", "run.estimate", "--out", "identified.xml") == {"model": "identified.xml"}
+    assert_reproduces(tmp_path / "identified.xml", tmp_path / "run.estimate", tmp_path / "run.zarr")
+    assert sorted(p.name for p in tmp_path.iterdir()) == [
+        *("identified.xml", "run.estimate", "run.truth.json", "run.zarr"),
+    ]
+
+
+def assert_reproduces(model: Path, estimate: Path, log: Path) -> None:
+    """The exported model, with nothing left to set, gives the estimate's simulated curves."""
+    found = Estimate.read(estimate)
+    compiled = mujoco.MjModel.from_xml_path(str(model))
+    assert compiled.body("carriage").mass[0] == found.document["parameters"]["mass"]["value"]
+    text = SLIDER.read_text().replace("model.xml", model.name)
+    bare = model.with_name("task.toml")
+    bare.write_text(text[: text.index("[parameters")] + text[text.index("[inputs") :])
+    task = load_task(str(bare))
+    prepared = prepare(MeasuredLog.read(log), task, window=None, test=None, seed=0)
+    offsets = found.arrays["window/start_offset"][None]
+    simulated = Simulator(task).simulate(prepared.windows, prepared.starts.starts, np.zeros((1, 0)), offsets)
+    np.testing.assert_allclose(
+        simulated.outputs[0][prepared.windows.mask], found.arrays["step/simulated"], atol=1e-12
+    )
+    bare.unlink()
+
+
+def test_provenance_says_how_it_was_made(capture, log, tmp_path, without_pages):
+    code, _, err = capture(*identify(log, "--out", "e", "--seed", "7"))
+    assert (code, err) == (0, err)
+    made = json.loads((tmp_path / "e" / PROVENANCE).read_text())
+    assert made["command"] == "identify"
+    assert (made["options"]["seed"], made["options"]["starts"], made["options"]["task"]) == (
+        7,
+        1,
+        str(SLIDER),
+    )
+    assert made["inputs"]["real_log"]["path"] == str(log)
+    assert len(made["inputs"]["real_log"]["sha256"]) == 64
+    assert made["inputs"]["task"]["path"] == str(SLIDER)
+    assert {"capture", "python", "packages", "seconds"} <= set(made)
+
+
+def test_the_default_out_is_beside_the_user(capture, log, tmp_path, without_pages):
+    assert capture(*identify(log))[0] == 0
+    assert Estimate.read(tmp_path / "run.estimate").document["task"] == "slider"
+
+
+def test_the_table_is_on_stdout_and_progress_is_not(capture, log, without_pages):
+    code, out, err = capture(*identify(log, "--out", "e"))
+    assert code == 0
+    assert "mass" in out
+    assert "explained" in out
+    assert "round" not in out
+    assert "mass" not in err
+
+
+def test_quiet_says_nothing(capture, log, without_pages):
+    assert capture(*identify(log, "--out", "e", "--quiet")) == (0, "", "")
+
+
+@pytest.mark.parametrize("command", ["tasks", "effects"])
+def test_listings(capture, command):
+    code, out, _ = capture(command, "--task", SLIDER)
+    assert code == 0
+    assert "mass" in out if command == "tasks" else "coulomb-friction" in out
+    code, out, err = capture(command, "--task", SLIDER, "--json")
+    assert (code, err) == (0, "")
+    assert list(json.loads(out)) == [command]
+
+
+# --- exit codes ---
+
+
+@pytest.mark.parametrize(
+    ("effect", "verdict", "fail_on", "expected"),
+    [
+        ((), "explained", "unexplained,not-identifiable", 0),
+        (("--effect", "coulomb-friction@x=3"), "unexplained", None, 0),
+        (("--effect", "coulomb-friction@x=3"), "unexplained", "not-identifiable", 0),
+        (("--effect", "coulomb-friction@x=3"), "unexplained", "unexplained", 3),
+    ],
+)
+def test_fail_on_a_verdict(capture, tmp_path, without_pages, effect, verdict, fail_on, expected):
+    assert capture(*RECORD, "--episodes", 4, *effect, "--out", "run.zarr")[0] == 0
+    more = ("--fail-on", fail_on) if fail_on else ()
+    code, out, _ = capture(*identify(tmp_path / "run.zarr", "--out", "e", "--json", *more))
+    assert json.loads(out)["verdict"] == verdict
+    assert code == expected
+    assert Estimate.read(tmp_path / "e").document["verdict"] == verdict  # it ran, and is written
+
+
+def test_our_own_faults_exit_with_1(capture, log, monkeypatch, tmp_path):
+    def broken(**_):
+        raise ZeroDivisionError("a bug")
+
+    monkeypatch.setattr(stage, "identify", broken)
+    code, out, err = capture(*identify(log, "--out", "e"))
+    assert (code, out) == (1, "")
+    assert "internal error: ZeroDivisionError: a bug" in err
+    assert "--debug" in err
+    assert "Traceback" not in err
+    code, _, err = capture(*identify(log, "--out", "e", "--debug"))
+    assert code == 1
+    assert "Traceback" in err
+    assert not (tmp_path / "e").exists()
+
+
+def test_debug_shows_where_a_mendable_error_was_raised(capture, log):
+    code, _, err = capture("--debug", *identify(log, "--test", "nowhere", "--out", "e"))
+    assert code == 2
+    assert "Traceback" in err
+    assert "cure:" in err
+
+
+@pytest.fixture
+def foreign(tmp_path) -> Path:
+    import zarr
+
+    zarr.open_group(str(tmp_path / "foreign.zarr"), mode="w").create_array("x", shape=(3,), dtype="f8")
+    return tmp_path / "foreign.zarr"
+
+
+def test_mendable_errors_exit_with_2_and_write_nothing(capture, log, tmp_path, foreign):
+    puck = MACHINES / "puck" / "task.toml"
+    existing = tmp_path / "there"
+    existing.mkdir()
+    cases = [
+        (identify(log, "--out", existing), ["exists already", "--force"]),
+        (identify(log, "--test", "nowhere"), ["'nowhere'", "run"]),
+        (identify(log, "--identifier", "magic"), ["'magic'", "least-squares"]),
+        (identify(log, "--fail-on", "unexplaned"), ["unexplaned", "did you mean 'unexplained'"]),
+        (identify(log, "--window", "-1"), ["--window -1"]),
+        (identify(log, "--window", "0.001"), ["fewer than"]),
+        (identify(log, "--window", "99"), ["99 s", "--window"]),
+        (identify(foreign), ["foreign.zarr", "not a capture/measured-log"]),
+        (identify(tmp_path / "no.zarr"), ["no.zarr does not exist"]),
+        (("identify", "--real-log", log, "--task", "slidr.toml"), ["'slidr.toml'", "task.toml"]),
+        (("identify", "--real-log", log), ["'slider'", "--task PATH/TO/task.toml"]),
+        (("identify", "--real-log", log, "--task", puck), ["(drive)", "'puck'", "import the log again"]),
+        (("identify",), ["--real-log"]),
+        (identify(log, "--starts", "0"), ["--starts"]),
+        (identify(log, "--starts", "many"), ["--starts"]),
+        (identify(log, "--strats", "2"), ["--strats"]),
+        (("identfy",), ["identfy", "identify"]),
+        ((*RECORD, "--out", "r.zarr", "--param", "mas=1"), ["'mas'", "did you mean 'mass'"]),
+        ((*RECORD, "--out", "r.zarr", "--param", "mass"), ["NAME=NUMBER", "--param"]),
+        ((*RECORD, "--out", "r.zarr", "--effect", "coulomb@x=1"), ["'coulomb'", "coulomb-friction"]),
+        ((*RECORD, "--out", "r.zarr", "--effect", "coulomb-friction@y=1"), ["'y'", "x"]),
+        ((*RECORD[:-2], "--out", "r.zarr", "--noise", "v=1"), ["'v'", "q"]),
+        ((*RECORD[:-2], "--out", "r.zarr", "--noise", "-1"), ["--noise q=-1", "0 or more"]),
+        ((*RECORD[:-2], "--out", "r.zarr", "--noise", "much"), ["--noise 'much'"]),
+        ((*RECORD, "--out", "r.zarr", "--start", "y=1"), ["'y'", "x"]),
+        ((*RECORD, "--out", "r.zarr", "--start", "x=1:0"), ["'x=1:0'", "LOW:HIGH"]),
+        ((*RECORD, "--out", "r.zarr", "--start", "x=nan"), ["'x=nan'", "LOW:HIGH"]),
+        ((*RECORD, "--out", "r.zarr", "--param", "mass=inf"), ["'mass=inf'"]),
+        ((*RECORD, "--out", "r.zarr", "--rate", "-5"), ["rate = -5"]),
+        ((*RECORD, "--out", "r.zarr", "--rate", "inf"), ["rate = inf"]),
+        ((*RECORD, "--out", "r.zarr", "--duration", "nan"), ["duration = nan"]),
+        ((*RECORD, "--out", "r.zarr", "--band", "3", "1"), ["--band 3 1", "lower"]),
+        ((*RECORD, "--out", "r.zarr", "--amplitude", "push=5"), ["'push'", "drive"]),
+        (("export", existing, "--out", "m.xml"), ["estimate.json"]),
+        (("inspect", "nothing.zarr"), ["nothing.zarr"]),
+        (("tasks", "--task", "nothing"), ["'nothing'"]),
+    ]
+    before = sorted(tmp_path.rglob("*"))
+    for arguments, named in cases:
+        code, out, err = capture(*arguments)
+        assert (code, out) == (2, ""), (arguments, err)
+        assert "Traceback" not in err
+        plain = " ".join(err.split())
+        for piece in named:
+            assert piece in plain, (arguments, err)
+        assert sorted(tmp_path.rglob("*")) == before, arguments
+
+
+def test_force_replaces_an_output_and_nothing_else(capture, log, tmp_path, without_pages):
+    assert capture(*identify(log, "--out", "e"))[0] == 0
+    assert capture(*identify(log, "--out", "e"))[0] == 2
+    assert capture(*identify(log, "--out", "e", "--force", "--seed", "5"))[0] == 0
+    assert json.loads((tmp_path / "e" / PROVENANCE).read_text())["options"]["seed"] == 5
+    mine = tmp_path / "mine"
+    mine.mkdir()
+    (mine / "thesis.tex").write_text("years of work")
+    code, _, err = capture(*identify(log, "--out", "mine", "--force"))
+    assert code == 2
+    assert "not an output of `capture`" in err
+    assert (mine / "thesis.tex").read_text() == "years of work"
+
+
+# --- --config ---
+
+
+def test_a_config_gives_defaults_and_options_override_them(capture, log, tmp_path, without_pages):
+    config = tmp_path / "run.toml"
+    config.write_text(
+        f'real-log = "{log}"\ntask = "{SLIDER}"\nstarts = 1\nthreads = 1\nseed = 11\nout = "c"\n'
+    )
+    code, out, _ = capture("identify", "--config", config, "--seed", "12", "--json")
+    assert code == 0
+    assert json.loads(out)["log"]["path"] == str(log)
+    options = json.loads((tmp_path / "c" / PROVENANCE).read_text())["options"]
+    assert (options["starts"], options["seed"], options["out"]) == (1, 12, "c")
+
+
+def test_a_config_may_hold_sections_for_several_commands(capture, tmp_path):
+    config = tmp_path / "run.toml"
+    config.write_text(
+        f'[record]\ntask = "{SLIDER}"\nout = "a.zarr"\nduration = 0.5\nnoise = [0.001]\n'
+        'param = ["mass=1.5", "damping=3"]\nband = [0.5, 2.0]\n[identify]\nstarts = 1\n'
+    )
+    code, out, _ = capture("record", "--config", config, "--json")
+    assert code == 0
+    assert json.loads(out)["parameters"] == {"mass": 1.5, "damping": 3.0, "stiffness": 60.0}
+    options = json.loads((tmp_path / "a.zarr" / PROVENANCE).read_text())["options"]
+    assert (options["duration"], options["band"]) == (0.5, [0.5, 2.0])
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ("strats = 2", ["no option 'strats'", "did you mean 'starts'"]),
+        ("starts = 'many'", ["starts"]),
+        ("starts = 0", ["starts"]),
+        ("starts = ", ["run.toml"]),
+        ("help = true", ["no option 'help'"]),
+        ("config = 'x.toml'", ["no option 'config'"]),
+    ],
+)
+def test_a_config_that_is_wrong(capture, log, tmp_path, text, named):
+    config = tmp_path / "run.toml"
+    config.write_text(text)
+    code, out, err = capture(*identify(log)[:-4], "--config", config)
+    assert (code, out) == (2, "")
+    for piece in named:
+        assert piece in " ".join(err.split())
+    assert not (tmp_path / "run.estimate").exists()
+
+
+def test_a_config_that_is_missing(capture, log):
+    code, _, err = capture(*identify(log, "--config", "nowhere.toml"))
+    assert code == 2
+    assert "nowhere.toml" in err
+
+
+# --- runs that do not end ---
+
+
+def is_absent_or_complete(out: Path) -> bool:
+    if not out.exists():
+        return True
+    Estimate.read(out)
+    return (out / "report.html").is_file() and (out / PROVENANCE).is_file()
+
+
+def test_a_run_killed_at_any_moment_leaves_nothing_that_looks_complete(tmp_path, log):
+    arguments = identify(log, "--out", "e", "--quiet")
+    began = time.monotonic()
+    whole = start(tmp_path, *identify(log, "--out", "timed", "--quiet"))
+    assert whole.wait() == 0
+    duration = time.monotonic() - began
+    for share in np.random.default_rng().uniform(0.3, 1.0, 3):
+        run = start(tmp_path, *arguments)
+        time.sleep(share * duration)
+        run.kill()
+        run.wait()
+        assert is_absent_or_complete(tmp_path / "e")
+        if (tmp_path / "e").exists():
+            break
+    again = start(tmp_path, *arguments, "--force")
+    assert again.wait() == 0, again.stderr.read()
+    assert is_absent_or_complete(tmp_path / "e")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["e", "timed"]
+
+
+KILLED = """
+import os, signal, sys
+from capture_cli import cli
+from capture_cli.stages import identify
+from capture_cli.stores import output
+
+def die(*_):
+    os.kill(os.getpid(), signal.SIGKILL)
+
+setattr({where}, die)
+cli.main()
+"""
+
+
+@pytest.mark.parametrize(
+    "where", ['identify, "_write_pages"', 'output, "_sync"', 'output, "_move_into_place"']
+)
+def test_a_run_killed_while_it_writes(tmp_path, log, capture, without_pages, where):
+    program = (sys.executable, "-c", KILLED.format(where=where))
+    run = start(tmp_path, *identify(log, "--out", "e", "--quiet"), program=program)
+    assert run.wait() == -signal.SIGKILL
+    assert not (tmp_path / "e").exists()
+    assert [p.name[:11] for p in tmp_path.iterdir()] == [".e.partial-"]
+    assert capture(*identify(log, "--out", "e"))[0] == 0
+    assert [p.name for p in tmp_path.iterdir()] == ["e"]
+
+
+FITTING_FOR_EVER = """
+import sys, time
+from capture_cli import cli
+from capture_cli.stages import identify
+
+def run(*_):
+    print("fitting", file=sys.stderr, flush=True)
+    while True:
+        time.sleep(0.01)
+
+identify.run = run
+cli.main()
+"""
+
+
+def test_ctrl_c_exits_with_2_and_leaves_nothing(tmp_path, log):
+    program = (sys.executable, "-c", FITTING_FOR_EVER)
+    run = start(tmp_path, *identify(log, "--out", "e", "--quiet"), program=program)
+    assert run.stderr.readline() == "fitting\n"
+    run.send_signal(signal.SIGINT)
+    out, err = run.communicate()
+    assert (run.returncode, out) == (2, "")
+    assert err.startswith("interrupted: nothing was written")
+    assert "Traceback" not in err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_ctrl_c_while_it_writes(capture, log, monkeypatch, tmp_path):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(stage, "_write_pages", interrupted)
+    code, out, err = capture(*identify(log, "--out", "e"))
+    assert (code, out) == (2, "")
+    assert "interrupted: nothing was written" in err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_full_disk(capture, log, monkeypatch, tmp_path):
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(stage, "_write_pages", full)
+    code, out, err = capture(*identify(log, "--out", "e"))
+    assert (code, out) == (2, "")
+    assert "the disk is full" in err
+    assert "cure: free some space" in err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_out_that_may_not_be_written(capture, log, tmp_path, without_pages):
+    (tmp_path / "file").write_text("")
+    code, _, err = capture(*identify(log, "--out", "file/e"))
+    assert code == 2
+    assert "file/e" in err
+
+
+@pytest.mark.parametrize("arguments", [("effects", "--json"), ("tasks", "--json", "--task", SLIDER)])
+def test_a_reader_that_goes_away_is_no_error(tmp_path, arguments):
+    """As in `capture effects --json | head -1`."""
+    run = start(tmp_path, *arguments)
+    run.stdout.close()
+    assert run.stderr.read() == ""
+    assert run.wait() == 0
