@@ -442,7 +442,7 @@ def _noise(texts: list[str]) -> dict[str, float] | float:
 
 @app.command()
 def export(
-    estimate: Annotated[Path, typer.Argument(help="Estimate directory.")],
+    result: Annotated[Path, typer.Argument(help="Estimate or diagnosis directory.")],
     out: Annotated[Path, typer.Option("--out", help="MJCF file to write.")],
     task: TaskOption = None,
     force: Force = False,
@@ -450,17 +450,22 @@ def export(
     quiet: Quiet = False,
     config: Config = None,
 ) -> None:
-    """Write the model with its identified values as an MJCF that MuJoCo loads.
+    """Write the model with its identified values and effects as an MJCF that MuJoCo loads.
+
+    Effects for which MuJoCo has no feature go to a Python module beside it, STEM_effects.py.
 
     Example: capture export run.estimate --out identified.xml
     """
     from capture_cli.stages.export import export as stage
 
-    stage(estimate=estimate, out=out, task=task, force=force)
+    written = stage(result=result, out=out, task=task, force=force)
     if json_:
-        _print_json({"model": str(out)})
+        beside = {"companion": str(written.companion)} if written.companion else {}
+        _print_json({"model": str(written.model), **beside})
     elif not quiet:
         print(f"{out}: written; load it with mujoco.MjModel.from_xml_path({str(out)!r})")
+        if written.companion:
+            print(f"{written.companion}: written; it applies {', '.join(written.effects)} (see its first lines)")
 
 
 @app.command()

@@ -6,6 +6,7 @@ import ast
 import importlib
 import inspect
 import pkgutil
+import re
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -16,7 +17,8 @@ from typer.models import ArgumentInfo, OptionInfo
 ROOT = Path(__file__).resolve().parents[1]
 NOT_LISTED = {".git", ".venv", ".hypothesis", ".pytest_cache", ".ruff_cache", "__pycache__", "build", "runs"}
 
-# Captions of what has no docstring; a folder named here is one line of the tree.
+BAR = "\\|"  # in a table
+# Captions of what has no docstring, and is no machine; a folder named here is one line of the tree.
 CAPTIONS = {
     ".ci/run": "what continuous integration runs: lint and tests",
     ".gitignore": "what is not kept",
@@ -26,16 +28,10 @@ CAPTIONS = {
     "README.md": "this page",
     "constraints.txt": "the exact versions that are installed",
     "pyproject.toml": "the package, its dependencies, the settings of pytest and ruff",
-    "benchmarks/machines/arm": "a two-joint arm: model.xml and task.toml",
-    "benchmarks/machines/cart_pole": "a cart with a hanging pole",
-    "benchmarks/machines/emps": "a carriage on a screw, driven by a motor's voltage (EMPS)",
-    "benchmarks/machines/puck": "a puck that slides over a table into a wall",
-    "benchmarks/machines/slider": "a driven carriage on a spring",
     "capture_cli/effects/_example_machine.xml": "the machine whose ranges docs/effects.md shows",
     "capture_cli/reports/page.css": "how report.html looks",
     "capture_cli/reports/page.js": "what report.html does: zoom, legends, theme",
     "datasets/README.md": "how the logs shipped here were made",
-    "datasets/cart": "the demo: a cart whose model lacks dry friction, its log and its truth",
     "docs/benchmarks.md": "figures measured, each with its command",
     "docs/commands.md": "every command and option",
     "docs/concepts.md": "windows, starts, noise floor, intervals, verdicts, and their limits",
@@ -102,7 +98,7 @@ def _option(kind, option, parameter: inspect.Parameter) -> str:
     else:
         # inside Annotated, typer.Option takes its first name for a default, and corrects that when it runs
         form = " ".join([str(option.default), *_value(kind)])
-    text = option.help.removesuffix(".").replace("|", "\\|")
+    text = option.help.removesuffix(".").replace("|", BAR)
     often = "; may be given several times" if several and isinstance(option, OptionInfo) else ""
     return f"| `{form}` | {text}{often} | {_default(parameter.default)} |"
 
@@ -264,7 +260,7 @@ def targets() -> str:
     for kind, attributes in ATTRIBUTES.items():
         for name, (unit, meaning) in attributes.items():
             form = f"option:{name}" if kind == "option" else f"{kind}:NAME:{name}"
-            lines.append(f"| `{form}` | {unit} | {meaning or 'likewise'} |")
+            lines.append(f"| `{form}` | {unit} | {meaning.replace('|', BAR) or 'likewise'} |")
     return "\n".join(lines)
 
 
@@ -290,7 +286,7 @@ def _captioned() -> list[tuple[Path, str]]:
         path = file.relative_to(ROOT)
         if file.is_dir() or NOT_LISTED & set(path.parts) or any(p.endswith(".egg-info") for p in path.parts):
             continue
-        folded = next((p for p in [*reversed(path.parents), path] if p.as_posix() in CAPTIONS), path)
+        folded = next((p for p in [*reversed(path.parents), path] if _is_one_line(p)), path)
         found[folded] = _caption(folded)
     return sorted(found.items(), key=lambda item: _place(item[0]))
 
@@ -301,16 +297,27 @@ def _place(path: Path) -> list[tuple[bool, str]]:
     return [*parts[:-1], ((ROOT / path).is_dir(), path.name)]
 
 
+def _is_one_line(path: Path) -> bool:
+    """Whether a folder is shown as a whole: it has a caption, or it is a machine (a model and a task)."""
+    return path.as_posix() in CAPTIONS or (ROOT / path / "task.toml").is_file()
+
+
 def _caption(path: Path) -> str:
     if path.as_posix() in CAPTIONS:
         return CAPTIONS[path.as_posix()]
-    text = (ROOT / path).read_text(encoding="utf-8") if path.suffix == ".py" else ""
-    docstring = ast.get_docstring(ast.parse(text)) if text else None
-    if not docstring:
+    caption = None
+    if path.suffix == ".py":
+        caption = ast.get_docstring(ast.parse((ROOT / path).read_text(encoding="utf-8")))
+    elif (ROOT / path / "model.xml").is_file():
+        comment = re.search(
+            r"<!--(.*?)-->", (ROOT / path / "model.xml").read_text(encoding="utf-8"), re.DOTALL
+        )
+        caption = comment and " ".join(comment.group(1).split()).split(". ")[0]
+    if not caption:
         raise ValueError(
             f"{path} has no caption: give it a docstring, or a line in CAPTIONS of docs/generate.py"
         )
-    return docstring.splitlines()[0].rstrip(".")
+    return caption.splitlines()[0].rstrip(".")
 
 
 _COMMANDS = """

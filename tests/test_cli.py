@@ -27,6 +27,8 @@ from capture_cli.tasks import load_task
 REPOSITORY = Path(__file__).resolve().parents[1]
 MACHINES = REPOSITORY / "benchmarks" / "machines"
 SLIDER = MACHINES / "slider" / "task.toml"
+CAPTURE = (sys.executable, "-m", "capture_cli")
+ENVIRONMENT = {**os.environ, "PYTHONPATH": str(REPOSITORY)}
 FAST = ("--starts", "1", "--threads", "1")
 RECORD = ("record", "--task", str(SLIDER), "--duration", "1.5", "--rate", "250", "--noise", "0.0005")
 
@@ -66,10 +68,6 @@ def log(tmp_path_factory) -> Path:
 @pytest.fixture
 def without_pages(monkeypatch):
     monkeypatch.setattr(stage, "_write_pages", lambda *_: None)
-
-
-CAPTURE = (sys.executable, "-m", "capture_cli")
-ENVIRONMENT = {**os.environ, "PYTHONPATH": str(REPOSITORY)}
 
 
 def identify(log: Path, *more) -> tuple:

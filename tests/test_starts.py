@@ -134,6 +134,20 @@ def test_without_noise_the_velocity_is_the_one_the_integrator_means(model, motio
     assert np.abs(slope - qvel[:, 0]).max() > 10 * np.abs(error[:, model.nv]).max()
 
 
+def test_runge_kutta_has_no_such_lag():
+    spring = mujoco.MjModel.from_xml_string("""
+        <mujoco>
+          <option timestep="0.002" integrator="RK4"/>
+          <worldbody><body><joint name="x" type="slide" stiffness="40"/><geom size=".1" mass="1"/></body></worldbody>
+          <sensor><jointpos name="x" joint="x"/></sensor>
+        </mujoco>""")
+    time = spring.opt.timestep * np.arange(STEPS)
+    start = Starts(np.ones((1, 1)), np.zeros((1, 1)), np.zeros((1, 0)), np.zeros(1))
+    done = Engine(spring, 1).rollout(starts=start, controls=np.zeros((1, STEPS, 0)), steps=STEPS, states=True)
+    _, error = estimate(spring, (time, done.sensors[0], done.qpos[0], done.qvel[0]), ("x",), noise=0.0)
+    assert np.abs(error).max() < 1e-4  # of 6 m/s
+
+
 def test_a_measured_velocity_is_used(model, motion):
     found, error = estimate(model, motion, ("x", "v"), noise=1e-3)
     derived, _ = estimate(model, motion, ("x",), noise=1e-3)

@@ -11,6 +11,7 @@ SELECT_LEVEL = 0.05  # one-sided, of the paired test on data that was not fitted
 # While other effects are still missing the right one need not help everywhere: it may enter, and is judged at the end.
 ENTRY_LEVEL = 0.25
 RESAMPLES = 4000
+BLOCK_TIMES = 2  # a block lasts so many autocorrelation times of the residual
 TINY = 1e-300  # a sum of squares that is nothing
 
 
@@ -45,21 +46,29 @@ def wald_p_value(size: np.ndarray, covariance: np.ndarray, degrees: float, candi
     return min(1.0, candidates * float(fdtrc(count, max(degrees, 1.0), statistic)))
 
 
-def paired_p_value(before: np.ndarray, after: np.ndarray, block: np.ndarray, seed: int) -> float:
-    """That errors fell from before to after (window,), sums of squares, only by chance: paired, one-sided.
+def paired_p_value(before: np.ndarray, after: np.ndarray, seed: int) -> float:
+    """That errors fell from before to after (block,), sums of squares, only by chance: paired, one-sided.
 
-    The statistic is the mean logarithm of their ratio over blocks, so that one bad window does not decide alone.
+    The statistic is the mean logarithm of their ratio over blocks, so that one bad block does not decide alone.
     Blocks are resampled with replacement; with twelve or fewer all flips of sign are counted instead (a bootstrap of
     few blocks is too sure of itself).
     """
-    _, number = np.unique(block, return_inverse=True)
-    total = [np.bincount(number, weights=squares) for squares in (before, after)]
-    fall = np.log(np.maximum(total[0], TINY) / np.maximum(total[1], TINY))
+    fall = np.log(np.maximum(before, TINY)) - np.log(np.maximum(after, TINY))
     if len(fall) <= 12:
         signs = 1 - 2 * ((np.arange(2 ** len(fall))[:, None] >> np.arange(len(fall))) & 1)
         return float(np.mean(signs @ fall >= fall.sum() - 1e-12 * np.abs(fall).sum()))
     drawn = np.random.default_rng(seed).integers(len(fall), size=(RESAMPLES, len(fall)))
     return float((np.sum(fall[drawn].sum(axis=1) <= 0) + 1) / (RESAMPLES + 1))
+
+
+def block_squares(squares: np.ndarray, mask: np.ndarray, length: int) -> np.ndarray:
+    """Sums of `squares` (window, step) over blocks of about `length` steps that do not cross windows, (block,)."""
+    sums = []
+    for row, valid in zip(squares, mask, strict=True):
+        used = row[valid]
+        pieces = max(1, len(used) // max(length, 1))
+        sums += [piece.sum() for piece in np.array_split(used, pieces)]
+    return np.array(sums)
 
 
 def bic_gain(before: float, after: float, samples: float, added: int) -> float:

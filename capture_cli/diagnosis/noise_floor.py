@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from math import comb
 
 import numpy as np
@@ -59,7 +60,7 @@ def from_differences(series: Sequence[np.ndarray]) -> float:
         estimates.append(float(np.sqrt(kept.mean() / TRIMMED_MEAN / comb(2 * order, order))))
     if not estimates:
         return 0.0
-    for this, following in zip(estimates, estimates[1:], strict=False):
+    for this, following in pairwise(estimates):
         if following > STILL_FALLING * this:
             return this
     return estimates[-1]

@@ -19,7 +19,7 @@ STEP = 0.3  # of each parameter's range: how far the linear step may go
 
 @dataclass(frozen=True)
 class Score:
-    """gain: expected decrease of the objective over k (a chi-squared with one degree per amplitude by chance).
+    """gain: expected decrease of the objective over the variance that would be left (chi-squared by chance).
 
     amplitudes (amplitude,): the step, in units of the amplitudes' ranges. parameters (parameter,): that of the
     parameters with it, in the unit cube. unabsorbed: share of the effect's sensitivity (in norm) that parameters
@@ -50,8 +50,9 @@ def score(at: Linearization, sensitivity: np.ndarray, low: np.ndarray, high: np.
     left = _schur(hessian, size)
     total = np.square(sensitivity).sum()
     projected = _project(at, sensitivity, hessian, size, k)
+    remaining = max(float(at.objectives(k).sum()) - gain, 1e-3 * gain, 1e-300) / at.evidence.count
     return Score(
-        gain=max(float(gain / k), 0.0),
+        gain=max(gain / max(remaining, 1.0), 0.0),
         amplitudes=step[size:],
         parameters=step[:size],
         unabsorbed=float(np.sqrt(max(np.trace(left), 0.0) / total)) if total > 0 else 0.0,

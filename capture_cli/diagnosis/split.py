@@ -11,7 +11,7 @@ import numpy as np
 from capture_cli.errors import LogError, OptionError
 
 TEST_SHARE = 0.25
-ENOUGH_EPISODES = 4  # to keep whole episodes back rather than the last block of each
+ENOUGH_EPISODES = 4  # to choose those that are kept back at random, rather than the last
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,9 @@ def split_windows(
         count = max(1, round(TEST_SHARE * len(episodes)))
         held = np.random.default_rng(seed).choice(episodes, size=count, replace=False)
         return Split(np.isin(episode, held), f"{count} of {len(episodes)} episodes held out")
-    return _last_blocks(episode, episodes)
+    if len(episodes) > 1:
+        return Split(episode == episodes[-1], f"last of {len(episodes)} episodes held out")
+    return _last_block(episode)
 
 
 def _by_recording(episode, recording, names, test: str) -> Split:
@@ -59,38 +61,49 @@ def _by_recording(episode, recording, names, test: str) -> Split:
     return Split(is_test, "recordings held out: " + ", ".join(names[i] for i in held))
 
 
-def _last_blocks(episode: np.ndarray, episodes: np.ndarray) -> Split:
+def _last_block(episode: np.ndarray) -> Split:
     is_test = np.zeros(len(episode), dtype=bool)
-    for number in episodes:
-        windows = np.flatnonzero(episode == number)
-        if len(windows) > 1:
-            is_test[windows[-max(1, round(TEST_SHARE * len(windows))) :]] = True
-    if not is_test.any() and len(episodes) > 1:
-        return Split(episode == episodes[-1], "last episode held out")
-    if not is_test.any():
+    if len(episode) < 2:
         raise LogError(
-            f"the log has {len(episode)} window(s) in {len(episodes)} episode(s): too short to hold any back",
+            "the log is one window long: too short to hold any back",
             cure="record more, set a shorter `window` under [log] (or --window), or pass --test none",
         )
-    return Split(is_test, f"last {TEST_SHARE:.0%} of each episode held out")
+    is_test[-max(1, round(TEST_SHARE * len(episode))) :] = True
+    return Split(is_test, f"last {TEST_SHARE:.0%} of the episode held out")
 
 
-SELECT_SHARE = 1 / 3  # of what is not test
-ENOUGH_WINDOWS = 12  # to part with a third of them
+SELECT_SHARE = 3  # one window in three
+ENOUGH_WINDOWS = 12  # to part with a third of them; fewer are cross-validated
 BLOCK = 3  # windows in a row
 
 
-def select_windows(episode: np.ndarray, is_test: np.ndarray) -> np.ndarray:
-    """Windows (window,), True, on which effects are selected: neither fitted nor test.
+@dataclass(frozen=True)
+class Folds:
+    """How effects are selected: `fit` (window,) is fitted; each of `folds` is (fitted, judged), (window,) both.
 
-    Whole episodes where there are enough, otherwise blocks of windows in a row; none where the log is short.
+    With enough windows there is one fold, and what it judges is never fitted. With few, every window is judged by
+    fits that did not see it.
     """
+
+    fit: np.ndarray
+    folds: tuple[tuple[np.ndarray, np.ndarray], ...]
+
+
+def select_folds(episode: np.ndarray, is_test: np.ndarray) -> Folds:
+    """Folds of the windows that are not test; by whole episodes where there are enough, else by blocks in a row."""
     rest = np.flatnonzero(~is_test)
-    chosen = np.zeros(len(episode), dtype=bool)
-    if len(rest) < ENOUGH_WINDOWS:
-        return chosen
+    judged = np.zeros(len(episode), dtype=bool)
     episodes = np.unique(episode[rest])
-    if len(episodes) >= 3 * ENOUGH_EPISODES // 2:
-        return ~is_test & np.isin(episode, episodes[1::3])
-    chosen[rest[(np.arange(len(rest)) // BLOCK) % 3 == 1]] = True
-    return chosen
+    if len(rest) >= ENOUGH_WINDOWS:
+        if len(episodes) >= 2 * SELECT_SHARE:
+            judged = ~is_test & np.isin(episode, episodes[1::SELECT_SHARE])
+        else:
+            judged[rest[(np.arange(len(rest)) // BLOCK) % SELECT_SHARE == 1]] = True
+        fit = ~is_test & ~judged
+        return Folds(fit, ((fit, judged),))
+    folds = []
+    for number in range(min(SELECT_SHARE, len(rest)) if len(rest) > 1 else 0):
+        judged = np.zeros(len(episode), dtype=bool)
+        judged[rest[number::SELECT_SHARE]] = True
+        folds.append((~is_test & ~judged, judged))
+    return Folds(~is_test, tuple(folds))

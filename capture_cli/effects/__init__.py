@@ -11,7 +11,7 @@ from capture_cli.effects.base import PLACES, Effect
 from capture_cli.parameters import Parameter
 from capture_cli.registry import Registry
 
-REGISTRY: Registry[Effect] = Registry("capture_cli.effects", "Effect", "effect")
+REGISTRY: Registry[Effect] = Registry("capture_cli.effects", "Effect", "effect", not_listed=("companion",))
 EXAMPLE = Path(__file__).with_name("_example_machine.xml")
 
 
@@ -26,6 +26,7 @@ class Entry:
     sites: tuple[str, ...]
     parameters: tuple[Parameter, ...]
     shapes: tuple[str, ...]
+    exported_as: str
 
 
 def catalogue(model: mujoco.MjModel | None = None) -> list[Entry]:
@@ -36,7 +37,16 @@ def catalogue(model: mujoco.MjModel | None = None) -> list[Entry]:
         sites = tuple(effect.sites(model))
         parameters = effect(model, sites[0]).parameters if sites else ()
         entries.append(
-            Entry(name, effect.place, effect.summary, effect.where, sites, parameters, effect.shapes)
+            Entry(
+                name=name,
+                place=effect.place,
+                summary=effect.summary,
+                where=effect.where,
+                sites=sites,
+                parameters=parameters,
+                shapes=effect.shapes,
+                exported_as=effect.exported_as(),
+            )
         )
     return sorted(entries, key=lambda e: (PLACES.index(e.place), e.name))
 
@@ -57,6 +67,7 @@ def _row(entry: Entry) -> str:
         "<br>".join(p.unit for p in entry.parameters),
         "<br>".join(f"{p.low:.3g} to {p.high:.3g}" for p in entry.parameters),
         "<br>".join("any" if p.name in entry.shapes else f"{p.nominal:.3g}" for p in entry.parameters),
+        entry.exported_as or "not",
     ]
     return f"| {' | '.join(cells)} |"
 
@@ -75,19 +86,31 @@ At the null value of its parameters the simulation is, bit by bit, the one witho
 marked *shape* say what the effect looks like; while the others are null they mean nothing, whatever they
 are.
 
-Effects of the place *model* are native MuJoCo features and export to MJCF. Those of the place *force* act
-at every step: friction and damping that depend on the state change MuJoCo's own `frictionloss` and
+Effects of the place *model* are native MuJoCo features. Those of the place *force* act at every step: friction and damping that depend on the state change MuJoCo's own `frictionloss` and
 `damping` step by step, so that they are integrated implicitly and stick as MuJoCo's do; compliance and
 backlash keep the motor's position as a state of their own. Effects of *control* change what the actuators
 receive, those of *measurement* what the sensors report. `ctrl` stands for the unit of the actuator's
 control.
 
+`capture export` writes a diagnosis as a model that runs without this package. *MJCF*: the effect is in
+`model.xml`. *companion*: beside it lies `model_effects.py`, which depends on MuJoCo and numpy alone and applies
+the effect in a plain loop; the numbers are filled in, and the functions in it are those of
+`capture_cli/effects/`, so that both give the same trajectories.
+
+```python
+effects = Effects(model)
+for ctrl in controls:
+    effects.step(model, data, ctrl)  # instead of data.ctrl[:] = ctrl and mujoco.mj_step(model, data)
+    recorded.append(data.sensordata.copy())
+reported = effects.sense(model, np.array(recorded))
+```
+
 Ranges follow from the model: from the weight that a joint carries, what its actuators can give, its travel
 and its inertia. The ones in the table are those of the machine at the end of this page, at the effect's
 first site in it.
 
-| effect | place | what it is | sits at | parameters | unit | range | null |
-|---|---|---|---|---|---|---|---|
+| effect | place | what it is | sits at | parameters | unit | range | null | exported as |
+|---|---|---|---|---|---|---|---|---|
 {rows}
 
 The machine of the table:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import mujoco
 
 _KINDS = {
@@ -22,3 +24,9 @@ def site_id(model: mujoco.MjModel, kind: str, site: str) -> int:
     """The id of the object that `site_name` calls `site`."""
     number = mujoco.mj_name2id(model, _KINDS[kind], site)
     return number if number >= 0 else int(site.removeprefix("#"))
+
+
+def reference(model: mujoco.MjModel, kind: str, site: str) -> str:
+    """Source of what `model.joint(...)` and its like take: the name in quotes, or the number."""
+    named = mujoco.mj_name2id(model, _KINDS[kind], site) >= 0
+    return json.dumps(site, ensure_ascii=False) if named else site.removeprefix("#")

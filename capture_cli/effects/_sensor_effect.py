@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import ClassVar
 
 import mujoco
 import numpy as np
 
-from capture_cli.effects._places import site_id, site_name
+from capture_cli.effects._kernel import Companion, bound, call
+from capture_cli.effects._places import reference, site_id, site_name
 from capture_cli.effects._scales import (
     GRAVITY,
     HINGE,
@@ -98,33 +100,58 @@ def columns_of(model: mujoco.MjModel, sensor: int) -> slice:
     return slice(first, first + int(model.sensor_dim[sensor]))
 
 
+def columns_source(model: mujoco.MjModel, site: str) -> str:
+    """Source of the columns of a sensor."""
+    sensor = f"model.sensor({reference(model, 'sensor', site)})"
+    return f"{sensor}.adr[0] + np.arange({sensor}.dim[0])"
+
+
 class SensorEffect(Effect):
-    """An effect on the reports of one sensor."""
+    """An effect on the reports of one sensor.
+
+    kernel: of a series (..., grid, column) makes what is reported of it.
+    """
 
     place = "measurement"
     where = "every sensor"
-
-    def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
-        super().__init__(model, site)
-        if site == GLOBAL:
-            self.columns = slice(0, model.nsensordata)
-            return
-        sensor = site_id(model, "sensor", site)
-        self.columns = columns_of(model, sensor)
-        self.quantity = quantity(model, sensor)
+    kernel: ClassVar[Callable]
 
     @classmethod
     def sites(cls, model: mujoco.MjModel) -> list[str]:
         return [site_name(model, "sensor", s) for s in range(model.nsensor) if quantity(model, s)]
 
+    @property
+    def columns(self) -> slice | list[int]:
+        """Columns of sensordata."""
+        if self.site == GLOBAL:
+            return slice(0, self.model.nsensordata)
+        return columns_of(self.model, site_id(self.model, "sensor", self.site))
+
+    @property
+    def columns_source(self) -> str:
+        """The same, as source that knows the model."""
+        return "slice(None)" if self.site == GLOBAL else columns_source(self.model, self.site)
+
+    @property
+    def quantity(self) -> Quantity:
+        """What the sensor reports."""
+        return quantity(self.model, site_id(self.model, "sensor", self.site))
+
+    def coefficients(self, values: np.ndarray) -> dict[str, np.ndarray]:
+        """The kernel's coefficients, (simulation, 1 or column) each, from `values` (simulation, parameter)."""
+        return {name: values[:, [i]] for i, name in enumerate(self.space.names)}
+
     def measure(self, sensors, values, timestep):
         sensors = sensors.copy()
-        sensors[..., self.columns] = self.reported(sensors[..., self.columns], values, timestep)
+        every_step = {name: v[:, None] for name, v in self.coefficients(values).items()}
+        reported = bound(self.kernel, every_step, timestep)
+        sensors[..., self.columns] = reported(sensors[..., self.columns])
         return sensors
 
-    @abstractmethod
-    def reported(self, series: np.ndarray, values: np.ndarray, timestep: float) -> np.ndarray:
-        """What is reported of `series` (simulation, grid, column)."""
+    def companion(self, name, values):
+        numbers = {n: v[0] if v.shape[1] > 1 else v[0, 0] for n, v in self.coefficients(values[None]).items()}
+        reported, _ = call(name, self.kernel, ["sensors[..., at]"], numbers)
+        return Companion((self.kernel,), (f"at = {self.columns_source}", f"sensors[..., at] = {reported}"))
 
 
 class NumberEffect(SensorEffect):
@@ -150,14 +177,14 @@ class TimeEffect(SensorEffect):
 
 
 def at_times(series: np.ndarray, steps: np.ndarray) -> np.ndarray:
-    """`series` (simulation, grid, column) at fractional grid points `steps` (simulation, grid).
+    """`series` (..., grid, column) at fractional grid points `steps` (..., grid, 1).
 
     Beyond either end it goes on as it does between the last two points, so that a start shows no kink.
     """
-    last = max(series.shape[1] - 2, 0)
+    last = max(series.shape[-2] - 2, 0)
     before = np.clip(np.floor(steps), 0, last).astype(int)
-    weight = (steps - before)[..., None]
-    row = np.arange(len(series))[:, None]
-    left, right = series[row, before], series[row, np.minimum(before + 1, series.shape[1] - 1)]
+    weight = steps - before
+    left = np.take_along_axis(series, before, axis=-2)
+    right = np.take_along_axis(series, np.minimum(before + 1, series.shape[-2] - 1), axis=-2)
     # exactly the right point, not left + (right - left), where the weight is 1
     return np.where(weight == 1, right, left + weight * (right - left))

@@ -1,15 +1,4 @@
-"""A rotor and a link that are not one: what compliance and backlash share.
-
-The model's joint carries rotor and link as one rigid inertia M. With J of it in the rotor, which runs ahead
-of the link by the deflection d, the rotor obeys J (a + d'') = T - F and the link (M - J) a = F + rest, with
-a the joint's acceleration, T the actuators' force and F what the transmission passes on. Together,
-M a = T + rest - J d'': the model's own joint with the extra force -J d''. Eliminating a,
-
-    d'' (1 - J / M) = (T - F) / J - b,    b = a + (J / M) d''   (the acceleration without the extra force).
-
-T and b are those of the step before; d is kept per simulation. Actuators and sensors go on seeing the joint,
-which is the link: an encoder on the rotor, and a servo that closes its loop there, are outside of this.
-"""
+"""A rotor and a link that are not one: what compliance and backlash share."""
 
 from __future__ import annotations
 
@@ -17,43 +6,73 @@ from abc import ABC, abstractmethod
 
 import numpy as np
 
-from capture_cli.sim.engine import World
+from capture_cli.effects._joint_effect import driven_joints
+from capture_cli.effects._joint_force import JointForce
+from capture_cli.effects._scales import free_inertia
+from capture_cli.parameters import Parameter
+
+
+class TransmissionEffect(JointForce):
+    """An effect between a motor and the joint that it drives. Its kernel is a TwoMass."""
+
+    where = "every hinge and slide joint that an actuator drives"
+
+    @classmethod
+    def sites(cls, model):
+        return driven_joints(model)
+
+    @property
+    def total(self) -> float:
+        """kg or kg m^2: inertia of rotor and link."""
+        return free_inertia(self.model, self.joint)
+
+    @property
+    def rotor(self) -> Parameter:
+        """The part of the inertia on the motor's side."""
+        mass = self.total
+        return Parameter("rotor", self.unit("kg", "kg m^2"), 0.05 * mass, 0.5 * mass, 0.2 * mass)
+
+    def coefficients(self, values):
+        return super().coefficients(values) | {"total": np.full(len(values), self.total)}
 
 
 class TwoMass(ABC):
-    """The force of a rotor of inertia `rotor` (simulation,), kg or kg m^2, on degree of freedom `dof`.
+    """The force -J d'' on a joint whose rotor of inertia J (kg or kg m^2) is not rigidly its link's.
 
-    total: M, kg or kg m^2. The pose and other joints change the true one; then b is known a step late, which
-    is stable as long as the rotor has less than half of the inertia.
+    The model's joint carries rotor and link as one rigid inertia M, `total`. With J of it in the rotor, which
+    runs ahead of the link by the deflection d, the rotor obeys J (a + d'') = T - F and the link
+    (M - J) a = F + rest, with a the joint's acceleration, T the actuators' force and F what the transmission
+    passes on. Together, M a = T + rest - J d'': the model's own joint with the extra force -J d''.
+    Eliminating a,
+
+        d'' (1 - J / M) = (T - F) / J - b,   b = a + (J / M) d''   (the acceleration without the extra force).
+
+    T and b are those of the step before. Actuators and sensors go on seeing the joint, which is the link: an
+    encoder on the rotor, and a servo that closes its loop there, are outside of this. The pose and other joints
+    change M; then b is known a step late, which is stable as long as the rotor has less than half of the inertia.
     """
 
-    def __init__(self, dof: int, total: float, rotor: np.ndarray, timestep: float):
-        self.dof, self.timestep = dof, timestep
-        self.rotor, self.share = rotor, rotor / total
-        self.deflection = np.zeros(len(rotor))
-        self.rate = np.zeros(len(rotor))
-        self.jolt = np.zeros(len(rotor))  # d'' of the last step
-        self.speed = np.full(len(rotor), np.nan)  # of the joint, at the last step
+    def __init__(self, *, rotor, total, timestep):
+        self.rotor, self.share, self.timestep = rotor, rotor / total, timestep
+        self.deflection = self.rate = self.jolt = 0.0 * rotor  # d, d', and d'' of the last step
+        self.speed = None  # of the joint, at the last step
 
-    def __call__(self, world: World) -> None:
-        rows, h = world.rows, self.timestep
-        speed = world.qvel[:, self.dof]
-        first = np.isnan(self.speed[rows])
-        acceleration = np.where(first, world.qacc[:, self.dof], (speed - self.speed[rows]) / h)
-        rigid = acceleration + self.share[rows] * self.jolt[rows]
-        torque = world.qfrc_actuator[:, self.dof]
-        passed = torque - self.rotor[rows] * rigid
-        self.deflection[rows] = np.where(first, self.at_rest(rows, passed), self.deflection[rows])
-        pull = passed / (self.rotor[rows] * (1 - self.share[rows]))
-        deflection, rate = self.advance(rows, pull)
-        self.jolt[rows] = (rate - self.rate[rows]) / h
-        self.deflection[rows], self.rate[rows], self.speed[rows] = deflection, rate, speed
-        world.qfrc_applied[:, self.dof] -= self.rotor[rows] * self.jolt[rows]
+    def __call__(self, qvel, qacc, qfrc_actuator):
+        """The force -J d''. qacc and qfrc_actuator are of the step before."""
+        h, first = self.timestep, self.speed is None
+        rigid = (qacc if first else (qvel - self.speed) / h) + self.share * self.jolt
+        passed = qfrc_actuator - self.rotor * rigid
+        if first:
+            self.deflection = self.at_rest(passed)
+        deflection, rate = self.advance(passed / (self.rotor * (1 - self.share)))
+        self.jolt = (rate - self.rate) / h
+        self.deflection, self.rate, self.speed = deflection, rate, np.array(qvel)
+        return -self.rotor * self.jolt
 
     @abstractmethod
-    def at_rest(self, rows: np.ndarray, passed: np.ndarray) -> np.ndarray:
-        """Deflection (row,) at which the transmission passes on the force `passed` (row,) and rests."""
+    def at_rest(self, passed):
+        """Deflection at which the transmission passes on the force `passed` and rests."""
 
     @abstractmethod
-    def advance(self, rows: np.ndarray, pull: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Deflection and its rate (row,) after a step; d'' is `pull` (row,) while nothing is passed on."""
+    def advance(self, pull):
+        """Deflection and its rate after a step; d'' is `pull` while nothing is passed on."""

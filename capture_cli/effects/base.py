@@ -19,6 +19,7 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
+from capture_cli.effects._kernel import Companion
 from capture_cli.errors import ModelError, did_you_mean
 from capture_cli.parameters import Parameter, ParameterSpace
 from capture_cli.sim.engine import Force, ModelFields
@@ -98,6 +99,23 @@ class Effect(ABC):
     def measure(self, sensors: np.ndarray, values: np.ndarray, timestep: float) -> np.ndarray:
         """Place "measurement": sensordata (simulation, grid, column), on that grid, as it is reported."""
         return sensors
+
+    def companion(self, name: str, values: np.ndarray) -> Companion:
+        """Places other than "model": how a plain loop applies the effect at `values` (parameter,).
+
+        name: what the effect is called at its site. Raises ModelError where it can only be simulated here.
+        """
+        raise ModelError(
+            f"{name} acts on the {self.place} and cannot be exported: it has no companion",
+            cure="simulate it with `capture record --effect`, or export a diagnosis without it",
+        )
+
+    @classmethod
+    def exported_as(cls) -> str:
+        """How `capture export` writes the effect: "MJCF", "companion", or "" where it cannot."""
+        if cls.place == "model":
+            return "MJCF"
+        return "" if cls.companion is Effect.companion else "companion"
 
 
 def _spread(parameter: Parameter, count: int) -> np.ndarray:

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from capture_cli.effects._joint_effect import JointEffect, driven_joints
-from capture_cli.effects._scales import free_inertia
-from capture_cli.effects._two_mass import TwoMass
+from capture_cli.effects._two_mass import TransmissionEffect, TwoMass
 from capture_cli.parameters import Parameter
 
 SLOWEST = 2 * np.pi * 2.0  # rad/s: a drive softer than 2 Hz is not a model error but another machine
@@ -19,54 +17,24 @@ GAMMA = 0.5 - ALPHA_M + ALPHA_F
 BETA = 0.25 * (1 - ALPHA_M + ALPHA_F) ** 2
 
 
-class Compliance(JointEffect):
-    """A spring between drive and joint that winds up by `compliance` (m/N or rad/(N m)) per unit of force.
+class Spring(TwoMass):
+    """I d'' + damping_time d' + d = I pull, with I the compliance times the inertia against the spring.
 
-    `rotor` (kg or kg m^2) is the part of the joint's inertia on the motor's side. The spring's friction is
-    `damping_time` (s) times its stiffness. The equations are in _two_mass.py; the step is implicit in the
-    spring, so that any stiffness is stable.
+    A step of generalized-alpha (Chung and Hulbert 1993), implicit in the spring.
     """
 
-    place = "force"
-    summary = "a transmission that gives: the joint vibrates against its motor"
-    where = "every hinge and slide joint that an actuator drives"
-    shapes = ("rotor", "damping_time")
-
-    @classmethod
-    def sites(cls, model):
-        return driven_joints(model)
-
-    @property
-    def parameters(self):
-        mass = free_inertia(self.model, self.joint)
-        softest = 1 / (SLOWEST**2 * mass * 0.25)  # with a rotor of half of the inertia
-        return (
-            Parameter("compliance", self.unit("m/N", "rad/(N m)"), 0.0, softest, 0.0),
-            Parameter("rotor", self.unit("kg", "kg m^2"), 0.05 * mass, 0.5 * mass, 0.2 * mass),
-            Parameter("damping_time", "s", 1e-4, 2e-2, 2e-3),
-        )
-
-    def force(self, values, timestep):
-        compliance, rotor, damping_time = values.T
-        total = free_inertia(self.model, self.joint)
-        return _Spring(self.dof, total, rotor, timestep, compliance, damping_time)
-
-
-class _Spring(TwoMass):
-    """I d'' + `damping_time` d' + d = I pull, with I the compliance times the inertia against the spring."""
-
-    def __init__(self, dof, total, rotor, timestep, compliance, damping_time):
-        super().__init__(dof, total, rotor, timestep)
+    def __init__(self, *, compliance, rotor, damping_time, total, timestep):
+        super().__init__(rotor=rotor, total=total, timestep=timestep)
         self.compliance, self.damping_time = compliance, damping_time
         self.inverse = compliance * rotor * (1 - self.share)
-        self.acceleration = np.zeros(len(rotor))
+        self.acceleration = 0.0 * rotor
 
-    def at_rest(self, rows, passed):
-        return self.compliance[rows] * passed
+    def at_rest(self, passed):
+        return self.compliance * passed
 
-    def advance(self, rows, pull):
-        h, inverse, damping = self.timestep, self.inverse[rows], self.damping_time[rows]
-        before, rate, jerk = self.deflection[rows], self.rate[rows], self.acceleration[rows]
+    def advance(self, pull):
+        h, inverse, damping = self.timestep, self.inverse, self.damping_time
+        before, rate, jerk = self.deflection, self.rate, self.acceleration
         # both as they would be at the end of the step if d'' were 0 there
         coming_rate = rate + h * (1 - GAMMA) * jerk
         coming = before + h * rate + h * h * (0.5 - BETA) * jerk
@@ -74,5 +42,27 @@ class _Spring(TwoMass):
         resisting += (1 - ALPHA_F) * coming + ALPHA_F * before
         stiffness = (1 - ALPHA_F) * (damping * GAMMA * h + BETA * h * h)
         now = (inverse * (pull - ALPHA_M * jerk) - resisting) / (inverse * (1 - ALPHA_M) + stiffness)
-        self.acceleration[rows] = now
+        self.acceleration = now
         return coming + h * h * BETA * now, coming_rate + h * GAMMA * now
+
+
+class Compliance(TransmissionEffect):
+    """A spring between drive and joint that winds up by `compliance` (m/N or rad/(N m)) per unit of force.
+
+    `rotor` (kg or kg m^2) is the part of the joint's inertia on the motor's side. The spring's friction is
+    `damping_time` (s) times its stiffness. The equations are in _two_mass.py; the step is implicit in the
+    spring, so that any stiffness is stable.
+    """
+
+    summary = "a transmission that gives: the joint vibrates against its motor"
+    shapes = ("rotor", "damping_time")
+    kernel = Spring
+
+    @property
+    def parameters(self):
+        softest = 1 / (SLOWEST**2 * self.total * 0.25)  # with a rotor of half of the inertia
+        return (
+            Parameter("compliance", self.unit("m/N", "rad/(N m)"), 0.0, softest, 0.0),
+            self.rotor,
+            Parameter("damping_time", "s", 1e-4, 2e-2, 2e-3),
+        )

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import mujoco
 
-from capture_cli.effects._places import site_id, site_name
+from capture_cli.effects._kernel import Companion, number
+from capture_cli.effects._places import reference, site_id, site_name
 from capture_cli.effects._scales import GRAVITY, HINGE, SLIDE, characteristic_force
 from capture_cli.effects.base import GLOBAL, Effect
 from capture_cli.parameters import Parameter
@@ -53,3 +54,14 @@ class ConstantForce(Effect):
             world.xfrc_applied[:, body, :3] += values[world.rows]
 
         return on_body if self.is_free else on_joint
+
+    def companion(self, name, values):
+        joint = f"model.joint({reference(self.model, 'joint', self.site)})"
+        if self.is_free:
+            lines = (
+                f"body = {joint}.bodyid[0]",
+                f"data.xfrc_applied[body, :3] += {number(values)}",
+            )
+            return Companion((), lines, changes=("data.xfrc_applied",))
+        line = f"data.qfrc_applied[{joint}.dofadr] += {number(values[0])}"
+        return Companion((), (line,), changes=("data.qfrc_applied",))

@@ -8,16 +8,19 @@ from capture_cli.effects._actuator_effect import UNIT, ActuatorEffect
 from capture_cli.parameters import Parameter
 
 
+def dead_zone(control, *, width):
+    """0 within +-width, and nearer to 0 by width outside of it."""
+    return np.sign(control) * np.maximum(np.abs(control) - width, 0.0)
+
+
 class ControlDeadZone(ActuatorEffect):
     """Controls within +-`width` (in the control's own unit) do nothing; larger ones arrive smaller by
     `width`.
     """
 
     summary = "a control does nothing while it is small"
+    kernel = staticmethod(dead_zone)
 
     @property
     def parameters(self):
         return (Parameter("width", UNIT, 0.0, 0.5 * self.scale, 0.0),)
-
-    def changed(self, control, values, timestep):
-        return np.sign(control) * np.maximum(np.abs(control) - values, 0.0)

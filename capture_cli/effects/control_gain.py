@@ -6,14 +6,17 @@ from capture_cli.effects._actuator_effect import ActuatorEffect
 from capture_cli.parameters import Parameter
 
 
+def amplified(control, *, change):
+    """control (1 + change)."""
+    return control * (1 + change)
+
+
 class ControlGain(ActuatorEffect):
     """The control arrives (1 + `change`) times as large."""
 
     summary = "a control arrives larger or smaller than commanded"
+    kernel = staticmethod(amplified)
 
     @property
     def parameters(self):
         return (Parameter("change", "1", -0.5, 0.5, 0.0),)
-
-    def changed(self, control, values, timestep):
-        return control * (1 + values)

@@ -10,6 +10,22 @@ from capture_cli.parameters import Parameter
 SLOWEST = 2.0  # s, from nothing to a full control
 
 
+class RateLimit:
+    """x follows the control by one unit in `slowness` seconds at most; the mean of x over the step."""
+
+    def __init__(self, *, slowness, timestep):
+        self.slowness = slowness / timestep  # steps per unit
+        self.state = None
+
+    def __call__(self, control):
+        before = control if self.state is None else self.state
+        gap = control - before
+        steps = np.abs(gap) * self.slowness
+        moved = gap / np.maximum(steps, 1)
+        self.state = np.where(steps <= 1, control, before + moved)
+        return np.where(steps <= 1, control - gap * steps / 2, before + moved / 2)
+
+
 class ControlRateLimit(ActuatorEffect):
     """The control needs at least `slowness` (s per unit of the control) to change by one unit; at 0 it can
     jump.
@@ -18,19 +34,8 @@ class ControlRateLimit(ActuatorEffect):
     """
 
     summary = "a control cannot change faster than at some rate"
+    kernel = RateLimit
 
     @property
     def parameters(self):
         return (Parameter("slowness", f"s/{UNIT}", 0.0, SLOWEST / self.scale, 0.0),)
-
-    def changed(self, control, values, timestep):
-        slowness = values[:, 0] / timestep  # steps per unit
-        arrived = np.empty_like(control)
-        state = control[:, 0].copy()
-        for k, now in enumerate(control.T):
-            gap = now - state
-            steps = np.abs(gap) * slowness
-            moved = gap / np.maximum(steps, 1)
-            arrived[:, k] = np.where(steps <= 1, now - gap * steps / 2, state + moved / 2)
-            state = np.where(steps <= 1, now, state + moved)
-        return arrived

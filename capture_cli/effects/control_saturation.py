@@ -8,6 +8,11 @@ from capture_cli.effects._actuator_effect import UNIT, ActuatorEffect
 from capture_cli.parameters import Parameter
 
 
+def saturated(control, *, limit):
+    """control, cut off beyond +-limit."""
+    return np.clip(control, -limit, limit)
+
+
 class ControlSaturation(ActuatorEffect):
     """Controls beyond +-`limit` (in the control's own unit) arrive as `limit`; at its upper bound nothing is
     cut off.
@@ -17,6 +22,7 @@ class ControlSaturation(ActuatorEffect):
 
     summary = "a control is cut off earlier than modelled"
     smooth = False
+    kernel = staticmethod(saturated)
 
     @property
     def parameters(self):
@@ -24,6 +30,5 @@ class ControlSaturation(ActuatorEffect):
         high = self.scale * (1 if self.model.actuator_ctrllimited[self.actuator] else 2)
         return (Parameter("limit", UNIT, 0.02 * self.scale, high, high),)
 
-    def changed(self, control, values, timestep):
-        limit = np.where(values >= self.parameters[0].high, np.inf, values)
-        return np.clip(control, -limit, limit)
+    def coefficients(self, values):
+        return {"limit": np.where(values[:, 0] >= self.parameters[0].high, np.inf, values[:, 0])}

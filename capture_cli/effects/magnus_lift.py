@@ -5,13 +5,24 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from capture_cli.effects._places import site_id, site_name
+from capture_cli.effects._kernel import Companion, call
+from capture_cli.effects._places import reference, site_id, site_name
 from capture_cli.effects._rotation import body_vectors
 from capture_cli.effects.base import GLOBAL, Effect
 from capture_cli.parameters import Parameter
 from capture_cli.sim.engine import World
 
 FREE = int(mujoco.mjtJoint.mjJNT_FREE)
+
+
+def magnus_lift(qpos, qvel, *, lift, centre):
+    """Force (..., 3) in the world: lift (spin x velocity of the centre of mass), which is at `centre` (3,).
+
+    qpos (..., 7), qvel (..., 6): of the free joint.
+    """
+    spin = body_vectors(qpos[..., 3:], qvel[..., 3:])
+    arm = body_vectors(qpos[..., 3:], np.broadcast_to(centre, spin.shape))
+    return lift * np.cross(spin, qvel[..., :3] + np.cross(spin, arm))
 
 
 class MagnusLift(Effect):
@@ -42,11 +53,21 @@ class MagnusLift(Effect):
     def force(self, values, timestep):
         centre = self.model.body_ipos[self.body]
 
-        def lift(world: World) -> None:
-            frame = world.qpos[:, self.position + 3 : self.position + 7]
-            spin = body_vectors(frame, world.qvel[:, self.dof + 3 : self.dof + 6])
-            arm = body_vectors(frame, np.broadcast_to(centre, spin.shape))
-            velocity = world.qvel[:, self.dof : self.dof + 3] + np.cross(spin, arm)
-            world.xfrc_applied[:, self.body, :3] += values[world.rows] * np.cross(spin, velocity)
+        def on_body(world: World) -> None:
+            qpos = world.qpos[:, self.position : self.position + 7]
+            qvel = world.qvel[:, self.dof : self.dof + 6]
+            lift = magnus_lift(qpos, qvel, lift=values[world.rows], centre=centre)
+            world.xfrc_applied[:, self.body, :3] += lift
 
-        return lift
+        return on_body
+
+    def companion(self, name, values):
+        given = ["data.qpos[at : at + 7]", "data.qvel[dof : dof + 6]"]
+        numbers = {"lift": values[0], "centre": self.model.body_ipos[self.body]}
+        lift, _ = call(name, magnus_lift, given, numbers)
+        lines = (
+            f"joint = model.joint({reference(self.model, 'joint', self.site)})",
+            "at, dof = joint.qposadr[0], joint.dofadr[0]",
+            f"data.xfrc_applied[joint.bodyid[0], :3] += {lift}",
+        )
+        return Companion((magnus_lift,), lines, changes=("data.xfrc_applied",))

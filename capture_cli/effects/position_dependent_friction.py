@@ -4,17 +4,22 @@ from __future__ import annotations
 
 import numpy as np
 
-from capture_cli.effects._joint_effect import JointEffect
+from capture_cli.effects._joint_force import FRICTION, JointForce
 from capture_cli.parameters import Parameter
-from capture_cli.sim.engine import World
 
 
-class PositionDependentFriction(JointEffect):
+def rough_patch(qpos, *, friction, centre, width):
+    """Dry friction added: friction exp(-((x - centre) / width)^2 / 2)."""
+    return friction * np.exp(-0.5 * np.square((qpos - centre) / width))
+
+
+class PositionDependentFriction(JointForce):
     """`friction` exp(-((x - `centre`) / `width`)^2 / 2) is added to the joint's dry friction."""
 
-    place = "force"
     summary = "a rough patch: more dry friction around one position of a joint"
     shapes = ("centre", "width")
+    kernel = staticmethod(rough_patch)
+    adds_to = FRICTION
 
     @property
     def parameters(self):
@@ -25,15 +30,3 @@ class PositionDependentFriction(JointEffect):
             Parameter("centre", length, middle - self.travel, middle + self.travel, middle),
             Parameter("width", length, 0.02 * self.travel, self.travel, 0.15 * self.travel),
         )
-
-    def force(self, values, timestep):
-        friction, centre, width = values.T
-        position = int(self.model.jnt_qposadr[self.joint])
-
-        def on_patch(world: World) -> None:
-            away = (world.qpos[:, position] - centre[world.rows]) / width[world.rows]
-            world.vary("dof_frictionloss")[:, self.dof] += friction[world.rows] * np.exp(
-                -0.5 * np.square(away)
-            )
-
-        return on_patch

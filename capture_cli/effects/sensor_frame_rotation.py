@@ -7,38 +7,37 @@ import itertools
 import mujoco
 import numpy as np
 
-from capture_cli.effects._places import site_id, site_name
+from capture_cli.effects._places import reference, site_id, site_name
 from capture_cli.effects._rotation import rotate, rotate_quaternions
 from capture_cli.effects._scales import SLIDE
-from capture_cli.effects._sensor_effect import columns_of, is_quaternion, quantity
-from capture_cli.effects.base import GLOBAL, Effect
+from capture_cli.effects._sensor_effect import SensorEffect, is_quaternion, quantity
+from capture_cli.effects.base import GLOBAL
 from capture_cli.parameters import Parameter
 
 LARGEST = 0.3  # rad
 PERPENDICULAR = 1e-6
 
 
-class SensorFrameRotation(Effect):
+def turned_in_plane(series, *, angle):
+    """Vectors (..., 2), turned by angle (rad) from the first axis towards the second."""
+    sine, cosine = np.sin(angle), np.cos(angle)
+    first, second = series[..., :1], series[..., 1:]
+    return np.concatenate([cosine * first - sine * second, sine * first + cosine * second], axis=-1)
+
+
+class SensorFrameRotation(SensorEffect):
     """What a sensor of a vector or an orientation reports, turned by a rotation vector (rad).
 
     Two sensors of the same kind on perpendicular slide joints of one body are a vector in the plane,
     SENSOR+SENSOR, turned by one `angle` from the first towards the second.
     """
 
-    place = "measurement"
     summary = "a sensor's frame is turned: a camera or an IMU mounted askew"
     where = "every sensor of a vector or an orientation, every pair of sensors on perpendicular slides"
 
     def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
         super().__init__(model, site)
-        pairs = _planes(model)
-        self.is_plane = site in pairs
-        if self.is_plane:
-            self.columns = [int(model.sensor_adr[s]) for s in pairs[site]]
-            return
-        sensor = site_id(model, "sensor", site)
-        self.columns = columns_of(model, sensor)
-        self.turn = rotate_quaternions if is_quaternion(model, sensor) else rotate
+        self.pair = _planes(model).get(site)
 
     @classmethod
     def sites(cls, model):
@@ -47,20 +46,29 @@ class SensorFrameRotation(Effect):
 
     @property
     def parameters(self):
-        names = ("angle",) if self.is_plane else ("x", "y", "z")
+        names = ("angle",) if self.pair else ("x", "y", "z")
         return tuple(Parameter(name, "rad", -LARGEST, LARGEST, 0.0) for name in names)
 
-    def measure(self, sensors, values, timestep):
-        sensors = sensors.copy()
-        series = sensors[..., self.columns]
-        if self.is_plane:
-            sine, cosine = np.sin(values), np.cos(values)
-            first, second = series[..., 0], series[..., 1]
-            turned = np.stack([cosine * first - sine * second, sine * first + cosine * second], axis=-1)
-        else:
-            turned = self.turn(series, np.broadcast_to(values[:, None], (*series.shape[:2], 3)))
-        sensors[..., self.columns] = turned
-        return sensors
+    @property
+    def kernel(self):
+        if self.pair:
+            return turned_in_plane
+        is_attitude = is_quaternion(self.model, site_id(self.model, "sensor", self.site))
+        return rotate_quaternions if is_attitude else rotate
+
+    def coefficients(self, values):
+        return {"angle" if self.pair else "rotation": values}
+
+    @property
+    def columns(self):
+        return [int(self.model.sensor_adr[s]) for s in self.pair] if self.pair else super().columns
+
+    @property
+    def columns_source(self):
+        if not self.pair:
+            return super().columns_source
+        names = (reference(self.model, "sensor", site_name(self.model, "sensor", s)) for s in self.pair)
+        return f"[model.sensor(name).adr[0] for name in ({', '.join(names)})]"
 
 
 def _planes(model: mujoco.MjModel) -> dict[str, tuple[int, int]]:

@@ -8,6 +8,20 @@ from capture_cli.effects._sensor_effect import TimeEffect
 from capture_cli.parameters import Parameter
 
 
+def low_passed(series, *, time_constant, timestep):
+    """A first-order lag, exact for a series that is straight between rows; before the first, motion was even."""
+    steps = time_constant / timestep
+    kept = np.exp(-1 / np.maximum(steps, 1e-12))
+    slope = np.diff(series, axis=-2, append=series[..., -1:, :])
+    out = np.empty_like(series)
+    behind = -slope[..., :1, :] * steps  # what is reported less what is there
+    for k in range(series.shape[-2]):
+        out[..., k : k + 1, :] = series[..., k : k + 1, :] + behind
+        ramp = slope[..., k : k + 1, :] * steps
+        behind = kept * (behind + ramp) - ramp
+    return out
+
+
 class SensorLowPass(TimeEffect):
     """What is reported follows through a first-order lag of `time_constant` (s).
 
@@ -16,19 +30,8 @@ class SensorLowPass(TimeEffect):
     """
 
     summary = "a sensor reports through a first-order low-pass filter"
+    kernel = staticmethod(low_passed)
 
     @property
     def parameters(self):
         return (Parameter("time_constant", "s", 0.0, 0.1, 0.0),)
-
-    def reported(self, series, values, timestep):
-        steps = values / timestep
-        kept = np.exp(-1 / np.maximum(steps, 1e-12))
-        slope = np.diff(series, axis=1, append=series[:, -1:])
-        out = np.empty_like(series)
-        behind = -slope[:, 0] * steps  # what is reported less what is there
-        for k in range(series.shape[1]):
-            out[:, k] = series[:, k] + behind
-            ramp = slope[:, k] * steps
-            behind = kept * (behind + ramp) - ramp
-        return out

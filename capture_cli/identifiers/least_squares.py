@@ -26,14 +26,21 @@ CONVERGED_GAIN = 3e-3  # decrease of the objective over k: a twentieth of a stan
 CONVERGED_STEP = 1e-9  # of the unit cube
 HOPELESS = 2.0  # a descent whose error stays this many times the best one's is given up
 PATIENCE = 5  # rounds before it is
+# Rounds after which k is held. It depends on the residual and the residual on it: where the model is wrong the two
+# can chase each other for ever.
+SETTLED = 15
 RUNAWAY = 2.0  # a window whose objective grows by this factor in a step that helps the others goes back
 
 
 class LeastSquares(Identifier):
-    """Least squares from `starts` places: the given start, then the best of a screening."""
+    """Least squares from `starts` places: the given start, then the best of a screening.
 
-    def __init__(self, evidence: Evidence, **options):
+    tolerance: a descent is done when its objective over k falls by less.
+    """
+
+    def __init__(self, evidence: Evidence, *, tolerance: float = CONVERGED_GAIN, **options):
         super().__init__(evidence, **options)
+        self.tolerance = tolerance
         self._screening = self.starts > 1 and len(self.space) > 0
         self._descents = [] if self._screening else [self._descent(self.space.to_unit(self.start))]
         self._asked: list[tuple[Descent, int]] = []
@@ -70,7 +77,7 @@ class LeastSquares(Identifier):
         self._drop_hopeless()
 
     def _descent(self, x: np.ndarray) -> Descent:
-        return Descent(self.evidence, x, self.offsets)
+        return Descent(self.evidence, x, self.offsets, self.tolerance)
 
     def _active(self) -> list[Descent]:
         return [d for d in self._descents if not d.converged]
@@ -111,14 +118,16 @@ class Descent:
     window whose start ran away (a contact lost, a joint that sticks) goes back alone, the others keep their step.
     """
 
-    def __init__(self, evidence: Evidence, x: np.ndarray, offsets: np.ndarray):
+    def __init__(self, evidence: Evidence, x: np.ndarray, offsets: np.ndarray, tolerance: float):
         self.evidence = evidence
+        self.tolerance = tolerance
         self.x = np.clip(x, 0.0, 1.0)
         self.offsets = offsets
         self.error = np.inf
         self.converged = False
         self.rounds = 0
         self._at: Linearization | None = None
+        self._k = np.inf
         self._radius = RADIUS
         self._damping = np.zeros(len(evidence.start_sd))
         self._repairing = False
@@ -153,7 +162,7 @@ class Descent:
                 self._move(there)
                 self._propose()
             return
-        k = self._at.scatter
+        k = self._k
         before = self._at.objectives(k)
         after = np.where(diverged[0], np.inf, there.objectives(k))
         if lost or after.sum() >= before.sum():
@@ -172,28 +181,30 @@ class Descent:
             return
         self._damping = np.where(self._damping > 1e-3 * k, self._damping / 10, 0.0)
         self._radius = min(2 * self._radius, 1.0)
-        if gained < CONVERGED_GAIN * k:
+        if gained < self.tolerance * k:
             self.converged = True
             return
         self._propose()
 
     def _move(self, there: Linearization) -> None:
         self._at, self.x, self.offsets = there, there.x, there.offsets
+        if self.rounds <= SETTLED:
+            self._k = there.scatter
         self.error = float(np.sqrt(np.square(there.residual).sum() / self.evidence.count))
 
     def _propose(self) -> None:
-        k = self._at.scatter
+        k = self._k
         self._repairing = False
         dx = self._step(self._radius, self._damping)
         offsets = self._at.start_offsets(dx, k, self._damping)
-        if self._at.predicted_gain(dx, offsets, k) < CONVERGED_GAIN * k:
+        if self._at.predicted_gain(dx, offsets, k) < self.tolerance * k:
             self.converged = True
             return
         self._trials = [(np.clip(self.x + dx, 0, 1), offsets)]
 
     def _propose_shorter(self) -> None:
         """Shorter steps in parameters and starts, and as many in the starts alone, tried at once."""
-        k = self._at.scatter
+        k = self._k
         still = np.zeros_like(self.x)
         self._trials = []
         for factor in SHRINK:
@@ -205,7 +216,7 @@ class Descent:
             self._trials.append((self.x, self._at.start_offsets(still, k, damping)))
 
     def _tell_shorter(self, outputs, diverged) -> None:
-        k = self._at.scatter
+        k = self._k
         before = self._at.objectives(k)
         residuals = self.evidence.residual(outputs)
         offsets = np.stack([offsets for _, offsets in self._trials])
@@ -221,7 +232,7 @@ class Descent:
         self._damping = self._shorter_damping(factor, k)
         if moved < min(stayed, before.sum()):
             self._trials = [self._trials[chosen]]
-        elif before.sum() - stayed > CONVERGED_GAIN * k:
+        elif before.sum() - stayed > self.tolerance * k:
             choices = np.concatenate([offsets[len(SHRINK) :], self.offsets[None]])
             self._trials = [(self.x, choices[pick, np.arange(len(pick))])]
         elif self._radius < CONVERGED_STEP:
@@ -234,7 +245,7 @@ class Descent:
 
     def _step(self, radius: float, damping: np.ndarray) -> np.ndarray:
         """The Gauss-Newton step (parameter,) within the trust region and the unit cube."""
-        hessian, gradient = self._at.normal(self._at.scatter, damping)
+        hessian, gradient = self._at.normal(self._k, damping)
         return box_step(hessian, gradient, np.maximum(-radius, -self.x), np.minimum(radius, 1 - self.x))
 
 

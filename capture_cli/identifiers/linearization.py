@@ -54,7 +54,7 @@ def _movable(evidence: Evidence) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Linearization:
-    """residual (window, row), by_parameter (window, row, parameter), by_start (window, row, state), z (window, state)."""
+    """residual (window, row), by_parameter (window, row, parameter), by_start (window, row, state)."""
 
     evidence: Evidence
     x: np.ndarray

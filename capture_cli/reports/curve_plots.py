@@ -1,4 +1,4 @@
-"""The interactive plots of an estimate's curves: measured and simulated over time, and their residual."""
+"""The interactive plots of a record's curves: measured and simulated over time, and their residual."""
 
 from __future__ import annotations
 
@@ -6,13 +6,16 @@ from typing import Any
 
 import numpy as np
 
-from capture_cli.reports.curves import Curves, autocorrelation, bin_edges, thin
+from capture_cli.reports.curves import HELD_OUT, Curves, Model, autocorrelation, bin_edges, thin
 from capture_cli.reports.page import packed
 from capture_cli.reports.plotly_parts import Plot, band, line, mark, swatch
 from capture_cli.reports.quantities import scaled_unit, titled
+from capture_cli.stores.diagnosis import Diagnosis
 from capture_cli.stores.estimate import Estimate
 
-KINDS = ("measured", "simulated", "nominal", "residual")
+Record = Estimate | Diagnosis
+# Shades of the parts of a log; what is fitted has none.
+SHADES = {"selecting": "--select-shade", HELD_OUT: "--test-shade"}
 # Numbers of all curves together: 2 MB for the whole log, and half of that for the windows held apart.
 NUMBERS = 400_000
 MOST_POINTS, FEWEST_POINTS = 40_000, 2_000
@@ -21,18 +24,18 @@ MOST_WINDOW_POINTS, FEWEST_WINDOW_POINTS = 4_000, 500
 MOST_EPISODE_MARKS = 60
 
 
-def curve_views(estimate: Estimate, curves: Curves) -> dict[str, Any]:
+def curve_views(record: Record, curves: Curves) -> dict[str, Any]:
     """The points of every curve, and the views of them: the whole log, and windows.
 
     Where the log is short enough to be drawn point by point, every window can be chosen; otherwise the best,
     the median and the worst of the held-out and of the fitted ones, whose points are then held apart.
     """
-    values, names = _series(estimate, curves)
+    values, names = _series(record, curves)
     budget = _budget(NUMBERS, len(names), FEWEST_POINTS, MOST_POINTS)
     at, rows, ends = thin(values, curves.slices, budget)
     sets = {"log": _packed_set(curves.x[at], rows, names)}
     views = [{"label": "the whole log", "set": "log", "first": 0, "last": len(at)}]
-    error = curves.window_rms(_scale(estimate, curves))
+    error = curves.window_rms(_scale(record, curves))
     if len(curves.x) <= budget:
         if len(ends) > 1:
             views += [_view(curves, w, error[w], "log", ends[w]) for w in range(len(ends))]
@@ -46,25 +49,25 @@ def curve_views(estimate: Estimate, curves: Curves) -> dict[str, Any]:
     return {"sets": sets, "views": views}
 
 
-def overlay(estimate: Estimate, curves: Curves, k: int) -> Plot:
-    """Output k: measured, simulated and nominal over time, and the residual under them."""
-    unit, residual_unit = output_scale(estimate, curves, k)[1], residual_scale(estimate, curves, k)[1]
-    floor = _floor(estimate, curves, k)
+def overlay(record: Record, curves: Curves, k: int) -> Plot:
+    """Output k: measured and simulated over time, and the residual under them."""
+    unit, residual_unit = output_scale(record, curves, k)[1], residual_scale(record, curves, k)[1]
+    floor = _floor(record, curves, k)
 
-    def curve(name: str, width: float, hover_unit: str, *, frame: bool = True, **more) -> Plot:
+    def curve(name: str, title: str, color: str, hover_unit: str, *, frame: bool = True, **more) -> Plot:
         source = {"series": f"{name}/{k}", "frame": frame}
-        template = f"%{{y:.5g}} {hover_unit}"
-        return line(name, f"--{name}", width=width, meta=source, hovertemplate=template, **more)
+        return line(title, color, meta=source, hovertemplate=f"%{{y:.5g}} {hover_unit}", **more)
 
-    data = [
-        curve("measured", 3.2, unit),
-        curve("nominal", 1.2, unit, frame=False, line={"dash": "dot"}),
-        curve("simulated", 1.5, unit),
-        curve("residual", 1.0, residual_unit, yaxis="y2", showlegend=False),
-    ]
+    data = [curve("measured", "measured", "--measured", unit, width=3.2)]
+    for m in reversed(curves.models):
+        dash = {"dash": m.dash}
+        data.append(curve(m.name, m.title, m.color, unit, frame=m.framed, width=m.width, line=dash))
+        if m.residual_color:
+            more = {"width": 1.0, "yaxis": "y2", "showlegend": False}
+            data.append(curve(residual_name(curves, m), m.title, m.residual_color, residual_unit, **more))
     data += [swatch("noise floor ±2 sd", "--floor-shade")] if floor else []
-    data += [swatch("held out", "--test-shade")] if curves.is_test.any() else []
-    name = estimate.attributes["outputs"][k]["name"]
+    data += [swatch(part, shade) for part, shade in SHADES.items() if _windows_of(curves, part).any()]
+    name = record.attributes["outputs"][k]["name"]
     layout = {
         "xaxis": {"title": {"text": curves.x_title}, "anchor": "y2"},
         "yaxis": {"title": {"text": titled(name, unit)}, "domain": [0.38, 1.0], "zeroline": False},
@@ -74,10 +77,10 @@ def overlay(estimate: Estimate, curves: Curves, k: int) -> Plot:
     return {"data": data, "layout": layout}
 
 
-def residual_statistics(estimate: Estimate, curves: Curves, k: int) -> Plot:
+def residual_statistics(record: Record, curves: Curves, k: int) -> Plot:
     """Output k: how the residual is distributed, and how long it remembers."""
-    factor, unit = residual_scale(estimate, curves, k)
-    residual, floor = curves.residual[:, k] * factor, _floor(estimate, curves, k)
+    factor, unit = residual_scale(record, curves, k)
+    residual, floor = curves.residual[:, k] * factor, _floor(record, curves, k)
     held_out = int(curves.step_is_test.sum())
     edges = bin_edges(residual, floor, min(held_out or len(residual), len(residual) - held_out))
     histograms = _histograms(residual, curves.step_is_test, edges)
@@ -105,26 +108,33 @@ def residual_statistics(estimate: Estimate, curves: Curves, k: int) -> Plot:
     return {"data": data, "layout": layout}
 
 
-def output_scale(estimate: Estimate, curves: Curves, k: int) -> tuple[float, str]:
+def output_scale(record: Record, curves: Curves, k: int) -> tuple[float, str]:
     """(factor, unit) in which output k is drawn."""
-    return scaled_unit(estimate.attributes["outputs"][k]["unit"], float(np.abs(curves.measured[:, k]).max()))
+    return scaled_unit(record.attributes["outputs"][k]["unit"], float(np.abs(curves.measured[:, k]).max()))
 
 
-def residual_scale(estimate: Estimate, curves: Curves, k: int) -> tuple[float, str]:
+def residual_scale(record: Record, curves: Curves, k: int) -> tuple[float, str]:
     """(factor, unit) in which the residual of output k is drawn."""
-    rms = float(np.sqrt(np.nanmean(curves.residual[:, k] ** 2)))
-    return scaled_unit(estimate.attributes["outputs"][k]["unit"], rms)
+    rms = max(float(np.sqrt(np.nanmean(r[:, k] ** 2))) for r in curves.residuals.values())
+    return scaled_unit(record.attributes["outputs"][k]["unit"], rms)
 
 
-def _series(estimate: Estimate, curves: Curves) -> tuple[np.ndarray, list[str]]:
+def residual_name(curves: Curves, model: Model) -> str:
+    """What the residual of one of the curves' models is called among the page's series."""
+    return "residual" if model is curves.models[0] else f"residual {model.name}"
+
+
+def _series(record: Record, curves: Curves) -> tuple[np.ndarray, list[str]]:
     """Every curve as it is drawn, (step, curve), and its name."""
-    columns = []
+    columns = {}
     for k in range(curves.measured.shape[1]):
-        factor, residual_factor = output_scale(estimate, curves, k)[0], residual_scale(estimate, curves, k)[0]
-        columns += [factor * getattr(curves, kind)[:, k] for kind in KINDS[:3]]
-        columns.append(residual_factor * curves.residual[:, k])
-    names = [f"{kind}/{k}" for k in range(curves.measured.shape[1]) for kind in KINDS]
-    return np.stack(columns, axis=1), names
+        factor, residual_factor = output_scale(record, curves, k)[0], residual_scale(record, curves, k)[0]
+        columns[f"measured/{k}"] = factor * curves.measured[:, k]
+        for m in curves.models:
+            columns[f"{m.name}/{k}"] = factor * curves.simulated[m.name][:, k]
+            if m.residual_color:
+                columns[f"{residual_name(curves, m)}/{k}"] = residual_factor * curves.residuals[m.name][:, k]
+    return np.stack(list(columns.values()), axis=1), list(columns)
 
 
 def _packed_set(x: np.ndarray, rows: np.ndarray, names: list[str]) -> dict[str, Any]:
@@ -135,9 +145,9 @@ def _budget(numbers: int, curves: int, fewest: int, most: int) -> int:
     return min(most, max(fewest, numbers // curves))
 
 
-def _scale(estimate: Estimate, curves: Curves) -> np.ndarray:
+def _scale(record: Record, curves: Curves) -> np.ndarray:
     """(output,): what each residual is judged by: the noise floor, or its own RMS where there is none."""
-    floors = [estimate.document["noise_floor"].get(o["name"]) for o in estimate.attributes["outputs"]]
+    floors = [record.document["noise_floor"].get(o["name"]) for o in record.attributes["outputs"]]
     rms = np.sqrt(np.mean(curves.residual**2, axis=0))
     return np.array([floor or own or 1.0 for floor, own in zip(floors, rms, strict=True)])
 
@@ -145,7 +155,7 @@ def _scale(estimate: Estimate, curves: Curves) -> np.ndarray:
 def _view(curves: Curves, w: int, error: float, name: str, ends, kind: str = "") -> dict[str, Any]:
     steps = curves.slices[w]
     episode = f" of episode {curves.episode[w]}" if len(set(curves.episode)) > 1 else ""
-    part = "held out" if curves.is_test[w] else "fitted"
+    part = curves.parts[curves.part[w]]
     when = f"{curves.time[steps.start]:.3f} to {curves.time[steps.stop - 1]:.3f} s"
     label = f"{kind}window {curves.number[w]}{episode} · {part} · {when} · error {error:.3g} × floor"
     return {"label": label, "set": name, "first": int(ends[0]), "last": int(ends[1])}
@@ -179,9 +189,11 @@ def _gauss(floor: float, edges: np.ndarray) -> Plot:
 
 
 def _marks(curves: Curves, floor: float | None) -> list[Plot]:
-    """Held-out stretches, the beginnings of episodes, and the band of the noise floor on the residual."""
+    """Parts that were not fitted, the beginnings of episodes, and the band of the noise floor on the residual."""
     shapes = [
-        band(a, b, along="x", across="paper", color="--test-shade") for a, b in curves.spans(curves.is_test)
+        band(a, b, along="x", across="paper", color=shade)
+        for part, shade in SHADES.items()
+        for a, b in curves.spans(_windows_of(curves, part))
     ]
     starts = curves.episode_starts()
     shapes += [mark(x) for x in starts] if len(starts) <= MOST_EPISODE_MARKS else []
@@ -191,7 +203,12 @@ def _marks(curves: Curves, floor: float | None) -> list[Plot]:
     return shapes
 
 
-def _floor(estimate: Estimate, curves: Curves, k: int) -> float | None:
+def _windows_of(curves: Curves, part: str) -> np.ndarray:
+    """Which windows belong to a part, (window,); none where the record has no such part."""
+    return curves.part == curves.parts.index(part) if part in curves.parts else np.zeros(len(curves.part), bool)
+
+
+def _floor(record: Record, curves: Curves, k: int) -> float | None:
     """The noise floor of output k, in the unit its residual is drawn in."""
-    floor = estimate.document["noise_floor"].get(estimate.attributes["outputs"][k]["name"])
-    return floor * residual_scale(estimate, curves, k)[0] if floor else None
+    floor = record.document["noise_floor"].get(record.attributes["outputs"][k]["name"])
+    return floor * residual_scale(record, curves, k)[0] if floor else None

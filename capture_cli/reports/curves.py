@@ -1,4 +1,4 @@
-"""The curves of an estimate, made ready to draw: laid on one time axis, thinned, and summed up."""
+"""The curves of a record, made ready to draw: laid on one time axis, thinned, and summed up."""
 
 from __future__ import annotations
 
@@ -7,50 +7,101 @@ from functools import cached_property
 
 import numpy as np
 
+from capture_cli.stores.diagnosis import Diagnosis
 from capture_cli.stores.estimate import Estimate
 
 # Past this the log's own clock (an epoch, say) makes unreadable tick labels: time is counted from the start.
 LONGEST_CLOCK = 1e5
 MAX_LAGS = 200
+HELD_OUT = "held out"
+
+
+@dataclass(frozen=True)
+class Model:
+    """One of the simulations that are drawn over the measurement, the first being what the record is about.
+
+    title: in legends. color, residual_color: names in page.css; "" where the residual is not drawn.
+    framed: whether axes make room for it; one that runs away must not hide the rest.
+    """
+
+    name: str
+    title: str
+    color: str
+    residual_color: str = ""
+    dash: str = "solid"
+    width: float = 1.5
+    framed: bool = True
+
+
+OF_ESTIMATE = (
+    Model("simulated", "simulated", "--simulated", "--residual"),
+    Model("nominal", "nominal", "--nominal", dash="dot", width=1.2, framed=False),
+)
+OF_DIAGNOSIS = (
+    Model("after", "with what was found", "--after", "--after"),
+    Model("before", "declared", "--before", "--before", dash="dash", width=1.3),
+)
+NOTHING_FOUND = (Model("before", "declared", "--before", "--before"),)
 
 
 @dataclass(frozen=True)
 class Curves:
-    """An estimate's curves, window after window, with arrays of its own.
+    """The curves of an estimate or a diagnosis, window after window, with arrays of its own.
 
     x (step,): s, where each step is drawn; episodes stand one after the other.
-    time (step,): s, the log's clock. measured, simulated, nominal (step, output): per output.
-    slices: the steps of each window, in drawing order. number, episode, is_test (window,): of those windows;
-        number counts them as the estimate does.
+    time (step,): s, the log's clock. measured (step, output): per output.
+    simulated: (step, output) of each of `models`, by name.
+    slices: the steps of each window, in drawing order. number, episode, part (window,): of those windows; number
+        counts them as the record does, part is a place in `parts`.
     """
 
     x: np.ndarray
     x_title: str
     time: np.ndarray
     measured: np.ndarray
-    simulated: np.ndarray
-    nominal: np.ndarray
+    models: tuple[Model, ...]
+    simulated: dict[str, np.ndarray]
     slices: tuple[slice, ...]
     number: np.ndarray
     episode: np.ndarray
-    is_test: np.ndarray
+    parts: tuple[str, ...]
+    part: np.ndarray
 
     @classmethod
-    def of(cls, estimate: Estimate) -> Curves:
-        a = estimate.arrays
+    def of(cls, record: Estimate | Diagnosis) -> Curves:
+        a = record.arrays
+        is_estimate = "window/is_test" in a
+        models = OF_ESTIMATE
+        if not is_estimate:
+            models = OF_DIAGNOSIS if record.document["effects"] else NOTHING_FOUND
+        parts = ("fitted", HELD_OUT) if is_estimate else ("fitted", "selecting", HELD_OUT)
+        part = a["window/is_test"].astype(int) if is_estimate else a["window/part"]
         order = np.argsort(a["step/window"], kind="stable")
         time = a["step/time"][order]
         number, first = np.unique(a["step/window"][order], return_index=True)
         slices = tuple(slice(i, j) for i, j in zip(first, [*first[1:], len(order)], strict=True))
         episode = a["window/episode"][number]
         x, x_title = _lay_out(time, slices, episode)
-        values = (a[f"step/{kind}"][order] for kind in ("measured", "simulated", "nominal"))
-        return cls(x, x_title, time, *values, slices, number, episode, a["window/is_test"][number])
+        simulated = {m.name: a[f"step/{m.name}"][order] for m in models}
+        measured = a["step/measured"][order]
+        return cls(
+            x, x_title, time, measured, models, simulated, slices, number, episode, parts, part[number]
+        )
 
     @cached_property
     def residual(self) -> np.ndarray:
-        """Measured minus simulated, (step, output)."""
-        return self.measured - self.simulated
+        """Measured minus simulated by the model that the record is about, (step, output)."""
+        return self.measured - self.simulated[self.models[0].name]
+
+    @cached_property
+    def residuals(self) -> dict[str, np.ndarray]:
+        """That of every model whose residual is drawn, by name."""
+        return {m.name: self.measured - self.simulated[m.name] for m in self.models if m.residual_color}
+
+    @property
+    def is_test(self) -> np.ndarray:
+        """Which windows were held out, (window,)."""
+        return self.part == self.parts.index(HELD_OUT)
 
     @cached_property
     def step_is_test(self) -> np.ndarray:

@@ -50,7 +50,7 @@ def _overlay(estimate: Estimate, curves: Curves) -> Figure:
     figure, axes = _rows(estimate, 1.9)
     for k, axis in enumerate(axes):
         factor, unit = output_scale(estimate, curves, k)
-        values = np.stack([curves.measured[:, k], curves.simulated[:, k], curves.nominal[:, k]], axis=1)
+        values = np.stack([curves.measured[:, k], *(s[:, k] for s in curves.simulated.values())], axis=1)
         at, drawn, _ = thin(values * factor, curves.slices, POINTS)
         x = curves.x[at]
         measured = axis.plot(x, drawn[:, 0], color=MEASURED, lw=2.4, label="measured")

@@ -9,14 +9,17 @@ import mujoco
 import numpy as np
 
 from capture_cli.diagnosis.acceptance import (
+    BLOCK_TIMES,
     ENTRY_LEVEL,
     SELECT_LEVEL,
+    TINY,
     Support,
     bic_gain,
     paired_p_value,
     wald_p_value,
 )
 from capture_cli.diagnosis.score import Score, score, similarity
+from capture_cli.diagnosis.split import Folds
 from capture_cli.effects import REGISTRY
 from capture_cli.identifiers.intervals import intervals
 from capture_cli.identifiers.linearization import autocorrelation_time
@@ -27,7 +30,7 @@ from capture_cli.stages.prepared_log import PreparedLog
 REFITTED = 5  # best-scoring candidates that are fitted jointly, each time round
 PROBES = (0.01, 0.1)  # of an amplitude's range: a slope near null, and a secant further out
 SCORED_WINDOWS = 40  # evenly spread: a score needs no more
-SMALLEST_GAIN = 6.0  # of the objective over k: less is no reason to fit
+SMALLEST_GAIN = 12.0  # of the objective, over the variance that would be left: less is no reason to fit
 ABSORBED = 0.02  # share of a sensitivity that must be left once the declared parameters have imitated it
 MOST_EFFECTS = 6
 INDISTINCT = 0.05  # two models are tied where the paired test between them is not below this
@@ -78,25 +81,24 @@ def all_candidates(model: mujoco.MjModel) -> list[Candidate]:
 
 
 class Attribution:
-    """Forward selection with a backward step, on the fit and select parts of a log.
+    """Forward selection with a backward step.
 
-    fit_part is fitted; select_part (None where the log is too short) decides. on_stage is told each model that is
-    adopted; on_step each candidate tried.
+    folds: what is fitted, and what judges; nothing judges where the log is one window long. is_explained: whether a
+    model leaves nothing but noise. on_step is told what is being tried.
     """
 
     def __init__(
         self,
         fits: ModelFits,
-        fit_part: PreparedLog,
-        select_part: PreparedLog | None,
+        folds: Folds,
         *,
         seed: int,
         is_explained: Callable[[Fit], bool],
         on_step: Callable[[str, int, int], None] = lambda *_: None,
     ):
         self.fits = fits
-        self.fit_part = fit_part
-        self.select_part = select_part
+        self.folds = folds
+        self.fit_part = fits.prepared.part(folds.fit)
         self.seed = seed
         self.is_explained = is_explained
         self.on_step = on_step
@@ -135,7 +137,7 @@ class Attribution:
             candidate.why_rejected = (
                 f"explains less at first sight ({candidate.score.gain:.3g} of {best:.3g})"
             )
-        before = None if self.select_part is None else self.fits.on(self.select_part, current)
+        before = self.judge(current)
         for number, candidate in enumerate(ranked[:REFITTED]):
             self.on_step("refit", number, len(ranked[:REFITTED]))
             self._refit(current, candidate, before, len(tried))
@@ -212,18 +214,34 @@ class Attribution:
         size = fit.point[amplitudes] - fit.space.nominal[amplitudes]
         p_fit = wald_p_value(size, found.covariance[np.ix_(amplitudes, amplitudes)], found.degrees, tried)
         gain = bic_gain(before_fit.squares, fit.squares, self._effective_samples(fit), added)
-        if self.select_part is None:
+        after = self.judge(fit)
+        if after is None:
             return Support(p_fit, 0.0, gain), None
-        after = self.fits.on(self.select_part, fit)
         return Support(p_fit, self._paired(before, after), gain), after
 
+    def judge(self, fit: Fit) -> PartFit | None:
+        """The model on windows that it is not fitted to; refitted for each fold where there are several."""
+        if not self.folds.folds:
+            return None
+        parts = []
+        for fitted, judged in self.folds.folds:
+            own = fit
+            if len(self.folds.folds) > 1:
+                train = self.fits.prepared.part(fitted)
+                own = self.fits.fit(train, fit.effects, fit.point, seed=self.seed) or fit
+            parts.append(self.fits.on(self.fits.prepared.part(judged), own))
+        return parts[0] if len(parts) == 1 else PartFit.concatenate(parts)
+
     def _paired(self, before: PartFit, after: PartFit) -> float:
-        blocks = _blocks(self.select_part)
-        return paired_p_value(before.squares, after.squares, blocks, self.seed)
+        length = int(np.ceil(BLOCK_TIMES * after.autocorrelation_time))
+        return paired_p_value(before.blocks(length), after.blocks(length), self.seed)
 
     @staticmethod
     def _implausible(current: Fit, fit: Fit, candidate: Candidate) -> str | None:
-        """Evidence against an effect that fits: it runs to its bound, or drives a declared parameter to one."""
+        """Evidence against an effect that fits: it runs to its bound, or drives a declared parameter to one.
+
+        A declared parameter may fall to zero: then it had been standing in for the effect.
+        """
         x = fit.space.to_unit(fit.point)
         prefix = candidate.name + "."
         for i in [i for i, n in enumerate(fit.space.names) if n.startswith(prefix)]:
@@ -235,7 +253,7 @@ class Attribution:
         size = len(current.point)
         was = current.at.x
         for i in range(size):
-            if min(x[i], 1 - x[i]) < AT_BOUND <= min(was[i], 1 - was[i]):
+            if fit.point[i] != 0 and min(x[i], 1 - x[i]) < AT_BOUND <= min(was[i], 1 - was[i]):
                 return f"it drives {fit.space.names[i]} to its bound ({fit.point[i]:.3g})"
         return None
 
@@ -250,9 +268,12 @@ class Attribution:
         self.accepted.append(Accepted(chosen.effect, rivals[:RIVALS], chosen.support))
         return chosen
 
-    @staticmethod
-    def _loss(candidate: Candidate) -> float:
-        return float(candidate.fit.squares if candidate.select is None else candidate.select.squares.sum())
+    def _loss(self, candidate: Candidate) -> float:
+        """Mean logarithm of the squared error per step over blocks: what the paired test compares."""
+        if candidate.select is None:
+            return float(np.log(candidate.fit.squares))
+        length = int(np.ceil(BLOCK_TIMES * candidate.select.autocorrelation_time))
+        return float(np.log(np.maximum(candidate.select.blocks(length), TINY)).mean() - np.log(length))
 
     def _indistinct(self, best: Candidate, other: Candidate) -> bool:
         if similarity(best.score.response, other.score.response) > SAME_RESPONSE:
@@ -281,7 +302,7 @@ class Attribution:
                 fit = self._without(current, accepted)
                 if fit is None:
                     continue
-                before = None if self.select_part is None else self.fits.on(self.select_part, fit)
+                before = self.judge(fit)
                 tried = len(self.candidates)
                 accepted.support, _ = self._support(fit, current, accepted.effect, before, tried)
                 if accepted.support.reason_against(level) and (
@@ -354,7 +375,7 @@ class Attribution:
         return TIED if gain > -CLEARLY_BETTER else WORSE
 
     def _candidate_of(self, fit: Fit, accepted: Accepted) -> Candidate:
-        select = None if self.select_part is None else self.fits.on(self.select_part, fit)
+        select = self.judge(fit)
         own = self._candidate(accepted.name)
         return Candidate(accepted.effect, own.score, own.start, fit, select, accepted.support)
 
@@ -369,7 +390,7 @@ class Attribution:
         )
         if fit is None:
             return None
-        before = None if self.select_part is None else self.fits.on(self.select_part, without)
+        before = self.judge(without)
         support, select = self._support(without, fit, rival.effect, before, len(self.candidates))
         found = Candidate(rival.effect, rival.score, rival.start, fit, select, support)
         if support.reason_against() or self._implausible(without, fit, found):
@@ -427,9 +448,3 @@ def _thinned(part: PreparedLog, fit: Fit):
 
 def _with(fit: Fit, at) -> Fit:
     return Fit(fit.effects, fit.space, fit.point, at)
-
-
-def _blocks(part: PreparedLog) -> np.ndarray:
-    """Which independent block each window belongs to, (window,): its episode where there are ten, or the window."""
-    episode = part.windows.episode
-    return episode if len(np.unique(episode)) >= 10 else np.arange(len(episode))

@@ -9,13 +9,13 @@ import numpy as np
 
 from capture_cli.diagnosis.lack_of_fit import LackOfFit, lack_of_fit
 from capture_cli.diagnosis.localisation import accelerations, curve
-from capture_cli.diagnosis.split import select_windows
+from capture_cli.diagnosis.split import select_folds
 from capture_cli.errors import FitError, OptionError, StoreError
 from capture_cli.identifiers.intervals import Intervals, intervals
 from capture_cli.identifiers.linearization import autocorrelation_time
 from capture_cli.simulator import placed_name
 from capture_cli.stages.attribution import Attribution
-from capture_cli.stages.model_fits import Fit, ModelFits, PartFit
+from capture_cli.stages.model_fits import EXACT, Fit, ModelFits, PartFit
 from capture_cli.stages.prepared_log import PreparedLog, check_parameters_move_outputs, find_task, prepare
 from capture_cli.stages.progress import Progress
 from capture_cli.stores.diagnosis import FORMAT, VERSION, Diagnosis
@@ -116,11 +116,13 @@ class _Work:
         self.progress = progress
         self.seed = seed
         is_test = prepared.split.is_test
-        is_select = select_windows(prepared.windows.episode, is_test)
-        self.part = np.where(is_test, TEST, np.where(is_select, SELECT, FIT))
+        self.folds = select_folds(prepared.windows.episode, is_test)
+        self.part = np.where(is_test, TEST, np.where(self.folds.fit, FIT, SELECT))
 
     def run(self, start: np.ndarray, starts: int) -> Diagnosis:
-        declared = self.fits.fit(self._windows(FIT), [], start, starts=starts, seed=self.seed)
+        declared = self.fits.fit(
+            self._windows(FIT), [], start, starts=starts, tolerance=EXACT, seed=self.seed
+        )
         if declared is None:
             raise FitError(
                 "every simulation of the declared model diverged",
@@ -128,15 +130,13 @@ class _Work:
             )
         attribution = Attribution(
             self.fits,
-            self._windows(FIT),
-            self._windows(SELECT),
+            self.folds,
             seed=self.seed,
             is_explained=lambda fit: not self._lack(fit).lacking,
             on_step=self._tell,
         )
         last = attribution.run(declared)
-        models = self._models(attribution, last)
-        return self._diagnosis(attribution, models)
+        return self._diagnosis(attribution, self._models(attribution, last))
 
     def _tell(self, what: str, number: int, total: int) -> None:
         self.progress.step(f"{what} {number + 1} of {total}")
@@ -151,8 +151,11 @@ class _Work:
         residual = fit.at.residual.reshape(evidence.measured.shape)
         return lack_of_fit(fit.squares, free, autocorrelation_time(residual, evidence.mask))
 
-    def _models(self, attribution: Attribution, last: Fit) -> list[tuple[str, Fit, Fit]]:
-        """The declared model and each with one more accepted effect: (name, fit on FIT, refit on FIT and SELECT)."""
+    def _models(self, attribution: Attribution, last: Fit) -> list[tuple[str, Fit, Fit, PartFit | None]]:
+        """The declared model and each with one more accepted effect.
+
+        (name, fit, refit on all that is not test, the fit on what judged it)
+        """
         models = []
         effects = last.effects
         for count in range(len(effects) + 1):
@@ -160,8 +163,8 @@ class _Work:
             name = "declared" if count == 0 else f"+ {placed_name(*own[-1])}"
             fit = last if count == len(effects) else attribution.nested(last, count)
             self._tell("refit", count, len(effects) + 1)
-            again = self.fits.fit(self._windows(FIT, SELECT), own, fit.point) or fit
-            models.append((name, fit, again))
+            again = self.fits.fit(self._windows(FIT, SELECT), own, fit.point, tolerance=EXACT) or fit
+            models.append((name, fit, again, attribution.judge(fit)))
         return models
 
     # --- what is written ---
@@ -206,20 +209,17 @@ class _Work:
         }
         return Diagnosis(document, self._arrays(whole, bins), self._attributes(curves))
 
-    def _stage(self, name: str, fit: Fit, again: Fit) -> dict[str, Any]:
-        """Errors of one model. fit and test are of the refit; select is of the fit that did not see it."""
+    def _stage(self, name: str, fit: Fit, again: Fit, judged: PartFit | None) -> dict[str, Any]:
+        """Errors of one model. fit and test are of the refit; select is of fits that did not see what they judge."""
+        windows = self._windows(TEST)
         return {
             "model": name,
-            "fit": self._error(FIT, again),
-            "select": self._error(SELECT, fit),
-            "test": self._error(TEST, again),
+            "fit": self._error(self.fits.on(self._windows(FIT), again)),
+            "select": None if judged is None else self._error(judged),
+            "test": None if windows is None else self._error(self.fits.on(windows, again)),
         }
 
-    def _error(self, part: int, fit: Fit) -> dict[str, Any] | None:
-        windows = self._windows(part)
-        if windows is None:
-            return None
-        on = self.fits.on(windows, fit)
+    def _error(self, on: PartFit) -> dict[str, Any]:
         names = [c.name for c in self.prepared.task.outputs]
         return {
             "rmse": dict(zip(names, on.rmse.tolist(), strict=True)),

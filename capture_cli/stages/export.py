@@ -1,59 +1,122 @@
-"""`capture export`: an estimate in, an MJCF with the identified values out."""
+"""`capture export`: an estimate or a diagnosis in, an MJCF with what was found out, and what it cannot hold beside it."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from capture_cli.effects import REGISTRY
+from capture_cli.effects.base import Effect
+from capture_cli.effects.companion import companion_module
 from capture_cli.errors import OptionError, StoreError
+from capture_cli.parameters import ParameterSpace
 from capture_cli.sim.engine import ModelFields
 from capture_cli.sim.mjcf import to_mjcf
+from capture_cli.simulator import placed_name
+from capture_cli.stores.diagnosis import Diagnosis
 from capture_cli.stores.estimate import Estimate, read_result
 from capture_cli.stores.output import new_file
 from capture_cli.tasks import load_task
 
+MADE_BY = {"capture/estimate": "identify", "capture/diagnosis": "diagnose"}
+Placed = Mapping[str, tuple[Effect, np.ndarray]]  # {NAME@SITE: (effect, its values (parameter,))}
 
-def export(*, estimate: Path, out: Path, task: str | None = None, force: bool = False) -> Path:
-    """Write the task's model with the values of the estimate directory `estimate` to the file `out`.
 
-    task: where the task is now, if it was moved since. Raises CaptureError for whatever the user can mend.
+@dataclass(frozen=True)
+class Exported:
+    """model: the MJCF. companion: the Python module beside it, None where nothing needs one; effects: those in it."""
+
+    model: Path
+    companion: Path | None
+    effects: tuple[str, ...]
+
+
+def export(*, result: Path, out: Path, task: str | None = None, force: bool = False) -> Exported:
+    """Write the task's model with the values of `result`, an estimate or diagnosis directory, to the file `out`.
+
+    Effects that MuJoCo has a feature for are in it; the others go to STEM_effects.py, beside `out`. task: where
+    the task is now, if it was moved since. Raises CaptureError for whatever the user can mend; then nothing is
+    written.
     """
-    found = Estimate.read(estimate)
-    machine = load_task(task or _recorded_task(estimate))
-    if machine.name != found.document["task"]:
+    found = _read(result)
+    command = MADE_BY[found["format"]]
+    machine = load_task(task or _recorded_task(result, command))
+    if machine.name != found["task"]:
         raise OptionError(
-            f"{estimate} belongs to the task {found.document['task']!r}, and --task is {machine.name!r}",
-            cure="give the task the estimate was made with",
+            f"{result} belongs to the task {found['task']!r}, and --task is {machine.name!r}",
+            cure=f"give the task that {result} was made with",
         )
-    names = set(found.document["parameters"])
-    if names != set(machine.space.names):
-        raise StoreError(
-            f"{estimate} has the parameters ({', '.join(sorted(names))}); "
-            f"the task now has ({', '.join(sorted(machine.space.names))})",
-            cure="identify again with the task as it is now",
-        )
-    values = machine.space.to_vector({n: p["value"] for n, p in found.document["parameters"].items()})
+    values = _values(found["parameters"], machine.space, str(result), command)
+    effects = _effects(found.get("effects", []), machine.model, command)
     fields = ModelFields(machine.model, 1)
     machine.write(fields, values[None])
-    with new_file(out, force=force) as partial:
+    for effect, own in effects.values():
+        effect.write(fields, own[None])
+    beside = {name: pair for name, pair in effects.items() if pair[0].place != "model"}
+    companion = out.with_name(f"{out.stem}_effects.py") if beside else None
+    with ExitStack() as files:
+        model_file = files.enter_context(new_file(out, force=force))
         text = to_mjcf(machine.model_path, fields, out)
-        partial.write_text(_header(found, values, machine) + text, encoding="utf-8")
-    return out
+        header = _header(found, command, machine.space, values, effects, companion)
+        model_file.write_text(header + text, encoding="utf-8")
+        if companion:
+            module = companion_module(out.name, machine.name, beside)
+            files.enter_context(new_file(companion, force=force)).write_text(module, encoding="utf-8")
+    return Exported(out, companion, tuple(beside))
 
 
-def _recorded_task(estimate: Path) -> str:
-    provenance = read_result(
-        estimate,
-        "provenance.json",
-        "capture/provenance",
-        1,
-        "make the estimate again with `capture identify`",
+def _read(result: Path) -> Mapping[str, Any]:
+    """The document of an estimate or diagnosis directory."""
+    if (result / "diagnosis.json").is_file():
+        return Diagnosis.read(result).document
+    if (result / "estimate.json").is_file():
+        return Estimate.read(result).document
+    raise StoreError(
+        f"{result} holds neither estimate.json nor diagnosis.json",
+        cure="give a directory that `capture identify` or `capture diagnose` made",
     )
+
+
+def _recorded_task(result: Path, command: str) -> str:
+    again = f"make it again with `capture {command}`"
+    provenance = read_result(result, "provenance.json", "capture/provenance", 1, again)
     recorded = provenance["inputs"].get("task")
     return recorded["path"] if recorded else provenance["options"]["task"]
 
 
-def _header(found: Estimate, values: np.ndarray, machine) -> str:
-    lines = [f"  {p.name} = {v:.9g} {p.unit}" for p, v in zip(machine.space, values, strict=True)]
-    return "<!-- identified by `capture identify`\n" + "\n".join(lines).replace("--", "- -") + "\n-->\n"
+def _values(parameters: Mapping[str, Any], space: ParameterSpace, whose: str, command: str) -> np.ndarray:
+    """Values (parameter,) of a document's parameters. Raises StoreError where `space` has others."""
+    if set(parameters) != set(space.names):
+        raise StoreError(
+            f"{whose} has the parameters ({', '.join(sorted(parameters))}); "
+            f"now there are ({', '.join(sorted(space.names))})",
+            cure=f"run `capture {command}` again with the task as it is now",
+        )
+    return space.to_vector({name: p["value"] for name, p in parameters.items()})
+
+
+def _effects(rows, model, command: str) -> Placed:
+    """The effects of a diagnosis. Raises CaptureError where the model has no place for one any more."""
+    effects = {}
+    for row in rows:
+        effect = REGISTRY.get(row["name"])(model, row["site"])
+        name = placed_name(row["name"], effect)
+        effects[name] = (effect, _values(row["parameters"], effect.space, name, command))
+    return effects
+
+
+def _header(found, command: str, space: ParameterSpace, values, effects: Placed, companion: Path | None) -> str:
+    """An XML comment that says what the file holds, and what it does not."""
+    lines = [f"made by `capture {command}` and `capture export`; verdict: {found['verdict']}"]
+    lines += [f"  {p.name} = {v:.9g} {p.unit}" for p, v in zip(space, values, strict=True)]
+    for name, (effect, own) in effects.items():
+        where = "" if effect.place == "model" else f" (in {companion.name})"
+        lines += [f"  {name}{where}"]
+        lines += [f"    {p.name} = {v:.9g} {p.unit}" for p, v in zip(effect.parameters, own, strict=True)]
+    text = "\n".join(lines).replace("--", "- -")
+    return f"<!-- {text}\n-->\n"

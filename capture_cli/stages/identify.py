@@ -313,8 +313,8 @@ def _agreement(names, values: np.ndarray, sd: np.ndarray, parameters, joint: Int
     text = (
         f"the {len(names)} recordings agree"
         if agree
-        else f"the {len(names)} recordings disagree, most about {worst} (spread {spread:.3g}, p = {min(p_values):.1g}): "
-        "something changed between them, or the model lacks something"
+        else f"the {len(names)} recordings disagree, most about {worst} "
+        f"(spread {spread:.3g}, p = {min(p_values):.1g}): something changed between them, or the model lacks something"
     )
     return {
         "values": values,

@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from capture_cli.diagnosis.acceptance import block_squares
 from capture_cli.effects.base import Effect
 from capture_cli.identifiers.base import Evidence, Trial, run
 from capture_cli.identifiers.least_squares import LeastSquares
-from capture_cli.identifiers.linearization import Linearization, columns
+from capture_cli.identifiers.linearization import Linearization, autocorrelation_time, columns
 from capture_cli.parameters import ParameterSpace
 from capture_cli.sim.engine import Engine
 from capture_cli.simulator import Simulator
@@ -19,6 +20,8 @@ from capture_cli.stages.prepared_log import PreparedLog
 Placed = tuple[str, Effect]
 
 FIT_ROUNDS = 60
+TOLERANCE = 0.1  # of the objective over k: a third of a standard error is enough to compare models by
+EXACT = 3e-3  # for what is reported
 START_ROUNDS = 12
 
 
@@ -30,10 +33,41 @@ class PartFit:
     offsets: np.ndarray
     residual: np.ndarray
 
+    @classmethod
+    def concatenate(cls, parts: Sequence[PartFit]) -> PartFit:
+        """Several parts as one, padded to one shape."""
+        first = parts[0].evidence
+        steps = max(p.evidence.measured.shape[1] for p in parts)
+        outputs = first.measured.shape[2]
+
+        def padded(values: np.ndarray) -> np.ndarray:
+            return np.pad(values, [(0, 0), (0, steps - values.shape[1])] + [(0, 0)] * (values.ndim - 2))
+
+        evidence = Evidence(
+            first.space,
+            np.concatenate([padded(p.evidence.measured) for p in parts]),
+            np.concatenate([padded(p.evidence.mask) for p in parts]),
+            first.noise_sd,
+            np.concatenate([p.evidence.start_sd for p in parts]),
+        )
+        residual = [padded(p.residual.reshape(p.evidence.measured.shape)) for p in parts]
+        residual = np.concatenate(residual).reshape(len(evidence.measured), steps * outputs)
+        return cls(evidence, np.concatenate([p.offsets for p in parts]), residual)
+
     @property
     def squares(self) -> np.ndarray:
         """Sum of squares of each window, (window,)."""
         return np.square(self.residual).sum(axis=1)
+
+    @property
+    def autocorrelation_time(self) -> float:
+        """Of the residual, in steps."""
+        return autocorrelation_time(self.residual.reshape(self.evidence.measured.shape), self.evidence.mask)
+
+    def blocks(self, length: int) -> np.ndarray:
+        """Sums of squares over blocks of about `length` steps, (block,)."""
+        by_step = np.square(self.residual.reshape(self.evidence.measured.shape)).sum(axis=2)
+        return block_squares(by_step, self.evidence.mask, length)
 
     @property
     def rmse(self) -> np.ndarray:
@@ -93,12 +127,21 @@ class ModelFits:
         offsets: np.ndarray | None = None,
         starts: int = 1,
         rounds: int = FIT_ROUNDS,
+        tolerance: float = TOLERANCE,
         seed: int = 0,
     ) -> Fit | None:
-        """Fit from `start` (parameter,); None where every trial diverged."""
+        """Fit from `start` (parameter,); None where every trial diverged. Other options are those of LeastSquares."""
         simulator = self.simulator(effects)
         evidence = part.evidence(simulator)
-        solver = LeastSquares(evidence, start=start, offsets=offsets, starts=starts, rounds=rounds, seed=seed)
+        solver = LeastSquares(
+            evidence,
+            start=start,
+            offsets=offsets,
+            starts=starts,
+            rounds=rounds,
+            tolerance=tolerance,
+            seed=seed,
+        )
         best = run(solver, lambda trial: part.evaluate(simulator, trial))
         if not np.isfinite(best.error):
             self.rollouts += simulator.rollouts
@@ -116,7 +159,10 @@ class ModelFits:
             points = np.repeat(fit.point[None], len(trial), axis=0)
             return part.evaluate(simulator, Trial(points, trial.offsets))
 
-        best = run(LeastSquares(evidence, start=np.zeros(0), starts=1, rounds=START_ROUNDS), evaluate)
+        best = run(
+            LeastSquares(evidence, start=np.zeros(0), starts=1, rounds=START_ROUNDS, tolerance=TOLERANCE),
+            evaluate,
+        )
         outputs, _ = evaluate(Trial(np.zeros((1, 0)), best.offsets[None]))
         self.rollouts += simulator.rollouts
         return PartFit(evidence, best.offsets, evidence.residual(outputs[0]))

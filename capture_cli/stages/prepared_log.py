@@ -82,7 +82,8 @@ def find_task(task: str | None, log: MeasuredLog) -> Task:
         if found.name == log.task:
             return found
     raise OptionError(
-        f"the log belongs to the task {log.task!r}, which is not built in, and no task.toml of that name lies beside it",
+        f"the log belongs to the task {log.task!r}, which is not built in, and no task.toml of that name "
+        "lies beside it",
         cure="add --task PATH/TO/task.toml",
     )
 

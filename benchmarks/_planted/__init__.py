@@ -1,0 +1,1 @@
+"""The parts of the planted-effect benchmark: machines and logs, cases, effects outside the catalogue, judgement."""

@@ -1,0 +1,137 @@
+"""Which logs there are, and how large the effect in each is."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from benchmarks._planted.machines import EPISODES, MACHINE, Experiment
+from benchmarks._planted.outside import LEFT_OUT, OUTSIDE
+from capture_cli.effects import REGISTRY
+from capture_cli.effects.base import Effect
+
+PLANTED, NOTHING, UNKNOWN, LEFT = "planted", "nothing", "outside", "left-out"
+MAGNITUDES = (1.5, 3.0, 10.0)  # error of the declared model, refitted, over the noise
+# Joints along which nothing can be seen.
+UNSEEN = {"puck": ("z",)}
+SHAPE_SHARE = (0.3, 0.7)  # of a shape's range: where it is drawn from
+CLOSE_ENOUGH = 0.15  # of what is to be left
+MOST_TRIALS = 8
+FIRST_TRIAL = 0.03  # of the range
+LARGEST_STEP = 30.0
+SMALLEST_LEFT = 0.1  # what is left of the noise: less cannot be told from nothing
+
+
+@dataclass(frozen=True)
+class Case:
+    """kind: PLANTED, NOTHING, UNKNOWN (an effect of OUTSIDE) or LEFT (of a catalogue without it)."""
+
+    kind: str
+    machine: str
+    effect: str
+    site: str
+    magnitude: float
+    seed: int
+
+    @property
+    def planted(self) -> str:
+        """EFFECT@SITE, as `diagnose` names it."""
+        return self.effect + (f"@{self.site}" if self.site else "")
+
+    @property
+    def label(self) -> str:
+        return f"{self.kind}/{self.machine}/{self.planted}/{self.magnitude:g}/{self.seed}"
+
+    @property
+    def generator(self) -> np.random.Generator:
+        """The same for every magnitude: machine, drive, noise and direction of the effect are alike."""
+        text = f"{self.kind}/{self.machine}/{self.planted}"
+        return np.random.default_rng([self.seed, zlib.crc32(text.encode())])
+
+    def place(self, model) -> Effect | None:
+        """The effect, at its site of `model`."""
+        if self.kind == NOTHING:
+            return None
+        cls = OUTSIDE[self.effect] if self.kind == UNKNOWN else REGISTRY.get(self.effect)
+        return cls(model, self.site)
+
+
+def cases(seeds: int, logs: int) -> Iterator[Case]:
+    """All cases, seed by seed: `seeds` of every effect at every site and magnitude, `logs` with nothing missing."""
+    names = list(MACHINE)
+    for number in range(logs):
+        yield Case(NOTHING, names[number % len(names)], "", "", 1.0, number // len(names))
+    for seed in range(seeds):
+        for machine in names:
+            for kind, effect, site in _effects(machine):
+                for magnitude in MAGNITUDES:
+                    yield Case(kind, machine, effect, site, magnitude, seed)
+
+
+def _effects(machine: str) -> Iterator[tuple[str, str, str]]:
+    """(kind, effect, site) on `machine`."""
+    model = MACHINE[machine].task.model
+    unseen = UNSEEN.get(machine, ())
+    for name, cls in REGISTRY.items():
+        for site in cls.sites(model):
+            if site not in unseen:
+                yield PLANTED, name, site
+    for name, cls in OUTSIDE.items():
+        for site in cls.sites(model):
+            if site not in unseen:
+                yield UNKNOWN, name, site
+    for where, name, site in LEFT_OUT:
+        if where == machine:
+            yield LEFT, name, site
+
+
+def direction(effect: Effect, generator: np.random.Generator) -> Callable[[float], np.ndarray]:
+    """Size of the effect as a share of the amplitudes' ranges -> values (parameter,); shapes and signs are drawn."""
+    space = effect.space
+    amplitudes = [i for i, n in enumerate(space.names) if n not in effect.shapes]
+    values, way = space.nominal.copy(), np.zeros(len(space))
+    for i, name in enumerate(space.names):
+        low, high, share = space.low[i], space.high[i], generator.uniform(*SHAPE_SHARE)
+        if name in effect.shapes:
+            values[i] = low * (high / low) ** share if low > 0 else low + share * (high - low)
+    way[amplitudes] = generator.standard_normal(len(amplitudes))
+    way[amplitudes] /= np.abs(way[amplitudes]).max()
+    down, up = space.nominal - space.low, space.high - space.nominal
+    way = np.where(up == 0, -np.abs(way), np.where(down == 0, np.abs(way), way))
+    reach = np.where(way > 0, up, down) * way
+    return lambda size: values + size * reach
+
+
+def size(left: Callable[[float], float], magnitude: float) -> float | None:
+    """The size at which `left`(size) is what an error of `magnitude` leaves; None where the range does not reach it.
+
+    Secant in logarithms, kept within a bracket.
+    """
+    wanted = np.sqrt(magnitude**2 - 1)
+    low, high, tried, best = 0.0, np.inf, FIRST_TRIAL, (np.inf, FIRST_TRIAL)
+    for _ in range(MOST_TRIALS):
+        found = left(tried)
+        best = min(best, (abs(np.log(max(found, 1e-9) / wanted)), tried))
+        if abs(found / wanted - 1) < CLOSE_ENOUGH:
+            return tried
+        if found < wanted and tried >= 1.0:
+            return None
+        low, high = (max(low, tried), high) if found < wanted else (low, min(high, tried))
+        guess = tried * float(np.clip(wanted / max(found, SMALLEST_LEFT), 1 / LARGEST_STEP, LARGEST_STEP))
+        if not low < guess < high:
+            guess = np.sqrt(max(low, high / LARGEST_STEP) * high) if np.isfinite(high) else 1.0
+        tried = min(guess, 1.0)
+    return best[1]
+
+
+def experiment(
+    case: Case, episodes: int = EPISODES
+) -> tuple[Experiment, Effect | None, Callable[[float], np.ndarray] | None]:
+    """The machine of `case`, its effect, and the effect's values by size."""
+    generator = case.generator
+    made = Experiment(MACHINE[case.machine], generator, episodes)
+    effect = case.place(made.task.model)
+    return made, effect, None if effect is None else direction(effect, generator)

@@ -1,0 +1,120 @@
+"""One case from the first to the last: record the log, diagnose it in memory, judge, and put it on one line."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+import numpy as np
+
+from benchmarks._planted.cases import LEFT, NOTHING, Case, experiment, size
+from benchmarks._planted.machines import EPISODES, Experiment
+from benchmarks._planted.outcomes import judge
+from capture_cli.stages import attribution
+from capture_cli.stages.diagnose import _Work
+from capture_cli.stages.model_fits import ModelFits
+from capture_cli.stages.prepared_log import check_parameters_move_outputs, prepare
+from capture_cli.stages.progress import Progress
+from capture_cli.stores.measured_log import MeasuredLog
+from capture_cli.tasks.base import Task
+
+STARTS = 3  # as `capture diagnose` has it
+KEPT = 8  # candidates on a line
+ABSORBED, OUT_OF_REACH, FAILED = "absorbed", "out of reach", "failed"
+
+
+def line(case: Case, known_size: float | None = None, episodes: int = EPISODES) -> dict[str, Any]:
+    """What came of `case`, as JSON has it. known_size: of the effect, where it was found before (0: none does)."""
+    began = time.perf_counter()
+    made, effect, values = experiment(case, episodes)
+    row: dict[str, Any] = {}
+    if case.kind == NOTHING:
+        log = made.log()
+    else:
+        found = known_size if known_size is not None else _size(made, effect, values, case.magnitude)
+        row["size"] = found
+        if not found:
+            return {**row, **_nothing_to_find(made, effect, values), "seconds_to_size": _since(began)}
+        names = effect.space.names
+        row["values"] = dict(zip(names, values(found).tolist(), strict=True))
+        log = made.log(effect, values(found))
+    row["seconds_to_size"] = _since(began)
+    began, cpu = time.perf_counter(), time.process_time()
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "log.zarr"
+        log.write(path)
+        with _catalogue_without(case):
+            document = diagnose(MeasuredLog.read(path), made.task, case.seed)
+    row |= {"seconds": _since(began), "cpu_seconds": round(time.process_time() - cpu, 3)}
+    return {**row, **_told(case, document, made)}
+
+
+def _size(made: Experiment, effect, values, magnitude: float) -> float:
+    return size(lambda s: made.left(made.log(effect, values(s))), magnitude) or 0.0
+
+
+def _nothing_to_find(made: Experiment, effect, values) -> dict[str, Any]:
+    """An effect whose whole range leaves less than the magnitude asked for."""
+    left = made.left(made.log(effect, values(1.0)))
+    return {"outcome": ABSORBED if left < 0.5 else OUT_OF_REACH, "left_at_most": left}
+
+
+def diagnose(log: MeasuredLog, task: Task, seed: int) -> dict[str, Any]:
+    """diagnosis.json of `log` with the defaults of `capture diagnose`, on one thread."""
+    prepared = prepare(log, task, window=None, test=None, seed=seed)
+    fits = ModelFits(prepared, 1)
+    check_parameters_move_outputs(prepared, fits.simulator(()), seed)
+    work = _Work(prepared, fits, Progress("diagnose", "model", quiet=True), seed)
+    return work.run(task.space.nominal, STARTS).document
+
+
+@contextmanager
+def _catalogue_without(case: Case) -> Iterator[None]:
+    """For effects that are to be left out of the catalogue."""
+    whole = attribution.all_candidates
+
+    def without(model):
+        return [c for c in whole(model) if case.kind != LEFT or c.effect[0] != case.effect]
+
+    with patch.object(attribution, "all_candidates", without):
+        yield
+
+
+def _told(case: Case, document: dict[str, Any], made: Experiment) -> dict[str, Any]:
+    first, last = document["stages"][0], document["stages"][-1]
+    floor = np.array(list(document["noise_floor"].values()))
+    candidates = document["candidates"]
+    own = [c for c in candidates if _placed(c["effect"], c["site"]) == case.planted]
+    return {
+        "outcome": judge(case, document["verdict"], document["effects"], last["test"]["normalized"]),
+        "verdict": document["verdict"],
+        "found": [
+            {
+                "effect": _placed(e["name"], e["site"]),
+                "tied_with": e["tied_with"],
+                "values": {k: p["value"] for k, p in e["parameters"].items()},
+                "p_value": e["p_value"],
+                "p_select": e["p_select"],
+            }
+            for e in document["effects"]
+        ],
+        "before": {k: first[k]["normalized"] for k in ("fit", "select", "test")},
+        "after": {k: last[k]["normalized"] for k in ("fit", "select", "test")},
+        "floor_over_noise": (floor / made.noise_sd).tolist(),
+        "planted_candidate": [{**c, "rank": candidates.index(c)} for c in own],
+        "candidates": candidates[:KEPT],
+        "rollouts": document["rollouts"]["simulated"],
+    }
+
+
+def _placed(effect: str, site: str) -> str:
+    return effect + (f"@{site}" if site else "")
+
+
+def _since(began: float) -> float:
+    return round(time.perf_counter() - began, 3)

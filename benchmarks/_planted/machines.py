@@ -1,0 +1,129 @@
+"""The four machines, and logs recorded from them with an effect of any size in memory."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from benchmarks import MACHINES
+from capture_cli.diagnosis.noise_floor import NoiseFloor
+from capture_cli.effects.base import Effect
+from capture_cli.sim.engine import Starts
+from capture_cli.sim.windows import cut
+from capture_cli.simulator import Simulator
+from capture_cli.stages.model_fits import ModelFits
+from capture_cli.stages.prepared_log import prepare
+from capture_cli.stages.record import multisine
+from capture_cli.stores.measured_log import MeasuredLog
+from capture_cli.tasks import load_task
+from capture_cli.tasks.base import Task
+
+EPISODES, DURATION, RATE = 12, 3.0, 250.0
+BAND = (0.1, 3.0)  # Hz
+WINDOWS_OF_A_FIT = 24  # on which the size of an effect is found
+ROUNDS_OF_A_FIT = 8
+
+
+@dataclass(frozen=True)
+class Machine:
+    """noise: sd per output, in its unit. start_velocity: JOINT -> (low, high), drawn for each episode."""
+
+    name: str
+    noise: Mapping[str, float]
+    start_velocity: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+    @property
+    def task(self) -> Task:
+        return load_task(str(MACHINES / self.name / "task.toml"))
+
+
+MACHINE = {
+    m.name: m
+    for m in (
+        Machine("slider", {"q": 5e-4}),
+        Machine("cart_pole", {"cart": 5e-4, "pole": 1e-3}),
+        Machine("arm", {"q1": 1e-3, "q2": 1e-3}),
+        Machine("puck", {"x": 5e-4, "y": 5e-4}, {"x": (-2.0, 2.0), "y": (-2.0, 2.0)}),
+    )
+}
+
+
+class Experiment:
+    """One machine with its parameters, its drive and its noise; what an effect adds to it is all that changes."""
+
+    def __init__(self, machine: Machine, generator: np.random.Generator, episodes: int = EPISODES):
+        self.task = machine.task
+        self.episodes = episodes
+        self.parameters = self.task.space.from_unit(generator.uniform(size=len(self.task.space)))
+        self.noise_sd = np.array([machine.noise[c.name] for c in self.task.outputs])
+        steps = round(DURATION * RATE) + 1
+        clock = np.arange(steps) / RATE
+        self.time = np.tile(clock, episodes)
+        self.ends = steps * (1 + np.arange(episodes))
+        self.inputs = self._tapes(clock, generator)
+        self.starts = self._starts(machine, generator)
+        self.noise = self.noise_sd * generator.standard_normal((len(self.time), len(self.noise_sd)))
+        self.some = generator.permutation(episodes * round(DURATION / self.task.log.window))
+
+    def _tapes(self, clock: np.ndarray, generator: np.random.Generator) -> np.ndarray:
+        """Multisines that peak at the actuators' limits, (step, input)."""
+        actuators = [c.index for c in self.task.inputs]
+        peaks = self.task.model.actuator_ctrlrange[actuators, 1]
+        return np.concatenate(
+            [peaks * multisine(clock, len(peaks), BAND, generator) for _ in range(self.episodes)]
+        )
+
+    def _starts(self, machine: Machine, generator: np.random.Generator) -> Starts:
+        model, count = self.task.model, self.episodes
+        qpos, qvel = np.repeat(model.qpos0[None], count, axis=0), np.zeros((count, model.nv))
+        for joint, (low, high) in machine.start_velocity.items():
+            qvel[:, model.joint(joint).dofadr[0]] = generator.uniform(low, high, count)
+        return Starts(qpos, qvel, np.zeros((count, model.na)), np.zeros(count))
+
+    def log(self, effect: Effect | None = None, values: np.ndarray | None = None) -> MeasuredLog | None:
+        """The log with `effect` at `values` (parameter,); None where the simulation diverges."""
+        task = self.task
+        placed = [] if effect is None else [("planted", effect)]
+        point = self.parameters if effect is None else np.concatenate([self.parameters, values])
+        whole = cut(
+            time=self.time,
+            inputs=self.inputs,
+            outputs=np.zeros((len(self.time), len(task.outputs))),
+            episodes=[slice(a, b) for a, b in zip([0, *self.ends[:-1]], self.ends, strict=True)],
+            timestep=task.timestep,
+            duration=None,
+            linear=np.zeros(len(task.inputs), dtype=bool),
+        )
+        simulated = Simulator(task, placed, threads=1).simulate(whole, self.starts, point[None])
+        if simulated.diverged.any():
+            return None
+        return MeasuredLog(
+            task=task.name,
+            time=self.time,
+            inputs=self.inputs,
+            outputs=simulated.outputs[0][whole.mask] + self.noise,
+            episode_ends=self.ends,
+            recording=np.zeros(self.episodes, dtype=np.int64),
+            input_names=tuple(c.name for c in task.inputs),
+            input_units=tuple(c.unit for c in task.inputs),
+            output_names=tuple(c.name for c in task.outputs),
+            output_units=tuple(c.unit for c in task.outputs),
+            recordings=({"name": "planted", "source": "benchmarks planted", "sha256": None},),
+        )
+
+    def left(self, log: MeasuredLog | None) -> float:
+        """What the declared model, refitted, leaves of `log` beyond the noise: RMS, over the true noise."""
+        if log is None:
+            return np.inf
+        prepared = prepare(log, self.task, window=None, test="none", seed=0)
+        declared = NoiseFloor(self.noise_sd, ("declared",) * len(self.noise_sd))
+        some = np.sort(self.some[self.some < len(prepared.windows)][:WINDOWS_OF_A_FIT])
+        part = replace(prepared, noise=declared).part(some)
+        fit = ModelFits(part, 1).fit(part, [], self.parameters, rounds=ROUNDS_OF_A_FIT)
+        if fit is None:
+            return np.inf
+        evidence = fit.at.evidence
+        freedom = evidence.count - len(fit.space) - fit.at.fitted_starts
+        return float(np.sqrt(max(fit.squares / freedom - 1.0, 0.0)))

@@ -1,0 +1,107 @@
+"""The lines of finished cases, and the work of adding those that are missing."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import traceback
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict, fields
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import benchmarks
+import capture_cli
+from benchmarks._planted.cases import Case
+from benchmarks._planted.diagnosing import FAILED, line
+
+# What the numbers depend on: lines of other code are not counted.
+CODE = (
+    "capture_cli/parameters.py",
+    "capture_cli/simulator.py",
+    "capture_cli/sim",
+    "capture_cli/tasks",
+    "capture_cli/effects",
+    "capture_cli/identifiers",
+    "capture_cli/diagnosis",
+    "capture_cli/stages",
+    "benchmarks/machines",
+)
+ONE_THREAD = {name: "1" for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")}
+
+Row = dict[str, Any]
+
+
+def add(cases: Sequence[Case], folder: Path, jobs: int) -> None:
+    """Work on the cases that have no line yet, `jobs` at a time, in the order given."""
+    from tqdm import tqdm
+
+    code = code_hash()
+    done = {_key(row) for row in rows(folder, code)}
+    sizes = _sizes(folder)
+    todo = [c for c in cases if _key(asdict(c)) not in done]
+    os.environ.update(ONE_THREAD)  # before the processes start: read when numpy is loaded
+    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
+        waiting = {pool.submit(_try, case, sizes.get(_key(asdict(case)))): case for case in todo}
+        for future in tqdm(as_completed(waiting), total=len(waiting), desc="logs", unit="log"):
+            _keep(folder, {"code": code, **asdict(waiting[future]), **future.result()})
+
+
+def _try(case: Case, size: float | None) -> Row:
+    try:
+        return line(case, size)
+    except Exception as error:  # a case that fails is a result, and does not stop the others
+        return {"outcome": FAILED, "error": repr(error), "where": traceback.format_exc(limit=-4)}
+
+
+def rows(folder: Path, code: str | None) -> list[Row]:
+    """Lines that `code` made (any code where None)."""
+    path = folder / "results.jsonl"
+    if not path.is_file():
+        return []
+    found = []
+    for text in path.read_text(encoding="utf-8").splitlines():
+        try:
+            row = json.loads(text)
+        except ValueError:
+            continue  # cut off when the work was stopped
+        if code in (None, row["code"]):
+            found.append(row)
+    return found
+
+
+def newest_code(folder: Path) -> str:
+    """The code that made the last line."""
+    made = rows(folder, None)
+    return made[-1]["code"] if made else code_hash()
+
+
+def _sizes(folder: Path) -> dict[tuple, float]:
+    """Sizes of effects found before, by whatever code: what they leave of the noise is measured again."""
+    return {_key(row): row["size"] for row in rows(folder, None) if row.get("size") is not None}
+
+
+def _key(row: Row) -> tuple:
+    return tuple(row[f.name] for f in fields(Case))
+
+
+def _keep(folder: Path, row: Row) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / "results.jsonl").open("a", encoding="utf-8") as file:
+        file.write(json.dumps(row, allow_nan=False) + "\n")
+
+
+def code_hash() -> str:
+    """A hash of the files that the numbers depend on."""
+    roots = {"capture_cli": Path(capture_cli.__file__).parent, "benchmarks": Path(benchmarks.__file__).parent}
+    digest = hashlib.sha256()
+    for name in CODE:
+        package, rest = name.split("/", 1)
+        path = roots[package] / rest
+        for file in [path] if path.is_file() else sorted(path.rglob("*.*")):
+            if file.suffix in (".py", ".xml", ".toml"):
+                digest.update(file.read_bytes())
+    return digest.hexdigest()[:16]

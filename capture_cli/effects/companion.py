@@ -1,0 +1,199 @@
+"""The module that `capture export` writes beside a model: its effects for a plain loop, without this package."""
+
+from __future__ import annotations
+
+import inspect
+import json
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from textwrap import indent
+from types import CodeType, ModuleType
+
+import numpy as np
+
+from capture_cli.effects._kernel import INDENT, Companion, number
+from capture_cli.effects.base import Effect
+
+PACKAGE = __name__.split(".", 1)[0]
+READ_LATE = ("data.qacc", "data.qfrc_actuator")  # of the step before: at the first step there is none
+Pieces = Mapping[str, tuple[Effect, Companion]]
+
+
+def companion_module(model_file: str, task: str, effects: Mapping[str, tuple[Effect, np.ndarray]]) -> str:
+    """Source of the module for the model in `model_file`. effects: {NAME@SITE: (effect, values (parameter,))}.
+
+    Raises ModelError for an effect that cannot be applied outside of this package.
+    """
+    pieces = {name: (effect, effect.companion(name, values)) for name, (effect, values) in effects.items()}
+    used: dict[str, object] = {}
+    for _, piece in pieces.values():
+        for kernel in piece.kernels:
+            _collect(kernel.__name__, kernel, used)
+    return _MODULE.format(
+        task=_printable(task),
+        file=_printable(model_file),
+        effects=indent("\n".join(_described(name, *pair) for name, pair in effects.items()), INDENT),
+        kernels="\n\n\n".join(_sources(used)),
+        reset=_body(_reset(pieces)),
+        step=_body(_step(pieces)),
+        sense=_body(_sense(pieces)),
+    )
+
+
+def _described(name: str, effect: Effect, values: np.ndarray) -> str:
+    lines = [_title(name, effect)]
+    lines += [f"{INDENT}{p.name} = {v:.6g} {p.unit}" for p, v in zip(effect.parameters, values, strict=True)]
+    return "\n".join(lines)
+
+
+def _title(name: str, effect: Effect) -> str:
+    return f"{_printable(name)}: {effect.summary}"
+
+
+def _printable(text: str) -> str:
+    """A name from outside, for comments and docstrings: nothing in it ends them."""
+    return "".join(c if c.isprintable() and c not in '"\\' else "_" for c in text)
+
+
+# --- what is pasted ---
+
+
+def _collect(name: str, value: object, used: dict[str, object]) -> None:
+    """Put what `value` looks up in its own module, and then `value`, into `used` by name."""
+    if name in used:
+        if used[name] is not value:
+            raise ValueError(f"two kernels know different things by the name {name}")
+        return
+    if _is_ours(value):
+        scope = vars(sys.modules[value.__module__])
+        for other in _names(value):
+            if other in scope and other != name and not isinstance(scope[other], ModuleType):
+                _collect(other, scope[other], used)
+    used[name] = value
+
+
+def _names(value: Callable) -> Iterator[str]:
+    """Names that a function, or a class with its bases and methods, may look up in its module."""
+    if not inspect.isclass(value):
+        yield from _looked_up(value.__code__)
+        return
+    yield from (base.__name__ for base in value.__bases__)
+    if inspect.isabstract(value):
+        yield "abstractmethod"
+    for method in filter(inspect.isfunction, vars(value).values()):
+        yield from _looked_up(method.__code__)
+
+
+def _looked_up(code: CodeType) -> Iterator[str]:
+    yield from code.co_names
+    for inner in code.co_consts:
+        if isinstance(inner, CodeType):
+            yield from _looked_up(inner)
+
+
+def _sources(used: Mapping[str, object]) -> Iterator[str]:
+    """Imports, numbers, and the source of functions and classes, each after what it needs."""
+    foreign = {name: value.__module__ for name, value in used.items() if callable(value) and not _is_ours(value)}
+    imports = [
+        f"from {module} import {', '.join(sorted(n for n, m in foreign.items() if m == module))}"
+        for module in sorted(set(foreign.values()))
+    ]
+    numbers = [f"{name} = {number(value)}" for name, value in used.items() if not callable(value)]
+    yield "\n".join([*imports, *([""] if imports else []), "import mujoco", "import numpy as np"])
+    if numbers:
+        yield "\n".join(numbers)
+    yield from (inspect.getsource(value).rstrip() for value in used.values() if _is_ours(value))
+
+
+def _is_ours(value: object) -> bool:
+    return callable(value) and value.__module__.split(".", 1)[0] == PACKAGE
+
+
+# --- what is generated ---
+
+
+def _reset(pieces: Pieces) -> Iterator[str]:
+    kept = {name: piece.state for name, (_, piece) in pieces.items() if piece.state}
+    entries = [f"{json.dumps(name, ensure_ascii=False)}: {state}," for name, state in kept.items()]
+    yield "\n".join(["self.state = {", indent("\n".join(entries), INDENT), "}"]) if kept else "self.state = {}"
+    if _reads_late(pieces):
+        yield "self.first = True"
+
+
+def _step(pieces: Pieces) -> Iterator[str]:
+    yield "data.ctrl[:] = ctrl"
+    yield from _blocks(pieces, "control")
+    if _reads_late(pieces):
+        yield _FIRST
+    changes = dict.fromkeys(field for _, piece in pieces.values() for field in piece.changes)
+    own = {field: f"own_{field.split('.')[-1]}" for field in changes}
+    yield from (f"{name} = {field}.copy()" for field, name in own.items())
+    yield from _blocks(pieces, "force")
+    yield "mujoco.mj_step(model, data)"
+    yield from (f"{field}[:] = {name}" for field, name in own.items())
+
+
+def _sense(pieces: Pieces) -> Iterator[str]:
+    yield "sensors = np.array(sensors, dtype=float)"
+    yield from _blocks(pieces, "measurement")
+    yield "return sensors"
+
+
+def _reads_late(pieces: Pieces) -> bool:
+    return any(field in line for _, piece in pieces.values() for line in piece.lines for field in READ_LATE)
+
+
+def _blocks(pieces: Pieces, place: str) -> Iterator[str]:
+    """The lines of each effect at `place` under a line that says which it is."""
+    for name, (effect, piece) in pieces.items():
+        if effect.place == place:
+            yield "\n".join([f"# {_title(name, effect)}", *piece.lines])
+
+
+def _body(blocks: Iterator[str]) -> str:
+    return indent("\n".join(blocks), 2 * INDENT)
+
+
+_FIRST = """if self.first:  # forces of the step before are read, and there is none
+    mujoco.mj_forward(model, data)
+    self.first = False"""
+
+_MODULE = '''"""Effects that {file} cannot hold, for a plain loop; made by `capture export` for the task {task}.
+
+{effects}
+
+Depends on mujoco and numpy only:
+
+    model = mujoco.MjModel.from_xml_path("{file}")
+    data = mujoco.MjData(model)
+    effects = Effects(model)
+    recorded = []
+    for ctrl in controls:
+        effects.step(model, data, ctrl)  # instead of data.ctrl[:] = ctrl and mujoco.mj_step(model, data)
+        recorded.append(data.sensordata.copy())
+    reported = effects.sense(model, np.array(recorded))
+"""
+
+from __future__ import annotations
+
+{kernels}
+
+
+class Effects:
+    """The effects around mujoco.mj_step. What the model or the user sets is put back after every step."""
+
+    def __init__(self, model):
+        self.reset(model)
+
+    def reset(self, model):
+        """Forget what was; call it whenever the simulation starts anew."""
+{reset}
+
+    def step(self, model, data, ctrl):
+        """Advance the simulation by one step, driven by ctrl (nu,)."""
+{step}
+
+    def sense(self, model, sensors):
+        """What is reported of `sensors` (step, nsensordata): sensordata of every step since the start."""
+{sense}
+'''

@@ -1,0 +1,200 @@
+"""What a diagnosis says, in words and rows: one source for the page, the figures and the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from capture_cli.reports.findings import NEAR
+from capture_cli.reports.quantities import scaled_unit, significant, to_precision_of, with_unit
+from capture_cli.stores.diagnosis import Diagnosis
+
+TITLES = {
+    "explained": "explained",
+    "effect-found": "effect found",
+    "tied": "effect found, tied",
+    "unexplained": "unexplained",
+}
+# Of each part of the log, in the words of diagnosis.json: what it was for.
+PARTS = {"fit": "fitted", "select": "selecting", "test": "held out"}
+ACCEPTED, TIED, NOT_TRIED = "accepted", "tied", "not tried"
+
+
+@dataclass(frozen=True)
+class Change:
+    """RMSE of one output before and after, by part of the log (None: an empty part), all in `unit`.
+
+    ratio: after over before, over: after over the noise floor; both on held-out data, or on what there is.
+    """
+
+    name: str
+    unit: str
+    before: dict[str, float | None]
+    after: dict[str, float | None]
+    floor: float | None
+    floor_unit: str
+    floor_source: str
+    ratio: float | None
+    over: float | None
+
+
+@dataclass(frozen=True)
+class Moved:
+    """A declared parameter that had been absorbing what was missing, in its unit."""
+
+    name: str
+    unit: str
+    before: float
+    after: float
+    sd: float | None
+    shift_in_sd: float
+
+
+def placed(effect: Mapping[str, Any]) -> str:
+    """EFFECT@SITE of an effect or a candidate."""
+    name = effect.get("name") or effect["effect"]
+    return f"{name}@{effect['site']}" if effect["site"] else name
+
+
+def listed(names: Sequence[str]) -> str:
+    """"a", "a and b", "a, b and c"."""
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def best_part(document: Mapping[str, Any]) -> str:
+    """The part of the log by which the models are judged: held out where there is one."""
+    last = document["stages"][-1]
+    return next(part for part in ("test", "select", "fit") if last[part])
+
+
+def where(part: str) -> str:
+    """On which data, in words."""
+    return {
+        "test": "on held-out data",
+        "select": "on data that was not fitted",
+        "fit": "on the data that was fitted",
+    }[part]
+
+
+def changes(diagnosis: Diagnosis) -> list[Change]:
+    """A row per output, in the order of the log."""
+    return [_change(diagnosis.document, o["name"], o["unit"]) for o in diagnosis.attributes["outputs"]]
+
+
+def moved(document: Mapping[str, Any]) -> list[Moved]:
+    """The declared parameters that moved when the effects came in, farthest first."""
+    rows = [
+        Moved(
+            name=name,
+            unit=row["unit"],
+            before=row["before"],
+            after=row["after"],
+            sd=document["parameters"][name]["sd"],
+            shift_in_sd=row["shift_in_sd"],
+        )
+        for name, row in document["absorbed"].items()
+    ]
+    return sorted(rows, key=lambda row: -abs(row.shift_in_sd))
+
+
+def absorbing(document: Mapping[str, Any]) -> list[Moved]:
+    """Those that moved by more than their interval allows."""
+    return [row for row in moved(document) if abs(row.shift_in_sd) > 2]
+
+
+def shift(row: Moved) -> str:
+    """"damping 425.4 → 191.1 N s/m"."""
+    before, after = (to_precision_of(v, row.sd) for v in (row.before, row.after))
+    return f"{row.name} {before} → {with_unit(after, row.unit)}"
+
+
+def outcome(candidate: Mapping[str, Any], document: Mapping[str, Any]) -> str:
+    """ACCEPTED, TIED, NOT_TRIED, or "" for one that was rejected."""
+    name = placed(candidate)
+    if any(placed(e) == name for e in document["effects"]):
+        return ACCEPTED
+    if any(name in e["tied_with"] for e in document["effects"]):
+        return TIED
+    return "" if candidate["why_rejected"] else NOT_TRIED
+
+
+def closest_rejected(document: Mapping[str, Any]) -> Mapping[str, Any] | None:
+    """The rejected candidate that came nearest: the least error where it was refitted, else the highest score."""
+    rejected = [c for c in document["candidates"] if not outcome(c, document)]
+    refitted = [c for c in rejected if c["refit_select_error"] is not None]
+    if refitted:
+        return min(refitted, key=lambda c: c["refit_select_error"])
+    scored = [c for c in rejected if c["score"]]
+    return max(scored, key=lambda c: c["score"], default=None)
+
+
+def lacks(document: Mapping[str, Any]) -> str:
+    """The answer in one sentence."""
+    effects, verdict = document["effects"], document["verdict"]
+    left = significant(document["lack_of_fit"]["after"]["normalized"])
+    if verdict == "explained":
+        return f"Nothing is missing: the error is {left} times the noise floor."
+    if not effects:
+        count = len(document["candidates"])
+        return f"None of these: not one of {count} candidates explains what is left, {left} times the noise floor."
+    sentence = f"The model lacks {listed([placed(e) for e in effects])}"
+    return f"{sentence}, and something else." if verdict == "unexplained" else f"{sentence}."
+
+
+def notes(document: Mapping[str, Any]) -> list[str]:
+    """What a reader has to know before using the answer, most important first."""
+    found = []
+    for effect in document["effects"]:
+        if effect["tied_with"]:
+            rivals = " or ".join(effect["tied_with"])
+            found.append(f"This log cannot tell {placed(effect)} from {rivals}.")
+    lack = document["lack_of_fit"]["after"]
+    if document["verdict"] == "unexplained":
+        size, chance = significant(lack["normalized"]), significant(lack["threshold"])
+        found.append(f"What is left is {size} times the noise floor; chance alone stays under {chance}.")
+        if document["effects"]:
+            found.append("Take what was found as a part of the answer: its sizes may change once the rest is known.")
+    found += [
+        f"{name} is at the end of its range: the range, not the log, decides it."
+        for name, p in document["parameters"].items()
+        if p["at_bound"]
+    ]
+    if document["before"]["test"] is None:
+        found.append("Nothing was held out: the errors are those of data that was used.")
+    return found
+
+
+def expression(document: Mapping[str, Any]) -> str:
+    """The formula for what no effect of the catalogue explains; "" where there is none."""
+    return (document.get("expression") or {}).get("text") or ""
+
+
+def next_experiment(document: Mapping[str, Any]) -> str:
+    """What to record next; "" where nothing is proposed."""
+    return (document.get("next_experiment") or {}).get("text") or ""
+
+
+def _change(document: Mapping[str, Any], name: str, unit: str) -> Change:
+    first, last = document["stages"][0], document["stages"][-1]
+    before, after = ({part: _rmse(stage, part, name) for part in PARTS} for stage in (first, last))
+    part = best_part(document)
+    shown, floor = after[part], document["noise_floor"].get(name)
+    factor, label = scaled_unit(unit, shown or floor)
+    near = floor and floor * factor >= NEAR  # then it is easier to compare in one unit
+    floor_factor, floor_label = (factor, label) if near else scaled_unit(unit, floor)
+    return Change(
+        name=name,
+        unit=label,
+        before={k: v if v is None else v * factor for k, v in before.items()},
+        after={k: v if v is None else v * factor for k, v in after.items()},
+        floor=floor * floor_factor if floor else None,
+        floor_unit=floor_label,
+        floor_source=(document.get("noise_floor_source") or {}).get(name, ""),
+        ratio=shown / before[part] if before[part] else None,
+        over=shown / floor if floor else None,
+    )
+
+
+def _rmse(stage: Mapping[str, Any], part: str, name: str) -> float | None:
+    return stage[part]["rmse"].get(name) if stage[part] else None

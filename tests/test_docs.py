@@ -1,0 +1,281 @@
+"""The documentation says what the code does: generated pages, the tree, every command, every link, the tutorial."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import re
+import shlex
+from pathlib import Path
+
+import numpy as np
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from benchmarks import REGISTRY as BENCHMARKS
+from capture_cli.cli import app
+from capture_cli.stages.identify import identify
+from capture_cli.stages.record import record
+from capture_cli.tasks import load_task
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = sorted(
+    [
+        ROOT / "README.md",
+        ROOT / "CHANGELOG.md",
+        ROOT / "datasets" / "README.md",
+        *(ROOT / "docs").rglob("*.md"),
+    ]
+)
+# of the machine that a text was written on
+ABSOLUTE = re.compile(r"(?<![\w.~])/(?:root|home|work|tmp|Users|mnt|srv|opt)/\w")
+
+
+def _generate():
+    spec = importlib.util.spec_from_file_location("docs_generate", ROOT / "docs" / "generate.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+generate = _generate()
+
+
+def name(page: Path) -> str:
+    return page.relative_to(ROOT).as_posix()
+
+
+# --- pages made from the code ---
+
+
+@pytest.mark.parametrize("page", generate.PAGES)
+def test_a_generated_page_is_what_the_code_says(page):
+    assert (ROOT / page).read_text(encoding="utf-8") == generate.PAGES[page](), "run `make docs`"
+
+
+@pytest.mark.parametrize("page", generate.PARTS)
+def test_a_generated_part_is_what_the_code_says(page):
+    text = (ROOT / page).read_text(encoding="utf-8")
+    assert text == generate.with_parts(text, generate.PARTS[page]), "run `make docs`"
+
+
+def test_a_page_without_the_marks_of_its_part_is_refused():
+    with pytest.raises(ValueError, match="tree begins"):
+        generate.with_parts("no marks here", {"tree": str})
+
+
+def test_every_command_is_documented():
+    commands = {c.name or c.callback.__name__ for c in app.registered_commands}
+    headings = set(re.findall(r"^## capture (\S+)$", generate.commands(), re.MULTILINE))
+    assert headings == commands
+    assert {"identify", "import-log", "inspect", "record", "export", "tasks", "effects"} <= commands
+
+
+# --- keys of the JSON documents ---
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory) -> dict[str, dict]:
+    """Every JSON document that a log and its estimate bring about, by the name that docs/schemas.md gives it."""
+    folder = tmp_path_factory.mktemp("written")
+    task = str(ROOT / "datasets" / "cart" / "task.toml")
+    options = {"effects": ["coulomb-friction@rail.friction=1"], "noise": 1e-3, "rate": 100, "duration": 4.0}
+    record(task=task, out=folder / "log.zarr", **options)
+    identify(real_log=folder / "log.zarr", task=task, out=folder / "e", starts=1, rounds=2, quiet=True)
+    files = {
+        "estimate.json": folder / "e" / "estimate.json",
+        "truth.json": folder / "log.truth.json",
+        "provenance.json": folder / "e" / "provenance.json",
+    }
+    return {name: json.loads(path.read_text(encoding="utf-8")) for name, path in files.items()}
+
+
+@pytest.mark.parametrize("document", generate.DOCUMENTS)
+def test_every_key_of_a_document_is_documented_and_no_other(written, document):
+    keys = generate.keys_of(written[document], generate.NAMES)
+    opaque = {"recordings", "undetermined", "options.OPTION"}  # tables of their own, described in words
+    found = {next((o for o in opaque if key == o or key.startswith((f"{o}.", f"{o}["))), key) for key in keys}
+    assert found == set(generate.DOCUMENTS[document][1])
+
+
+# --- commands and links ---
+
+
+def commands_of(page: Path) -> list[str]:
+    """Lines of the shell blocks of a page, continued lines joined, comments left out."""
+    text = page.read_text(encoding="utf-8")
+    blocks = re.findall(r"^```sh\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+    lines = "\n".join(blocks).replace("\\\n", " ").splitlines()
+    prose = re.sub(r"^```.*?^```", "", text, flags=re.MULTILINE | re.DOTALL)
+    inline = re.findall(r"`((?:capture|make|python -m) [^`\n]+)`", prose)
+    return [line.split(" #")[0].strip() for line in [*lines, *inline] if line.split("#")[0].strip()]
+
+
+def shown() -> list:
+    return [pytest.param(c, id=f"{name(p)}: {c[:60]}") for p in PAGES for c in dict.fromkeys(commands_of(p))]
+
+
+@pytest.mark.parametrize("command", shown())
+def test_a_command_that_is_shown_can_be_run(command):
+    words = shlex.split(command)
+    if words[0] == "make":
+        targets = re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
+        assert words[1] in targets
+    elif words[:2] == ["python", "-m"]:
+        module, *rest = words[2:]
+        assert importlib.util.find_spec(module) is not None
+        chosen = [w for w in rest if not w.startswith(("-", "[")) and not w.isdigit()]
+        assert module != "benchmarks" or set(chosen) <= set(BENCHMARKS.names())
+    elif words[0] == "capture":
+        check_options(words[1:])
+    else:
+        pytest.fail("of what kind is this command?")
+
+
+def check_options(words: list[str]) -> None:
+    """Raise where `capture WORDS` has no such command, or the command no such option."""
+    group = typer.main.get_command(app)
+    if words[0].startswith("-"):
+        assert words in (["--help"], ["--version"])
+        return
+    command = group.commands[words[0]]
+    options = {option for p in command.params for option in p.opts} | {"--help", "--debug"}
+    assert {w.split("=")[0] for w in words[1:] if w.startswith("--")} <= options
+    is_complete = {o for p in command.params if p.required for o in p.opts if o.startswith("--")} <= set(
+        words
+    )
+    is_mention = len(words) == 1
+    if is_complete and not is_mention and "--config" not in words:
+        command.make_context(words[0], words[1:])
+
+
+def test_an_option_that_does_not_exist_is_noticed():
+    with pytest.raises(AssertionError):
+        check_options(["identify", "--real-log", "a.zarr", "--no-such-option"])
+
+
+def links() -> list:
+    found = []
+    for page in PAGES:
+        text = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+        for target in re.findall(r"\]\(([^)\s]+)\)", text):
+            if not target.startswith(("http://", "https://")):
+                found.append(pytest.param(page, target, id=f"{name(page)}: {target}"))
+    return found
+
+
+@pytest.mark.parametrize(("page", "target"), links())
+def test_a_link_resolves(page, target):
+    file, _, heading = target.partition("#")
+    path = (page.parent / file) if file else page
+    assert path.exists()
+    if heading:
+        headings = re.findall(r"^#+ (.+)$", path.read_text(encoding="utf-8"), re.MULTILINE)
+        assert heading in {re.sub(r"[^\w\- ]", "", h.lower()).replace(" ", "-") for h in headings}
+
+
+# --- nothing of the machine it was written on ---
+
+
+def texts() -> list[Path]:
+    """Every text file of the project, but what is not kept."""
+    found = []
+    for path in ROOT.rglob("*"):
+        inside = path.relative_to(ROOT)
+        hidden = generate.NOT_LISTED - {"runs"}
+        if path.is_dir() or hidden & set(inside.parts) or any(p.endswith(".egg-info") for p in inside.parts):
+            continue
+        if inside.parts[:2] == ("runs", "demo") or path.suffix in (".png", ".zarr") or "c" in inside.parts:
+            continue
+        found.append(path)
+    return found
+
+
+def test_no_path_of_this_machine():
+    bad = {
+        name(path): match.group()
+        for path in texts()
+        if (match := ABSOLUTE.search(path.read_text(encoding="utf-8", errors="replace")))
+    }
+    assert not bad
+
+
+# --- the tutorial, followed to the letter ---
+
+
+def test_the_tutorial_works(tmp_path, monkeypatch):
+    tutorial = ROOT / "docs" / "tutorial.md"
+    text = tutorial.read_text(encoding="utf-8")
+    for language, file in (("xml", "model.xml"), ("toml", "task.toml")):
+        (block,) = re.findall(rf"^```{language}\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+        (tmp_path / file).write_text(block)
+    monkeypatch.chdir(tmp_path)
+    truth = {"mass": 0.8, "damping": 0.11, "friction": 0.08}
+    header = text.split("```\n")[1].splitlines()[0]
+    for seed, day in enumerate(("monday", "tuesday")):
+        log = record(
+            task="task.toml",
+            out=tmp_path / f"{day}.zarr",
+            parameters=truth,
+            noise=0.002,
+            duration=12.0,
+            rate=200,
+            amplitude={"motor": 1.2},
+            seed=seed,
+        ).log
+        rows = np.column_stack([log.time, log.inputs, np.rad2deg(log.outputs)])
+        np.savetxt(f"{day}.csv", rows, delimiter=",", header=header, comments="")
+    for line in commands_of(tutorial):
+        if line.startswith("capture") and "--" in line:
+            result = CliRunner().invoke(app, shlex.split(line)[1:], catch_exceptions=False)
+            assert result.exit_code == 0, f"{line}\n{result.output}"
+    found = json.loads((tmp_path / "swing.estimate" / "estimate.json").read_text(encoding="utf-8"))
+    assert found["verdict"] == "explained"
+    for parameter, value in truth.items():
+        assert found["parameters"][parameter]["value"] == pytest.approx(value, rel=0.02)
+    import mujoco
+
+    identified = mujoco.MjModel.from_xml_path(str(tmp_path / "identified.xml"))
+    assert identified.body("link").mass[0] == pytest.approx(0.8, rel=0.02)
+
+
+def test_the_task_of_the_reference_page_is_the_demo_and_loads(tmp_path):
+    page = (ROOT / "docs" / "task-file.md").read_text(encoding="utf-8")
+    (block,) = re.findall(r"^```toml\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
+    (tmp_path / "task.toml").write_text(block)
+    (tmp_path / "model.xml").write_text((ROOT / "datasets" / "cart" / "model.xml").read_text())
+    assert load_task(str(tmp_path)).space.names == ("mass",)
+
+
+def test_every_key_of_the_task_file_is_documented():
+    page = (ROOT / "docs" / "task-file.md").read_text(encoding="utf-8")
+    source = (ROOT / "capture_cli" / "tasks" / "mjcf_file.py").read_text(encoding="utf-8")
+    keys = {
+        key for text in re.findall(r"_known\(\w+, \{(.*?)\}", source) for key in re.findall(r'"(\w+)"', text)
+    }
+    assert len(keys) > 15
+    assert not {key for key in keys if not re.search(rf"`(?:\w+\.(?:NAME\.)?)?{key}`", page)} - {
+        "parameters",
+        "inputs",
+        "outputs",
+        "log",
+    }
+
+
+# --- the demo ---
+
+
+def test_the_demo_log_is_what_its_readme_says(tmp_path, monkeypatch):
+    monkeypatch.chdir(ROOT)
+    (command,) = commands_of(ROOT / "datasets" / "README.md")[:1]
+    words = shlex.split(command)[1:]
+    words[words.index("--out") + 1] = str(tmp_path / "cart.zarr")
+    result = CliRunner().invoke(app, words, catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    for file in ("data/outputs/c/0/0", "data/inputs/c/0/0", "data/time/c/0"):
+        made, shipped = (folder / "cart.zarr" / file for folder in (tmp_path, ROOT / "datasets" / "cart"))
+        assert made.read_bytes() == shipped.read_bytes(), file
+    assert (tmp_path / "cart.truth.json").read_text() == (
+        ROOT / "datasets" / "cart" / "cart.truth.json"
+    ).read_text()
