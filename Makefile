@@ -14,8 +14,8 @@ dev: $(VENV)/installed-dev
 $(BIN)/python:
 	@test -n "$(PYTHON)" || { echo "capture needs Python 3.11 or 3.12, and none was found."; \
 		echo "  cure: install one, or name it: make $(MAKECMDGOALS) PYTHON=/path/to/python3.12"; exit 2; }
-	@$(PYTHON) -c '$(SUPPORTED)' || { echo "capture needs Python 3.11 or 3.12, and $(PYTHON) is" \
-		"$$($(PYTHON) -c 'import platform; print(platform.python_version())' 2>&1) (MuJoCo 4 and zarr 3 need 3.11)."; \
+	@$(PYTHON) -c '$(SUPPORTED)' 2>/dev/null || { echo "capture needs Python 3.11 or 3.12, and $(PYTHON) is" \
+		"$$($(PYTHON) -c 'import platform; print(platform.python_version())' 2>/dev/null || echo not one) (MuJoCo 4 and zarr 3 need 3.11)."; \
 		echo "  cure: name another: make $(MAKECMDGOALS) PYTHON=/path/to/python3.12"; exit 2; }
 	$(PYTHON) -m venv $(VENV) || { rm -rf $(VENV); exit 2; }
 

@@ -465,7 +465,9 @@ def export(
     elif not quiet:
         print(f"{out}: written; load it with mujoco.MjModel.from_xml_path({str(out)!r})")
         if written.companion:
-            print(f"{written.companion}: written; it applies {', '.join(written.effects)} (see its first lines)")
+            print(
+                f"{written.companion}: written; it applies {', '.join(written.effects)} (see its first lines)"
+            )
 
 
 @app.command()

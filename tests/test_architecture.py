@@ -21,6 +21,7 @@ ROWS = (
     ("stages",),
     ("reports",),
     ("identifiers", "policies", "search", "diagnosis"),
+    ("linearization",),
     ("simulator",),
     ("tasks", "effects"),
     ("sim", "stores"),
@@ -30,7 +31,17 @@ ROWS = (
 )
 ROW = {name: number for number, row in enumerate(ROWS) for name in row}
 # only stages join files and algorithms: these take arrays and return arrays
-ALGORITHMS = ("identifiers", "policies", "search", "diagnosis", "simulator", "tasks", "effects", "sim")
+ALGORITHMS = (
+    "identifiers",
+    "linearization",
+    "policies",
+    "search",
+    "diagnosis",
+    "simulator",
+    "tasks",
+    "effects",
+    "sim",
+)
 HEAVY = ("torch", "robosuite", "ray", "plotly", "matplotlib", "pyarrow", "scipy", "zarr", "mujoco")
 
 MODULES = sorted(

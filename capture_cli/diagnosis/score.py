@@ -11,8 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from capture_cli.identifiers.least_squares import box_step
-from capture_cli.identifiers.linearization import Linearization
+from capture_cli.linearization import Linearization, box_step
 
 STEP = 0.3  # of each parameter's range: how far the linear step may go
 

@@ -93,7 +93,9 @@ def _looked_up(code: CodeType) -> Iterator[str]:
 
 def _sources(used: Mapping[str, object]) -> Iterator[str]:
     """Imports, numbers, and the source of functions and classes, each after what it needs."""
-    foreign = {name: value.__module__ for name, value in used.items() if callable(value) and not _is_ours(value)}
+    foreign = {
+        name: value.__module__ for name, value in used.items() if callable(value) and not _is_ours(value)
+    }
     imports = [
         f"from {module} import {', '.join(sorted(n for n, m in foreign.items() if m == module))}"
         for module in sorted(set(foreign.values()))
@@ -115,7 +117,9 @@ def _is_ours(value: object) -> bool:
 def _reset(pieces: Pieces) -> Iterator[str]:
     kept = {name: piece.state for name, (_, piece) in pieces.items() if piece.state}
     entries = [f"{json.dumps(name, ensure_ascii=False)}: {state}," for name, state in kept.items()]
-    yield "\n".join(["self.state = {", indent("\n".join(entries), INDENT), "}"]) if kept else "self.state = {}"
+    yield (
+        "\n".join(["self.state = {", indent("\n".join(entries), INDENT), "}"]) if kept else "self.state = {}"
+    )
     if _reads_late(pieces):
         yield "self.first = True"
 

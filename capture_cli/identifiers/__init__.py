@@ -6,5 +6,5 @@ from capture_cli.identifiers.base import Identifier
 from capture_cli.registry import Registry
 
 REGISTRY: Registry[Identifier] = Registry(
-    "capture_cli.identifiers", "Identifier", "identifier", not_listed=("linearization", "intervals")
+    "capture_cli.identifiers", "Identifier", "identifier", not_listed=("intervals")
 )

@@ -8,48 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from capture_cli.parameters import ParameterSpace
-
-
-@dataclass(frozen=True)
-class Evidence:
-    """What was measured, as arrays.
-
-    measured (window, step, output); mask (window, step), False for padding. noise_sd (output,): the noise floor,
-    which weighs outputs against each other. start_sd (window, state): how well each start is known beforehand;
-    0 where it may not be moved.
-    """
-
-    space: ParameterSpace
-    measured: np.ndarray
-    mask: np.ndarray
-    noise_sd: np.ndarray
-    start_sd: np.ndarray
-
-    @property
-    def count(self) -> int:
-        """How many numbers were measured."""
-        return int(self.mask.sum()) * self.measured.shape[-1]
-
-    def residual(self, outputs: np.ndarray) -> np.ndarray:
-        """Measured minus simulated (..., window, step, output), in units of the noise, as (..., window, row)."""
-        residual = (self.measured - outputs) / self.noise_sd * self.mask[..., None]
-        return residual.reshape(*residual.shape[:-2], -1)
-
-    def rows(self, keep: np.ndarray) -> Evidence:
-        """The evidence of the windows at `keep`."""
-        return Evidence(self.space, self.measured[keep], self.mask[keep], self.noise_sd, self.start_sd[keep])
-
-
-@dataclass(frozen=True)
-class Trial:
-    """Simulations asked for: parameters (candidate, parameter), offsets of the starts (candidate, window, state)."""
-
-    parameters: np.ndarray
-    offsets: np.ndarray
-
-    def __len__(self) -> int:
-        return len(self.parameters)
+from capture_cli.linearization import Evidence, Trial
 
 
 @dataclass(frozen=True)

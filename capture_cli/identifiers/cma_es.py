@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from capture_cli.identifiers.base import Best, Identifier, Trial
-from capture_cli.identifiers.linearization import Linearization, columns, scatter
+from capture_cli.linearization import Linearization, columns, scatter
 
 SPREAD = 0.25  # of the unit cube, the first step size
 RELINEARIZE = 10  # generations

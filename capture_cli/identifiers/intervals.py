@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from capture_cli.identifiers.linearization import (
+from capture_cli.linearization import (
     PARAMETER_STEP,
     Linearization,
     autocovariance,

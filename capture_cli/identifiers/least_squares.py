@@ -7,19 +7,20 @@ finite-difference columns of all descents. Several descents begin at the best of
 
 from __future__ import annotations
 
-import mujoco
 import numpy as np
 
-from capture_cli.identifiers.base import Best, Evidence, Identifier, Trial
-from capture_cli.identifiers.linearization import (
+from capture_cli.identifiers.base import Best, Identifier
+from capture_cli.linearization import (
+    Evidence,
     Linearization,
+    Trial,
+    box_step,
     columns,
     objectives,
     scaled_offsets,
 )
 
 SCREENED_PER_PARAMETER = 8
-SCREENING_WINDOWS = 24  # evenly spread: enough to tell basins apart
 RADIUS = 0.25  # of the unit cube, the first trust region
 SHRINK = (1.0, 0.25, 0.0625, 0.015625)  # step lengths tried at once after a step that failed
 CONVERGED_GAIN = 3e-3  # decrease of the objective over k: a twentieth of a standard error
@@ -247,16 +248,3 @@ class Descent:
         """The Gauss-Newton step (parameter,) within the trust region and the unit cube."""
         hessian, gradient = self._at.normal(self._k, damping)
         return box_step(hessian, gradient, np.maximum(-radius, -self.x), np.minimum(radius, 1 - self.x))
-
-
-def box_step(hessian: np.ndarray, gradient: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Minimizes d'Hd/2 - g'd over low <= d <= high; directions without curvature are left alone."""
-    size = len(gradient)
-    if size == 0:
-        return np.zeros(0)
-    scale = np.sqrt(np.maximum(np.diag(hessian), 1e-12 * max(np.trace(hessian), 1e-300)))
-    regular = hessian / np.outer(scale, scale) + 1e-9 * np.eye(size)
-    step = np.zeros(size)
-    factor = np.zeros((size, size + 7))
-    rank = mujoco.mju_boxQP(step, factor, None, regular, -gradient / scale, low * scale, high * scale)
-    return step / scale if rank >= 0 else np.clip(gradient / scale**2, low, high)

@@ -205,7 +205,9 @@ def _marks(curves: Curves, floor: float | None) -> list[Plot]:
 
 def _windows_of(curves: Curves, part: str) -> np.ndarray:
     """Which windows belong to a part, (window,); none where the record has no such part."""
-    return curves.part == curves.parts.index(part) if part in curves.parts else np.zeros(len(curves.part), bool)
+    return (
+        curves.part == curves.parts.index(part) if part in curves.parts else np.zeros(len(curves.part), bool)
+    )
 
 
 def _floor(record: Record, curves: Curves, k: int) -> float | None:

@@ -58,7 +58,7 @@ def placed(effect: Mapping[str, Any]) -> str:
 
 
 def listed(names: Sequence[str]) -> str:
-    """"a", "a and b", "a, b and c"."""
+    """ "a", "a and b", "a, b and c"."""
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
@@ -104,7 +104,7 @@ def absorbing(document: Mapping[str, Any]) -> list[Moved]:
 
 
 def shift(row: Moved) -> str:
-    """"damping 425.4 → 191.1 N s/m"."""
+    """ "damping 425.4 → 191.1 N s/m"."""
     before, after = (to_precision_of(v, row.sd) for v in (row.before, row.after))
     return f"{row.name} {before} → {with_unit(after, row.unit)}"
 
@@ -154,7 +154,9 @@ def notes(document: Mapping[str, Any]) -> list[str]:
         size, chance = significant(lack["normalized"]), significant(lack["threshold"])
         found.append(f"What is left is {size} times the noise floor; chance alone stays under {chance}.")
         if document["effects"]:
-            found.append("Take what was found as a part of the answer: its sizes may change once the rest is known.")
+            found.append(
+                "Take what was found as a part of the answer: its sizes may change once the rest is known."
+            )
     found += [
         f"{name} is at the end of its range: the range, not the log, decides it."
         for name, p in document["parameters"].items()

@@ -22,7 +22,7 @@ from capture_cli.diagnosis.score import Score, score, similarity
 from capture_cli.diagnosis.split import Folds
 from capture_cli.effects import REGISTRY
 from capture_cli.identifiers.intervals import intervals
-from capture_cli.identifiers.linearization import autocorrelation_time
+from capture_cli.linearization import autocorrelation_time
 from capture_cli.simulator import placed_name
 from capture_cli.stages.model_fits import Fit, ModelFits, PartFit, Placed
 from capture_cli.stages.prepared_log import PreparedLog

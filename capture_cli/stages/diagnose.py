@@ -12,7 +12,7 @@ from capture_cli.diagnosis.localisation import accelerations, curve
 from capture_cli.diagnosis.split import select_folds
 from capture_cli.errors import FitError, OptionError, StoreError
 from capture_cli.identifiers.intervals import Intervals, intervals
-from capture_cli.identifiers.linearization import autocorrelation_time
+from capture_cli.linearization import autocorrelation_time
 from capture_cli.simulator import placed_name
 from capture_cli.stages.attribution import Attribution
 from capture_cli.stages.model_fits import EXACT, Fit, ModelFits, PartFit

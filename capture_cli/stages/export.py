@@ -110,7 +110,9 @@ def _effects(rows, model, command: str) -> Placed:
     return effects
 
 
-def _header(found, command: str, space: ParameterSpace, values, effects: Placed, companion: Path | None) -> str:
+def _header(
+    found, command: str, space: ParameterSpace, values, effects: Placed, companion: Path | None
+) -> str:
     """An XML comment that says what the file holds, and what it does not."""
     lines = [f"made by `capture {command}` and `capture export`; verdict: {found['verdict']}"]
     lines += [f"  {p.name} = {v:.9g} {p.unit}" for p, v in zip(space, values, strict=True)]

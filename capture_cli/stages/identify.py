@@ -13,7 +13,7 @@ from capture_cli.identifiers import REGISTRY
 from capture_cli.identifiers.base import Best, Identifier, Trial, run
 from capture_cli.identifiers.intervals import Intervals, intervals
 from capture_cli.identifiers.least_squares import LeastSquares
-from capture_cli.identifiers.linearization import Linearization, autocorrelation_time, columns
+from capture_cli.linearization import Linearization, autocorrelation_time, columns
 from capture_cli.parameters import ParameterSpace
 from capture_cli.simulator import Simulator
 from capture_cli.stages.prepared_log import PreparedLog, check_parameters_move_outputs, find_task, prepare

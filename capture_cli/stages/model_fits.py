@@ -11,7 +11,7 @@ from capture_cli.diagnosis.acceptance import block_squares
 from capture_cli.effects.base import Effect
 from capture_cli.identifiers.base import Evidence, Trial, run
 from capture_cli.identifiers.least_squares import LeastSquares
-from capture_cli.identifiers.linearization import Linearization, autocorrelation_time, columns
+from capture_cli.linearization import Linearization, autocorrelation_time, columns
 from capture_cli.parameters import ParameterSpace
 from capture_cli.sim.engine import Engine
 from capture_cli.simulator import Simulator

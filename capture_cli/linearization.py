@@ -16,13 +16,55 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
+import mujoco
 import numpy as np
 
-from capture_cli.identifiers.base import Evidence, Trial
+from capture_cli.parameters import ParameterSpace
 
 PARAMETER_STEP = 1e-4  # of the range: well above the solver's tolerance, well below curvature
 START_STEP = 0.1  # of the prior sd, within the limits below
 START_STEP_LIMITS = (1e-6, 1e-3)  # m, rad, m/s, rad/s
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What was measured, as arrays.
+
+    measured (window, step, output); mask (window, step), False for padding. noise_sd (output,): the noise floor,
+    which weighs outputs against each other. start_sd (window, state): how well each start is known beforehand;
+    0 where it may not be moved.
+    """
+
+    space: ParameterSpace
+    measured: np.ndarray
+    mask: np.ndarray
+    noise_sd: np.ndarray
+    start_sd: np.ndarray
+
+    @property
+    def count(self) -> int:
+        """How many numbers were measured."""
+        return int(self.mask.sum()) * self.measured.shape[-1]
+
+    def residual(self, outputs: np.ndarray) -> np.ndarray:
+        """Measured minus simulated (..., window, step, output), in units of the noise, as (..., window, row)."""
+        residual = (self.measured - outputs) / self.noise_sd * self.mask[..., None]
+        return residual.reshape(*residual.shape[:-2], -1)
+
+    def rows(self, keep: np.ndarray) -> Evidence:
+        """The evidence of the windows at `keep`."""
+        return Evidence(self.space, self.measured[keep], self.mask[keep], self.noise_sd, self.start_sd[keep])
+
+
+@dataclass(frozen=True)
+class Trial:
+    """Simulations asked for: parameters (candidate, parameter), offsets of the starts (candidate, window, state)."""
+
+    parameters: np.ndarray
+    offsets: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.parameters)
 
 
 def columns(evidence: Evidence, x: np.ndarray, offsets: np.ndarray, *, parameters: bool = True) -> Trial:
@@ -189,3 +231,16 @@ def autocorrelation_time(residual: np.ndarray, mask: np.ndarray) -> float:
     times = np.array([correlation_length(c)[1] for c in covariance.T])
     total = covariance[0].sum()
     return float((times * covariance[0]).sum() / total) if total > 0 else 1.0
+
+
+def box_step(hessian: np.ndarray, gradient: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Minimizes d'Hd/2 - g'd over low <= d <= high; directions without curvature are left alone."""
+    size = len(gradient)
+    if size == 0:
+        return np.zeros(0)
+    scale = np.sqrt(np.maximum(np.diag(hessian), 1e-12 * max(np.trace(hessian), 1e-300)))
+    regular = hessian / np.outer(scale, scale) + 1e-9 * np.eye(size)
+    step = np.zeros(size)
+    factor = np.zeros((size, size + 7))
+    rank = mujoco.mju_boxQP(step, factor, None, regular, -gradient / scale, low * scale, high * scale)
+    return step / scale if rank >= 0 else np.clip(gradient / scale**2, low, high)
