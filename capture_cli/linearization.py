@@ -13,7 +13,7 @@ So a noisy start is not mistaken for a missing effect, and a missing effect is n
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import mujoco
@@ -118,6 +118,18 @@ class Linearization:
         return cls(
             evidence, x, offsets, residuals[0], np.moveaxis(by_parameter, 0, -1), np.moveaxis(by_start, 0, -1)
         )
+
+    def moved(self, x: np.ndarray, offsets: np.ndarray, residual: np.ndarray) -> Linearization:
+        """This linearization carried to x (parameter,), offsets (window, state) and the residual (window, row) there.
+
+        The sensitivities get the least change that explains the residual (Broyden 1965).
+        """
+        dx = x - self.x
+        dz = scaled_offsets(self.evidence, offsets - self.offsets)[:, _movable(self.evidence)]
+        expected = self.residual - self.by_parameter @ dx - (self.by_start @ dz[..., None])[..., 0]
+        square = float(dx @ dx)
+        change = (expected - residual)[..., None] * (dx / square) if square > 0 else 0.0
+        return replace(self, x=x, offsets=offsets, residual=residual, by_parameter=self.by_parameter + change)
 
     @cached_property
     def z(self) -> np.ndarray:

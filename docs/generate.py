@@ -5,10 +5,12 @@ from __future__ import annotations
 import ast
 import importlib
 import inspect
+import json
 import pkgutil
 import re
 import sys
 from collections.abc import Callable
+from datetime import datetime
 from pathlib import Path
 from typing import get_args, get_origin, get_type_hints
 
@@ -320,6 +322,67 @@ def _caption(path: Path) -> str:
     return caption.splitlines()[0].rstrip(".")
 
 
+# --- figures measured ---
+
+
+def measured() -> str:
+    """Every figure in runs/benchmarks, by benchmark."""
+    lines = []
+    for name, document in _results().items():
+        made, machine = document["provenance"], document["machine"]
+        day = datetime.fromisoformat(made["began"]).strftime("%-d %B %Y")
+        lines += [f"### {name}", "", "```sh", f"python -m benchmarks {name}", "```", ""]
+        lines += ["| figure | measured | target | |", "|---|---|---|---|"]
+        for figure in document["figures"]:
+            met = {None: "", True: "met", False: "**not met**"}[figure["met"]]
+            lines.append(f"| {figure['name'].strip()} | {_number(figure)} | {_aim(figure)} | {met} |")
+        lines += [
+            "",
+            f"{day}; capture {made['capture']}, MuJoCo {made['packages']['mujoco']}, Python {made['python']}; "
+            f"{machine['cpus']} cores, load {machine['load_before']:.1f} before it began.",
+            "",
+        ]
+    return "\n".join(lines).rstrip()
+
+
+def headlines() -> str:
+    """The figures in runs/benchmarks that have a target; of those with the same target, the worst."""
+    lines = ["| what | measured | target | command |", "|---|---|---|---|"]
+    for name, document in _results().items():
+        groups: dict[str, list[dict]] = {}
+        for figure in document["figures"]:
+            if figure["target"] is not None:
+                groups.setdefault(str(figure["target"]), []).append(figure)
+        for figures in groups.values():
+            high = figures[0]["target"][1]
+            values = [f["value"] for f in figures]
+            worst = figures[values.index(min(values) if high is None else max(values))]
+            of = f" (the worst of {len(figures)})" if len(figures) > 1 else ""
+            command = f"`python -m benchmarks {name}`"
+            lines.append(f"| {worst['name']}{of} | {_number(worst)} | {_aim(worst)} | {command} |")
+    return "\n".join(lines)
+
+
+def _results() -> dict[str, dict]:
+    files = sorted((ROOT / "runs" / "benchmarks").glob("*.json"))
+    return {file.stem: json.loads(file.read_text(encoding="utf-8")) for file in files}
+
+
+def _number(figure: dict) -> str:
+    value = figure["value"]
+    text = f"{value:,.0f}" if abs(value) >= 1e4 else f"{value:.3g}"
+    return text if figure["unit"] == "1" else f"{text} {figure['unit']}"
+
+
+def _aim(figure: dict) -> str:
+    if figure["target"] is None:
+        return ""
+    low, high = figure["target"]
+    if low is None:
+        return f"at most {high:g}"
+    return f"at least {low:g}" if high is None else f"{low:g} to {high:g}"
+
+
 _COMMANDS = """
 # Commands
 
@@ -365,7 +428,8 @@ PAGES: dict[str, Callable[[], str]] = {
 }
 PARTS: dict[str, dict[str, Callable[[], str]]] = {
     "docs/task-file.md": {"targets": targets},
-    "README.md": {"tree": tree},
+    "docs/benchmarks.md": {"figures": measured},
+    "README.md": {"figures": headlines, "tree": tree},
 }
 
 if __name__ == "__main__":

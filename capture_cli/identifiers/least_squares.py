@@ -30,6 +30,7 @@ PATIENCE = 5  # rounds before it is
 # Rounds after which k is held. It depends on the residual and the residual on it: where the model is wrong the two
 # can chase each other for ever.
 SETTLED = 15
+CARRIED = 3  # steps in a row with sensitivities that were carried along rather than measured
 RUNAWAY = 2.0  # a window whose objective grows by this factor in a step that helps the others goes back
 
 
@@ -132,6 +133,8 @@ class Descent:
         self._radius = RADIUS
         self._damping = np.zeros(len(evidence.start_sd))
         self._repairing = False
+        self._carry = False
+        self._carried = 0
         self._trials: list[tuple[np.ndarray, np.ndarray]] = [(self.x, self.offsets)]
 
     @property
@@ -139,8 +142,8 @@ class Descent:
         return Best(self.evidence.space.from_unit(self.x), self.offsets, self.error)
 
     def ask(self) -> Trial:
-        """One candidate with its finite differences; after a failure, several shorter steps without."""
-        if len(self._trials) == 1:
+        """One candidate, with its finite differences where they are due; after a failure, several shorter steps."""
+        if len(self._trials) == 1 and not self._carry:
             return columns(self.evidence, *self._trials[0])
         x, offsets = (np.stack(part) for part in zip(*self._trials, strict=True))
         return Trial(self.evidence.space.from_unit(x), offsets)
@@ -154,7 +157,10 @@ class Descent:
 
     def _tell_candidate(self, outputs, diverged) -> None:
         x, offsets = self._trials[0]
-        there = Linearization.from_columns(self.evidence, x, offsets, outputs, diverged)
+        if self._carry:
+            there = self._at.moved(x, offsets, self.evidence.residual(outputs[0]))
+        else:
+            there = Linearization.from_columns(self.evidence, x, offsets, outputs, diverged)
         lost = bool(diverged[0].any()) or not np.isfinite(there.residual).all()
         if self._at is None:
             if lost:
@@ -167,7 +173,12 @@ class Descent:
         before = self._at.objectives(k)
         after = np.where(diverged[0], np.inf, there.objectives(k))
         if lost or after.sum() >= before.sum():
-            self._propose_shorter() if not self._repairing else self._propose()
+            if self._carried:
+                self._refresh()
+            elif self._repairing:
+                self._propose()
+            else:
+                self._propose_shorter()
             return
         self._accept(there, before, after, k)
 
@@ -178,16 +189,30 @@ class Descent:
         self._repairing = bool(worse.any())
         if self._repairing:
             self._damping[worse] = np.maximum(10 * self._damping[worse], k)
+            self._carry = False
             self._trials = [(self.x, np.where(worse[:, None], back, self.offsets))]
             return
         self._damping = np.where(self._damping > 1e-3 * k, self._damping / 10, 0.0)
         self._radius = min(2 * self._radius, 1.0)
         if gained < self.tolerance * k:
+            self._settle()
+        else:
+            self._propose()
+
+    def _settle(self) -> None:
+        """Nothing more to gain: done, if the sensitivities that say so were measured here."""
+        if self._carried:
+            self._refresh()
+        else:
             self.converged = True
-            return
-        self._propose()
+
+    def _refresh(self) -> None:
+        """Measure the sensitivities at the point reached."""
+        self._at, self._carry = None, False
+        self._trials = [(self.x, self.offsets)]
 
     def _move(self, there: Linearization) -> None:
+        self._carried = self._carried + 1 if self._carry else 0
         self._at, self.x, self.offsets = there, there.x, there.offsets
         if self.rounds <= SETTLED:
             self._k = there.scatter
@@ -199,13 +224,15 @@ class Descent:
         dx = self._step(self._radius, self._damping)
         offsets = self._at.start_offsets(dx, k, self._damping)
         if self._at.predicted_gain(dx, offsets, k) < self.tolerance * k:
-            self.converged = True
+            self._settle()
             return
+        self._carry = self.x.size > 0 and self._carried < CARRIED
         self._trials = [(np.clip(self.x + dx, 0, 1), offsets)]
 
     def _propose_shorter(self) -> None:
         """Shorter steps in parameters and starts, and as many in the starts alone, tried at once."""
         k = self._k
+        self._carry = False
         still = np.zeros_like(self.x)
         self._trials = []
         for factor in SHRINK:

@@ -66,7 +66,7 @@ def overlay(record: Record, curves: Curves, k: int) -> Plot:
             more = {"width": 1.0, "yaxis": "y2", "showlegend": False}
             data.append(curve(residual_name(curves, m), m.title, m.residual_color, residual_unit, **more))
     data += [swatch("noise floor ±2 sd", "--floor-shade")] if floor else []
-    data += [swatch(part, shade) for part, shade in SHADES.items() if _windows_of(curves, part).any()]
+    data += [swatch(part, shade) for part, shade in SHADES.items() if windows_of(curves, part).any()]
     name = record.attributes["outputs"][k]["name"]
     layout = {
         "xaxis": {"title": {"text": curves.x_title}, "anchor": "y2"},
@@ -193,7 +193,7 @@ def _marks(curves: Curves, floor: float | None) -> list[Plot]:
     shapes = [
         band(a, b, along="x", across="paper", color=shade)
         for part, shade in SHADES.items()
-        for a, b in curves.spans(_windows_of(curves, part))
+        for a, b in curves.spans(windows_of(curves, part))
     ]
     starts = curves.episode_starts()
     shapes += [mark(x) for x in starts] if len(starts) <= MOST_EPISODE_MARKS else []
@@ -203,7 +203,7 @@ def _marks(curves: Curves, floor: float | None) -> list[Plot]:
     return shapes
 
 
-def _windows_of(curves: Curves, part: str) -> np.ndarray:
+def windows_of(curves: Curves, part: str) -> np.ndarray:
     """Which windows belong to a part, (window,); none where the record has no such part."""
     return (
         curves.part == curves.parts.index(part) if part in curves.parts else np.zeros(len(curves.part), bool)

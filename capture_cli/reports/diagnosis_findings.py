@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from capture_cli.reports.findings import NEAR
-from capture_cli.reports.quantities import scaled_unit, significant, to_precision_of, with_unit
+from capture_cli.reports.quantities import scaled_unit, significant, titled, to_precision_of, with_unit
 from capture_cli.stores.diagnosis import Diagnosis
 
 TITLES = {
@@ -18,6 +18,8 @@ TITLES = {
 }
 # Of each part of the log, in the words of diagnosis.json: what it was for.
 PARTS = {"fit": "fitted", "select": "selecting", "test": "held out"}
+MOVED = 2.0  # sd: more than chance moves a parameter
+WORTH_A_LOGARITHM = 15.0  # errors that differ by more than this factor
 ACCEPTED, TIED, NOT_TRIED = "accepted", "tied", "not tried"
 
 
@@ -100,7 +102,7 @@ def moved(document: Mapping[str, Any]) -> list[Moved]:
 
 def absorbing(document: Mapping[str, Any]) -> list[Moved]:
     """Those that moved by more than their interval allows."""
-    return [row for row in moved(document) if abs(row.shift_in_sd) > 2]
+    return [row for row in moved(document) if abs(row.shift_in_sd) > MOVED]
 
 
 def shift(row: Moved) -> str:
@@ -151,8 +153,9 @@ def notes(document: Mapping[str, Any]) -> list[str]:
             found.append(f"This log cannot tell {placed(effect)} from {rivals}.")
     lack = document["lack_of_fit"]["after"]
     if document["verdict"] == "unexplained":
-        size, chance = significant(lack["normalized"]), significant(lack["threshold"])
-        found.append(f"What is left is {size} times the noise floor; chance alone stays under {chance}.")
+        if not document.get("summary"):  # a summary has said it
+            size, chance = significant(lack["normalized"]), significant(lack["threshold"])
+            found.append(f"What is left is {size} times the noise floor; chance alone stays under {chance}.")
         if document["effects"]:
             found.append(
                 "Take what was found as a part of the answer: its sizes may change once the rest is known."
@@ -200,3 +203,41 @@ def _change(document: Mapping[str, Any], name: str, unit: str) -> Change:
 
 def _rmse(stage: Mapping[str, Any], part: str, name: str) -> float | None:
     return stage[part]["rmse"].get(name) if stage[part] else None
+
+
+@dataclass(frozen=True)
+class StageErrors:
+    """Errors of the models, one after the other, for one axis.
+
+    names: of the models. errors: by part (those that have data), of each model. floor: None where there is none;
+    floor_text is what it is, in a unit of its own. title: of the axis. unit: after a number. decades: whether the errors span so much that a logarithm helps.
+    """
+
+    names: list[str]
+    errors: dict[str, list[float]]
+    floor: float | None
+    floor_text: str
+    title: str
+    unit: str
+    decades: bool
+
+
+def stage_errors(diagnosis: Diagnosis) -> StageErrors:
+    """In the unit of the output where there is one, over the noise floor where there are several."""
+    document, outputs = diagnosis.document, diagnosis.attributes["outputs"]
+    stages = document["stages"]
+    parts = [part for part in PARTS if all(stage[part] for stage in stages)]
+    if len(outputs) > 1:
+        errors = {part: [stage[part]["normalized"] for stage in stages] for part in parts}
+        floor, floor_text, title, unit = 1.0, "1 ×", "error over the noise floor", "×"
+    else:
+        name, own = outputs[0]["name"], outputs[0]["unit"]
+        factor, unit = scaled_unit(own, stages[-1][parts[-1]]["rmse"][name])
+        errors = {part: [factor * stage[part]["rmse"][name] for stage in stages] for part in parts}
+        floor, title = document["noise_floor"].get(name), f"RMSE of {titled(name, unit)}"
+        floor_factor, floor_unit = scaled_unit(own, floor)
+        floor_text = with_unit(significant(floor and floor * floor_factor), floor_unit)
+        floor = floor * factor if floor else None
+    judged = errors[parts[-1]]
+    decades = min(judged) > 0 and max(judged) > WORTH_A_LOGARITHM * min(judged)
+    return StageErrors([stage["model"] for stage in stages], errors, floor, floor_text, title, unit, decades)

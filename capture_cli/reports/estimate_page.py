@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from datetime import datetime
 from html import escape
-from pathlib import PurePath
 from typing import Any
 
 from capture_cli.reports import curve_plots, findings, parameter_plots
 from capture_cli.reports.curves import Curves
-from capture_cli.reports.made import how_it_was_made, source
+from capture_cli.reports.made import header, how_it_was_made, source
 from capture_cli.reports.page import (
     folded,
     page,
@@ -22,15 +20,8 @@ from capture_cli.reports.page import (
     verdict,
     view_selector,
 )
-from capture_cli.reports.quantities import (
-    MISSING,
-    bound,
-    counted,
-    shown_unit,
-    significant,
-    to_precision_of,
-    with_unit,
-)
+from capture_cli.reports.parameter_cells import PARAMETER_HEAD, parameter_row
+from capture_cli.reports.quantities import counted, significant, with_unit
 from capture_cli.stores.estimate import Estimate
 
 # Outputs past these are folded: a page of thirty sensors must still open at once.
@@ -43,7 +34,7 @@ def render(estimate: Estimate, provenance: Mapping[str, Any] | None) -> str:
     plots = _plots(estimate, curves)
     badge = findings.TITLES[document["verdict"]]
     sections = [
-        _header(document, provenance),
+        header("identify", document, [escape(document["identifier"])], provenance),
         verdict(
             document["verdict"],
             badge,
@@ -80,18 +71,6 @@ def _plots(estimate: Estimate, curves: Curves) -> dict[str, Any]:
     return {name: figure for name, figure in plots.items() if figure}
 
 
-def _header(document: Mapping[str, Any], provenance: Mapping[str, Any] | None) -> str:
-    log = PurePath(document["log"]["path"]).name
-    facts = [f"log <code>{escape(log)}</code>", escape(document["identifier"])]
-    if provenance:
-        began = datetime.fromisoformat(provenance["began"])
-        facts.append(f"{began.day} {began:%B %Y, %H:%M} UTC")
-    return (
-        '<header><p class="overline">capture identify</p>'
-        f'<h1>{escape(document["task"])}</h1><p class="overline">{" · ".join(facts)}</p></header>'
-    )
-
-
 def _tiles(document: Mapping[str, Any], provenance: Mapping[str, Any] | None) -> str:
     shown = []
     for part, title in (("test", "error on held-out data"), ("fit", "error on fitted data")):
@@ -112,39 +91,9 @@ def _parameters(document: Mapping[str, Any]) -> str:
     if not document["parameters"]:
         lead = "None are declared: only the state at the start of each window was fitted."
         return section("Parameters", lead=lead)
-    rows = [_parameter_row(name, p) for name, p in document["parameters"].items()]
-    head = ["parameter", "estimate", "sd", "95 % interval", "within its range", "remarks"]
+    rows = [parameter_row(name, p) for name, p in document["parameters"].items()]
     lead = "Estimate and 95 % interval, drawn between the bounds the task declares."
-    return section("Parameters", table(head, rows, numeric=(1, 2, 3)), lead=lead)
-
-
-def _parameter_row(name: str, p: Mapping[str, Any]) -> list[str]:
-    sd, interval = p.get("sd"), p.get("ci95")
-    remarks = ['<span class="unsure">not determined</span>'] * (not p["identifiable"])
-    remarks += ['<span class="warn">at its bound</span>'] * p["at_bound"]
-    return [
-        f'<span class="name">{escape(name)}</span> <span class="unit">{escape(shown_unit(p["unit"]))}</span>',
-        f'<span class="name">{to_precision_of(p["value"], sd)}</span>',
-        significant(sd, 2),
-        " to ".join(to_precision_of(v, sd) for v in interval) if interval else MISSING,
-        _range(p),
-        ", ".join(remarks) or '<span class="quiet">determined</span>',
-    ]
-
-
-def _range(p: Mapping[str, Any]) -> str:
-    """The value and its interval on a bar from low to high."""
-
-    def percent(value: float) -> float:
-        return 100 * min(1.0, max(0.0, (value - p["low"]) / (p["high"] - p["low"])))
-
-    interval = ""
-    if p.get("ci95"):
-        a, b = (percent(v) for v in p["ci95"])
-        interval = f'<span class="interval" style="left:{a:.2f}%;width:{b - a:.2f}%"></span>'
-    value = f'<span class="value" style="left:{percent(p["value"]):.2f}%"></span>'
-    ends = f"<span>{bound(p['low'])}</span><span>{bound(p['high'])}</span>"
-    return f'<div class="range">{interval}{value}</div><div class="ends">{ends}</div>'
+    return section("Parameters", table(PARAMETER_HEAD, rows, numeric=(1, 2, 3)), lead=lead)
 
 
 def _errors(estimate: Estimate) -> str:

@@ -1,15 +1,31 @@
-"""How a result was made, as the last section of a page: its inputs, and what provenance.json knows."""
+"""How a result was made: the heading of a page, and its last section with what provenance.json knows."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from datetime import datetime
 from html import escape
+from pathlib import PurePath
 from typing import Any
 
 from capture_cli.reports.page import section
 from capture_cli.reports.quantities import significant
 
 Fact = tuple[str, str]  # a title, and its value as HTML
+
+
+def header(
+    command: str, document: Mapping[str, Any], facts: Sequence[str], provenance: Mapping[str, Any] | None
+) -> str:
+    """The top of the page of a result of `capture COMMAND`: its task, its log, `facts` as HTML, and when."""
+    shown = [f"log <code>{escape(PurePath(document['log']['path']).name)}</code>", *facts]
+    if provenance:
+        began = datetime.fromisoformat(provenance["began"])
+        shown.append(f"{began.day} {began:%B %Y, %H:%M} UTC")
+    return (
+        f'<header><p class="overline">capture {command}</p>'
+        f'<h1>{escape(document["task"])}</h1><p class="overline">{" · ".join(shown)}</p></header>'
+    )
 
 
 def how_it_was_made(facts: Sequence[Fact], provenance: Mapping[str, Any] | None) -> str:

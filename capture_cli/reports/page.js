@@ -122,6 +122,34 @@ for (const fold of document.querySelectorAll("details")) {
 }
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", drawAll);
 
+// ---- long tables: sorted by a click on the head, filtered by typing ----
+
+function sortBy(table, head) {
+  const sign = head.getAttribute("aria-sort") === "descending" ? 1 : -1;
+  for (const other of head.parentNode.cells) other.removeAttribute("aria-sort");
+  head.setAttribute("aria-sort", sign > 0 ? "ascending" : "descending");
+  const key = (row) => row.cells[head.cellIndex].dataset.key;
+  const isNumeric = head.classList.contains("num");
+  const compared = (a, b) => {
+    if (key(a) === "" || key(b) === "") return (key(a) === "") - (key(b) === ""); // what is missing comes last
+    return isNumeric ? sign * (key(a) - key(b)) : -sign * key(a).localeCompare(key(b));
+  };
+  table.tBodies[0].append(...[...table.tBodies[0].rows].sort(compared));
+}
+
+for (const browser of document.querySelectorAll(".browser")) {
+  const table = browser.querySelector("table");
+  for (const head of table.tHead.rows[0].cells) head.addEventListener("click", () => sortBy(table, head));
+  const input = browser.querySelector("input");
+  input.addEventListener("input", () => {
+    const wanted = input.value.toLowerCase().split(/\s+/);
+    for (const row of table.tBodies[0].rows) {
+      const text = row.textContent.toLowerCase();
+      row.hidden = !wanted.every((word) => text.includes(word));
+    }
+  });
+}
+
 // ---- paper: light colours, everything unfolded, plots as wide as the sheet ----
 
 let folded = [];
@@ -130,6 +158,7 @@ function toPaper() {
   document.documentElement.dataset.theme = "light";
   folded = [...document.querySelectorAll("details:not([open])")];
   folded.forEach((fold) => (fold.open = true));
+  document.querySelectorAll(".browser tr[hidden]").forEach((row) => (row.hidden = false));
   document.querySelector("main").style.width = "680px";
   drawAll();
   places.forEach((place) => place.data && Plotly.relayout(place, { width: place.clientWidth }));

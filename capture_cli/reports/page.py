@@ -125,6 +125,37 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]], *, numeric: Sequen
     )
 
 
+def browser(
+    head: Sequence[str],
+    rows: Sequence[Sequence[tuple[str, float | str]]],
+    *,
+    numeric: Sequence[int],
+    label: str,
+) -> str:
+    """A long table that a click on its head sorts and that typing filters. rows of (cell as HTML, what to sort by).
+
+    label: what is listed, "candidates".
+    """
+
+    def row(cells: Sequence[tuple[str, float | str]]) -> str:
+        return "".join(
+            f'<td{" class=num" if k in numeric else ""} data-key="{escape(str(key))}">{cell}</td>'
+            for k, (cell, key) in enumerate(cells)
+        )
+
+    titles = "".join(
+        f'<th{" class=num" if k in numeric else ""}><button type="button">{escape(title)}</button></th>'
+        for k, title in enumerate(head)
+    )
+    body = "\n".join(f"<tr>{row(cells)}</tr>" for cells in rows)
+    return (
+        f'<div class="browser"><div class="filter"><input type="search" placeholder="filter {escape(label)}" '
+        f'aria-label="filter {escape(label)}"><span class="quiet">{len(rows)} {escape(label)}</span></div>'
+        f'<div class="scroll tall"><table>\n<thead><tr>{titles}</tr></thead>\n'
+        f"<tbody>\n{body}\n</tbody>\n</table></div></div>"
+    )
+
+
 def packed(values: np.ndarray, dtype: str) -> dict[str, str]:
     """Numbers (n,) as little-endian bytes in base64. dtype: "f4" or "f8"; what is not finite is a gap."""
     with np.errstate(over="ignore"):

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from capture_cli.reports.findings import correlation
-from capture_cli.reports.plotly_parts import Plot, band, line, rounded
+from capture_cli.reports.plotly_parts import Plot, band, heading, line, rounded
 from capture_cli.reports.quantities import shown_unit, titled
 from capture_cli.stores.estimate import Estimate
 
@@ -104,7 +104,7 @@ def recordings(document: Mapping[str, Any]) -> Plot | None:
         joint, number = document["parameters"][name], "" if k == 0 else str(k + 1)
         axes |= _panel(*divmod(k, columns), rows, columns, number)
         data.append(_recording_points(names, own, joint["unit"], number))
-        annotations.append(_heading(_recording_title(document, name), number))
+        annotations.append(heading(_recording_title(document, name), number))
         if joint.get("ci95"):
             shapes.append(
                 band(*joint["ci95"], along=f"x{number}", across=f"y{number} domain", color="--floor-shade")
@@ -178,20 +178,6 @@ def _recording_points(names, own: Mapping[str, Any], unit: str, number: str) -> 
         "yaxis": f"y{number}",
         "showlegend": False,
         "hovertemplate": f"%{{y}}: %{{x:.5g}} {shown_unit(unit)}<extra></extra>",
-    }
-
-
-def _heading(text: str, number: str) -> Plot:
-    return {
-        "text": text,
-        "xref": f"x{number} domain",
-        "yref": f"y{number} domain",
-        "x": 0,
-        "y": 1,
-        "xanchor": "left",
-        "yanchor": "bottom",
-        "showarrow": False,
-        "font": {"color": "--ink"},
     }
 
 

@@ -69,6 +69,21 @@ def mark(x: float) -> Plot:
     }
 
 
+def heading(text: str, number: str) -> Plot:
+    """A title over the small plot on the axes `number`: "", "2", …"""
+    return {
+        "text": text,
+        "xref": f"x{number} domain",
+        "yref": f"y{number} domain",
+        "x": 0,
+        "y": 1,
+        "xanchor": "left",
+        "yanchor": "bottom",
+        "showarrow": False,
+        "font": {"color": "--ink"},
+    }
+
+
 def rounded(values) -> list:
     """JSON numbers (nested as `values`) to six digits; not finite is null, a gap."""
     if np.ndim(values):

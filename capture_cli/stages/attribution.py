@@ -29,6 +29,7 @@ from capture_cli.stages.prepared_log import PreparedLog
 
 REFITTED = 5  # best-scoring candidates that are fitted jointly, each time round
 PROBES = (0.01, 0.1)  # of an amplitude's range: a slope near null, and a secant further out
+SHAPES, SHAPES_OF_SEVERAL = 5, 3  # values tried of an effect's one shape, or of each of several
 SCORED_WINDOWS = 40  # evenly spread: a score needs no more
 SMALLEST_GAIN = 12.0  # of the objective, over the variance that would be left: less is no reason to fit
 ABSORBED = 0.02  # share of a sensitivity that must be left once the declared parameters have imitated it
@@ -411,7 +412,7 @@ def _probes(effect, amplitudes: list[int]) -> tuple[np.ndarray, np.ndarray]:
     """Probe points (probe, parameter), one per amplitude after the other, and their steps in ranges (probe,)."""
     space = effect.space
     points, steps = [], []
-    for shape in effect.shape_grid():
+    for shape in effect.shape_grid(SHAPES if len(effect.shapes) < 2 else SHAPES_OF_SEVERAL):
         for share in PROBES:
             for i in amplitudes:
                 point = shape.copy()

@@ -1,0 +1,155 @@
+"""Pieces of PNG figures. Drawn without pyplot, which is slow to import."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+from capture_cli.reports.curve_plots import SHADES, Record, output_scale, residual_scale, windows_of
+from capture_cli.reports.curves import Curves, thin
+from capture_cli.reports.quantities import titled
+
+DPI = 150
+WIDTH = 9.0  # inches
+POINTS = 4_000  # of each curve: more than there are pixels
+# Rows of a figure: a log with thirty sensors is for the page.
+MOST_OUTPUTS = 6
+
+INK, MUTED, RULE = "#15191e", "#5c6772", "#d5dade"
+# The light colours of page.css, by their names there.
+PALETTE = {
+    "--measured": "#9fb0c1",
+    "--simulated": "#c8430a",
+    "--nominal": "#8c959e",
+    "--before": "#1f6391",
+    "--after": "#c8430a",
+    "--residual": "#1f6391",
+    "--test": "#7546b8",
+    "--test-shade": "#7546b8",
+    "--select": "#b98a1d",
+    "--select-shade": "#b98a1d",
+    "--floor": "#1b7a4a",
+}
+DASHES = {"solid": "-", "dot": (0, (2, 2)), "dash": (0, (5, 2))}
+
+
+def save(figures: Mapping[str, Figure], folder: Path) -> list[Path]:
+    """Write NAME.png for every figure; returns the paths."""
+    written = []
+    for name, figure in figures.items():
+        path = Path(folder) / f"{name}.png"
+        figure.savefig(path, dpi=DPI, facecolor="white")
+        written.append(path)
+    return written
+
+
+def new_figure(height: float) -> Figure:
+    """An empty figure, as wide as all of them and `height` inches high."""
+    figure = Figure(figsize=(WIDTH, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def rows(outputs: int, heights: Sequence[float]) -> tuple[Figure, np.ndarray]:
+    """A figure and its axes (output, one for each of `heights` in inches), under each other on one time axis."""
+    count = min(MOST_OUTPUTS, outputs)
+    figure = new_figure(0.9 + sum(heights) * count)
+    axes = figure.subplots(
+        count * len(heights), 1, sharex=True, squeeze=False, height_ratios=list(heights) * count
+    )
+    return figure, axes[:, 0].reshape(count, len(heights))
+
+
+def draw_outputs(axis: Axes, record: Record, curves: Curves, k: int) -> list:
+    """Output k, measured and simulated over time; returns the legend's handles."""
+    factor, unit = output_scale(record, curves, k)
+    values = [curves.measured[:, k], *(curves.simulated[m.name][:, k] for m in curves.models)]
+    at, drawn, _ = thin(np.stack(values, axis=1) * factor, curves.slices, POINTS)
+    x = curves.x[at]
+    handles = axis.plot(x, drawn[:, 0], color=PALETTE["--measured"], lw=2.4, label="measured")
+    for m, values in reversed(list(zip(curves.models, drawn.T[1:], strict=True))):
+        look = {"color": PALETTE[m.color], "ls": DASHES[m.dash], "lw": 0.7 * m.width}
+        handles += axis.plot(x, values, label=m.title, **look)
+    framed = [0, *(1 + i for i, m in enumerate(curves.models) if m.framed)]
+    axis.set_ylim(margins(drawn[:, framed]))
+    title(axis, titled(record.attributes["outputs"][k]["name"], unit))
+    shade_parts(axis, curves)
+    return handles
+
+
+def draw_residuals(axis: Axes, record: Record, curves: Curves, k: int) -> list:
+    """Residual of output k over time, and the noise floor; returns the legend's handles of the floor."""
+    output = record.attributes["outputs"][k]
+    factor, unit = residual_scale(record, curves, k)
+    drawn_models = [m for m in curves.models if m.residual_color]
+    values = np.stack([curves.residuals[m.name][:, k] for m in drawn_models], axis=1)
+    at, drawn, _ = thin(values * factor, curves.slices, POINTS)
+    for m, series in reversed(list(zip(drawn_models, drawn.T, strict=True))):
+        axis.plot(curves.x[at], series, color=PALETTE[m.residual_color], lw=0.8)
+    floor, handles = record.document["noise_floor"].get(output["name"]), []
+    if floor:
+        look = {"color": PALETTE["--floor"], "alpha": 0.18, "lw": 0}
+        axis.axhspan(-2 * floor * factor, 2 * floor * factor, **look)
+        handles = [Patch(label="noise floor ±2 sd", **look)]
+    axis.axhline(0, color=RULE, lw=0.8, zorder=0)
+    title(axis, f"{titled(output['name'], unit)}, measured minus simulated")
+    shade_parts(axis, curves)
+    return handles
+
+
+def finish(figure: Figure, axes: np.ndarray, curves: Curves, handles: list) -> Figure:
+    """Time axis and legend of a figure of rows."""
+    for axis in axes.ravel():
+        restrain(axis)
+    last = axes.ravel()[-1]
+    last.set_xlabel(curves.x_title)
+    last.set_xlim(curves.x.min(), curves.x.max())
+    legend(figure, [*handles, *part_patches(curves)])
+    return figure
+
+
+def legend(figure: Figure, handles: list) -> None:
+    """A legend over the figure."""
+    if handles:
+        look = {"frameon": False, "fontsize": 9, "labelcolor": MUTED}
+        figure.legend(handles=handles, loc="outside upper left", ncols=len(handles), **look)
+
+
+def title(axis: Axes, text: str) -> None:
+    """A title at the left."""
+    axis.set_title(text, loc="left", fontsize=9, color=INK, pad=4)
+
+
+def restrain(axis: Axes) -> None:
+    """Less ink for the frame than for what is in it."""
+    axis.spines[["top", "right"]].set_visible(False)
+    axis.spines[["left", "bottom"]].set_color(RULE)
+    axis.tick_params(colors=MUTED, labelsize=8, length=3, color=RULE)
+    axis.xaxis.label.set(color=MUTED, size=9)
+    axis.yaxis.label.set(color=MUTED, size=9)
+
+
+def shade_parts(axis: Axes, curves: Curves) -> None:
+    """Shade what was not fitted."""
+    for part, shade in SHADES.items():
+        for a, b in curves.spans(windows_of(curves, part)):
+            axis.axvspan(a, b, color=PALETTE[shade], alpha=0.09, lw=0)
+
+
+def part_patches(curves: Curves) -> list[Patch]:
+    """The legend's handles of `shade_parts`."""
+    shown = {part: shade for part, shade in SHADES.items() if windows_of(curves, part).any()}
+    return [Patch(color=PALETTE[shade], alpha=0.15, lw=0, label=part) for part, shade in shown.items()]
+
+
+def margins(values: np.ndarray) -> tuple[float, float]:
+    """Limits that leave a little room around `values`."""
+    low, high = float(np.nanmin(values)), float(np.nanmax(values))
+    margin = 0.07 * (high - low) or 1e-3 * abs(high) or 1.0
+    return low - margin, high + margin
