@@ -264,6 +264,9 @@ def diagnose(
         float | None, typer.Option("--window", help="Seconds between restarts of the state.")
     ] = None,
     starts: Annotated[int, typer.Option("--starts", min=1, help="Descents from different places.")] = 3,
+    expression: Annotated[
+        bool, typer.Option("--expression", help="Look for a formula of what no effect explains.")
+    ] = False,
     fail_on: Annotated[
         str | None, typer.Option("--fail-on", help="Exit with 3 on this verdict: unexplained.")
     ] = None,
@@ -290,6 +293,7 @@ def diagnose(
         test=test,
         window=window,
         starts=starts,
+        expression=expression,
         seed=seed,
         threads=threads,
         force=force,

@@ -46,7 +46,7 @@ def test_xl330(real_data, tmp_path):
     trajectories = ("sin_sin", "sin_time_square", "up_and_down")
     files = sorted(f for t in trajectories for f in (real_data / "bam_xl330").glob(f"*_{t}.csv"))
     assert len(files) == 12
-    found = identify(tmp_path, EXAMPLES / "xl330" / "task.toml", files, test="*kp400*", rounds=4)
+    found = identify(tmp_path, EXAMPLES / "xl330" / "task.toml", files, test="*kp400*", rounds=40)
     assert found["error"]["test"]["mae"]["q"] <= 0.062
     assert found["split"]["how"].count("kp400") == 3
     together = {"motor_constant", "resistance", "damping"}

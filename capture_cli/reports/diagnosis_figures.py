@@ -150,7 +150,7 @@ def _draw_curve(axis, diagnosis: Diagnosis, k: int, row: int) -> list:
         look = {"color": PALETTE["--after"], "lw": 1.2, "marker": "o", "ms": 2.5}
         handles += axis.plot(x, after, label="with what was found", **look)
     name = diagnosis.attributes["outputs"][k]["name"]
-    title(axis, f"{name} against {curve_title(against)}")
+    title(axis, f"residual of {name}: {curve_title(against)}")
     axis.set(xlabel=titled(against["against"], against["unit"]), ylabel=f"[{unit}]")
     restrain(axis)
     return handles

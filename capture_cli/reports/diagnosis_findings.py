@@ -20,6 +20,7 @@ TITLES = {
 PARTS = {"fit": "fitted", "select": "selecting", "test": "held out"}
 MOVED = 2.0  # sd: more than chance moves a parameter
 WORTH_A_LOGARITHM = 15.0  # errors that differ by more than this factor
+TELLING = 0.1  # share of a residual's variance that is worth a word
 ACCEPTED, TIED, NOT_TRIED = "accepted", "tied", "not tried"
 
 
@@ -60,7 +61,7 @@ def placed(effect: Mapping[str, Any]) -> str:
 
 
 def listed(names: Sequence[str]) -> str:
-    """ "a", "a and b", "a, b and c"."""
+    """Names in a sentence: a, b and c."""
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
@@ -106,13 +107,14 @@ def absorbing(document: Mapping[str, Any]) -> list[Moved]:
 
 
 def shift(row: Moved) -> str:
-    """ "damping 425.4 → 191.1 N s/m"."""
+    """From where to where, as in 425.4 → 191.1 N s/m."""
     before, after = (to_precision_of(v, row.sd) for v in (row.before, row.after))
-    return f"{row.name} {before} → {with_unit(after, row.unit)}"
+    return f"{before} → {with_unit(after, row.unit)}"
 
 
 def outcome(candidate: Mapping[str, Any], document: Mapping[str, Any]) -> str:
-    """ACCEPTED, TIED, NOT_TRIED, or "" for one that was rejected."""
+    """TELLING = 0.1  # share of a residual's variance that is worth a word
+    ACCEPTED, TIED, NOT_TRIED, or "" for one that was rejected."""
     name = placed(candidate)
     if any(placed(e) == name for e in document["effects"]):
         return ACCEPTED
@@ -141,7 +143,7 @@ def lacks(document: Mapping[str, Any]) -> str:
         count = len(document["candidates"])
         return f"None of these: not one of {count} candidates explains what is left, {left} times the noise floor."
     sentence = f"The model lacks {listed([placed(e) for e in effects])}"
-    return f"{sentence}, and something else." if verdict == "unexplained" else f"{sentence}."
+    return f"{sentence}, and more." if verdict == "unexplained" else f"{sentence}."
 
 
 def notes(document: Mapping[str, Any]) -> list[str]:
@@ -173,6 +175,15 @@ def notes(document: Mapping[str, Any]) -> list[str]:
 def expression(document: Mapping[str, Any]) -> str:
     """The formula for what no effect of the catalogue explains; "" where there is none."""
     return (document.get("expression") or {}).get("text") or ""
+
+
+def strongest_covariate(document: Mapping[str, Any]) -> str:
+    """What the declared model's residual depends on most; "" where nothing is known."""
+    curves = [c for c in document.get("localisation") or [] if c["share"] >= TELLING]
+    if not curves:
+        return ""
+    top = max(curves, key=lambda c: c["share"])
+    return f"{top['against']} accounts for {100 * top['share']:.0f} % of the residual acceleration of {top['output']}"
 
 
 def next_experiment(document: Mapping[str, Any]) -> str:
@@ -210,7 +221,8 @@ class StageErrors:
     """Errors of the models, one after the other, for one axis.
 
     names: of the models. errors: by part (those that have data), of each model. floor: None where there is none;
-    floor_text is what it is, in a unit of its own. title: of the axis. unit: after a number. decades: whether the errors span so much that a logarithm helps.
+    floor_text is what it is, in a unit of its own. title: of the axis. unit: after a number.
+    decades: whether the errors span so much that a logarithm helps.
     """
 
     names: list[str]

@@ -70,7 +70,7 @@ def absorbed(document: Mapping[str, Any]) -> Plot | None:
             after,
             names,
             {"color": "--after", "size": 11},
-            [shift(row) for row in rows],
+            [f"{row.name} {shift(row)}" for row in rows],
         )
         | {"error_x": {"array": rounded(half), "color": "--after", "thickness": 1.5, "width": 4}},
     ]
@@ -172,8 +172,8 @@ def acceleration_unit(unit: str) -> str:
 
 
 def curve_title(curve: Mapping[str, Any]) -> str:
-    """ "drive: 45 %": what the residual is drawn against, and how much of it that accounts for."""
-    return f"{curve['against']}: {100 * curve['share']:.0f} %"
+    """What the residual is drawn against, and how much of it that accounts for."""
+    return f"{curve['against']} accounts for {100 * curve['share']:.0f} %"
 
 
 def _bars(found: StageErrors, part: str) -> Plot:

@@ -1,4 +1,4 @@
-"""An estimate at the terminal: two small tables, the verdict, and what to do next."""
+"""An estimate or a diagnosis at the terminal: the answer, the numbers that matter, and what to do next."""
 
 from __future__ import annotations
 
@@ -12,16 +12,28 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from capture_cli.reports import findings
+from capture_cli.reports import diagnosis_findings, findings
 from capture_cli.reports.quantities import MISSING, bound, significant, to_precision_of, with_unit
+from capture_cli.stores.diagnosis import Diagnosis
 from capture_cli.stores.estimate import Estimate
 
-STYLES = {"explained": "bold green", "unexplained": "bold yellow", "not-identifiable": "bold yellow"}
+STYLES = {
+    "explained": "bold green",
+    "effect-found": "bold green",
+    "tied": "bold yellow",
+    "unexplained": "bold yellow",
+    "not-identifiable": "bold yellow",
+}
 # Narrower than this, the bounds are left to the page.
 WIDE = 96
 # More than these would push the verdict off a small screen; the page has them all.
 MOST_NOTES, MOST_OUTPUTS = 4, 8
-_ASCII = str.maketrans({"–": "-", "−": "-", "×": "x", "µ": "u", "·": "-", "°": "deg", "²": "^2", "±": "+/-"})
+# A diagnosis is told in five lines, and a few more where it found several effects.
+MOST_LINES, MOST_NAMED = 12, 2
+MARK = 9  # characters, of the words that open its lines
+_ASCII = str.maketrans(
+    {"–": "-", "−": "-", "×": "x", "µ": "u", "·": "-", "°": "deg", "²": "^2", "±": "+/-", "→": "->"}
+)
 
 
 def print_estimate(estimate: Estimate, console: Console, out_path: Path) -> None:
@@ -47,12 +59,41 @@ def print_estimate(estimate: Estimate, console: Console, out_path: Path) -> None
         screen.whole("next", document["next_command"])
 
 
+def print_diagnosis(diagnosis: Diagnosis, console: Console, out_path: Path) -> None:
+    """Print `diagnosis`, written to the directory `out_path`: the answer, the error before and after, what had been
+    absorbed, what else it might have been, and where the report is.
+    """
+    document, words = diagnosis.document, diagnosis_findings
+    screen = _Screen(console)
+    verdict = document["verdict"]
+    screen.wrapped(words.TITLES[verdict], _answer(document), STYLES[verdict])
+    for mark, line in (
+        ("error", _error_line(diagnosis)),
+        ("absorbed", _absorbed_line(document)),
+        ("where", "" if document["effects"] else words.strongest_covariate(document)),
+        ("formula", words.expression(document)),
+        *_rivals_line(document),
+        ("next", words.next_experiment(document)),
+    ):
+        if line:
+            screen.wrapped(f"{mark:<{MARK}}", line, "dim")
+    screen.whole(f"{'report':<{MARK}}", f"  {Path(out_path) / 'report.html'}")
+    rows = _effects(document)
+    if len(document["effects"]) > 1 and screen.lines + len(rows) + 2 <= MOST_LINES:
+        screen.blank()
+        screen.table(rows)
+
+
 class _Screen:
-    """A console that takes plain text, and spells it in ASCII where the terminal knows nothing else."""
+    """A console that takes plain text, and spells it in ASCII where the terminal knows nothing else.
+
+    lines: how many were printed, but for tables.
+    """
 
     def __init__(self, console: Console):
         self.console = console
         self.ascii = console.options.ascii_only
+        self.lines = 0
 
     def blank(self) -> None:
         self.console.print()
@@ -87,6 +128,7 @@ class _Screen:
         self.console.print(table)
 
     def _print(self, line: Text) -> None:
+        self.lines += 1
         self.console.print(line, soft_wrap=True)
 
     def _text(self, content: str, style: str = "") -> Text:
@@ -124,3 +166,76 @@ def _few(notes: list[str], outputs: int) -> list[str]:
     left = {"notes": len(notes) - MOST_NOTES, "outputs nearer to their floor": outputs - MOST_OUTPUTS}
     more = [f"{what} ({count})" for what, count in left.items() if count > 0]
     return notes[:MOST_NOTES] + ([f"Only in the report: {' and '.join(more)}."] if more else [])
+
+
+def _answer(document: Mapping[str, Any]) -> str:
+    """The verdict in words; of a single effect, its size as well."""
+    sentence = diagnosis_findings.lacks(document)
+    if len(document["effects"]) != 1:
+        return sentence
+    sizes = ", ".join(_size(name, p) for name, p in document["effects"][0]["parameters"].items())
+    return f"{sentence.removesuffix('.')} ({sizes})."
+
+
+def _size(name: str, p: Mapping[str, Any]) -> str:
+    return f"{name} {with_unit(to_precision_of(p['value'], p.get('sd')), p['unit'])}"
+
+
+def _error_line(diagnosis: Diagnosis) -> str:
+    document, rows = diagnosis.document, diagnosis_findings.changes(diagnosis)
+    part = diagnosis_findings.best_part(document)
+    on = diagnosis_findings.where(part)
+    farthest = sorted(rows, key=lambda row: -(row.over or 0.0))[:MOST_NAMED]
+    each = ", ".join(_change(row, part, document) for row in rows if row in farthest)
+    if len(rows) == 1:
+        return f"{each} {on}; noise floor {with_unit(significant(rows[0].floor), rows[0].floor_unit)}"
+    before, after = (significant(document["stages"][k][part]["normalized"]) for k in (0, -1))
+    both = f"{before} → {after}" if document["effects"] else after
+    return f"{both} × noise floor {on} ({each})"
+
+
+def _change(row: diagnosis_findings.Change, part: str, document: Mapping[str, Any]) -> str:
+    after = with_unit(significant(row.after[part]), row.unit)
+    return (
+        f"{row.name} {significant(row.before[part])} → {after}"
+        if document["effects"]
+        else f"{row.name} {after}"
+    )
+
+
+def _absorbed_line(document: Mapping[str, Any]) -> str:
+    if not document["absorbed"]:
+        return ""
+    rows = diagnosis_findings.absorbing(document)
+    if not rows:
+        return "nothing: no declared parameter had been standing in for it"
+    more = f", and {len(rows) - MOST_NAMED} more" if len(rows) > MOST_NAMED else ""
+    return ", ".join(_shift(row) for row in rows[:MOST_NAMED]) + more
+
+
+def _shift(row: diagnosis_findings.Moved) -> str:
+    after = with_unit(significant(row.after), row.unit)
+    return f"{row.name} {significant(row.before)} → {after}"
+
+
+def _rivals_line(document: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """What the effects are tied with, or else the candidate that came nearest."""
+    tied = [e for e in document["effects"] if e["tied_with"]]
+    if tied:
+        each = (f"{diagnosis_findings.placed(e)} with {', '.join(e['tied_with'])}" for e in tied)
+        return [("tied", f"{'; '.join(each)}: this log cannot tell")]
+    closest = diagnosis_findings.closest_rejected(document)
+    if closest is None:
+        return []
+    name = diagnosis_findings.placed(closest)
+    return [("runner-up", f"{name}: {closest['why_rejected'].replace(f'{name}.', '')}")]
+
+
+def _effects(document: Mapping[str, Any]) -> list[list[str]]:
+    rows = [["effect", "parameter", "value", "95 % interval"]]
+    for effect in document["effects"]:
+        for name, p in effect["parameters"].items():
+            value = with_unit(to_precision_of(p["value"], p.get("sd")), p["unit"])
+            between = [to_precision_of(v, p.get("sd")) for v in p.get("ci95") or []]
+            rows.append([diagnosis_findings.placed(effect), name, value, " to ".join(between) or MISSING])
+    return rows

@@ -85,7 +85,7 @@ class Attribution:
     """Forward selection with a backward step.
 
     folds: what is fitted, and what judges; nothing judges where the log is one window long. is_explained: whether a
-    model leaves nothing but noise. on_step is told what is being tried.
+    model leaves nothing but noise. candidates: the whole catalogue where None. on_step is told what is being tried.
     """
 
     def __init__(
@@ -95,6 +95,7 @@ class Attribution:
         *,
         seed: int,
         is_explained: Callable[[Fit], bool],
+        candidates: Sequence[Candidate] | None = None,
         on_step: Callable[[str, int, int], None] = lambda *_: None,
     ):
         self.fits = fits
@@ -103,7 +104,7 @@ class Attribution:
         self.seed = seed
         self.is_explained = is_explained
         self.on_step = on_step
-        self.candidates = all_candidates(fits.prepared.task.model)
+        self.candidates = list(candidates or all_candidates(fits.prepared.task.model))
         self.accepted: list[Accepted] = []
         self.stages: list[tuple[str, Fit]] = []
         self._fitted: dict[frozenset[str], Fit | None] = {}
@@ -112,7 +113,7 @@ class Attribution:
         """Add effects to the declared model until none is accepted or nothing is left; returns the last model."""
         current = declared
         self.stages = [("declared", declared)]
-        self._fitted[frozenset()] = declared
+        self._fitted[frozenset(placed_name(*e) for e in declared.effects)] = declared
         while len(self.accepted) < MOST_EFFECTS and not self.is_explained(current):
             found = self._forward(current)
             if found is None:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from capture_cli.diagnosis.expression import expression_terms, formula
 from capture_cli.diagnosis.lack_of_fit import LackOfFit, lack_of_fit
 from capture_cli.diagnosis.localisation import accelerations, curve
 from capture_cli.diagnosis.split import select_folds
@@ -14,7 +15,7 @@ from capture_cli.errors import FitError, OptionError, StoreError
 from capture_cli.identifiers.intervals import Intervals, intervals
 from capture_cli.linearization import autocorrelation_time
 from capture_cli.simulator import placed_name
-from capture_cli.stages.attribution import Attribution
+from capture_cli.stages.attribution import Attribution, Candidate
 from capture_cli.stages.model_fits import EXACT, Fit, ModelFits, PartFit
 from capture_cli.stages.prepared_log import PreparedLog, check_parameters_move_outputs, find_task, prepare
 from capture_cli.stages.progress import Progress
@@ -37,6 +38,7 @@ def diagnose(
     test: str | None = None,
     window: float | None = None,
     starts: int = 3,
+    expression: bool = False,
     seed: int = 0,
     threads: int | None = None,
     force: bool = False,
@@ -45,7 +47,8 @@ def diagnose(
     """Diagnose the log at `real_log`; write a diagnosis directory at `out`.
 
     estimate: the estimate directory of the same log, whose task, windows and held-out part are taken over. Without
-    it `task`, `test` and `window` are as for identify. Raises CaptureError for whatever the user can mend.
+    it `task`, `test` and `window` are as for identify. expression: where the catalogue leaves something, look for a
+    formula of the missing force. Raises CaptureError for whatever the user can mend.
     """
     options = {k: v for k, v in locals().items() if k not in ("quiet", "force")}
     refuse_existing(out, force=force)
@@ -67,7 +70,7 @@ def diagnose(
     check_parameters_move_outputs(prepared, fits.simulator(()), seed)
     with Progress("diagnose", "model", quiet=quiet) as progress:
         work = _Work(prepared, fits, progress, seed)
-        diagnosis = work.run(_nominal(found, begin), starts)
+        diagnosis = work.run(_nominal(found, begin), starts, with_expression=expression)
     with new_directory(out, force=force) as folder:
         diagnosis.write(folder)
         _write_pages(diagnosis, folder, provenance)
@@ -119,7 +122,7 @@ class _Work:
         self.folds = select_folds(prepared.windows.episode, is_test)
         self.part = np.where(is_test, TEST, np.where(self.folds.fit, FIT, SELECT))
 
-    def run(self, start: np.ndarray, starts: int) -> Diagnosis:
+    def run(self, start: np.ndarray, starts: int, *, with_expression: bool = False) -> Diagnosis:
         declared = self.fits.fit(
             self._windows(FIT), [], start, starts=starts, tolerance=EXACT, seed=self.seed
         )
@@ -136,7 +139,41 @@ class _Work:
             on_step=self._tell,
         )
         last = attribution.run(declared)
-        return self._diagnosis(attribution, self._models(attribution, last))
+        diagnosis = self._diagnosis(attribution, self._models(attribution, last))
+        if with_expression and diagnosis.document["verdict"] == "unexplained":
+            diagnosis.document["expression"] = self._expression(last)
+        return diagnosis
+
+    def _expression(self, last: Fit) -> dict[str, Any]:
+        """A sparse expression for the force that is still missing; no terms where none holds."""
+        task = self.prepared.task
+        terms = expression_terms(task.model, [c.index for c in task.inputs])
+        search = Attribution(
+            self.fits,
+            self.folds,
+            seed=self.seed,
+            is_explained=lambda fit: not self._lack(fit).lacking,
+            candidates=[Candidate(term) for term in terms],
+            on_step=self._tell,
+        )
+        found = search.run(last)
+        chosen = found.effects[len(last.effects) :]
+        if not chosen:
+            return {"text": "no expression explains what is left", "terms": [], "select": None, "test": None}
+        again = (
+            self.fits.fit(self._windows(FIT, SELECT), found.effects, found.point, tolerance=EXACT) or found
+        )
+        values, sd = again.point[-len(chosen) :], intervals(again.at).sd[-len(chosen) :]
+        windows, judged = self._windows(TEST), search.judge(found)
+        return {
+            "text": formula([e for _, e in chosen], values),
+            "terms": [
+                {"site": e.site, "coefficient": float(c), "sd": float(s), "unit": e.parameters[0].unit}
+                for (_, e), c, s in zip(chosen, values, sd, strict=True)
+            ],
+            "select": None if judged is None else self._error(judged),
+            "test": None if windows is None else self._error(self.fits.on(windows, again)),
+        }
 
     def _tell(self, what: str, number: int, total: int) -> None:
         self.progress.step(f"{what} {number + 1} of {total}")

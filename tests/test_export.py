@@ -1,0 +1,340 @@
+"""What `capture export` makes of a diagnosis runs without `capture`, and gives the same trajectories."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from machines import MACHINES, NAMES, away, controls, machine, placed, start
+
+from capture_cli import effects
+from capture_cli.effects.base import Effect
+from capture_cli.effects.companion import companion_module
+from capture_cli.errors import ModelError, OutputError, StoreError
+from capture_cli.sim.windows import cut
+from capture_cli.simulator import Simulator, placed_name
+from capture_cli.stages.export import Exported, export
+from capture_cli.stores.diagnosis import FORMAT, VERSION, Diagnosis
+from capture_cli.stores.provenance import Provenance
+from capture_cli.tasks import load_task
+
+# One parameter that a machine declares, and the value that was identified.
+DECLARED = {
+    "slider": ("joint:x:damping", 2.5),
+    "cart_pole": ("body:cart:mass", 1.2),
+    "arm": ("joint:elbow:damping", 0.15),
+    "puck": ("body:puck:mass", 0.12),
+    "ball": ("option:density", 1.5),
+}
+EXACT = 1e-9
+
+
+@pytest.fixture(scope="module")
+def tasks(tmp_path_factory) -> dict[str, Path]:
+    """The task.toml of every machine."""
+    return {name: write_task(tmp_path_factory.mktemp(name), name) for name in MACHINES}
+
+
+def write_task(folder: Path, name: str) -> Path:
+    model = machine(name)
+    (folder / "model.xml").write_text(MACHINES[name])
+    target, value = DECLARED[name]
+    lines = ["format = 1", f'name = "{name}"', 'model = "model.xml"', "[parameters.declared]"]
+    lines += [f'set = "{target}"', "low = 0.0", f"high = {2 * value}", 'unit = "SI"']
+    for k in range(model.nu):
+        own = model.actuator(k).name
+        lines += [f"[inputs.{own}]", f'column = "{own}"', 'unit = "SI"']
+    for k in range(model.nsensor):
+        own = model.sensor(k)
+        columns = [f"{own.name}_{i}" for i in range(own.dim[0])]
+        if own.name not in ("potential", "kinetic"):
+            column = json.dumps(columns if len(columns) > 1 else columns[0])
+            lines += [f"[outputs.{own.name}]", f"column = {column}", 'unit = "SI"']
+    path = folder / "task.toml"
+    path.write_text("\n".join(lines))
+    return path
+
+
+Found = dict[str, tuple[Effect, np.ndarray]]
+
+
+def diagnosis(folder: Path, task: Path, found: Found) -> Path:
+    """A diagnosis directory in which `found`, {NAME@SITE: (effect, values)}, was found."""
+    machine_ = load_task(str(task))
+
+    def parameters(space, values):
+        return {n: {"value": float(v), "unit": "SI"} for n, v in zip(space.names, values, strict=True)}
+
+    document = {
+        "format": FORMAT,
+        "version": VERSION,
+        "task": machine_.name,
+        "verdict": "effect-found",
+        "parameters": parameters(machine_.space, [DECLARED[machine_.name][1]]),
+        "effects": [
+            {
+                "name": name.partition("@")[0],
+                "site": effect.site,
+                "parameters": parameters(effect.space, values),
+            }
+            for name, (effect, values) in found.items()
+        ],
+    }
+    curves = {f"bin/{kind}": np.zeros((0, 0)) for kind in ("centre", "before", "after", "error")}
+    steps = {f"step/{kind}": np.zeros((2, 1)) for kind in ("measured", "before", "after")}
+    windows = {f"window/{kind}": np.zeros(1, dtype=int) for kind in ("episode", "first", "part")}
+    at = {"step/window": np.zeros(2, dtype=int), "step/time": np.arange(2.0)}
+    attributes = {"outputs": [], "recordings": [], "curves": []}
+    folder.mkdir()
+    Diagnosis(document, windows | at | steps | curves, attributes).write(folder)
+    Provenance("diagnose", {"task": str(task)}, {"task": task}).write(folder)
+    return folder
+
+
+def simulated(task: Path, found: Found) -> np.ndarray:
+    """Outputs (step, output) by `capture` itself."""
+    machine_ = load_task(str(task))
+    tape = controls(machine_.model, 1)[0]
+    time = 0.25 + machine_.timestep * np.arange(len(tape))
+    windows = cut(
+        time=time,
+        inputs=tape,
+        outputs=np.zeros((len(tape), len(machine_.outputs))),
+        episodes=[slice(0, len(tape))],
+        timestep=machine_.timestep,
+        duration=None,
+        linear=np.zeros(len(machine_.inputs), dtype=bool),
+    )
+    simulator = Simulator(
+        machine_, [(name.partition("@")[0], effect) for name, (effect, _) in found.items()], 1
+    )
+    point = np.concatenate([[DECLARED[machine_.name][1]], *(values for _, values in found.values())])
+    return simulator.simulate(windows, start(machine_.model, 1), point[None]).outputs[0, 0]
+
+
+def imported(path: Path):
+    """The module in a file."""
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def played(written: Exported, task: Path) -> np.ndarray:
+    """Outputs (step, output) of what was exported, in a plain loop."""
+    model = mujoco.MjModel.from_xml_path(str(written.model))
+    data = mujoco.MjData(model)
+    begin = start(model, 1)
+    data.qpos[:], data.qvel[:], data.time = begin.qpos[0], begin.qvel[0], begin.time[0]
+    tape = controls(model, 1)[0]
+    tape = np.concatenate([tape, tape[-1:]])  # sensors that look ahead see one step more
+    beside = imported(written.companion).Effects(model) if written.companion else None
+    recorded = []
+    for ctrl in tape:
+        if beside:
+            beside.step(model, data, ctrl)
+        else:
+            data.ctrl[:] = ctrl
+            mujoco.mj_step(model, data)
+        recorded.append(data.sensordata.copy())
+    sensors = beside.sense(model, np.array(recorded)) if beside else np.array(recorded)
+    return sensors[:-1, [c.index for c in load_task(str(task)).outputs]]
+
+
+def found_at(*names: str, where: str, part: float = 0.4) -> Found:
+    """Effects on a machine, some way from null."""
+    found = {}
+    for name in names:
+        stem, _, site = name.partition("@")
+        effect = effects.REGISTRY.get(stem)(machine(where), site)
+        found[name] = (effect, away(effect, part))
+    return found
+
+
+# ---- every effect of the catalogue ----
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_exported_it_gives_the_same_trajectory(name, tasks, tmp_path):
+    for number, (where, effect) in enumerate(placed(name)):
+        found = {placed_name(name, effect): (effect, away(effect, 0.4))}
+        source = diagnosis(tmp_path / str(number), tasks[where], found)
+        written = export(result=source, out=tmp_path / f"{number}.xml")
+        assert (written.companion is None) == (effect.place == "model")
+        error = np.abs(played(written, tasks[where]) - simulated(tasks[where], found)).max()
+        assert error < EXACT, (where, effect.site)
+
+
+@pytest.mark.parametrize("where", MACHINES)
+def test_all_effects_of_a_machine_fit_in_one_module(where, tmp_path):
+    found = {
+        placed_name(name, effect): (effect, away(effect, 0.05))
+        for name in NAMES
+        for machine_, effect in placed(name)
+        if machine_ == where and effect.place != "model"
+    }
+    path = tmp_path / "all_effects.py"
+    path.write_text(companion_module("all.xml", where, found))
+    model = mujoco.MjModel.from_xml_string(MACHINES[where])
+    data, beside = mujoco.MjData(model), imported(path).Effects(model)
+    for ctrl in controls(model, 1)[0][:3]:
+        beside.step(model, data, ctrl)
+    assert np.isfinite(beside.sense(model, data.sensordata[None])).all()
+    assert all(name in path.read_text() for name in found)
+
+
+def test_several_effects_act_together(tasks, tmp_path):
+    found = found_at(
+        "coulomb-friction@x",
+        "direction-dependent-viscous@x",
+        "load-dependent-friction@x",
+        "compliance@x",
+        "control-gain@drive",
+        "control-delay@drive",
+        "sensor-bias@v",
+        "sensor-low-pass@x",
+        where="slider",
+        part=0.1,
+    )
+    written = export(result=diagnosis(tmp_path / "d", tasks["slider"], found), out=tmp_path / "m.xml")
+    assert written.effects == tuple(found)[1:], "coulomb-friction is in the model"
+    assert np.abs(played(written, tasks["slider"]) - simulated(tasks["slider"], found)).max() < EXACT
+
+
+# ---- the module ----
+
+
+def test_the_module_needs_only_mujoco_and_numpy(tasks, tmp_path):
+    found = found_at("backlash@x", "sensor-delay@x", where="slider")
+    export(result=diagnosis(tmp_path / "d", tasks["slider"], found), out=tmp_path / "m.xml")
+    program = (
+        "import sys; before = set(sys.modules); import m_effects;"
+        "print(sorted({n.partition('.')[0] for n in set(sys.modules) - before if 'capture' in n}));"
+        "import mujoco; model = mujoco.MjModel.from_xml_path('m.xml'); data = mujoco.MjData(model);"
+        "m_effects.Effects(model).step(model, data, [1.0]); print(data.time)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.split() == ["[]", "0.002"]
+
+
+def test_a_step_leaves_the_model_and_the_users_forces_as_they_are(tasks, tmp_path):
+    found = found_at(
+        "stribeck-friction@x", "constant-force@x", "direction-dependent-viscous@x", where="slider"
+    )
+    written = export(result=diagnosis(tmp_path / "d", tasks["slider"], found), out=tmp_path / "m.xml")
+    model = mujoco.MjModel.from_xml_path(str(written.model))
+    data = mujoco.MjData(model)
+    data.qfrc_applied[0] = 0.7
+    friction, damping = model.dof_frictionloss.copy(), model.dof_damping.copy()
+    imported(written.companion).Effects(model).step(model, data, [0.0])
+    assert data.qfrc_applied[0] == 0.7
+    assert np.array_equal(model.dof_frictionloss, friction) and np.array_equal(model.dof_damping, damping)
+
+
+def test_reset_forgets(tasks, tmp_path):
+    found = found_at("compliance@x", "control-lag@drive", where="slider")
+    written = export(result=diagnosis(tmp_path / "d", tasks["slider"], found), out=tmp_path / "m.xml")
+    model = mujoco.MjModel.from_xml_path(str(written.model))
+    data, beside = mujoco.MjData(model), imported(written.companion).Effects(model)
+    runs = []
+    for _ in range(2):
+        mujoco.mj_resetData(model, data)
+        beside.reset(model)
+        for ctrl in controls(model, 1)[0][:50]:
+            beside.step(model, data, ctrl)
+        runs.append(data.qpos.copy())
+    assert np.array_equal(*runs) and runs[0][0] != 0
+
+
+def test_names_cannot_break_the_module(tmp_path):
+    name = 'a"""b\\'
+    spec = mujoco.MjSpec.from_string(MACHINES["slider"])
+    spec.joints[0].name = spec.sensors[0].objname = spec.sensors[1].objname = name
+    spec.actuators[0].target = name
+    model = spec.compile()
+    effect = effects.REGISTRY.get("cogging")(model, name)
+    path = tmp_path / "m_effects.py"
+    path.write_text(companion_module('m"""\n.xml', name, {f"cogging@{name}": (effect, away(effect, 0.3))}))
+    imported(path).Effects(model).step(model, mujoco.MjData(model), [0.0])
+
+
+# ---- files and errors ----
+
+
+def test_the_header_says_what_is_where(tasks, tmp_path):
+    found = found_at("coulomb-friction@x", "stribeck-friction@x", where="slider")
+    written = export(result=diagnosis(tmp_path / "d", tasks["slider"], found), out=tmp_path / "m.xml")
+    assert written.companion == tmp_path / "m_effects.py"
+    header = written.model.read_text().split("-->")[0]
+    assert "verdict: effect-found" in header and "declared = 2.5 SI" in header
+    assert "coulomb-friction@x\n" in header and "stribeck-friction@x (in m_effects.py)" in header
+    assert 'MjModel.from_xml_path("m.xml")' in written.companion.read_text()
+
+
+@pytest.mark.parametrize("existing", ["m.xml", "m_effects.py"])
+def test_nothing_is_written_where_either_file_exists(existing, tasks, tmp_path):
+    source = diagnosis(tmp_path / "d", tasks["slider"], found_at("cogging@x", where="slider"))
+    (tmp_path / existing).write_text("mine")
+    before = sorted(p.name for p in tmp_path.iterdir())
+    with pytest.raises(OutputError, match=f"{existing} exists already"):
+        export(result=source, out=tmp_path / "m.xml")
+    assert sorted(p.name for p in tmp_path.iterdir()) == before
+    assert (tmp_path / existing).read_text() == "mine"
+    export(result=source, out=tmp_path / "m.xml", force=True)
+    assert (tmp_path / "m.xml").read_text() != "mine" != (tmp_path / "m_effects.py").read_text()
+
+
+def test_an_effect_that_cannot_be_exported_is_named_and_nothing_is_written(tasks, tmp_path, monkeypatch):
+    cls = effects.REGISTRY.get("cogging")
+    monkeypatch.setattr(cls, "companion", Effect.companion)
+    assert cls.exported_as() == ""
+    source = diagnosis(
+        tmp_path / "d", tasks["slider"], found_at("coulomb-friction@x", "cogging@x", where="slider")
+    )
+    with pytest.raises(ModelError, match="cogging@x acts on the force and cannot be exported"):
+        export(result=source, out=tmp_path / "m.xml")
+    assert [p.name for p in tmp_path.iterdir()] == ["d"]
+
+
+def test_a_diagnosis_of_another_model_is_refused(tasks, tmp_path):
+    found = found_at("cogging@x", where="slider")
+    source = diagnosis(tmp_path / "d", tasks["slider"], found)
+    document = json.loads((source / "diagnosis.json").read_text())
+    document["effects"][0]["site"] = "rail"
+    (source / "diagnosis.json").write_text(json.dumps(document))
+    with pytest.raises(ModelError, match="Cogging cannot sit at 'rail'"):
+        export(result=source, out=tmp_path / "m.xml")
+    document["effects"][0] |= {"site": "x", "parameters": {"sine": {"value": 1.0}}}
+    (source / "diagnosis.json").write_text(json.dumps(document))
+    with pytest.raises(StoreError, match=r"cogging@x has the parameters \(sine\)"):
+        export(result=source, out=tmp_path / "m.xml")
+    with pytest.raises(StoreError, match=r"neither estimate\.json nor diagnosis\.json"):
+        export(result=tmp_path, out=tmp_path / "m.xml")
+
+
+def test_the_command_says_what_it_wrote(tasks, tmp_path):
+    diagnosis(tmp_path / "d", tasks["slider"], found_at("cogging@x", where="slider"))
+
+    def run(*options: str) -> str:
+        command = [sys.executable, "-m", "capture_cli", "export", "d", "--out", "m.xml", *options]
+        return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True).stdout
+
+    said = run()
+    assert "m.xml: written" in said and "m_effects.py: written; it applies cogging@x" in said
+    assert json.loads(run("--force", "--json")) == {"model": "m.xml", "companion": "m_effects.py"}
+
+
+def test_every_effect_of_the_catalogue_says_how_it_is_exported():
+    for entry in effects.catalogue():
+        assert entry.exported_as == ("MJCF" if entry.place == "model" else "companion")
+        assert f"| {entry.exported_as} |" in next(
+            row for row in effects.markdown().splitlines() if row.startswith(f"| `{entry.name}` |")
+        )
