@@ -64,14 +64,34 @@ def write_task(folder: Path, name: str) -> Path:
 Found = dict[str, tuple[Effect, np.ndarray]]
 
 
+@pytest.fixture(scope="module")
+def records(tasks, tmp_path_factory) -> dict[str, Path]:
+    """A diagnosis directory of every machine, in which nothing was found."""
+    folder = tmp_path_factory.mktemp("records")
+    return {name: diagnosis(folder / name, task, {}) for name, task in tasks.items()}
+
+
 def diagnosis(folder: Path, task: Path, found: Found) -> Path:
     """A diagnosis directory in which `found`, {NAME@SITE: (effect, values)}, was found."""
+    curves = {f"bin/{kind}": np.zeros((0, 0)) for kind in ("centre", "before", "after", "error")}
+    steps = {f"step/{kind}": np.zeros((2, 1)) for kind in ("measured", "before", "after")}
+    windows = {f"window/{kind}": np.zeros(1, dtype=int) for kind in ("episode", "first", "part")}
+    at = {"step/window": np.zeros(2, dtype=int), "step/time": np.arange(2.0)}
+    attributes = {"outputs": [], "recordings": [], "curves": []}
+    folder.mkdir()
+    Diagnosis(document(task, found), windows | at | steps | curves, attributes).write(folder)
+    Provenance("diagnose", {"task": str(task)}, {"task": task}).write(folder)
+    return folder
+
+
+def document(task: Path, found: Found) -> dict:
+    """Its diagnosis.json."""
     machine_ = load_task(str(task))
 
     def parameters(space, values):
         return {n: {"value": float(v), "unit": "SI"} for n, v in zip(space.names, values, strict=True)}
 
-    document = {
+    return {
         "format": FORMAT,
         "version": VERSION,
         "task": machine_.name,
@@ -86,15 +106,6 @@ def diagnosis(folder: Path, task: Path, found: Found) -> Path:
             for name, (effect, values) in found.items()
         ],
     }
-    curves = {f"bin/{kind}": np.zeros((0, 0)) for kind in ("centre", "before", "after", "error")}
-    steps = {f"step/{kind}": np.zeros((2, 1)) for kind in ("measured", "before", "after")}
-    windows = {f"window/{kind}": np.zeros(1, dtype=int) for kind in ("episode", "first", "part")}
-    at = {"step/window": np.zeros(2, dtype=int), "step/time": np.arange(2.0)}
-    attributes = {"outputs": [], "recordings": [], "curves": []}
-    folder.mkdir()
-    Diagnosis(document, windows | at | steps | curves, attributes).write(folder)
-    Provenance("diagnose", {"task": str(task)}, {"task": task}).write(folder)
-    return folder
 
 
 def simulated(task: Path, found: Found) -> np.ndarray:
@@ -161,11 +172,12 @@ def found_at(*names: str, where: str, part: float = 0.4) -> Found:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_exported_it_gives_the_same_trajectory(name, tasks, tmp_path):
-    for number, (where, effect) in enumerate(placed(name)):
+def test_exported_it_gives_the_same_trajectory(name, tasks, records, tmp_path):
+    first_sites = {where: effect for where, effect in reversed(placed(name))}
+    for number, (where, effect) in enumerate(first_sites.items()):
         found = {placed_name(name, effect): (effect, away(effect, 0.4))}
-        source = diagnosis(tmp_path / str(number), tasks[where], found)
-        written = export(result=source, out=tmp_path / f"{number}.xml")
+        (records[where] / "diagnosis.json").write_text(json.dumps(document(tasks[where], found)))
+        written = export(result=records[where], out=tmp_path / f"{number}.xml")
         assert (written.companion is None) == (effect.place == "model")
         error = np.abs(played(written, tasks[where]) - simulated(tasks[where], found)).max()
         assert error < EXACT, (where, effect.site)
@@ -307,13 +319,13 @@ def test_an_effect_that_cannot_be_exported_is_named_and_nothing_is_written(tasks
 def test_a_diagnosis_of_another_model_is_refused(tasks, tmp_path):
     found = found_at("cogging@x", where="slider")
     source = diagnosis(tmp_path / "d", tasks["slider"], found)
-    document = json.loads((source / "diagnosis.json").read_text())
-    document["effects"][0]["site"] = "rail"
-    (source / "diagnosis.json").write_text(json.dumps(document))
+    changed = json.loads((source / "diagnosis.json").read_text())
+    changed["effects"][0]["site"] = "rail"
+    (source / "diagnosis.json").write_text(json.dumps(changed))
     with pytest.raises(ModelError, match="Cogging cannot sit at 'rail'"):
         export(result=source, out=tmp_path / "m.xml")
-    document["effects"][0] |= {"site": "x", "parameters": {"sine": {"value": 1.0}}}
-    (source / "diagnosis.json").write_text(json.dumps(document))
+    changed["effects"][0] |= {"site": "x", "parameters": {"sine": {"value": 1.0}}}
+    (source / "diagnosis.json").write_text(json.dumps(changed))
     with pytest.raises(StoreError, match=r"cogging@x has the parameters \(sine\)"):
         export(result=source, out=tmp_path / "m.xml")
     with pytest.raises(StoreError, match=r"neither estimate\.json nor diagnosis\.json"):

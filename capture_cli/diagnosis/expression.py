@@ -19,6 +19,7 @@ from capture_cli.parameters import Parameter
 from capture_cli.sim.engine import World
 
 NAME = "expression"
+ROOM = 30.0  # a motion may use a small part of a joint's travel and speed, and a term must still be able to matter
 REST = 0.02  # of a joint's characteristic speed: where the sign of a velocity is rounded off
 
 
@@ -53,7 +54,7 @@ class ExpressionTerm(Effect):
     @property
     def parameters(self):
         force = "N m" if int(self.model.jnt_type[self.joint]) == HINGE else "N"
-        most = characteristic_force(self.model, self.joint) / self.term.scale
+        most = ROOM * characteristic_force(self.model, self.joint) / self.term.scale
         return (Parameter("coefficient", f"{force} per {self.term.unit}", -most, most, 0.0),)
 
     def force(self, values, timestep):

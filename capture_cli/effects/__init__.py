@@ -86,11 +86,11 @@ At the null value of its parameters the simulation is, bit by bit, the one witho
 marked *shape* say what the effect looks like; while the others are null they mean nothing, whatever they
 are.
 
-Effects of the place *model* are native MuJoCo features. Those of the place *force* act at every step: friction and damping that depend on the state change MuJoCo's own `frictionloss` and
-`damping` step by step, so that they are integrated implicitly and stick as MuJoCo's do; compliance and
-backlash keep the motor's position as a state of their own. Effects of *control* change what the actuators
-receive, those of *measurement* what the sensors report. `ctrl` stands for the unit of the actuator's
-control.
+Effects of the place *model* are native MuJoCo features. Those of the place *force* act at every step:
+friction and damping that depend on the state change MuJoCo's own `frictionloss` and `damping` step by
+step, so that they are integrated implicitly and stick as MuJoCo's do; compliance and backlash keep the
+motor's position as a state of their own. Effects of *control* change what the actuators receive, those
+of *measurement* what the sensors report. `ctrl` stands for the unit of the actuator's control.
 
 `capture export` writes a diagnosis as a model that runs without this package. *MJCF*: the effect is in
 `model.xml`. *companion*: beside it lies `model_effects.py`, which depends on MuJoCo and numpy alone and applies

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import json
+import re
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from textwrap import indent
@@ -15,7 +16,6 @@ from capture_cli.effects._kernel import INDENT, Companion, number
 from capture_cli.effects.base import Effect
 
 PACKAGE = __name__.split(".", 1)[0]
-READ_LATE = ("data.qacc", "data.qfrc_actuator")  # of the step before: at the first step there is none
 Pieces = Mapping[str, tuple[Effect, Companion]]
 
 
@@ -120,21 +120,27 @@ def _reset(pieces: Pieces) -> Iterator[str]:
     yield (
         "\n".join(["self.state = {", indent("\n".join(entries), INDENT), "}"]) if kept else "self.state = {}"
     )
-    if _reads_late(pieces):
+    if any(_late(block) for block in _blocks(pieces, "force")):
         yield "self.first = True"
 
 
 def _step(pieces: Pieces) -> Iterator[str]:
     yield "data.ctrl[:] = ctrl"
     yield from _blocks(pieces, "control")
-    if _reads_late(pieces):
-        yield _FIRST
     changes = dict.fromkeys(field for _, piece in pieces.values() for field in piece.changes)
     own = {field: f"own_{field.split('.')[-1]}" for field in changes}
     yield from (f"{name} = {field}.copy()" for field, name in own.items())
-    yield from _blocks(pieces, "force")
+    known: set[str] = set()
+    for block in _blocks(pieces, "force"):
+        late = _late(block)
+        if late - known:
+            yield _FIRST
+        known |= late
+        yield block
     yield "mujoco.mj_step(model, data)"
     yield from (f"{field}[:] = {name}" for field, name in own.items())
+    if known:
+        yield "self.first = False"
 
 
 def _sense(pieces: Pieces) -> Iterator[str]:
@@ -143,8 +149,9 @@ def _sense(pieces: Pieces) -> Iterator[str]:
     yield "return sensors"
 
 
-def _reads_late(pieces: Pieces) -> bool:
-    return any(field in line for _, piece in pieces.values() for line in piece.lines for field in READ_LATE)
+def _late(block: str) -> set[str]:
+    """Fields that mj_step leaves as they were at the start of the step before."""
+    return set(re.findall(r"data\.(qacc|qfrc_\w+)", block)) - {"qfrc_applied"}
 
 
 def _blocks(pieces: Pieces, place: str) -> Iterator[str]:
@@ -159,8 +166,7 @@ def _body(blocks: Iterator[str]) -> str:
 
 
 _FIRST = """if self.first:  # forces of the step before are read, and there is none
-    mujoco.mj_forward(model, data)
-    self.first = False"""
+    mujoco.mj_forward(model, data)"""
 
 _MODULE = '''"""Effects that {file} cannot hold, for a plain loop; made by `capture export` for the task {task}.
 
