@@ -1,37 +1,44 @@
-"""A small part of the planted-effect benchmark, and how it judges and keeps what it finds."""
+"""A small part of the planted-effect benchmark, and how it sizes effects, judges and sums up."""
 
 from __future__ import annotations
 
-import json
+from dataclasses import asdict
 
 import numpy as np
 import pytest
 
+from benchmarks import MACHINES
 from benchmarks._planted import pages, results
-from benchmarks._planted.cases import LEFT, MAGNITUDES, NOTHING, PLANTED, UNKNOWN, Case, cases, direction, size
+from benchmarks._planted.cases import (
+    LEFT,
+    MAGNITUDES,
+    NOTHING,
+    PLANTED,
+    UNKNOWN,
+    Case,
+    cases,
+    direction,
+    size,
+)
 from benchmarks._planted.diagnosing import line
-from benchmarks._planted.outcomes import judge
+from benchmarks._planted.outcomes import EQUIVALENTS, judge
 from benchmarks._planted.outside import OUTSIDE
 from benchmarks._planted.summary import confusion, share, summary
-from benchmarks.base import Figure  # noqa: F401 (figures are compared by their attributes)
 from capture_cli.effects import REGISTRY
 from capture_cli.tasks import load_task
-from benchmarks import MACHINES
 
-EPISODES = 8  # instead of twelve: a third of the time
-# Sizes as the search of the benchmark finds them for an error of ten times the noise, rounded.
-OBVIOUS = (
-    Case(PLANTED, "slider", "coulomb-friction", "x", 10.0, 0),
-    Case(PLANTED, "slider", "cubic-stiffness", "x", 10.0, 0),
-    Case(PLANTED, "slider", "sensor-low-pass", "q", 10.0, 0),
-)
-SIZE = 0.1
+EPISODES = 8  # rather than twelve, for the time it takes
+OBVIOUS = {
+    Case(PLANTED, "slider", "coulomb-friction", "x", 10.0, 0): 0.08,
+    Case(PLANTED, "slider", "cubic-stiffness", "x", 10.0, 0): 0.3,
+    Case(PLANTED, "slider", "control-saturation", "drive", 10.0, 0): 0.25,
+}
 
 
 @pytest.mark.parametrize("case", OBVIOUS, ids=lambda c: c.effect)
-def test_an_obvious_effect_is_found(case):
-    row = line(case, SIZE, EPISODES)
-    assert row["before"]["test"] > 3
+def test_an_obvious_effect_is_found_and_nothing_else(case):
+    row = line(case, OBVIOUS[case], EPISODES)
+    assert row["before"]["test"] > 3, "the effect is not obvious"
     assert row["outcome"] == "exact", row["found"]
     assert row["after"]["test"] < 1.2
 
@@ -40,3 +47,143 @@ def test_an_obvious_effect_is_found(case):
 def test_nothing_is_found_where_nothing_is_missing(machine):
     row = line(Case(NOTHING, machine, "", "", 1.0, 0), episodes=EPISODES)
     assert row["outcome"] == "silent", row["found"]
+
+
+def test_an_effect_that_a_declared_parameter_takes_up_is_nothing_to_find():
+    row = line(Case(PLANTED, "slider", "reflected-inertia", "x", 3.0, 0), episodes=EPISODES)
+    assert row["outcome"] == "absorbed"
+    assert row["left_at_most"] < 0.5
+
+
+def test_cases_cover_catalogue_and_machines():
+    every = list(cases(seeds=1, logs=8))
+    assert len(set(every)) == len(every)
+    assert len([c for c in every if c.kind == NOTHING]) == 8
+    planted = {c.effect for c in every if c.kind == PLANTED}
+    assert planted == set(REGISTRY.names())
+    assert {c.effect for c in every if c.kind == UNKNOWN} == set(OUTSIDE)
+    assert {c.machine for c in every if c.kind == LEFT} == {c.machine for c in every}
+    assert {c.magnitude for c in every if c.kind == PLANTED} == set(MAGNITUDES)
+
+
+@pytest.mark.parametrize("machine", ["slider", "cart_pole", "arm", "puck"])
+def test_directions_stay_within_ranges(machine):
+    model = load_task(str(MACHINES / machine / "task.toml")).model
+    for name, cls in REGISTRY.items():
+        for site in cls.sites(model):
+            effect = cls(model, site)
+            values = direction(effect, np.random.default_rng(0))
+            shapes = [effect.space.names.index(n) for n in effect.shapes if n in effect.space.names]
+            amplitudes = np.setdiff1d(np.arange(len(effect.space)), shapes)
+            np.testing.assert_array_equal(values(0.0)[amplitudes], effect.space.nominal[amplitudes], name)
+            largest = values(1.0)
+            assert np.all(largest >= effect.space.low) and np.all(largest <= effect.space.high), name
+
+
+@pytest.mark.parametrize("power", [0.5, 1.0, 3.0])
+@pytest.mark.parametrize("magnitude", MAGNITUDES)
+def test_size_reaches_the_error_asked_for(power, magnitude):
+    found = size(lambda s: 40.0 * s**power, magnitude)
+    assert 40.0 * found**power == pytest.approx(np.sqrt(magnitude**2 - 1), rel=0.15)
+
+
+def test_size_out_of_reach_and_beyond_divergence():
+    assert size(lambda s: 0.2 * s, 3.0) is None
+    found = size(lambda s: 1000.0 * s if s < 0.02 else np.inf, 3.0)
+    assert 1000.0 * found == pytest.approx(np.sqrt(8), rel=0.15)
+
+
+def effect(name: str, site: str = "", tied: tuple[str, ...] = ()) -> dict:
+    return {"name": name, "site": site, "tied_with": list(tied)}
+
+
+@pytest.mark.parametrize(
+    ("verdict", "effects", "outcome"),
+    [
+        ("effect-found", [effect("constant-force", "x")], "exact"),
+        ("effect-found", [effect("cogging", "x"), effect("constant-force", "x")], "among others"),
+        ("tied", [effect("cogging", "x", ("constant-force@x",))], "tied"),
+        ("effect-found", [effect("control-bias", "drive")], "equivalent"),
+        ("effect-found", [effect("cogging", "x")], "wrong"),
+        ("unexplained", [effect("cogging", "x")], "unexplained"),
+        ("explained", [], "missed"),
+    ],
+)
+def test_outcomes_of_a_planted_effect(verdict, effects, outcome):
+    case = Case(PLANTED, "slider", "constant-force", "x", 3.0, 0)
+    assert judge(case, verdict, effects, 1.0) == outcome
+
+
+def test_outcomes_without_a_planted_effect():
+    nothing = Case(NOTHING, "slider", "", "", 1.0, 0)
+    assert judge(nothing, "explained", [], 1.0) == "silent"
+    assert judge(nothing, "effect-found", [effect("cogging", "x")], 1.0) == "false alarm"
+    assert judge(nothing, "unexplained", [], 1.3) == "false alarm"
+    unknown = Case(UNKNOWN, "slider", "bouc-wen", "x", 3.0, 0)
+    assert judge(unknown, "unexplained", [effect("cogging", "x")], 2.0) == "honest"
+    assert judge(unknown, "effect-found", [effect("cogging", "x")], 1.1) == "imitated"
+    assert judge(unknown, "effect-found", [effect("cogging", "x")], 2.0) == "wrong"
+    assert judge(unknown, "explained", [], 2.0) == "missed"
+
+
+def test_equivalents_are_candidates_of_their_machine():
+    for machine, names, _ in EQUIVALENTS:
+        model = load_task(str(MACHINES / machine / "task.toml")).model
+        known = {n + (f"@{s}" if s else "") for n, cls in REGISTRY.items() for s in cls.sites(model)}
+        assert names <= known, machine
+
+
+def row(case: Case, outcome: str, found: str | None, error: float) -> dict:
+    accepted = [] if found is None else [{"effect": found, "tied_with": [], "values": {}}]
+    return {
+        **asdict(case),
+        "code": "c",
+        "outcome": outcome,
+        "verdict": "effect-found" if found else "explained",
+        "found": accepted,
+        "before": {"test": error},
+        "after": {"test": 1.0 if outcome == "exact" else error},
+        "floor_over_noise": [1.0],
+        "seconds": 2.0,
+        "cpu_seconds": 1.0,
+        "rollouts": 10,
+    }
+
+
+def test_summary_counts_what_is_visible(tmp_path):
+    small = Case(PLANTED, "slider", "cogging", "x", 1.5, 0)
+    large = Case(PLANTED, "slider", "cogging", "x", 10.0, 0)
+    null = Case(NOTHING, "slider", "", "", 1.0, 0)
+    rows = [
+        row(small, "missed", None, 1.4),
+        row(large, "exact", "cogging@x", 9.0),
+        row(null, "silent", None, 1.0),
+        {**asdict(large), "code": "c", "effect": "wind", "outcome": "absorbed"},
+    ]
+    found = summary(rows)
+    assert (found["right_where_visible"]["hits"], found["right_where_visible"]["of"]) == (1, 1)
+    assert found["power"]["1.5"]["share"] == 0.0
+    assert found["power"]["10"]["share"] == 1.0
+    assert found["power"]["3"] is None
+    assert found["false_alarms"]["of"] == 1
+    assert found["nothing_to_find"] == ["slider: wind@x"]
+    planted, names, counts = confusion(rows[:2])
+    assert (planted, names) == (["cogging"], ["cogging", "(nothing)"])
+    assert counts.tolist() == [[1, 1]]
+    pages.write(rows, found, tmp_path)
+    assert "| `cogging` | 2 | 1 | (nothing) 1 |" in (tmp_path / "confusion.md").read_text()
+    assert {p.name for p in tmp_path.iterdir()} == {"confusion.md", "confusion.png", "power.png"}
+
+
+def test_share_has_the_exact_interval():
+    # Clopper & Pearson: none of 200 leaves 1 - 0.025 ** (1 / 200)
+    assert share(0, 200)["high"] == pytest.approx(1 - 0.025 ** (1 / 200))
+    assert share(0, 0) is None
+
+
+def test_lines_of_other_code_and_half_lines_are_not_read(tmp_path):
+    (tmp_path / "results.jsonl").write_text(
+        '{"code": "a", "seed": 1}\n{"code": "b", "seed": 2}\n{"code": "a", "se'
+    )
+    assert [r["seed"] for r in results.rows(tmp_path, "a")] == [1]
+    assert results.newest_code(tmp_path) == "b"

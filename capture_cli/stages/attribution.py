@@ -40,6 +40,7 @@ RIVALS = 4  # other candidates that an accepted effect is compared with once eve
 CLEARLY_BETTER = 10.0  # of BIC: "very strong" (Kass & Raftery 1995)
 BETTER, TIED = "{other} explains more", "tied with {mine}: this log cannot tell them apart"
 WORSE, NOT_WORTH_IT = "{mine} explains more", "no better than {mine}, with more parameters"
+SIMILAR = 0.97  # cosine of responses beyond which a candidate that was not fitted may still be a rival
 SAME_RESPONSE = 0.9999  # cosine of two effects' responses beyond which no parameter value tells them apart
 
 
@@ -146,7 +147,7 @@ class Attribution:
         supported = [c for c in ranked[:REFITTED] if c.why_rejected is None]
         if not supported:
             return None
-        return self._choose(supported)
+        return self._choose(supported, ranked[REFITTED:])
 
     def _score(self, current: Fit, candidate: Candidate) -> None:
         """Fill in the candidate's score and where a refit should start, or why it is out."""
@@ -259,15 +260,19 @@ class Attribution:
                 return f"it drives {fit.space.names[i]} to its bound ({fit.point[i]:.3g})"
         return None
 
-    def _choose(self, supported: list[Candidate]) -> Candidate:
-        """The best of the candidates that are supported; among those it cannot be told from, the simplest."""
+    def _choose(self, supported: list[Candidate], unfitted: list[Candidate]) -> Candidate:
+        """The best of the candidates that are supported; among those it cannot be told from, the simplest.
+
+        The others are its rivals, and so are those not fitted whose response is nearly its own.
+        """
         best = min(supported, key=self._loss)
         alike = [c for c in supported if c is best or self._indistinct(best, c)]
         chosen = min(alike, key=lambda c: (len(c.effect[1].parameters), self._loss(c)))
         rivals = sorted((c for c in supported if c is not chosen), key=self._loss)
         for candidate in rivals:
             candidate.why_rejected = f"{chosen.name} explains as much with less, or more"
-        self.accepted.append(Accepted(chosen.effect, rivals[:RIVALS], chosen.support))
+        alike = [c for c in unfitted if abs(similarity(chosen.score.response, c.score.response)) > SIMILAR]
+        self.accepted.append(Accepted(chosen.effect, [*rivals[:RIVALS], *alike[:RIVALS]], chosen.support))
         return chosen
 
     def _loss(self, candidate: Candidate) -> float:
