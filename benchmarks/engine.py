@@ -42,9 +42,9 @@ class EngineSpeed(Benchmark):
             ratio = {k: float(np.median(speeds[k] / bare)) for k in ("engine", "engine with a force")}
             name = folder.name
             result.figures += [
-                Figure(f"{name}: engine / bare", ratio["engine"], target=(TARGET, None)),
-                Figure(f"{name}: with a numpy force", ratio["engine with a force"]),
-                Figure(f"{name}: engine", float(np.median(speeds["engine"])), "steps/s"),
+                Figure(f"engine / bare mj_step, {name}", ratio["engine"], target=(TARGET, None)),
+                Figure(f"  with a numpy force at every step, {name}", ratio["engine with a force"]),
+                Figure(f"  engine, {name}", float(np.median(speeds["engine"])), "steps/s"),
             ]
             result.details[name] = {
                 "steps_per_second": {k: v.tolist() for k, v in speeds.items()},

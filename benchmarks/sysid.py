@@ -59,7 +59,7 @@ class SysidSpeed(Benchmark):
         result = Result(details={"log": source, "windows": WINDOWS, "objectives": {}})
         for objective in (_normalized(prepared), _plain(prepared)):
             ways = {OURS: lambda o=objective: _ours(prepared, o)}
-            ways |= {f"sysid, {b}": lambda o=objective, b=b: _theirs(prepared, o, b) for b in BACKENDS}
+            ways |= {f"mujoco.sysid, {b}": lambda o=objective, b=b: _theirs(prepared, o, b) for b in BACKENDS}
             fits = _interleaved(ways, REPEATS[objective.name])
             result.details["objectives"][objective.name] = _details(prepared, objective, fits)
             result.figures += _figures(objective.name, result.details["objectives"][objective.name])
@@ -253,21 +253,18 @@ def _ratio(these: list[float], those: list[float]) -> float:
 
 
 def _figures(objective: str, ways: dict) -> list[Figure]:
-    seconds = [
-        Figure(f"{objective}: {name}", float(np.median(w["seconds"])), "s") for name, w in ways.items()
-    ]
     others = [w for name, w in ways.items() if name != OURS]
     lowest = min(w["cost"] for w in ways.values())
     return [
-        *seconds,
         Figure(
-            f"{objective}: fastest backend / ours",
+            f"fastest mujoco.sysid backend / ours, {objective}",
             min(w["times_ours"] for w in others),
             target=(TARGET, None),
         ),
-        Figure(f"{objective}: the same in CPU seconds", min(w["times_ours_cpu"] for w in others)),
+        Figure("  the same in CPU seconds", min(w["times_ours_cpu"] for w in others)),
+        *(Figure(f"  {name}", float(np.median(w["seconds"])), "s") for name, w in ways.items()),
         Figure(
-            f"{objective}: our cost above the lowest",
+            f"our cost above the lowest of all, {objective}",
             ways[OURS]["cost"] / lowest - 1,
             target=(None, SAME_OPTIMUM),
         ),

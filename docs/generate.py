@@ -335,7 +335,8 @@ def measured() -> str:
         lines += ["| figure | measured | target | |", "|---|---|---|---|"]
         for figure in document["figures"]:
             met = {None: "", True: "met", False: "**not met**"}[figure["met"]]
-            lines.append(f"| {figure['name'].strip()} | {_number(figure)} | {_aim(figure)} | {met} |")
+            indent = "&emsp;" * figure["name"].startswith(" ")
+            lines.append(f"| {indent}{figure['name'].strip()} | {_number(figure)} | {_aim(figure)} | {met} |")
         lines += [
             "",
             f"{day}; capture {made['capture']}, MuJoCo {made['packages']['mujoco']}, Python {made['python']}; "

@@ -27,7 +27,8 @@ from benchmarks._planted.summary import confusion, share, summary
 from capture_cli.effects import REGISTRY
 from capture_cli.tasks import load_task
 
-EPISODES = 8  # rather than twelve, for the time it takes
+EPISODES = 6  # rather than twelve, for the time it takes
+NO_PLACE = {"magnus-lift"}  # only a body that flies has it: on none of the machines
 OBVIOUS = {
     Case(PLANTED, "slider", "coulomb-friction", "x", 10.0, 0): 0.08,
     Case(PLANTED, "slider", "cubic-stiffness", "x", 10.0, 0): 0.3,
@@ -49,8 +50,8 @@ def test_nothing_is_found_where_nothing_is_missing(machine):
     assert row["outcome"] == "silent", row["found"]
 
 
-def test_an_effect_that_a_declared_parameter_takes_up_is_nothing_to_find():
-    row = line(Case(PLANTED, "slider", "reflected-inertia", "x", 3.0, 0), episodes=EPISODES)
+def test_an_effect_that_moves_no_output_is_nothing_to_find():
+    row = line(Case(PLANTED, "slider", "gravity-magnitude", "", 3.0, 0), episodes=EPISODES)
     assert row["outcome"] == "absorbed"
     assert row["left_at_most"] < 0.5
 
@@ -60,7 +61,7 @@ def test_cases_cover_catalogue_and_machines():
     assert len(set(every)) == len(every)
     assert len([c for c in every if c.kind == NOTHING]) == 8
     planted = {c.effect for c in every if c.kind == PLANTED}
-    assert planted == set(REGISTRY.names())
+    assert planted == {n for n in REGISTRY.names() if n not in NO_PLACE}
     assert {c.effect for c in every if c.kind == UNKNOWN} == set(OUTSIDE)
     assert {c.machine for c in every if c.kind == LEFT} == {c.machine for c in every}
     assert {c.magnitude for c in every if c.kind == PLANTED} == set(MAGNITUDES)
@@ -77,7 +78,7 @@ def test_directions_stay_within_ranges(machine):
             amplitudes = np.setdiff1d(np.arange(len(effect.space)), shapes)
             np.testing.assert_array_equal(values(0.0)[amplitudes], effect.space.nominal[amplitudes], name)
             largest = values(1.0)
-            assert np.all(largest >= effect.space.low) and np.all(largest <= effect.space.high), name
+            assert np.all((largest >= effect.space.low) & (largest <= effect.space.high)), name
 
 
 @pytest.mark.parametrize("power", [0.5, 1.0, 3.0])
@@ -103,7 +104,7 @@ def effect(name: str, site: str = "", tied: tuple[str, ...] = ()) -> dict:
         ("effect-found", [effect("constant-force", "x")], "exact"),
         ("effect-found", [effect("cogging", "x"), effect("constant-force", "x")], "among others"),
         ("tied", [effect("cogging", "x", ("constant-force@x",))], "tied"),
-        ("effect-found", [effect("control-bias", "drive")], "equivalent"),
+        ("effect-found", [effect("spring-preload", "x")], "equivalent"),
         ("effect-found", [effect("cogging", "x")], "wrong"),
         ("unexplained", [effect("cogging", "x")], "unexplained"),
         ("explained", [], "missed"),

@@ -102,7 +102,7 @@ def direction(effect: Effect, generator: np.random.Generator) -> Callable[[float
     down, up = space.nominal - space.low, space.high - space.nominal
     way = np.where(up == 0, -np.abs(way), np.where(down == 0, np.abs(way), way))
     reach = np.where(way > 0, up, down) * way
-    return lambda size: values + size * reach
+    return lambda size: np.clip(values + size * reach, space.low, space.high)
 
 
 def size(left: Callable[[float], float], magnitude: float) -> float | None:
@@ -111,7 +111,7 @@ def size(left: Callable[[float], float], magnitude: float) -> float | None:
     Secant in logarithms, kept within a bracket.
     """
     wanted = np.sqrt(magnitude**2 - 1)
-    low, high, tried, best = 0.0, np.inf, FIRST_TRIAL, (np.inf, FIRST_TRIAL)
+    below, above, tried, best = None, None, FIRST_TRIAL, (np.inf, FIRST_TRIAL)
     for _ in range(MOST_TRIALS):
         found = left(tried)
         best = min(best, (abs(np.log(max(found, 1e-9) / wanted)), tried))
@@ -119,12 +119,22 @@ def size(left: Callable[[float], float], magnitude: float) -> float | None:
             return tried
         if found < wanted and tried >= 1.0:
             return None
-        low, high = (max(low, tried), high) if found < wanted else (low, min(high, tried))
-        guess = tried * float(np.clip(wanted / max(found, SMALLEST_LEFT), 1 / LARGEST_STEP, LARGEST_STEP))
-        if not low < guess < high:
-            guess = np.sqrt(max(low, high / LARGEST_STEP) * high) if np.isfinite(high) else 1.0
-        tried = min(guess, 1.0)
+        if found < wanted:
+            below = (tried, max(found, SMALLEST_LEFT))
+        else:
+            above = (tried, found)
+        tried = _next(below, above, wanted)
     return best[1]
+
+
+def _next(below: tuple[float, float] | None, above: tuple[float, float] | None, wanted: float) -> float:
+    """Where to try next, from the nearest (size, what it left) on either side of `wanted`."""
+    if below is None or above is None:
+        size, found = below or above
+        return min(size * float(np.clip(wanted / found, 1 / LARGEST_STEP, LARGEST_STEP)), 1.0)
+    (small, less), (large, more) = below, above
+    share = np.log(wanted / less) / np.log(more / less) if np.isfinite(more) else 0.5
+    return float(small * (large / small) ** np.clip(share, 0.1, 0.9))
 
 
 def experiment(

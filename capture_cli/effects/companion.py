@@ -42,7 +42,8 @@ def companion_module(model_file: str, task: str, effects: Mapping[str, tuple[Eff
 
 def _described(name: str, effect: Effect, values: np.ndarray) -> str:
     lines = [_title(name, effect)]
-    lines += [f"{INDENT}{p.name} = {v:.6g} {p.unit}" for p, v in zip(effect.parameters, values, strict=True)]
+    pairs = zip(effect.parameters, values, strict=True)
+    lines += [f"{INDENT}{p.name} = {v:.6g} {p.unit}".removesuffix(" 1") for p, v in pairs]
     return "\n".join(lines)
 
 

@@ -173,8 +173,17 @@ def notes(document: Mapping[str, Any]) -> list[str]:
 
 
 def expression(document: Mapping[str, Any]) -> str:
-    """The formula for what no effect of the catalogue explains; "" where there is none."""
+    """The formula for what no effect of the catalogue explains; "" where none was looked for."""
     return (document.get("expression") or {}).get("text") or ""
+
+
+def expression_error(document: Mapping[str, Any]) -> str:
+    """The error with that formula in the model; "" where it is not known."""
+    found = document.get("expression") or {}
+    part = next((part for part in ("test", "select") if found.get(part)), None)
+    if part is None:
+        return ""
+    return f"{significant(found[part]['normalized'])} × noise floor {where(part)}"
 
 
 def strongest_covariate(document: Mapping[str, Any]) -> str:

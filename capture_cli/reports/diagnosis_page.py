@@ -133,12 +133,30 @@ def _effects(document: Mapping[str, Any]) -> str:
         if e["tied_with"]
     ]
     if formula:
-        parts.append(f'<h3>As a formula</h3><pre class="formula">{escape(formula)}</pre>')
+        parts.append(_formula(document, formula))
     lead = (
         "p, fitted: the chance that the effect is nothing, corrected for the number of candidates tried. "
         "p, unseen: the chance that it does not help on data it was not fitted to."
     )
     return section("What the model lacks", *parts, lead=lead if rows else "")
+
+
+def _formula(document: Mapping[str, Any], text: str) -> str:
+    """The expression for what no effect explains, its terms, and the error with it."""
+    shown = f'<h3>As a formula</h3><pre class="formula">{escape(text)}</pre>'
+    error = findings.expression_error(document)
+    if error:
+        shown += f"<p>With it the error is {escape(error)}.</p>"
+    rows = [
+        [
+            f'<span class="name">{escape(term["site"])}</span>',
+            to_precision_of(term["coefficient"], term["sd"]),
+            significant(term["sd"], 2),
+            escape(term["unit"]),
+        ]
+        for term in document["expression"].get("terms") or []
+    ]
+    return shown + (table(["term", "coefficient", "sd", "unit"], rows, numeric=(1, 2)) if rows else "")
 
 
 def _effect_rows(effect: Mapping[str, Any]) -> list[list[str]]:
@@ -257,7 +275,7 @@ def _parameters(document: Mapping[str, Any], plots: Mapping[str, Any]) -> str:
 
 def _moved_row(row: findings.Moved, p: Mapping[str, Any]) -> list[str]:
     absorbing = abs(row.shift_in_sd) > findings.MOVED
-    verdict_ = "absorbed what was missing" if absorbing else "stayed"
+    verdict_ = "had absorbed" if absorbing else "stayed"
     tone = "warn" if absorbing else "quiet"
     return [
         named(row.name, row.unit),
@@ -266,7 +284,7 @@ def _moved_row(row: findings.Moved, p: Mapping[str, Any]) -> list[str]:
         significant(row.sd, 2),
         interval(p),
         f"{significant(row.shift_in_sd)} sd",
-        " ".join([f'<span class="{tone}">{verdict_}</span>', remarks(p)]),
+        ", ".join(t for t in (f'<span class="{tone}">{verdict_}</span>', remarks(p)) if t),
     ]
 
 

@@ -146,7 +146,7 @@ def localisation_height(diagnosis: Diagnosis, k: int) -> int:
 
 def localisation_columns(count: int) -> int:
     """How many curves stand beside each other."""
-    return count if count < 3 else 2 if count in (3, 4) else 3
+    return 2 if count == 4 else min(count, 3)
 
 
 def drawn_curves(diagnosis: Diagnosis, k: int) -> list[int]:

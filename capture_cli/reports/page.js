@@ -125,14 +125,15 @@ matchMedia("(prefers-color-scheme: dark)").addEventListener("change", drawAll);
 // ---- long tables: sorted by a click on the head, filtered by typing ----
 
 function sortBy(table, head) {
-  const sign = head.getAttribute("aria-sort") === "descending" ? 1 : -1;
-  for (const other of head.parentNode.cells) other.removeAttribute("aria-sort");
-  head.setAttribute("aria-sort", sign > 0 ? "ascending" : "descending");
-  const key = (row) => row.cells[head.cellIndex].dataset.key;
   const isNumeric = head.classList.contains("num");
+  const orders = isNumeric ? ["descending", "ascending"] : ["ascending", "descending"];
+  const order = orders[head.getAttribute("aria-sort") === orders[0] ? 1 : 0];
+  for (const other of head.parentNode.cells) other.removeAttribute("aria-sort");
+  head.setAttribute("aria-sort", order);
+  const key = (row) => row.cells[head.cellIndex].dataset.key;
   const compared = (a, b) => {
     if (key(a) === "" || key(b) === "") return (key(a) === "") - (key(b) === ""); // what is missing comes last
-    return isNumeric ? sign * (key(a) - key(b)) : -sign * key(a).localeCompare(key(b));
+    return (order === "ascending" ? 1 : -1) * (isNumeric ? key(a) - key(b) : key(a).localeCompare(key(b)));
   };
   table.tBodies[0].append(...[...table.tBodies[0].rows].sort(compared));
 }

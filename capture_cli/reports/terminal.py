@@ -71,7 +71,7 @@ def print_diagnosis(diagnosis: Diagnosis, console: Console, out_path: Path) -> N
         ("error", _error_line(diagnosis)),
         ("absorbed", _absorbed_line(document)),
         ("where", "" if document["effects"] else words.strongest_covariate(document)),
-        ("formula", words.expression(document)),
+        ("formula", _formula_line(document)),
         *_rivals_line(document),
         ("next", words.next_experiment(document)),
     ):
@@ -216,6 +216,11 @@ def _absorbed_line(document: Mapping[str, Any]) -> str:
 def _shift(row: diagnosis_findings.Moved) -> str:
     after = with_unit(significant(row.after), row.unit)
     return f"{row.name} {significant(row.before)} → {after}"
+
+
+def _formula_line(document: Mapping[str, Any]) -> str:
+    text, error = diagnosis_findings.expression(document), diagnosis_findings.expression_error(document)
+    return f"{text} ({error})" if error else text
 
 
 def _rivals_line(document: Mapping[str, Any]) -> list[tuple[str, str]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ from capture_cli.effects import REGISTRY
 from capture_cli.effects.base import Effect
 from capture_cli.effects.companion import companion_module
 from capture_cli.errors import OptionError, StoreError
-from capture_cli.parameters import ParameterSpace
+from capture_cli.parameters import Parameter, ParameterSpace
 from capture_cli.sim.engine import ModelFields
 from capture_cli.sim.mjcf import to_mjcf
 from capture_cli.simulator import placed_name
@@ -29,11 +30,15 @@ Placed = Mapping[str, tuple[Effect, np.ndarray]]  # {NAME@SITE: (effect, its val
 
 @dataclass(frozen=True)
 class Exported:
-    """model: the MJCF. companion: the Python module beside it, None where nothing needs one; effects: those in it."""
+    """model: the MJCF. companion: the Python module beside it, None where nothing needs one; effects: those in it.
+
+    left_out: the expression of the diagnosis, which is in neither; "" where there is none.
+    """
 
     model: Path
     companion: Path | None
     effects: tuple[str, ...]
+    left_out: str
 
 
 def export(*, result: Path, out: Path, task: str | None = None, force: bool = False) -> Exported:
@@ -67,7 +72,7 @@ def export(*, result: Path, out: Path, task: str | None = None, force: bool = Fa
         if companion:
             module = companion_module(out.name, machine.name, beside)
             files.enter_context(new_file(companion, force=force)).write_text(module, encoding="utf-8")
-    return Exported(out, companion, tuple(beside))
+    return Exported(out, companion, tuple(beside), _left_out(found))
 
 
 def _read(result: Path) -> Mapping[str, Any]:
@@ -110,15 +115,27 @@ def _effects(rows, model, command: str) -> Placed:
     return effects
 
 
+def _left_out(found: Mapping[str, Any]) -> str:
+    """The formula that the diagnosis found for what no effect explains."""
+    expression = found.get("expression") or {}
+    return expression["text"] if expression.get("terms") else ""
+
+
 def _header(
     found, command: str, space: ParameterSpace, values, effects: Placed, companion: Path | None
 ) -> str:
     """An XML comment that says what the file holds, and what it does not."""
     lines = [f"made by `capture {command}` and `capture export`; verdict: {found['verdict']}"]
-    lines += [f"  {p.name} = {v:.9g} {p.unit}" for p, v in zip(space, values, strict=True)]
+    lines += [f"  {_size(p, v)}" for p, v in zip(space, values, strict=True)]
     for name, (effect, own) in effects.items():
         where = "" if effect.place == "model" else f" (in {companion.name})"
-        lines += [f"  {name}{where}"]
-        lines += [f"    {p.name} = {v:.9g} {p.unit}" for p, v in zip(effect.parameters, own, strict=True)]
-    text = "\n".join(lines).replace("--", "- -")
+        lines.append(f"  {name}{where}")
+        lines += [f"    {_size(p, v)}" for p, v in zip(effect.parameters, own, strict=True)]
+    if _left_out(found):
+        lines.append(f"  left out: {_left_out(found)}")
+    text = re.sub("-(?=-)", "- ", "\n".join(lines))  # two in a row would end the comment
     return f"<!-- {text}\n-->\n"
+
+
+def _size(parameter: Parameter, value: float) -> str:
+    return f"{parameter.name} = {value:.9g} {parameter.unit}".removesuffix(" 1")

@@ -75,6 +75,8 @@ def identify(
             cure="tighten the parameters' bounds, shorten the window, or reduce the model's timestep",
         )
     estimate = _Report(prepared, simulator, identifier, best, history, method, seed).estimate()
+    if estimate.document["verdict"] == "unexplained":
+        estimate.document["next_command"] = f"capture diagnose --real-log {real_log} --estimate {out}"
     with new_directory(out, force=force) as folder:
         estimate.write(folder)
         _write_pages(estimate, folder, provenance)
