@@ -472,6 +472,8 @@ def export(
             print(
                 f"{written.companion}: written; it applies {', '.join(written.effects)} (see its first lines)"
             )
+        if written.left_out:
+            print(f"left out: {written.left_out}")
 
 
 @app.command()

@@ -289,6 +289,18 @@ def test_the_header_says_what_is_where(tasks, tmp_path):
     assert "verdict: effect-found" in header and "declared = 2.5 SI" in header
     assert "coulomb-friction@x\n" in header and "stribeck-friction@x (in m_effects.py)" in header
     assert 'MjModel.from_xml_path("m.xml")' in written.companion.read_text()
+    assert written.left_out == "" and "left out" not in header
+
+
+def test_an_expression_is_left_out_and_that_is_said(tasks, tmp_path):
+    source = diagnosis(tmp_path / "d", tasks["slider"], {})
+    changed = document(tasks["slider"], {})
+    changed["expression"] = {"text": "missing force at x = --3.2 v", "terms": [{"site": "x: v"}]}
+    (source / "diagnosis.json").write_text(json.dumps(changed))
+    written = export(result=source, out=tmp_path / "m.xml")
+    assert written.companion is None and written.left_out == "missing force at x = --3.2 v"
+    assert "left out: missing force at x = - -3.2 v" in written.model.read_text()
+    mujoco.MjModel.from_xml_path(str(written.model))
 
 
 @pytest.mark.parametrize("existing", ["m.xml", "m_effects.py"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 from benchmarks._planted.cases import LEFT, NOTHING, UNKNOWN, Case
@@ -13,49 +14,56 @@ SILENT, FALSE_ALARM = "silent", "false alarm"
 IMITATED, HONEST = "imitated", "honest"
 RIGHT = (EXACT, AMONG, TIED, EQUIVALENT)
 
-# Effects of one machine with the same outputs, whatever their sizes: no log can tell them apart. (machine, names, why)
-# A bias of a control is not among them: it moves the limits of the actuator, which these logs reach.
-EQUIVALENTS: tuple[tuple[str, frozenset[str], str], ...] = (
-    (
+
+@dataclass(frozen=True)
+class Equivalent:
+    """On `machine`, any of `found` gives, at some size, the outputs of any of `planted`: no log can tell."""
+
+    machine: str
+    planted: frozenset[str]
+    found: frozenset[str]
+    why: str
+
+
+def _alike(machine: str, names: str, why: str) -> Equivalent:
+    return Equivalent(machine, frozenset(names.split()), frozenset(names.split()), why)
+
+
+def _covers(machine: str, planted: str, found: str, why: str) -> Equivalent:
+    return Equivalent(machine, frozenset(planted.split()), frozenset(found.split()), why)
+
+
+_LATE = "the machine does not change with time: late inputs give the same outputs, late"
+_TURNED = "a link turned on the last joint: its centre of mass is elsewhere, as far from the joint"
+# A bias of a control is not a constant force: it moves the limits of the actuator, which these logs reach.
+EQUIVALENTS = (
+    _alike(
         "slider",
-        frozenset({"constant-force@x", "spring-preload@x", "gravity-tilt", "sensor-bias@q"}),
+        "constant-force@x spring-preload@x gravity-tilt sensor-bias@q",
         "one joint with a linear spring: each is a constant added to its force",
     ),
-    (
+    _alike("slider", "control-delay@drive sensor-delay@q", _LATE),
+    _alike(
         "slider",
-        frozenset({"control-delay@drive", "sensor-delay@q"}),
-        "the machine does not change with time: late inputs give the same outputs, late",
-    ),
-    (
-        "slider",
-        frozenset({"control-lag@drive", "sensor-low-pass@q"}),
+        "control-lag@drive sensor-low-pass@q",
         "the machine is linear and does not change with time: a filter before it is a filter behind it",
     ),
-    (
+    _alike(
         "cart_pole",
-        frozenset({"constant-force@x", "spring-preload@x", "sensor-bias@cart"}),
-        "a constant force on the cart, whose spring is linear and which nothing else ties to its place",
+        "constant-force@x spring-preload@x sensor-bias@cart",
+        "a constant force on the cart, which nothing but a linear spring ties to its place",
     ),
-    (
-        "cart_pole",
-        frozenset({"control-delay@drive", "sensor-delay"}),
-        "the machine does not change with time: late inputs give the same outputs, late",
-    ),
-    (
-        "arm",
-        frozenset({"sensor-bias@q1", "gravity-tilt"}),
-        "the arm turned in its plane and gravity turned the other way",
-    ),
-    (
+    _alike("cart_pole", "control-delay@drive sensor-delay", _LATE),
+    _covers("cart_pole", "sensor-bias@pole", "com-shift@pole", _TURNED),
+    _covers("arm", "sensor-bias@q2", "com-shift@fore", _TURNED),
+    _covers("arm", "sensor-bias@q1", "gravity-tilt", "the arm turned in its plane, or gravity the other way"),
+    _covers(
         "puck",
-        frozenset({"gravity-tilt", "constant-force@x", "constant-force@y"}),
-        "one body on a plane: a tilt is a constant force, and its weight is in the friction that is declared",
+        "constant-force@x constant-force@y",
+        "gravity-tilt",
+        "one body on a plane: a tilt is a force, and what it takes of the weight is in the declared friction",
     ),
-    (
-        "puck",
-        frozenset({"sensor-bias@x", "geom-scale@wall"}),
-        "where along x the wall's face is, as seen by the sensor",
-    ),
+    _alike("puck", "sensor-bias@x geom-scale@wall", "where along x the sensor sees the wall's face"),
 )
 
 
@@ -69,7 +77,7 @@ def judge(case: Case, verdict: str, effects: list[dict[str, Any]], test_error: f
         return _judge_unknown(verdict, test_error)
     if accepted == [case.planted]:
         return EXACT
-    if case.planted in accepted:
+    if case.planted in accepted and verdict != "unexplained":
         return AMONG
     if case.planted in tied:
         return TIED
@@ -92,8 +100,7 @@ def _placed(effect: dict[str, Any]) -> str:
     return effect["name"] + (f"@{effect['site']}" if effect["site"] else "")
 
 
-def _equivalent(case: Case, found: set[str]) -> bool:
+def _equivalent(case: Case, names: set[str]) -> bool:
     return any(
-        case.machine == machine and case.planted in names and found & names
-        for machine, names, _ in EQUIVALENTS
+        case.machine == e.machine and case.planted in e.planted and names & e.found for e in EQUIVALENTS
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -40,11 +40,12 @@ def _table(rows: Sequence[Row], found: dict[str, Any]) -> str:
         ]
         lines += [f"- {text}" for text in found["nothing_to_find"]]
     lines += ["", "Counted as right, because no log can tell them apart:", ""]
-    lines += [
-        f"- {machine}: {', '.join(f'`{n}`' for n in sorted(names))} ({why})"
-        for machine, names, why in EQUIVALENTS
-    ]
+    lines += [f"- {e.machine}: {_names(e.planted)} found as {_names(e.found)}: {e.why}" for e in EQUIVALENTS]
     return "\n".join(lines) + "\n"
+
+
+def _names(effects: Iterable[str]) -> str:
+    return ", ".join(f"`{name}`" for name in sorted(effects))
 
 
 def _heatmap(rows: Sequence[Row], path: Path) -> None:

@@ -62,7 +62,8 @@ def summary(rows: Sequence[Row]) -> dict[str, Any]:
         "cpu_seconds": _spread(r["cpu_seconds"] for r in rows if "cpu_seconds" in r),
         "rollouts": _spread(r["rollouts"] for r in rows if "rollouts" in r),
         "equivalents": [
-            {"machine": m, "effects": sorted(names), "why": why} for m, names, why in EQUIVALENTS
+            {"machine": e.machine, "planted": sorted(e.planted), "found": sorted(e.found), "why": e.why}
+            for e in EQUIVALENTS
         ],
     }
 

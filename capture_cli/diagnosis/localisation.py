@@ -57,5 +57,5 @@ def curve(covariate: np.ndarray, acceleration: np.ndarray) -> Curve:
     error = np.array([y[g].std() / np.sqrt(len(g)) for g in groups])
     total = np.square(y - y.mean()).sum()
     between = sum(len(g) * (y[g].mean() - y.mean()) ** 2 for g in groups)
-    share = (between / total - (BINS - 1) / len(y)) if total > 0 else 0.0
+    share = 1 - (1 - between / total) * (len(y) - 1) / (len(y) - BINS) if total > 0 else 0.0
     return Curve(np.array([x[g].mean() for g in groups]), mean, error, float(max(share, 0.0)))

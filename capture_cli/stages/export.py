@@ -1,4 +1,4 @@
-"""`capture export`: an estimate or a diagnosis in, an MJCF with what was found out, and what it cannot hold beside it."""
+"""`capture export`: an estimate or a diagnosis in, an MJCF out; beside it what MuJoCo has no feature for."""
 
 from __future__ import annotations
 

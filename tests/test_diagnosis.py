@@ -1,0 +1,173 @@
+"""What `diagnose` decides by: noise floor, folds, scores, acceptance, localisation; and what it refuses."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from capture_cli.diagnosis.acceptance import bic_gain, block_squares, paired_p_value, wald_p_value
+from capture_cli.diagnosis.localisation import accelerations, curve
+from capture_cli.diagnosis.noise_floor import from_differences, noise_floor
+from capture_cli.diagnosis.split import ENOUGH_WINDOWS, select_folds, split_windows
+from capture_cli.errors import OptionError, OutputError
+from capture_cli.stages import diagnose as diagnose_stage
+from capture_cli.stages.diagnose import diagnose
+from capture_cli.stages.identify import identify
+from capture_cli.stages.record import record
+
+SLIDER = Path(__file__).parents[1] / "benchmarks" / "machines" / "slider" / "task.toml"
+
+
+@pytest.mark.parametrize("order", [0, 1])
+def test_noise_floor_of_smooth_signal_and_white_noise(order):
+    generator = np.random.default_rng(order)
+    time = np.linspace(0, 5, 2000)
+    signal = np.sin(3 * time) + 0.2 * np.sin(17 * time + order)
+    noisy = signal + 1e-3 * generator.standard_normal(len(time))
+    assert from_differences([noisy]) == pytest.approx(1e-3, rel=0.08)
+
+
+def test_noise_floor_takes_what_is_declared_and_sees_a_coarse_encoder():
+    time = np.linspace(0, 5, 2000)
+    outputs = np.stack([np.sin(time), 0.01 * np.round(np.sin(time) / 0.01)], axis=1)
+    found = noise_floor(outputs, [slice(0, 2000)], [0.5, None])
+    assert found.sd[0] == 0.5
+    assert found.source[0] == "declared"
+    assert found.sd[1] >= 0.01 / np.sqrt(12) * 0.99
+
+
+def test_folds_judge_only_what_was_not_fitted():
+    for count in (2, 5, ENOUGH_WINDOWS, 40):
+        episode = np.zeros(count, dtype=int)
+        is_test = np.arange(count) == count - 1
+        found = select_folds(episode, is_test)
+        for fitted, judged in found.folds:
+            assert not (fitted & judged).any()
+            assert not (is_test & (fitted | judged)).any()
+        assert len(found.folds) == (1 if count - 1 >= ENOUGH_WINDOWS else min(3, count - 1) * (count > 2))
+
+
+def test_few_windows_are_all_judged_once():
+    folds = select_folds(np.zeros(7, dtype=int), np.arange(7) == 6).folds
+    assert (np.sum([judged for _, judged in folds], axis=0) == np.r_[np.ones(6), 0]).all()
+
+
+def test_two_episodes_hold_out_the_last():
+    split = split_windows(
+        episode=np.array([0, 0, 1, 1]), recording=np.array([0, 0]), recording_names=["a"], test=None, seed=0
+    )
+    assert split.is_test.tolist() == [False, False, True, True]
+
+
+def test_paired_test_has_its_level_and_its_power():
+    generator = np.random.default_rng(0)
+    p = np.array(
+        [paired_p_value(*generator.chisquare(20, (2, 16)), seed=s) for s in range(400)]
+    )  # nothing happened
+    rejected = (p < 0.05).sum()
+    assert rejected <= 38  # binomial(400, 0.05) exceeds 38 with probability 2e-4
+    before = generator.chisquare(20, 16)
+    assert paired_p_value(before, 0.5 * before, seed=0) < 0.01
+    assert paired_p_value(before[:3], 0.5 * before[:3], seed=0) == pytest.approx(1 / 8)
+
+
+def test_blocks_hold_every_square_once():
+    squares = np.random.default_rng(1).random((3, 10))
+    mask = np.ones((3, 10), dtype=bool)
+    mask[2, 6:] = False
+    blocks = block_squares(squares, mask, 3)
+    assert blocks.sum() == pytest.approx(squares[mask].sum())
+    assert len(blocks) == 3 + 3 + 2
+
+
+def test_wald_counts_the_candidates():
+    one = wald_p_value(np.array([3.0]), np.eye(1), 1e6, 1)
+    assert one == pytest.approx(0.0027, rel=0.02)
+    assert wald_p_value(np.array([3.0]), np.eye(1), 1e6, 50) == pytest.approx(50 * one, rel=1e-6)
+    assert wald_p_value(np.array([3.0]), np.eye(1), 3, 1) > 5 * one  # few degrees: less sure
+
+
+def test_bic_charges_for_parameters():
+    assert bic_gain(1.0, 1.0, 100, 2) == pytest.approx(-2 * np.log(100))
+    assert bic_gain(2.0, 1.0, 100, 2) > 0
+
+
+def test_residual_acceleration_is_found_against_its_cause():
+    time = np.tile(np.arange(300) * 0.01, (4, 1))
+    phase = np.arange(4)[:, None]
+    position = np.sin(2 * time + phase)
+    residual = (
+        0.05 * np.sin(2 * time + phase)[..., None]
+    )  # its acceleration is -0.2 sin: a function of position
+    mask = np.ones(time.shape, dtype=bool)
+    acceleration = accelerations(residual, time, mask)[..., 0]
+    inside = np.isfinite(acceleration)
+    assert acceleration[inside] == pytest.approx(-0.2 * position[inside], abs=2e-3)
+    by_position, by_time = (
+        curve(position.ravel(), acceleration.ravel()),
+        curve(time.ravel(), acceleration.ravel()),
+    )
+    assert by_position.share > 0.99
+    assert by_time.share < 0.7
+    assert by_position.mean[-1] < 0 < by_position.mean[0]
+
+
+@pytest.fixture
+def logs(tmp_path):
+    """Two logs of the slider, the first with friction that its model lacks."""
+    made = {}
+    for name, effects, seed in (("friction", ["coulomb-friction@x=3"], 1), ("plain", [], 2)):
+        made[name] = tmp_path / f"{name}.zarr"
+        record(
+            task=str(SLIDER),
+            out=made[name],
+            effects=effects,
+            noise=5e-4,
+            episodes=8,
+            duration=1.5,
+            rate=250,
+            seed=seed,
+        )
+    return made
+
+
+def test_an_effect_is_found_added_and_its_error_reported_before_and_after(logs, tmp_path, monkeypatch):
+    monkeypatch.setattr(diagnose_stage, "_write_pages", lambda *_: None)
+    document = diagnose(
+        real_log=logs["friction"], task=str(SLIDER), out=tmp_path / "found", quiet=True, threads=1
+    ).document
+    assert document["verdict"] in ("effect-found", "tied")
+    names = [e["name"] for e in document["effects"]] + document["effects"][0]["tied_with"]
+    assert "coulomb-friction" in names[0] or any("coulomb-friction" in n for n in names)
+    assert document["before"]["test"]["normalized"] > 2
+    assert document["after"]["test"]["normalized"] < 1.2
+    assert document["absorbed"]["damping"]["before"] > document["absorbed"]["damping"]["after"]
+    assert all(c["why_rejected"] for c in document["candidates"] if c["effect"] != "coulomb-friction")
+    written = json.loads((tmp_path / "found" / "diagnosis.json").read_text())
+    assert written == document
+
+
+def test_silent_when_nothing_is_missing(logs, tmp_path, monkeypatch):
+    monkeypatch.setattr(diagnose_stage, "_write_pages", lambda *_: None)
+    document = diagnose(
+        real_log=logs["plain"], task=str(SLIDER), out=tmp_path / "none", quiet=True, threads=1
+    ).document
+    assert document["verdict"] == "explained"
+    assert document["effects"] == []
+
+
+def test_an_estimate_of_another_log_is_refused(logs, tmp_path, monkeypatch):
+    monkeypatch.setattr("capture_cli.stages.identify._write_pages", lambda *_: None)
+    identify(real_log=logs["plain"], task=str(SLIDER), out=tmp_path / "estimate", quiet=True, starts=1)
+    with pytest.raises(OptionError, match=r"(?s)plain\.zarr.*capture identify"):
+        diagnose(real_log=logs["friction"], estimate=tmp_path / "estimate", out=tmp_path / "x", quiet=True)
+    assert not (tmp_path / "x").exists()
+
+
+def test_an_existing_output_is_refused_before_any_work(logs, tmp_path):
+    (tmp_path / "taken").mkdir()
+    with pytest.raises(OutputError, match="taken"):
+        diagnose(real_log=logs["plain"], task=str(SLIDER), out=tmp_path / "taken", quiet=True)
