@@ -149,15 +149,19 @@ def _figures(noisy: dict[str, list[dict]], clean: list[dict]) -> list[Figure]:
     alarms = [d["verdict"] == "unexplained" for d in everything]
     _, most_alarms = clopper_pearson(sum(alarms), len(alarms))
     figures = [
-        Figure(f"{machine}: share of intervals that cover", float(np.mean(_inside(documents))))
-        for machine, documents in noisy.items()
-    ]
-    figures += [
-        Figure(f"share of all {len(inside)} intervals that cover", float(np.mean(inside)), target=COVERED),
-        Figure("  its 95 % interval, low", low),
-        Figure("  its 95 % interval, high", high),
+        Figure(
+            f"share of all {len(inside)} 95 % intervals that hold the truth",
+            float(np.mean(inside)),
+            target=COVERED,
+        ),
+        Figure("  its own 95 % interval, low", low),
+        Figure("  its own 95 % interval, high", high),
+        *(
+            Figure(f"  {machine} alone", float(np.mean(_inside(documents))))
+            for machine, documents in noisy.items()
+        ),
         Figure(f'share of {len(alarms)} logs falsely called "unexplained"', float(np.mean(alarms))),
-        Figure("  its 95 % interval, high", most_alarms),
+        Figure("  its own 95 % interval, high", most_alarms),
     ]
     if clean:
         lost = max(_errors_over_range(clean))

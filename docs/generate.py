@@ -308,7 +308,9 @@ def _caption(path: Path) -> str:
     if path.as_posix() in CAPTIONS:
         return CAPTIONS[path.as_posix()]
     caption = None
-    if path.suffix == ".py":
+    if path.suffix == ".md":
+        caption = (ROOT / path).read_text(encoding="utf-8").removeprefix("# ")
+    elif path.suffix == ".py":
         caption = ast.get_docstring(ast.parse((ROOT / path).read_text(encoding="utf-8")))
     elif (ROOT / path / "model.xml").is_file():
         comment = re.search(

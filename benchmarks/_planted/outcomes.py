@@ -77,15 +77,15 @@ def judge(case: Case, verdict: str, effects: list[dict[str, Any]], test_error: f
         return _judge_unknown(verdict, test_error)
     if accepted == [case.planted]:
         return EXACT
-    if case.planted in accepted and verdict != "unexplained":
+    if verdict == "unexplained":
+        return UNEXPLAINED
+    if case.planted in accepted:
         return AMONG
     if case.planted in tied:
         return TIED
     if _equivalent(case, {*accepted, *tied}):
         return EQUIVALENT
-    if verdict == "explained":
-        return MISSED
-    return UNEXPLAINED if verdict == "unexplained" else WRONG
+    return MISSED if verdict == "explained" else WRONG
 
 
 def _judge_unknown(verdict: str, test_error: float) -> str:

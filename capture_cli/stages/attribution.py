@@ -68,7 +68,11 @@ class Accepted:
     effect: Placed
     rivals: list[Candidate]
     support: Support
-    tied_with: list[str] = field(default_factory=list)
+    tied: list[Candidate] = field(default_factory=list)
+
+    @property
+    def tied_with(self) -> list[str]:
+        return [c.name for c in self.tied]
 
     @property
     def name(self) -> str:
@@ -362,11 +366,11 @@ class Attribution:
                 verdict = self._compare(mine, other)
                 self._candidate(rival.name).why_rejected = verdict.format(mine=mine.name, other=other.name)
                 if verdict == TIED:
-                    accepted.tied_with.append(rival.name)
+                    accepted.tied.append(other)
                 elif verdict == BETTER:
                     self._candidate(mine.name).why_rejected = f"{other.name} explains more"
                     self._candidate(other.name).why_rejected = None
-                    accepted.effect, accepted.support, accepted.tied_with = rival.effect, other.support, []
+                    accepted.effect, accepted.support, accepted.tied = rival.effect, other.support, []
                     mine, current = other, other.fit
                     self.stages.append((f"{other.name} instead", current))
         return current

@@ -17,6 +17,7 @@ from capture_cli.linearization import autocorrelation_time
 from capture_cli.simulator import placed_name
 from capture_cli.stages.attribution import Attribution, Candidate
 from capture_cli.stages.model_fits import EXACT, Fit, ModelFits, PartFit
+from capture_cli.stages.next_experiment import next_experiment
 from capture_cli.stages.prepared_log import PreparedLog, check_parameters_move_outputs, find_task, prepare
 from capture_cli.stages.progress import Progress
 from capture_cli.stores.diagnosis import FORMAT, VERSION, Diagnosis
@@ -242,9 +243,14 @@ class _Work:
                 },
             },
             "rollouts": {"measured": len(log.episode_ends), "simulated": self.fits.rollouts},
-            "next_experiment": None,
+            "next_experiment": self._next_experiment(attribution, models[-1][1]),
         }
         return Diagnosis(document, self._arrays(whole, bins), self._attributes(curves))
+
+    def _next_experiment(self, attribution: Attribution, last: Fit) -> dict[str, Any] | None:
+        """What would separate the first tie; None where nothing is tied."""
+        tied = next((a.tied for a in attribution.accepted if a.tied), [])
+        return next_experiment(self.fits, last, [c.fit for c in tied], self.seed)
 
     def _stage(self, name: str, fit: Fit, again: Fit, judged: PartFit | None) -> dict[str, Any]:
         """Errors of one model. fit and test are of the refit; select is of fits that did not see what they judge."""

@@ -1,0 +1,84 @@
+"""The experiment that would separate effects that a log leaves tied."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from capture_cli.sim.starts import model_starts
+from capture_cli.sim.windows import Windows, cut
+from capture_cli.simulator import placed_name
+from capture_cli.stages.model_fits import Fit, ModelFits
+from capture_cli.stages.record import multisine
+
+BANDS = ((0.1, 0.5), (0.5, 3.0), (3.0, 10.0))  # Hz
+SHARES = (0.3, 1.0)  # of the largest input in the log
+DURATION = 3.0  # s
+RATE = 250.0  # Hz
+ENOUGH = 3.0  # times the noise floor: a difference that a test will see
+
+
+def next_experiment(fits: ModelFits, mine: Fit, others: Sequence[Fit], seed: int) -> dict[str, Any] | None:
+    """Of a menu of multisines from rest, the one under which `mine` and its nearest rival differ most.
+
+    None where the task has no inputs, or no experiment of the menu can be simulated.
+    """
+    task, log = fits.prepared.task, fits.prepared.log
+    peaks = np.abs(log.inputs).max(axis=0)
+    if not task.inputs or not others or not peaks.any():
+        return None
+    best = None
+    for band in BANDS:
+        for share in SHARES:
+            tape = share * peaks * multisine(_times(task), len(peaks), band, np.random.default_rng(seed))
+            separation = min(_separation(fits, mine, other, _windows(task, tape)) for other in others)
+            if np.isfinite(separation) and (best is None or separation > best["separation"]):
+                best = {"band_hz": list(band), "peaks": (share * peaks).tolist(), "separation": separation}
+    return None if best is None else {**best, "duration_s": DURATION, "text": _text(task, best, mine, others)}
+
+
+def _times(task) -> np.ndarray:
+    interval = max(task.timestep, 1 / RATE)
+    return interval * np.arange(int(DURATION / interval) + 1)
+
+
+def _windows(task, tape: np.ndarray) -> Windows:
+    return cut(
+        time=_times(task),
+        inputs=tape,
+        outputs=np.zeros((len(tape), len(task.outputs))),
+        episodes=[slice(0, len(tape))],
+        timestep=task.timestep,
+        duration=None,
+        linear=np.array([c.linear for c in task.inputs], dtype=bool),
+    )
+
+
+def _separation(fits: ModelFits, mine: Fit, other: Fit, windows: Windows) -> float:
+    """RMS difference of the two models' outputs over the noise floor; NaN where one diverges."""
+    starts = model_starts(fits.prepared.task.model, 1).starts
+    outputs = []
+    for fit in (mine, other):
+        simulated = fits.simulator(fit.effects).simulate(windows, starts, fit.point[None])
+        if simulated.diverged.any():
+            return float("nan")
+        outputs.append(simulated.outputs[0][windows.mask] / fits.prepared.noise.sd)
+    return float(np.sqrt(np.square(outputs[0] - outputs[1]).mean()))
+
+
+def _text(task, best: dict[str, Any], mine: Fit, others: Sequence[Fit]) -> str:
+    peaks = ", ".join(f"{c.name} {p:.3g} {c.unit}" for c, p in zip(task.inputs, best["peaks"], strict=True))
+    own = {placed_name(*e) for e in mine.effects}
+    rivals = sorted({placed_name(*e) for o in others for e in o.effects} - own)
+    low, high = best["band_hz"]
+    separate = (
+        f"they would differ by {best['separation']:.2g} times the noise floor"
+        if best["separation"] > ENOUGH
+        else f"even so they would differ by no more than {best['separation']:.2g} times the noise floor"
+    )
+    return (
+        f"to tell it from {', '.join(rivals)}: drive from rest for {DURATION:g} s with a multisine of "
+        f"{low:g} to {high:g} Hz that peaks at {peaks}; {separate}"
+    )
