@@ -28,7 +28,8 @@ def main() -> None:
             result, path = measure(name, benchmark(logs=options.logs, folder=options.out))
             _print(f"{name}: {benchmark.summary}", result.figures, path)
     except CaptureError as error:
-        sys.exit(f"error: {error}")
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)
 
 
 def _print(title: str, figures: list[Figure], path: Path) -> None:

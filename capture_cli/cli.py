@@ -48,6 +48,9 @@ app = typer.Typer(
 
 def main() -> None:
     """Run the command line; every way out has an exit code and, if it is an error, one message."""
+    # small matrices by the thousand: more than one thread of linear algebra only spins
+    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
     debug = "--debug" in sys.argv
     arguments = [a for a in sys.argv[1:] if a != "--debug"]
     try:

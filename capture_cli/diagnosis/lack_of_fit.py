@@ -24,11 +24,12 @@ class LackOfFit:
 def lack_of_fit(sum_of_squares: float, degrees: float, autocorrelation_time: float) -> LackOfFit:
     """Compare a residual's sum of squares, in units of the noise variance, with its degrees of freedom.
 
-    Under the null their ratio has mean 1 and variance 2 t / n (t the autocorrelation time in steps) plus that of the
-    noise floor, itself estimated from as many samples.
+    Under the null the residual is the noise, which the floor takes to be white: their ratio has mean 1 and variance
+    2 / n, plus that of the floor, itself estimated from as many samples. The autocorrelation time is reported only: a
+    residual that is not white is no reason to ask for less.
     """
     variance = sum_of_squares / max(degrees, 1.0)
-    spread = np.sqrt(2 * autocorrelation_time / max(degrees, 1.0) * 3 + (2 * FLOOR_UNCERTAINTY) ** 2)
+    spread = np.sqrt(2 / max(degrees, 1.0) * 3 + (2 * FLOOR_UNCERTAINTY) ** 2)
     threshold = float(max(np.sqrt(1 + Z * spread), PRACTICAL))
     normalized = float(np.sqrt(variance))
     return LackOfFit(normalized, threshold, float(autocorrelation_time), normalized > threshold)

@@ -82,6 +82,10 @@ class Effect(ABC):
         axes = [_spread(p, count) if p.name in self.shapes else [p.nominal] for p in self.parameters]
         return np.stack([a.ravel() for a in np.meshgrid(*axes, indexing="ij")], axis=-1)
 
+    def doubt(self, values: np.ndarray, duration: float) -> str | None:
+        """Why `values` (parameter,) cannot be believed from episodes of `duration` s, or None."""
+        return None
+
     def write(self, fields: ModelFields, values: np.ndarray) -> None:  # noqa: B027
         """Place "model": set fields from `values` (simulation, parameter), on top of what is there."""
 

@@ -7,6 +7,8 @@ import numpy as np
 from capture_cli.effects._joint_force import JointForce
 from capture_cli.parameters import Parameter
 
+FEWEST_PERIODS = 2.0
+
 
 def periodic_disturbance(time, *, sine, cosine, frequency):
     """Joint force: sine sin(2 pi f t) + cosine cos(2 pi f t), f the frequency in Hz, t the log's time."""
@@ -22,6 +24,12 @@ class PeriodicDisturbance(JointForce):
     summary = "a force that repeats with time: vibration from outside"
     shapes = ("frequency",)
     kernel = staticmethod(periodic_disturbance)
+
+    def doubt(self, values, duration):
+        periods = values[2] * duration
+        if periods < FEWEST_PERIODS:
+            return f"only {periods:.2g} of its periods fit into an episode: any slow change looks like that"
+        return None
 
     @property
     def parameters(self):

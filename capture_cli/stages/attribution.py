@@ -243,15 +243,20 @@ class Attribution:
         length = int(np.ceil(BLOCK_TIMES * after.autocorrelation_time))
         return paired_p_value(before.blocks(length), after.blocks(length), self.seed)
 
-    @staticmethod
-    def _implausible(current: Fit, fit: Fit, candidate: Candidate) -> str | None:
+    def _implausible(self, current: Fit, fit: Fit, candidate: Candidate) -> str | None:
         """Evidence against an effect that fits: it runs to its bound, or drives a declared parameter to one.
 
         A declared parameter may fall to zero: then it had been standing in for the effect.
         """
         x = fit.space.to_unit(fit.point)
         prefix = candidate.name + "."
-        for i in [i for i, n in enumerate(fit.space.names) if n.startswith(prefix)]:
+        own = [i for i, n in enumerate(fit.space.names) if n.startswith(prefix)]
+        log = self.fits.prepared.log
+        duration = max(log.time[e.stop - 1] - log.time[e.start] for e in log.episodes)
+        doubt = candidate.effect[1].doubt(fit.point[own], float(duration))
+        if doubt:
+            return doubt
+        for i in own:
             null = (fit.space.nominal[i] - fit.space.low[i]) / fit.space.span[i]
             if min(x[i], 1 - x[i]) < AT_BOUND and abs(x[i] - null) > AT_BOUND:
                 return (
