@@ -37,6 +37,7 @@ CAPTIONS = {
     "docs/benchmarks.md": "figures measured, each with its command",
     "docs/commands.md": "every command and option",
     "docs/concepts.md": "windows, starts, noise floor, intervals, verdicts, and their limits",
+    "docs/diagnosis.md": "how a missing effect is found, what it found on real machines, and its limits",
     "docs/effects.md": "every effect, where it sits and its parameters",
     "docs/findings.md": "what was found out on the way, with dates; failures too",
     "docs/images": "the pictures of these pages",

@@ -10,6 +10,7 @@ LEVEL = 0.01  # chance of accepting anything where nothing is missing, over all 
 SELECT_LEVEL = 0.05  # one-sided, of the paired test on data that was not fitted, with all other effects in
 # While other effects are still missing the right one need not help everywhere: it may enter, and is judged at the end.
 ENTRY_LEVEL = 0.25
+ENTRY_RATIO = 0.9  # of squared errors: or it lowers the whole, if not window by window
 RESAMPLES = 4000
 BLOCK_TIMES = 2  # a block lasts so many autocorrelation times of the residual
 TINY = 1e-300  # a sum of squares that is nothing
@@ -17,21 +18,36 @@ TINY = 1e-300  # a sum of squares that is nothing
 
 @dataclass(frozen=True)
 class Support:
-    """For one effect: p_fit (corrected for the number of candidates), p_select, and the decrease of BIC."""
+    """For one effect: p_fit (corrected for the number of candidates), p_select, the decrease of BIC, and select_ratio,
+    the squared error with it over that without it on data that was not fitted.
+    """
 
     p_fit: float
     p_select: float
     bic_gain: float
+    select_ratio: float
 
-    def reason_against(self, select_level: float = SELECT_LEVEL) -> str | None:
+    def reason_against(self) -> str | None:
         """Why the effect is not accepted, or None."""
+        if self.p_select > SELECT_LEVEL:
+            return self._reason_of_fit() or self._not_better()
+        return self._reason_of_fit()
+
+    def reason_against_entry(self) -> str | None:
+        """Why the effect may not even enter while others may still be missing, or None."""
+        if self.p_select > ENTRY_LEVEL and self.select_ratio > ENTRY_RATIO:
+            return self._reason_of_fit() or self._not_better()
+        return self._reason_of_fit()
+
+    def _reason_of_fit(self) -> str | None:
         if self.p_fit > LEVEL:
             return f"its size cannot be told from zero (p = {self.p_fit:.2g} over all candidates)"
         if self.bic_gain <= 0:
             return f"it is not worth its parameters (BIC rises by {-self.bic_gain:.3g})"
-        if self.p_select > select_level:
-            return f"data that was not fitted is not explained better (p = {self.p_select:.2g})"
         return None
+
+    def _not_better(self) -> str:
+        return f"data that was not fitted is not explained better (p = {self.p_select:.2g})"
 
 
 def wald_p_value(size: np.ndarray, covariance: np.ndarray, degrees: float, candidates: int) -> float:

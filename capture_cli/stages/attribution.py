@@ -10,8 +10,6 @@ import numpy as np
 
 from capture_cli.diagnosis.acceptance import (
     BLOCK_TIMES,
-    ENTRY_LEVEL,
-    SELECT_LEVEL,
     TINY,
     Support,
     bic_gain,
@@ -126,8 +124,8 @@ class Attribution:
             current = found.fit
             self._fitted[frozenset(placed_name(*e) for e in current.effects)] = current
             self.stages.append((f"+ {found.name}", current))
-            current = self._backward(current, self.accepted[:-1], ENTRY_LEVEL)
-        current = self._backward(current, self.accepted, SELECT_LEVEL)
+            current = self._backward(current, self.accepted[:-1], Support.reason_against_entry)
+        current = self._backward(current, self.accepted, Support.reason_against)
         return self._compare_with_rivals(current)
 
     # --- forward ---
@@ -199,7 +197,7 @@ class Attribution:
             return
         candidate.fit = fit
         candidate.support, candidate.select = self._support(current, fit, candidate.effect, before, tried)
-        reason = candidate.support.reason_against(ENTRY_LEVEL)
+        reason = candidate.support.reason_against_entry()
         candidate.why_rejected = reason or self._implausible(current, fit, candidate)
 
     @staticmethod
@@ -223,8 +221,9 @@ class Attribution:
         gain = bic_gain(before_fit.squares, fit.squares, self._effective_samples(fit), added)
         after = self.judge(fit)
         if after is None:
-            return Support(p_fit, 0.0, gain), None
-        return Support(p_fit, self._paired(before, after), gain), after
+            return Support(p_fit, 0.0, gain, 0.0), None
+        ratio = float(after.squares.sum() / before.squares.sum())
+        return Support(p_fit, self._paired(before, after), gain, ratio), after
 
     def judge(self, fit: Fit) -> PartFit | None:
         """The model on windows that it is not fitted to; refitted for each fold where there are several."""
@@ -308,8 +307,8 @@ class Attribution:
 
     # --- backward ---
 
-    def _backward(self, current: Fit, judged: Sequence[Accepted], level: float) -> Fit:
-        """Drop, weakest first, the effects among `judged` that the model does not need."""
+    def _backward(self, current: Fit, judged: Sequence[Accepted], reason: Callable) -> Fit:
+        """Drop, weakest first, the effects among `judged` that there is a `reason` against, given the others."""
         judged = list(judged)
         while judged:
             weakest, without = None, None
@@ -321,7 +320,7 @@ class Attribution:
                 before = self.judge(fit)
                 tried = len(self.candidates)
                 accepted.support, _ = self._support(fit, current, accepted.effect, before, tried)
-                if accepted.support.reason_against(level) and (
+                if reason(accepted.support) and (
                     weakest is None or accepted.support.bic_gain < weakest.support.bic_gain
                 ):
                     weakest, without = accepted, fit
@@ -331,7 +330,7 @@ class Attribution:
             self.accepted.remove(weakest)
             self._candidate(
                 weakest.name
-            ).why_rejected = f"with the other effects in: {weakest.support.reason_against(level)}"
+            ).why_rejected = f"with the other effects in: {reason(weakest.support)}"
             current = without
             self.stages.append((f"- {weakest.name}", current))
         return current
