@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from capture_cli.diagnosis.acceptance import bic_gain, block_squares, paired_p_value, wald_p_value
+from capture_cli.diagnosis.acceptance import bic_gain, block_squares, paired_p_value, ratio_p_value
 from capture_cli.diagnosis.localisation import accelerations, curve
 from capture_cli.diagnosis.noise_floor import from_differences, noise_floor
 from capture_cli.diagnosis.split import ENOUGH_WINDOWS, select_folds, split_windows
@@ -83,11 +83,16 @@ def test_blocks_hold_every_square_once():
     assert len(blocks) == 3 + 3 + 2
 
 
-def test_wald_counts_the_candidates():
-    one = wald_p_value(np.array([3.0]), np.eye(1), 1e6, 1)
-    assert one == pytest.approx(0.0027, rel=0.02)
-    assert wald_p_value(np.array([3.0]), np.eye(1), 1e6, 50) == pytest.approx(50 * one, rel=1e-6)
-    assert wald_p_value(np.array([3.0]), np.eye(1), 3, 1) > 5 * one  # few degrees: less sure
+def test_ratio_test_has_its_level_and_counts_the_candidates():
+    generator = np.random.default_rng(2)
+    noise = generator.standard_normal((600, 100))
+    column = np.ones(100) / 10
+    after = np.square(noise).sum(axis=1) - np.square(noise @ column)  # one useless parameter fitted
+    p = [ratio_p_value(float(n @ n), float(a), 99, 1, 1) for n, a in zip(noise, after, strict=True)]
+    rejected = np.sum(np.array(p) < 0.05)
+    assert 12 <= rejected <= 52  # binomial(600, 0.05) is outside with probability 2e-4
+    assert ratio_p_value(1.2, 1.0, 99, 1, 1) < 1e-4
+    assert ratio_p_value(1.2, 1.0, 99, 1, 50) == pytest.approx(50 * ratio_p_value(1.2, 1.0, 99, 1, 1))
 
 
 def test_bic_charges_for_parameters():

@@ -14,12 +14,11 @@ from capture_cli.diagnosis.acceptance import (
     Support,
     bic_gain,
     paired_p_value,
-    wald_p_value,
+    ratio_p_value,
 )
 from capture_cli.diagnosis.score import Score, score, similarity
 from capture_cli.diagnosis.split import Folds
 from capture_cli.effects import REGISTRY
-from capture_cli.identifiers.intervals import intervals
 from capture_cli.linearization import autocorrelation_time
 from capture_cli.simulator import placed_name
 from capture_cli.stages.model_fits import Fit, ModelFits, PartFit, Placed
@@ -214,11 +213,10 @@ class Attribution:
     def _support(self, before_fit: Fit, fit: Fit, effect: Placed, before: PartFit | None, tried: int):
         """Support for `effect` in `fit` over `before_fit`, and how `fit` does on the select part."""
         added = len(effect[1].parameters)
-        amplitudes = _amplitudes(fit, effect)
-        found = intervals(fit.at)
-        size = fit.point[amplitudes] - fit.space.nominal[amplitudes]
-        p_fit = wald_p_value(size, found.covariance[np.ix_(amplitudes, amplitudes)], found.degrees, tried)
-        gain = bic_gain(before_fit.squares, fit.squares, self._effective_samples(fit), added)
+        samples = self._effective_samples(fit)
+        free = samples - len(fit.space)
+        p_fit = ratio_p_value(before_fit.squares, fit.squares, free, added, tried)
+        gain = bic_gain(before_fit.squares, fit.squares, samples, added)
         after = self.judge(fit)
         if after is None:
             return Support(p_fit, 0.0, gain, 0.0), None
@@ -411,15 +409,6 @@ class Attribution:
         if support.reason_against() or self._implausible(without, fit, found):
             return None
         return found
-
-
-def _amplitudes(fit: Fit, effect: Placed) -> list[int]:
-    """Indices in the fit's space of the effect's amplitudes."""
-    prefix = placed_name(*effect) + "."
-    shapes = effect[1].shapes
-    return [
-        i for i, n in enumerate(fit.space.names) if n.startswith(prefix) and n[len(prefix) :] not in shapes
-    ]
 
 
 def _probes(effect, amplitudes: list[int]) -> tuple[np.ndarray, np.ndarray]:
