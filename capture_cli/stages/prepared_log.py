@@ -95,16 +95,7 @@ def prepare(
     check_fits(log, task)
     duration = window if window is not None else task.log.window
     _check_long_enough(log, duration)
-    linear = np.array([c.linear for c in task.inputs], dtype=bool)
-    windows = cut(
-        time=log.time,
-        inputs=log.inputs,
-        outputs=log.outputs,
-        episodes=log.episodes,
-        timestep=task.timestep,
-        duration=duration,
-        linear=linear,
-    )
+    windows = _cut(log, task, duration)
     noise = noise_floor(log.outputs, log.episodes, [c.noise_sd for c in task.outputs])
     sensors = [c.sensor for c in task.outputs]
     starts = estimate_starts(
@@ -118,7 +109,7 @@ def prepare(
         noise_sd=noise.sd,
         unmeasured=None
         if measures_every_coordinate(task.model, sensors)
-        else _simulate_episodes(log, task, windows, linear),
+        else _simulate_episodes(log, task, windows),
     )
     split = split_windows(
         episode=windows.episode,
@@ -130,18 +121,23 @@ def prepare(
     return PreparedLog(task, log, windows, starts, noise, split)
 
 
-def _simulate_episodes(log: MeasuredLog, task: Task, windows: Windows, linear: np.ndarray) -> StartEstimate:
-    """What the coordinates that no output measures do when the nominal model is driven through whole episodes."""
-    model = task.model
-    whole = cut(
+def _cut(log: MeasuredLog, task: Task, duration: float | None) -> Windows:
+    """Windows of `duration` s, or of whole episodes where None."""
+    return cut(
         time=log.time,
         inputs=log.inputs,
         outputs=log.outputs,
         episodes=log.episodes,
         timestep=task.timestep,
-        duration=None,
-        linear=linear,
+        duration=duration,
+        linear=np.array([c.linear for c in task.inputs], dtype=bool),
     )
+
+
+def _simulate_episodes(log: MeasuredLog, task: Task, windows: Windows) -> StartEstimate:
+    """What the coordinates that no output measures do when the nominal model is driven through whole episodes."""
+    model = task.model
+    whole = _cut(log, task, None)
     first = {e: i for i, e in reversed(list(enumerate(whole.episode)))}
     own = model_starts(model, len(whole)).starts
     fields = ModelFields(model, len(whole))
