@@ -46,7 +46,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=FOLDER, help="where lines and summary go")
     parser.add_argument("--summary", action="store_true", help="only sum up the lines that there are")
     options = parser.parse_args()
-    provenance = Provenance("benchmarks planted", vars(options), {})
+    provenance = Provenance("benchmarks planted", {k: v for k, v in vars(options).items() if k != "out"}, {})
     if not options.summary:
         results.add(_chosen(options), options.out, options.jobs)
     for figure in sum_up(options.out, provenance):
