@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from capture_cli.linearization import Linearization, autocorrelation_time
+
 PRACTICAL = 1.1  # error over the noise floor below which nobody would look for a missing effect
 FLOOR_UNCERTAINTY = 0.03  # of the noise floor's own standard deviation, on top of its sampling error
 Z = 3.0  # one-sided, p = 0.0013
@@ -21,15 +23,17 @@ class LackOfFit:
     lacking: bool
 
 
-def lack_of_fit(sum_of_squares: float, degrees: float, autocorrelation_time: float) -> LackOfFit:
-    """Compare a residual's sum of squares, in units of the noise variance, with its degrees of freedom.
+def lack_of_fit(at: Linearization) -> LackOfFit:
+    """Compare the residual of a fit, in units of the noise, with its degrees of freedom.
 
     Under the null the residual is the noise, which the floor takes to be white: their ratio has mean 1 and variance
     2 / n, plus that of the floor, itself estimated from as many samples. The autocorrelation time is reported only: a
     residual that is not white is no reason to ask for less.
     """
-    variance = sum_of_squares / max(degrees, 1.0)
-    spread = np.sqrt(2 / max(degrees, 1.0) * 3 + (2 * FLOOR_UNCERTAINTY) ** 2)
+    evidence = at.evidence
+    degrees = max(evidence.count - len(at.x) - at.fitted_starts, 1.0)
+    normalized = float(np.sqrt(np.square(at.residual).sum() / degrees))
+    spread = np.sqrt(2 / degrees * 3 + (2 * FLOOR_UNCERTAINTY) ** 2)
     threshold = float(max(np.sqrt(1 + Z * spread), PRACTICAL))
-    normalized = float(np.sqrt(variance))
-    return LackOfFit(normalized, threshold, float(autocorrelation_time), normalized > threshold)
+    time = autocorrelation_time(at.residual.reshape(evidence.measured.shape), evidence.mask)
+    return LackOfFit(normalized, threshold, time, normalized > threshold)

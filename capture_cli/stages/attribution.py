@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import mujoco
 import numpy as np
@@ -159,7 +159,7 @@ class Attribution:
         space = effect.space
         amplitudes = [i for i, n in enumerate(space.names) if n not in effect.shapes]
         probes, steps = _probes(effect, amplitudes)
-        residuals, diverged = self.fits.probe(part, _with(current, at), candidate.effect, probes)
+        residuals, diverged = self.fits.probe(part, replace(current, at=at), candidate.effect, probes)
         if diverged.all():
             candidate.why_rejected = "every simulation with it diverged"
             return
@@ -436,19 +436,12 @@ def _thinned(part: PreparedLog, fit: Fit):
     thinned = part.part(keep)
     at = fit.at
     rows = thinned.windows.measured.shape[1] * thinned.windows.measured.shape[2]
-    evidence = at.evidence.rows(keep)
-    evidence = type(evidence)(
-        evidence.space, thinned.windows.measured, thinned.windows.mask, evidence.noise_sd, evidence.start_sd
+    evidence = replace(at.evidence.rows(keep), measured=thinned.windows.measured, mask=thinned.windows.mask)
+    return thinned, replace(
+        at,
+        evidence=evidence,
+        offsets=at.offsets[keep],
+        residual=at.residual[keep, :rows],
+        by_parameter=at.by_parameter[keep, :rows],
+        by_start=at.by_start[keep, :rows],
     )
-    return thinned, type(at)(
-        evidence,
-        at.x,
-        at.offsets[keep],
-        at.residual[keep, :rows],
-        at.by_parameter[keep, :rows],
-        at.by_start[keep, :rows],
-    )
-
-
-def _with(fit: Fit, at) -> Fit:
-    return Fit(fit.effects, fit.space, fit.point, at)

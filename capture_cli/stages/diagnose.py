@@ -13,7 +13,6 @@ from capture_cli.diagnosis.localisation import accelerations, curve
 from capture_cli.diagnosis.split import select_folds
 from capture_cli.errors import FitError, OptionError, StoreError
 from capture_cli.identifiers.intervals import Intervals, intervals
-from capture_cli.linearization import autocorrelation_time
 from capture_cli.simulator import placed_name
 from capture_cli.stages.attribution import Attribution, Candidate
 from capture_cli.stages.model_fits import EXACT, Fit, ModelFits, PartFit
@@ -136,7 +135,7 @@ class _Work:
             self.fits,
             self.folds,
             seed=self.seed,
-            is_explained=lambda fit: not self._lack(fit).lacking,
+            is_explained=lambda fit: not lack_of_fit(fit.at).lacking,
             on_step=self._tell,
         )
         last = attribution.run(declared)
@@ -153,7 +152,7 @@ class _Work:
             self.fits,
             self.folds,
             seed=self.seed,
-            is_explained=lambda fit: not self._lack(fit).lacking,
+            is_explained=lambda fit: not lack_of_fit(fit.at).lacking,
             candidates=[Candidate(term) for term in terms],
             on_step=self._tell,
         )
@@ -183,12 +182,6 @@ class _Work:
         keep = np.isin(self.part, parts)
         return self.prepared.part(keep) if keep.any() else None
 
-    def _lack(self, fit: Fit) -> LackOfFit:
-        evidence = fit.at.evidence
-        free = evidence.count - len(fit.space) - fit.at.fitted_starts
-        residual = fit.at.residual.reshape(evidence.measured.shape)
-        return lack_of_fit(fit.squares, free, autocorrelation_time(residual, evidence.mask))
-
     def _models(self, attribution: Attribution, last: Fit) -> list[tuple[str, Fit, Fit, PartFit | None]]:
         """The declared model and each with one more accepted effect.
 
@@ -209,7 +202,7 @@ class _Work:
 
     def _diagnosis(self, attribution: Attribution, models) -> Diagnosis:
         before, after = models[0][2], models[-1][2]
-        lacking_before, lacking = self._lack(models[0][1]), self._lack(models[-1][1])
+        lacking_before, lacking = lack_of_fit(models[0][1].at), lack_of_fit(models[-1][1].at)
         stages = [self._stage(*m) for m in models]
         log, task = self.prepared.log, self.prepared.task
         names = [c.name for c in task.outputs]

@@ -13,7 +13,7 @@ from capture_cli.identifiers import REGISTRY
 from capture_cli.identifiers.base import Best, Identifier, Trial, run
 from capture_cli.identifiers.intervals import Intervals, intervals
 from capture_cli.identifiers.least_squares import LeastSquares
-from capture_cli.linearization import Linearization, autocorrelation_time, columns
+from capture_cli.linearization import Linearization, columns
 from capture_cli.parameters import ParameterSpace
 from capture_cli.simulator import Simulator
 from capture_cli.stages.prepared_log import PreparedLog, check_parameters_move_outputs, find_task, prepare
@@ -117,7 +117,7 @@ class _Report:
             offsets[self.is_test] = self._refine_starts(self.prepared.part(self.is_test))
         simulated, nominal = self._curves(offsets)
         recordings = self._recordings(fitted, found)
-        lacking = self._lack_of_fit(fitted)
+        lacking = lack_of_fit(fitted)
         document = self._document(found, lacking, simulated, recordings)
         return Estimate(
             document, self._arrays(found, offsets, simulated, nominal, recordings), self._attributes()
@@ -152,12 +152,6 @@ class _Report:
             np.repeat(offsets[None], 2, axis=0),
         )
         return simulated.outputs[0], simulated.outputs[1]
-
-    def _lack_of_fit(self, fitted: Linearization) -> LackOfFit:
-        evidence = fitted.evidence
-        squares = float(np.square(fitted.residual).sum())
-        time = autocorrelation_time(fitted.residual.reshape(evidence.measured.shape), evidence.mask)
-        return lack_of_fit(squares, evidence.count - len(self.space) - fitted.fitted_starts, time)
 
     # --- several recordings ---
 
