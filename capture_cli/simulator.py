@@ -76,6 +76,24 @@ class Simulator:
         self.rollouts += candidates * len(windows)
         return Simulated(outputs, diverged)
 
+    def trajectories(self, parameters: np.ndarray, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """One episode per row: state trajectories (simulation, point, feature) and diverged (simulation,).
+
+        parameters (simulation, parameter), actions (simulation, action); the task is an ActionTask.
+        """
+        task, count = self.task, len(actions)
+        episodes = task.episodes(actions)
+        sensors, diverged = self._step(
+            episodes.starts,
+            task.controls(episodes.inputs),
+            np.arange(count),
+            task.grid_steps,
+            np.asarray(parameters, dtype=float),
+        )
+        self.rollouts += count
+        points = np.rint(task.point_times / task.timestep).astype(int)
+        return task.observe(sensors[:, points]), diverged
+
     def _run(self, windows: Windows, starts: Starts, parameters: np.ndarray, offsets: np.ndarray | None):
         """Outputs on the grid (candidate, window, grid, output) and diverged (candidate, window)."""
         candidates, count = len(parameters), len(windows)
@@ -84,13 +102,21 @@ class Simulator:
         starts = starts.rows(row)
         if offsets is not None:
             starts = shift(self.task.model, starts, offsets.reshape(len(row), -1))
-        controls, row = self._drive(self.task.controls(windows.controls), row, each)
+        sensors, diverged = self._step(
+            starts, self.task.controls(windows.controls), row, int(windows.grid_steps.max()), each
+        )
+        shape = (candidates, count)
+        return sensors.reshape(*shape, *sensors.shape[1:]), diverged.reshape(shape)
+
+    def _step(self, starts: Starts, controls: np.ndarray, row: np.ndarray, steps: int, each: np.ndarray):
+        """Outputs on the grid (simulation, grid, output) and diverged (simulation,); each (simulation, parameter)."""
+        controls, row = self._drive(controls, row, each)
         measures = any(effect.place == "measurement" for _, effect in self.effects)
         rollouts = self.engine.rollout(
             starts=starts,
             controls=controls,
             control_row=row,
-            steps=int(windows.grid_steps.max()),
+            steps=steps,
             fields=self._fields(each),
             forces=self._forces(each),
             columns=None if measures else self._sensors,
@@ -100,8 +126,7 @@ class Simulator:
             for (_, effect), columns in zip(self.effects, self._columns, strict=True):
                 sensors = effect.measure(sensors, each[:, columns], self.task.timestep)
             sensors = sensors[..., self._sensors]
-        shape = (candidates, count)
-        return sensors.reshape(*shape, *sensors.shape[1:]), rollouts.diverged.reshape(shape)
+        return sensors, rollouts.diverged
 
     def _fields(self, each: np.ndarray) -> ModelFields:
         fields = ModelFields(self.task.model, len(each))

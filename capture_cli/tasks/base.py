@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from capture_cli.parameters import ParameterSpace
-from capture_cli.sim.engine import ModelFields
+from capture_cli.sim.engine import ModelFields, Starts
 
 
 @dataclass(frozen=True)
@@ -65,3 +65,55 @@ class Task(ABC):
         ctrl = np.zeros((*inputs.shape[:-1], self.model.nu))
         ctrl[..., [c.index for c in self.inputs]] = inputs
         return ctrl
+
+
+@dataclass(frozen=True)
+class Episodes:
+    """What a batch of episodes starts from and is driven by: starts, and inputs (episode, grid, input) at model steps."""
+
+    starts: Starts
+    inputs: np.ndarray
+
+
+@dataclass(frozen=True)
+class Feature:
+    """One component of a state trajectory. scale: a typical size of it, in `unit`, that identifiers divide by."""
+
+    name: str
+    unit: str
+    scale: float
+
+
+class ActionTask(Task):
+    """A task whose every episode is driven by one action and observed as one state trajectory (paper, Section III-A).
+
+    actions: the components of an action, with units and ranges. features: those of the trajectory. point_times
+    (point,): s after the start of an episode, where the trajectory is read; the last one ends the episode.
+    trainable: whether `reward` and `success` are defined, as a policy that is to be trained needs them.
+    """
+
+    actions: ParameterSpace
+    features: tuple[Feature, ...]
+    point_times: np.ndarray
+    trainable: bool = False
+
+    @abstractmethod
+    def episodes(self, actions: np.ndarray) -> Episodes:
+        """What the actions (episode, action) do."""
+
+    def observe(self, outputs: np.ndarray) -> np.ndarray:
+        """Outputs (..., point, output) at `point_times` as a state trajectory (..., point, feature)."""
+        return outputs
+
+    def reward(self, actions: np.ndarray, trajectories: np.ndarray) -> np.ndarray:
+        """What each episode was worth, (episode,); actions (episode, action), trajectories (episode, point, feature)."""
+        raise NotImplementedError(f"{self.name} defines no reward")
+
+    def success(self, actions: np.ndarray, trajectories: np.ndarray) -> np.ndarray:
+        """Whether each episode did what the task is about, bool (episode,)."""
+        raise NotImplementedError(f"{self.name} defines no success")
+
+    @property
+    def grid_steps(self) -> int:
+        """Model steps of an episode, its first state counted."""
+        return round(float(self.point_times[-1]) / self.timestep) + 1
