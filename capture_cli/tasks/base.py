@@ -69,7 +69,7 @@ class Task(ABC):
 
 @dataclass(frozen=True)
 class Episodes:
-    """What a batch of episodes starts from and is driven by: starts, and inputs (episode, grid, input) at model steps."""
+    """What a batch of episodes starts from, and its inputs (episode, grid, input) at the model's steps."""
 
     starts: Starts
     inputs: np.ndarray
@@ -106,7 +106,10 @@ class ActionTask(Task):
         return outputs
 
     def reward(self, actions: np.ndarray, trajectories: np.ndarray) -> np.ndarray:
-        """What each episode was worth, (episode,); actions (episode, action), trajectories (episode, point, feature)."""
+        """What each episode was worth, (episode,).
+
+        actions (episode, action), trajectories (episode, point, feature).
+        """
         raise NotImplementedError(f"{self.name} defines no reward")
 
     def success(self, actions: np.ndarray, trajectories: np.ndarray) -> np.ndarray:
