@@ -10,7 +10,7 @@ import numpy as np
 from capture_cli.effects.base import Effect
 from capture_cli.parameters import Parameter, ParameterSpace
 from capture_cli.sim.engine import Engine, Force, ModelFields, Starts
-from capture_cli.sim.starts import shift
+from capture_cli.sim.starts import ReportedMotion, shift
 from capture_cli.sim.windows import Windows
 from capture_cli.tasks.base import Task
 
@@ -55,12 +55,18 @@ class Simulator:
         self._sensors = np.array([c.index for c in task.outputs])
 
     def simulate(
-        self, windows: Windows, starts: Starts, parameters: np.ndarray, offsets: np.ndarray | None = None
+        self,
+        windows: Windows,
+        starts: Starts,
+        parameters: np.ndarray,
+        offsets: np.ndarray | None = None,
+        reported: ReportedMotion | None = None,
     ) -> Simulated:
         """Simulate every window under every candidate.
 
         starts: one per window. parameters (candidate, parameter). offsets (candidate, window, state): how far each
-        start is moved, in the tangent space of the state; None moves none.
+        start is moved, in the tangent space of the state; None moves none. reported: what the starts were read off,
+        where that was the sensors: the measurement effects correct them.
         """
         parameters = np.atleast_2d(np.asarray(parameters, dtype=float))
         candidates = len(parameters)
@@ -69,7 +75,8 @@ class Simulator:
         for group in _by_length(windows.grid_steps):
             part = windows.rows(group)
             moved = None if offsets is None else offsets[:, group]
-            sensors, bad = self._run(part, starts.rows(group), parameters, moved)
+            motion = None if reported is None else reported.rows(group)
+            sensors, bad = self._run(part, starts.rows(group), parameters, moved, motion)
             samples = part.sample(sensors)
             outputs[:, group, : samples.shape[2]] = samples
             diverged[:, group] = bad
@@ -94,7 +101,7 @@ class Simulator:
         points = np.rint(task.point_times / task.timestep).astype(int)
         return task.observe(sensors[:, points]), diverged
 
-    def _run(self, windows: Windows, starts: Starts, parameters: np.ndarray, offsets: np.ndarray | None):
+    def _run(self, windows: Windows, starts: Starts, parameters: np.ndarray, offsets, reported):
         """Outputs on the grid (candidate, window, grid, output) and diverged (candidate, window)."""
         candidates, count = len(parameters), len(windows)
         each = np.repeat(parameters, count, axis=0)  # simulation = candidate * count + window
@@ -102,6 +109,8 @@ class Simulator:
         starts = starts.rows(row)
         if offsets is not None:
             starts = shift(self.task.model, starts, offsets.reshape(len(row), -1))
+        if reported is not None and any(effect.place == "measurement" for _, effect in self.effects):
+            starts = shift(self.task.model, starts, self._start_change(reported.rows(row), each))
         sensors, diverged = self._step(
             starts, self.task.controls(windows.controls), row, int(windows.grid_steps.max()), each
         )
@@ -127,6 +136,14 @@ class Simulator:
                 sensors = effect.measure(sensors, each[:, columns], self.task.timestep)
             sensors = sensors[..., self._sensors]
         return sensors, rollouts.diverged
+
+    def _start_change(self, reported: ReportedMotion, each: np.ndarray) -> np.ndarray:
+        """How far starts are from where the sensors showed them, (simulation, state)."""
+        true = reported.jets
+        for (_, effect), columns in reversed(list(zip(self.effects, self._columns, strict=True))):
+            true = effect.true_motion(true, each[:, columns])
+        model = self.task.model
+        return reported.start_change(true, 2 * model.nv + model.na)
 
     def _fields(self, each: np.ndarray) -> ModelFields:
         fields = ModelFields(self.task.model, len(each))

@@ -148,6 +148,17 @@ class SensorEffect(Effect):
         sensors[..., self.columns] = reported(sensors[..., self.columns])
         return sensors
 
+    def true_motion(self, jets, values):
+        if self.site != GLOBAL and is_quaternion(self.model, site_id(self.model, "sensor", self.site)):
+            return jets  # orientations
+        true = jets.copy()
+        true[..., self.columns] = self.undone(jets[..., self.columns], values)
+        return true
+
+    def undone(self, jets: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """Jets (simulation, 3, column) of this sensor's columns without the effect: `true_motion`, in short."""
+        return jets
+
     def companion(self, name, values):
         numbers = {n: v[0] if v.shape[1] > 1 else v[0, 0] for n, v in self.coefficients(values[None]).items()}
         reported, _ = call(name, self.kernel, ["sensors[..., at]"], numbers)
@@ -174,6 +185,14 @@ class TimeEffect(SensorEffect):
     def sites(cls, model: mujoco.MjModel) -> list[str]:
         sensors = super().sites(model)
         return [GLOBAL, *sensors] if len(sensors) > 1 else sensors
+
+
+def earlier(jets: np.ndarray, delay: np.ndarray) -> np.ndarray:
+    """Jets (simulation, 3, column) of a motion that was reported `delay` (simulation, 1) late, in s."""
+    value, slope, curvature = jets[:, 0], jets[:, 1], jets[:, 2]
+    return np.stack(
+        [value + delay * slope + delay**2 / 2 * curvature, slope + delay * curvature, curvature], axis=1
+    )
 
 
 def at_times(series: np.ndarray, steps: np.ndarray) -> np.ndarray:

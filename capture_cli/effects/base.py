@@ -104,6 +104,15 @@ class Effect(ABC):
         """Place "measurement": sensordata (simulation, grid, column), on that grid, as it is reported."""
         return sensors
 
+    def true_motion(self, jets: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """Place "measurement": how the sensors' numbers moved in truth where they were reported to move as `jets`.
+
+        jets (simulation, 3, column): value, slope and curvature of each column of sensordata at the start of a
+        simulation, per s and s^2. A start that was read off the sensors is corrected by it. As it is where the effect
+        does not shift what is reported, or not in a way that can be undone.
+        """
+        return jets
+
     def companion(self, name: str, values: np.ndarray) -> Companion:
         """Places other than "model": how a plain loop applies the effect at `values` (parameter,).
 

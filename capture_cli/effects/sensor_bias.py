@@ -32,3 +32,8 @@ class SensorBias(NumberEffect):
 
     def coefficients(self, values):
         return {"offset": values}
+
+    def undone(self, jets, values):
+        true = jets.copy()
+        true[:, 0] -= values
+        return true

@@ -32,3 +32,7 @@ class SensorClockRate(TimeEffect):
     @property
     def parameters(self):
         return (Parameter("error", "1", -0.05, 0.05, 0.0),)
+
+    def undone(self, jets, values):
+        rate = 1 + values
+        return np.stack([jets[:, 0], jets[:, 1] / rate, jets[:, 2] / rate**2], axis=1)

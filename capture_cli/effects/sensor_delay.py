@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from capture_cli.effects._sensor_effect import TimeEffect, at_times
+from capture_cli.effects._sensor_effect import TimeEffect, at_times, earlier
 from capture_cli.parameters import Parameter
 
 
@@ -22,3 +22,6 @@ class SensorDelay(TimeEffect):
     @property
     def parameters(self):
         return (Parameter("delay", "s", 0.0, 0.1, 0.0),)
+
+    def undone(self, jets, values):
+        return earlier(jets, values)

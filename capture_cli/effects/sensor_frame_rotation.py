@@ -59,6 +59,9 @@ class SensorFrameRotation(SensorEffect):
     def coefficients(self, values):
         return {"angle" if self.pair else "rotation": values}
 
+    def undone(self, jets, values):
+        return self.kernel(jets, **{n: -v[:, None] for n, v in self.coefficients(values).items()})
+
     @property
     def columns(self):
         return [int(self.model.sensor_adr[s]) for s in self.pair] if self.pair else super().columns

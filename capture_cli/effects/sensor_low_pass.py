@@ -35,3 +35,8 @@ class SensorLowPass(TimeEffect):
     @property
     def parameters(self):
         return (Parameter("time_constant", "s", 0.0, 0.1, 0.0),)
+
+    def undone(self, jets, values):
+        value, slope, curvature = jets[:, 0], jets[:, 1], jets[:, 2]
+        # x = y + T y', and the third derivative is not known
+        return np.stack([value + values * slope, slope + values * curvature, curvature], axis=1)

@@ -20,3 +20,6 @@ class SensorScale(NumberEffect):
     @property
     def parameters(self):
         return (Parameter("change", "1", -0.2, 0.2, 0.0),)
+
+    def undone(self, jets, values):
+        return jets / (1 + values[:, None])

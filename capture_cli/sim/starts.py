@@ -9,7 +9,7 @@ that rests stays where it is.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
@@ -29,19 +29,65 @@ class StartEstimate:
     """Starts (one per window) and the standard deviation of each tangent coordinate, (window, state).
 
     The state is (positions (nv), velocities (nv), activations (na)); positions are in the tangent space, so that
-    quaternions are moved by a rotation vector.
+    quaternions are moved by a rotation vector. reported: the motion that the sensors showed there; None where the
+    starts come from elsewhere.
     """
 
     starts: Starts
     sd: np.ndarray
+    reported: ReportedMotion | None = None
+
+    def rows(self, keep) -> StartEstimate:
+        """Those of the windows at `keep`."""
+        reported = None if self.reported is None else self.reported.rows(keep)
+        return StartEstimate(self.starts.rows(keep), self.sd[keep], reported)
+
+
+@dataclass(frozen=True)
+class ReportedMotion:
+    """How the numbers of a log moved where its windows start, and which coordinates were read off them.
+
+    jets (window, 3, column): value, slope and curvature, per s and s^2, of each column of sensordata; 0 where it is
+    not an output. position, velocity: pairs (column, tangent coordinate) that each was taken from. lag: s, how long
+    before the time of a state its velocity is that of its path.
+    """
+
+    jets: np.ndarray
+    position: tuple[tuple[int, int], ...]
+    velocity: tuple[tuple[int, int], ...]
+    slope: tuple[tuple[int, int], ...]
+    lag: float
+
+    def rows(self, keep) -> ReportedMotion:
+        """That of the windows at `keep`."""
+        return replace(self, jets=self.jets[keep])
+
+    def start_change(self, true: np.ndarray, states: int) -> np.ndarray:
+        """How far starts move, (simulation, state), where the jets (simulation, 3, column) were `true` in truth.
+
+        Orientations are left as they were reported.
+        """
+        change = true - self.jets
+        offsets = np.zeros((len(change), states))
+        for values, pairs in (
+            (change[:, 0], (*self.position, *self.velocity)),
+            (change[:, 1] - self.lag * change[:, 2], self.slope),
+        ):
+            for column, state in pairs:
+                offsets[:, state] = values[:, column]
+        return offsets
 
 
 @dataclass(frozen=True)
 class _Source:
-    """Output columns that give some tangent coordinates: `kind` is position, velocity or orientation."""
+    """Output columns that give some tangent coordinates: `kind` is position, velocity or orientation.
+
+    data: where in sensordata they stand.
+    """
 
     kind: str
     columns: tuple[int, ...]
+    data: tuple[int, ...]
     dofs: tuple[int, ...]
     qpos: tuple[int, ...]
 
@@ -70,6 +116,7 @@ def estimate_starts(
     sd = believed.sd.copy()
     sources = _sources(model, sensors)
     lag = _velocity_lag(model)
+    jets = np.zeros((count, 3, model.nsensordata))
     measured_velocity = {d for s in sources if s.kind == "velocity" for d in s.dofs}
     for w in range(count):
         steps = episodes[int(window_episode[w])]
@@ -86,6 +133,7 @@ def estimate_starts(
                 qpos[w, list(source.qpos)] = quat
             else:
                 fit = _local_fit(time[steps], series, at - steps.start, noise_sd[columns])
+                jets[w][:, list(source.data)] = fit.value, fit.slope, fit.curvature
                 if source.kind == "position":
                     qpos[w, list(source.qpos)] = fit.value
             dofs = np.array(source.dofs)
@@ -98,7 +146,22 @@ def estimate_starts(
             qvel[w, dofs[new]] = (fit.slope - change)[new]
             left = LAG_LEFT * (np.linalg.norm(change) if source.kind == "orientation" else change)
             sd[w, nv + dofs[new]] = PRIOR_INFLATION * np.hypot(fit.slope_sd, left)[new]
-    return StartEstimate(Starts(qpos, qvel, act, np.asarray(time)[window_first].astype(float)), sd)
+    starts = Starts(qpos, qvel, act, np.asarray(time)[window_first].astype(float))
+    return StartEstimate(starts, sd, _reported(jets, sources, measured_velocity, nv, lag))
+
+
+def _reported(
+    jets, sources: list[_Source], measured_velocity: set[int], nv: int, lag: float
+) -> ReportedMotion:
+    pairs: dict[str, list[tuple[int, int]]] = {"position": [], "velocity": [], "orientation": [], "slope": []}
+    for source in sources:
+        for column, dof in zip(source.data, source.dofs, strict=False):
+            pairs[source.kind].append((column, dof + nv if source.kind == "velocity" else dof))
+            if source.kind == "position" and dof not in measured_velocity:
+                pairs["slope"].append((column, dof + nv))
+    return ReportedMotion(
+        jets, tuple(pairs["position"]), tuple(pairs["velocity"]), tuple(pairs["slope"]), lag
+    )
 
 
 def shift(model: mujoco.MjModel, starts: Starts, offsets: np.ndarray) -> Starts:
@@ -155,26 +218,30 @@ def _sources(model: mujoco.MjModel, sensors: Sequence[int]) -> list[_Source]:
     for sensor in dict.fromkeys(int(s) for s in sensors):
         columns = tuple(np.flatnonzero(sensors == sensor).tolist())
         what, which = int(model.sensor_type[sensor]), int(model.sensor_objid[sensor])
+        first = int(model.sensor_adr[sensor])
+        data = tuple(range(first, first + int(model.sensor_dim[sensor])))
         if what in (kind.mjSENS_JOINTPOS, kind.mjSENS_JOINTVEL):
             name = "position" if what == kind.mjSENS_JOINTPOS else "velocity"
             sources.append(
-                _Source(name, columns, (int(model.jnt_dofadr[which]),), (int(model.jnt_qposadr[which]),))
+                _Source(
+                    name, columns, data, (int(model.jnt_dofadr[which]),), (int(model.jnt_qposadr[which]),)
+                )
             )
         elif what == kind.mjSENS_BALLQUAT:
             dof, adr = int(model.jnt_dofadr[which]), int(model.jnt_qposadr[which])
             sources.append(
-                _Source("orientation", columns, tuple(range(dof, dof + 3)), tuple(range(adr, adr + 4)))
+                _Source("orientation", columns, data, tuple(range(dof, dof + 3)), tuple(range(adr, adr + 4)))
             )
         elif what in (kind.mjSENS_FRAMEPOS, kind.mjSENS_FRAMEQUAT) and _is_free_body_frame(model, sensor):
             joint = int(model.body_jntadr[which])
             dof, adr = int(model.jnt_dofadr[joint]), int(model.jnt_qposadr[joint])
             if what == kind.mjSENS_FRAMEPOS:
                 sources.append(
-                    _Source("position", columns, tuple(range(dof, dof + 3)), tuple(range(adr, adr + 3)))
+                    _Source("position", columns, data, tuple(range(dof, dof + 3)), tuple(range(adr, adr + 3)))
                 )
             else:
                 dofs, adrs = tuple(range(dof + 3, dof + 6)), tuple(range(adr + 3, adr + 7))
-                sources.append(_Source("orientation", columns, dofs, adrs))
+                sources.append(_Source("orientation", columns, data, dofs, adrs))
     return [s for s in sources if len(s.columns) == len(s.qpos)]
 
 

@@ -54,7 +54,7 @@ class PreparedLog:
             self.task,
             self.log,
             self.windows.rows(keep),
-            StartEstimate(self.starts.starts.rows(keep), self.starts.sd[keep]),
+            self.starts.rows(keep),
             self.noise,
             Split(self.split.is_test[keep], self.split.how),
         )
@@ -66,7 +66,10 @@ class PreparedLog:
 
     def evaluate(self, simulator: Simulator, trial: Trial) -> tuple[np.ndarray, np.ndarray]:
         """Simulated outputs (candidate, window, step, output) and diverged (candidate, window) of a trial."""
-        simulated = simulator.simulate(self.windows, self.starts.starts, trial.parameters, trial.offsets)
+        starts = self.starts
+        simulated = simulator.simulate(
+            self.windows, starts.starts, trial.parameters, trial.offsets, starts.reported
+        )
         return simulated.outputs, simulated.diverged
 
 
