@@ -101,6 +101,10 @@ class ActionTask(Task):
     def episodes(self, actions: np.ndarray) -> Episodes:
         """What the actions (episode, action) do."""
 
+    def draw_actions(self, uniform: np.ndarray) -> np.ndarray:
+        """Actions (n, action) to explore with, from draws (n, action) of [0, 1); uniform over `actions`."""
+        return self.actions.from_unit(uniform)
+
     def observe(self, outputs: np.ndarray) -> np.ndarray:
         """Outputs (..., point, output) at `point_times` as a state trajectory (..., point, feature)."""
         return outputs
