@@ -112,14 +112,30 @@ class Simulator:
         if reported is not None and any(effect.place == "measurement" for _, effect in self.effects):
             starts = shift(self.task.model, starts, self._start_change(reported.rows(row), each))
         sensors, diverged = self._step(
-            starts, self.task.controls(windows.controls), row, int(windows.grid_steps.max()), each
+            starts,
+            self.task.controls(windows.controls),
+            row,
+            int(windows.grid_steps.max()),
+            each,
+            past=self.task.controls(windows.past),
         )
         shape = (candidates, count)
         return sensors.reshape(*shape, *sensors.shape[1:]), diverged.reshape(shape)
 
-    def _step(self, starts: Starts, controls: np.ndarray, row: np.ndarray, steps: int, each: np.ndarray):
-        """Outputs on the grid (simulation, grid, output) and diverged (simulation,); each (simulation, parameter)."""
-        controls, row = self._drive(controls, row, each)
+    def _step(
+        self,
+        starts: Starts,
+        controls: np.ndarray,
+        row: np.ndarray,
+        steps: int,
+        each: np.ndarray,
+        past: np.ndarray | None = None,
+    ):
+        """Outputs on the grid (simulation, grid, output) and diverged (simulation,); each (simulation, parameter).
+
+        past (row, lead, nu): what came before `controls` (row, grid, nu); their first values where None.
+        """
+        controls, row = self._drive(controls, row, each, past)
         measures = any(effect.place == "measurement" for _, effect in self.effects)
         rollouts = self.engine.rollout(
             starts=starts,
@@ -157,13 +173,21 @@ class Simulator:
         forces = (effect.force(each[:, columns], self.task.timestep) for (_, effect), columns in pairs)
         return [f for f in forces if f is not None]
 
-    def _drive(self, controls: np.ndarray, row: np.ndarray, each: np.ndarray):
+    def _drive(self, controls: np.ndarray, row: np.ndarray, each: np.ndarray, past: np.ndarray | None):
         if not any(effect.place == "control" for _, effect in self.effects):
             return controls, row
+        own = [
+            (effect, each[:, columns])
+            for (_, effect), columns in zip(self.effects, self._columns, strict=True)
+        ]
+        memory = sum(effect.memory(values) for effect, values in own)
+        lead = 0 if past is None else min(int(np.ceil(memory / self.task.timestep)), past.shape[1])
+        if lead:
+            controls = np.concatenate([past[:, -lead:], controls], axis=1)
         controls = controls[row]
-        for (_, effect), columns in zip(self.effects, self._columns, strict=True):
-            controls = effect.drive(controls, each[:, columns], self.task.timestep)
-        return controls, np.arange(len(row))
+        for effect, values in own:
+            controls = effect.drive(controls, values, self.task.timestep)
+        return controls[:, lead:], np.arange(len(row))
 
 
 def placed_name(name: str, effect: Effect) -> str:

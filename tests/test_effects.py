@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -13,7 +14,13 @@ from capture_cli import effects
 from capture_cli.effects.base import GLOBAL, PLACES
 from capture_cli.errors import ModelError
 from capture_cli.sim import engine as engine_module
-from capture_cli.sim.engine import ModelFields, Starts
+from capture_cli.sim.engine import Engine, ModelFields, Starts
+from capture_cli.sim.starts import model_starts
+from capture_cli.sim.windows import LEAD, cut
+from capture_cli.simulator import Simulator
+from capture_cli.tasks import load_task
+
+SLIDER = Path(__file__).parents[1] / "benchmarks" / "machines" / "slider" / "task.toml"
 
 # -- the contract, for every effect
 
@@ -293,6 +300,45 @@ def test_controls_arrive_as_the_effects_say():
     start_of_step = 1 - np.exp(-np.arange(4) / 2)
     mean = 1 - 2 * (np.exp(-np.arange(3) / 2) - np.exp(-np.arange(1, 4) / 2))
     assert np.allclose(lag[1:], mean) and (lag[1:] > start_of_step[:-1]).all()
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "tolerance"),
+    [("control-delay", 0.0234, 1e-12), ("control-lag", 0.05, 1e-8), ("control-rate-limit", 0.2, 1e-12)],
+)
+def test_an_actuator_knows_in_a_window_what_came_before_it(name, value, tolerance):
+    """Windows that begin in true states end up where the simulation of the whole episode does."""
+    task = load_task(str(SLIDER))
+    effect = effects.REGISTRY.get(name)(task.model, "drive")
+    time = 0.004 * np.arange(750)
+    log = {"time": time, "inputs": 30 * np.sign(np.sin(61 * time))[:, None], "outputs": np.zeros((750, 1))}
+    options = {"episodes": [slice(0, 750)], "timestep": task.timestep, "linear": np.array([False])}
+    whole, windows = (cut(**log, **options, duration=d) for d in (None, 0.5))
+    values = np.array([[value]])
+    rollout = Engine(task.model, 1).rollout(
+        starts=model_starts(task.model, 1).starts,
+        controls=effect.drive(task.controls(whole.controls), values, task.timestep),
+        steps=int(whole.grid_steps[0]),
+        states=True,
+    )
+    at = np.rint(windows.time / task.timestep).astype(int)
+    starts = Starts(rollout.qpos[0, at], rollout.qvel[0, at], np.zeros((len(at), 0)), windows.time)
+    point = np.concatenate([task.space.nominal, [value]])
+    simulated = Simulator(task, [(name, effect)], threads=1).simulate(windows, starts, point[None]).outputs[0]
+    expected = whole.sample(rollout.sensors[None])[0, 0].reshape(len(at), -1, 1)
+    assert len(at) > 4
+    np.testing.assert_allclose(simulated, expected, rtol=0, atol=tolerance)
+    held = Simulator(task, [(name, effect)], threads=1).simulate(
+        replace(windows, past=windows.past[:, :0]), starts, point[None]
+    )
+    assert np.abs(held.outputs[0] - expected)[1:].max() > 1e-4
+
+
+def test_no_actuator_remembers_longer_than_windows_know():
+    for name in NAMES:
+        for _, effect in placed(name):
+            assert effect.memory(effect.space.high[None]) <= LEAD
+            assert effect.memory(effect.space.nominal[None]) == 0
 
 
 def measure(name: str, series: np.ndarray, *values: float) -> np.ndarray:

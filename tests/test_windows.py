@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from capture_cli.sim.windows import GAP_FACTOR, Windows, cut
+from capture_cli.sim.windows import GAP_FACTOR, LEAD, Windows, cut
 
 TIMESTEP = 1 / 512  # s; this and all times are dyadic, so that sums of them are exact
 TICK = TIMESTEP / 4
@@ -98,6 +98,31 @@ def test_inputs_are_held_or_interpolated_on_the_grid(times, duration, linear):
 
 
 @settings(max_examples=60, deadline=None)
+@given(episodes(), st.sampled_from(DURATIONS), st.booleans())
+def test_the_past_of_a_window_is_that_of_its_log_back_to_a_gap(times, duration, linear):
+    windows, log = windows_of(times, duration, linear)
+    lead = windows.past.shape[1]
+    for w, steps in enumerate(steps_of(windows)):
+        begin = np.cumsum([len(t) for t in times])[windows.episode[w]] - len(times[windows.episode[w]])
+        before = is_gap(times[windows.episode[w]])[: steps[0] - begin]
+        known = begin + int(np.flatnonzero(before)[-1] + 1 if before.any() else 0)
+        time, inputs = log["time"][known : steps[-1] + 1], log["inputs"][known : steps[-1] + 1]
+        assert windows.time[w] - time[0] <= lead * TIMESTEP
+        for g in range(lead):
+            t = windows.time[w] - (lead - g) * TIMESTEP
+            held = inputs[max(np.sum(time <= t) - 1, 0)]
+            expected = [held[0], np.interp(t, time, inputs[:, 1]) if linear else held[1]]
+            np.testing.assert_allclose(windows.past[w, g], expected, rtol=1e-12, atol=1e-12)
+
+
+def test_the_past_is_no_longer_than_any_actuator_remembers():
+    windows, _ = windows_of([np.arange(4000) / 256], 0.5)
+    assert windows.past.shape[1] == LEAD / TIMESTEP
+    whole, _ = windows_of([np.arange(400) / 256], None)
+    assert whole.past.shape[1] == 0
+
+
+@settings(max_examples=60, deadline=None)
 @given(episodes(), st.sampled_from(DURATIONS))
 def test_samples_are_interpolated_at_the_logs_times(times, duration):
     windows, log = windows_of(times, duration)
@@ -142,6 +167,7 @@ def test_rows_keep_windows_and_trim_padding(times, duration, random):
         for name in ("index", "weight", "measured", "mask"):
             np.testing.assert_array_equal(getattr(some, name)[row, :n], getattr(windows, name)[w, :n])
         np.testing.assert_array_equal(some.controls[row, :g], windows.controls[w, :g])
+        np.testing.assert_array_equal(some.past[row], windows.past[w])
     by_mask = windows.rows(np.isin(np.arange(len(windows)), keep))
     np.testing.assert_array_equal(by_mask.measured, some.measured)
 

@@ -100,6 +100,10 @@ class Effect(ABC):
         """Place "control": ctrl (simulation, grid, nu), on the model's grid, as the actuators receive it."""
         return controls
 
+    def memory(self, values: np.ndarray) -> float:
+        """Place "control": for how long, in s, a control still shows at `values` (simulation, parameter)."""
+        return 0.0
+
     def measure(self, sensors: np.ndarray, values: np.ndarray, timestep: float) -> np.ndarray:
         """Place "measurement": sensordata (simulation, grid, column), on that grid, as it is reported."""
         return sensors

@@ -38,3 +38,6 @@ class ControlDelay(ActuatorEffect):
     @property
     def parameters(self):
         return (Parameter("delay", "s", 0.0, 0.1, 0.0),)
+
+    def memory(self, values):
+        return float(values.max())

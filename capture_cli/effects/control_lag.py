@@ -7,6 +7,8 @@ import numpy as np
 from capture_cli.effects._actuator_effect import ActuatorEffect
 from capture_cli.parameters import Parameter
 
+FORGOTTEN = 20.0  # time constants, after which 2e-9 of a deviation is left
+
 
 class Lag:
     """A first-order lag, x' = (control - x) / time_constant; the mean of x over the step."""
@@ -34,3 +36,6 @@ class ControlLag(ActuatorEffect):
     @property
     def parameters(self):
         return (Parameter("time_constant", "s", 0.0, 0.2, 0.0),)
+
+    def memory(self, values):
+        return FORGOTTEN * float(values.max())

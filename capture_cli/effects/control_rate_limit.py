@@ -39,3 +39,6 @@ class ControlRateLimit(ActuatorEffect):
     @property
     def parameters(self):
         return (Parameter("slowness", f"s/{UNIT}", 0.0, SLOWEST / self.scale, 0.0),)
+
+    def memory(self, values):
+        return 2 * self.scale * float(values.max())

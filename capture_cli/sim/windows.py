@@ -15,6 +15,8 @@ import numpy as np
 GRID_TOLERANCE = 1e-3
 # A gap this many median sampling intervals long ends a window: nobody knows what drove the machine in it.
 GAP_FACTOR = 20.0
+# s of inputs kept from before each window: what a late or sluggish actuator still answers to at its start
+LEAD = 4.0
 
 
 @dataclass(frozen=True)
@@ -23,7 +25,8 @@ class Windows:
 
     episode (window,): which episode each comes from. first (window,): its first step in the log.
     time (window,): s, the log's time at its start. grid_steps (window,): model steps needed.
-    controls (window, grid, input): ctrl at each model step.
+    controls (window, grid, input): ctrl at each model step. past (window, lead, input): likewise at the steps before,
+    up to the one before the window; where the log does not reach back so far, its first values.
     index (window, step), weight (window, step): a sample lies between grid points index and index + 1, at weight.
     measured (window, step, output). mask (window, step): False for padding.
     """
@@ -33,6 +36,7 @@ class Windows:
     time: np.ndarray
     grid_steps: np.ndarray
     controls: np.ndarray
+    past: np.ndarray
     index: np.ndarray
     weight: np.ndarray
     measured: np.ndarray
@@ -59,6 +63,7 @@ class Windows:
             time=self.time[keep],
             grid_steps=self.grid_steps[keep],
             controls=self.controls[keep, :grid],
+            past=self.past[keep],
             index=self.index[keep, :steps],
             weight=self.weight[keep, :steps],
             measured=self.measured[keep, :steps],
@@ -90,19 +95,21 @@ def cut(
     an episode that is shorter than half a window is joined to the window before it.
     """
     spans = [
-        (number, a, b)
+        (number, known, a, b)
         for number, steps in enumerate(episodes)
-        for a, b in _spans(time[steps], steps.start, duration)
+        for known, a, b in _spans(time[steps], steps.start, duration)
     ]
-    steps = max(b - a for _, a, b in spans)
-    grids = np.array([_grid_steps(time[a:b], timestep) for _, a, b in spans])
+    steps = max(b - a for _, _, a, b in spans)
+    grids = np.array([_grid_steps(time[a:b], timestep) for _, _, a, b in spans])
     count, grid = len(spans), int(grids.max())
-    controls = np.zeros((count, grid, inputs.shape[1]))
+    reach = max(time[a] - time[known] for _, known, a, _ in spans)
+    lead = int(np.ceil(min(reach, LEAD) / timestep - GRID_TOLERANCE))
+    controls = np.zeros((count, lead + grid, inputs.shape[1]))
     index = np.zeros((count, steps), dtype=np.int64)
     weight = np.zeros((count, steps))
     measured = np.zeros((count, steps, outputs.shape[1]))
     mask = np.zeros((count, steps), dtype=bool)
-    for w, (number, a, b) in enumerate(spans):
+    for w, (number, known, a, b) in enumerate(spans):
         position = (time[a:b] - time[a]) / timestep
         index[w, : b - a] = np.floor(position + GRID_TOLERANCE)
         weight[w, : b - a] = np.maximum(position - index[w, : b - a], 0.0)
@@ -111,14 +118,15 @@ def cut(
         stop = episodes[
             number
         ].stop  # the input after the last sample of a window is known, if not of an episode
-        on_grid = time[a] + timestep * np.arange(grid)
-        controls[w] = _on_grid(time[a:stop], inputs[a:stop], on_grid, timestep, linear)
+        on_grid = time[a] + timestep * np.arange(-lead, grid)
+        controls[w] = _on_grid(time[known:stop], inputs[known:stop], on_grid, timestep, linear)
     return Windows(
-        episode=np.array([n for n, _, _ in spans]),
-        first=np.array([a for _, a, _ in spans]),
-        time=np.array([time[a] for _, a, _ in spans]),
+        episode=np.array([n for n, _, _, _ in spans]),
+        first=np.array([a for _, _, a, _ in spans]),
+        time=np.array([time[a] for _, _, a, _ in spans]),
         grid_steps=grids,
-        controls=controls,
+        controls=controls[:, lead:],
+        past=controls[:, :lead],
         index=index,
         weight=weight,
         measured=measured,
@@ -127,18 +135,18 @@ def cut(
     )
 
 
-def _spans(time: np.ndarray, offset: int, duration: float | None) -> list[tuple[int, int]]:
-    """[first, last) steps of each window of one episode."""
+def _spans(time: np.ndarray, offset: int, duration: float | None) -> list[tuple[int, int, int]]:
+    """Of each window of one episode: since which step its inputs are known, and its [first, last) steps."""
     spans = []
     for a, b in _without_gaps(time):
         if duration is None:
-            spans.append((offset + a, offset + b))
+            spans.append((offset + a, offset + a, offset + b))
             continue
         tolerance = 0.5 * float(np.median(np.diff(time[a:b]))) if b - a > 1 else 0.0
         count = max(1, round((time[b - 1] - time[a] + 2 * tolerance) / duration))
         edges = a + np.searchsorted(time[a:b], time[a] + duration * np.arange(count) - tolerance)
-        spans += [(offset + i, offset + j) for i, j in _with_two_samples(edges, b)]
-    return [(i, j) for i, j in spans if j - i >= 2]
+        spans += [(offset + a, offset + i, offset + j) for i, j in _with_two_samples(edges, b)]
+    return [(known, i, j) for known, i, j in spans if j - i >= 2]
 
 
 def _with_two_samples(edges: np.ndarray, stop: int) -> list[tuple[int, int]]:
