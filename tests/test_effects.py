@@ -83,6 +83,31 @@ def test_a_batch_in_chunks_is_its_simulations_one_by_one(name, monkeypatch):
     assert np.array_equal(batch, alone)
 
 
+MEASUREMENTS = [n for n in NAMES if effects.REGISTRY.get(n).place == "measurement"]
+
+
+@pytest.mark.parametrize("name", MEASUREMENTS)
+def test_a_true_motion_is_reported_as_it_was_seen(name):
+    """Even motions, which every kernel continues exactly: what `true_motion` makes of a report gives that report."""
+    rng = np.random.default_rng(1)
+    for where, effect in placed(name):
+        model, timestep = machine(where), machine(where).opt.timestep
+        jets = rng.normal(size=(4, 3, model.nsensordata)) * np.array([1.0, 1.0, 0.0])[:, None]
+        values = np.stack([away(effect, part) for part in (0.1, 0.4, 0.7, 1.0)])
+        true = effect.true_motion(jets, values)
+        time = timestep * np.arange(5)
+        series = true[:, :1] + true[:, 1:2] * time[:, None]
+        seen = effect.measure(series, values, timestep)
+        slope = (seen[:, 2] - seen[:, 1]) / timestep
+        if name == "sensor-quantisation":
+            assert np.array_equal(true, jets)  # rounding cannot be undone
+            continue
+        np.testing.assert_allclose(seen[:, 0], jets[:, 0], atol=1e-9)
+        np.testing.assert_allclose(slope, jets[:, 1], atol=1e-7)
+        null = np.repeat(effect.space.nominal[None], 4, axis=0)
+        assert np.array_equal(effect.true_motion(jets, null), jets)
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_what_it_is_given_stays_as_it_is(name):
     where, effect = placed(name)[0]

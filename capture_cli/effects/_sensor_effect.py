@@ -149,8 +149,6 @@ class SensorEffect(Effect):
         return sensors
 
     def true_motion(self, jets, values):
-        if self.site != GLOBAL and is_quaternion(self.model, site_id(self.model, "sensor", self.site)):
-            return jets  # orientations
         true = jets.copy()
         true[..., self.columns] = self.undone(jets[..., self.columns], values)
         return true
