@@ -240,3 +240,23 @@ def test_shift_moves_quaternions_by_a_rotation(model):
     assert moved.qpos[1, 0] == 0.25
     np.testing.assert_allclose(moved.qpos[1, 1:5], [np.sqrt(0.5), 0, 0, np.sqrt(0.5)], atol=1e-12)
     assert moved.qvel[1, 0] == start.qvel[1, 0] - 1
+
+
+def test_a_corrected_report_moves_the_coordinates_that_were_read_off_it(model, motion):
+    """Position off its own sensor; velocity off its own where there is one, and off the slope where there is none."""
+    nv = model.nv
+    for names, moves_velocity in ((("x",), True), (("x", "v"), False)):
+        found, _ = estimate(model, motion, names, noise=1e-4)
+        reported = found.reported
+        x, v = model.sensor("x").adr[0], model.sensor("v").adr[0]
+        true = reported.jets.copy()
+        true[:, 0, x] += 0.5
+        true[:, 1, x] += 0.25
+        true[:, 0, v] += 0.125
+        change = reported.start_change(true, 2 * nv)
+        expected = np.zeros((len(change), 2 * nv))
+        expected[:, 0] = 0.5
+        expected[:, nv] = 0.25 if moves_velocity else 0.125
+        np.testing.assert_allclose(change, expected)
+        assert not reported.start_change(reported.jets, 2 * nv).any()
+    assert found.rows(slice(2)).reported.jets.shape[0] == 2
