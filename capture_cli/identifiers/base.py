@@ -20,7 +20,20 @@ class Best:
     error: float
 
 
-class Identifier(ABC):
+class AskTell(ABC):
+    """What every identifier is: it asks, is told, and knows its best.
+
+    There are two kinds: an `Identifier` fits the windows of a whole log; a `RoundIdentifier` (rounds.py) proposes
+    parameters round by round, one measured rollout at a time, for many pairs at once.
+    """
+
+    @property
+    @abstractmethod
+    def best(self):
+        """The best so far."""
+
+
+class Identifier(AskTell):
     """Finds the parameters that `evidence` was made with.
 
     start: where to begin (parameter,), and offsets (window, state): with which offsets of the windows' starts (none

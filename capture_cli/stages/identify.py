@@ -9,7 +9,7 @@ import numpy as np
 
 from capture_cli.diagnosis.lack_of_fit import LackOfFit, lack_of_fit
 from capture_cli.errors import FitError
-from capture_cli.identifiers import REGISTRY
+from capture_cli.identifiers import log_identifier
 from capture_cli.identifiers.base import Best, Identifier, Trial, run
 from capture_cli.identifiers.intervals import Intervals, intervals
 from capture_cli.identifiers.least_squares import LeastSquares
@@ -50,7 +50,7 @@ def identify(
     """
     options = {k: v for k, v in locals().items() if k not in ("quiet", "force")}
     refuse_existing(out, force=force)
-    method = REGISTRY.get(identifier)
+    method = log_identifier(identifier)
     log = MeasuredLog.read(real_log)
     found = find_task(task, log)
     provenance = Provenance("identify", options, {"real_log": real_log, "task": getattr(found, "path", None)})

@@ -1,0 +1,34 @@
+"""Domain randomization (Peng et al. 2018, arXiv:1710.06537): no identification, parameters drawn from their range."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from capture_cli.identifiers.rounds import RoundIdentifier
+
+
+class DomainRandomization(RoundIdentifier):
+    """The yardstick: new random parameters every round, which ignore what was measured.
+
+    centre: take the middle of the range instead, which is what a policy trained over the whole range acts on.
+    """
+
+    summary = "no identification: random parameters every round, or the middle of the range"
+
+    def __init__(self, signature, start, *, centre: bool = False, **options):
+        super().__init__(signature, start, **options)
+        self.centre = centre
+        self._generator = np.random.default_rng(self.seed)
+        self._now = self.space.from_unit(np.full(self.start.shape, 0.5)) if centre else self.start
+
+    @property
+    def best(self) -> np.ndarray:
+        return self._now
+
+    def ask(self) -> np.ndarray:
+        return self._now[:, None]
+
+    def tell(self, actions, simulated, measured) -> None:
+        self.round += 1
+        if not self.centre:
+            self._now = self.space.from_unit(self._generator.random(self.start.shape))
