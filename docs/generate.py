@@ -33,6 +33,7 @@ CAPTIONS = {
     "capture_cli/effects/_example_machine.xml": "the machine whose ranges docs/effects.md shows",
     "capture_cli/reports/page.css": "how report.html looks",
     "capture_cli/reports/page.js": "what report.html does: zoom, legends, theme",
+    "capture_cli/tasks/scooping.xml": "the model of object scooping",
     "datasets/README.md": "how the logs shipped here were made",
     "docs/benchmarks.md": "figures measured, each with its command",
     "docs/commands.md": "every command and option",

@@ -1,0 +1,68 @@
+"""Noise on what is measured, never on what is simulated (paper, Appendix: noisy observations).
+
+A pair's noise comes from its own generator and takes the same number of draws in every round, so that it is the same
+however pairs are grouped, and whether its rounds are made at once or one after the other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+
+import numpy as np
+
+from capture_cli.errors import OptionError, did_you_mean
+
+LABEL_EVERY = 3  # rounds; the last of three is random
+SCALE_SPREAD = 0.1
+
+
+def apply(
+    name: str, measured: np.ndarray, generators: Sequence[np.random.Generator], first_round: int = 0
+) -> np.ndarray:
+    """State trajectories (pair, round, point, feature) with the noise `name`; a new array.
+
+    generators: one per pair. first_round: the number of the first of these rounds, where earlier ones were made
+    before with the same generators. Raises OptionError for an unknown name.
+    """
+    noise = _find(name)
+    uniform = [generator.random(measured.shape[1:]) for generator in generators]
+    return noise(measured, np.reshape(uniform, measured.shape), first_round)
+
+
+def check(name: str, features: Iterable[str]) -> None:
+    """Raise OptionError where there is no noise `name`, or none for a trajectory of these features."""
+    features = tuple(features)
+    if _find(name) is _label and features != ("label",):
+        raise OptionError(
+            f"the noise 'label' is for tasks that observe a label, and this one observes {', '.join(features)}",
+            cure="take the noise 'scale', or 'none'",
+        )
+
+
+def _none(measured: np.ndarray, uniform: np.ndarray, first_round: int) -> np.ndarray:
+    return measured.copy()
+
+
+def _label(measured: np.ndarray, uniform: np.ndarray, first_round: int) -> np.ndarray:
+    """Every third label is drawn from -1, 0, 1."""
+    number = first_round + np.arange(measured.shape[1])
+    is_random = (number % LABEL_EVERY == LABEL_EVERY - 1)[:, None, None]
+    return np.where(is_random, np.floor(3 * uniform) - 1, measured)
+
+
+def _scale(measured: np.ndarray, uniform: np.ndarray, first_round: int) -> np.ndarray:
+    """Every value is multiplied by a factor of its own from U(0.9, 1.1)."""
+    return measured * (1 + SCALE_SPREAD * (2 * uniform - 1))
+
+
+NOISES: dict[str, Callable[[np.ndarray, np.ndarray, int], np.ndarray]] = {
+    "none": _none,
+    "label": _label,
+    "scale": _scale,
+}
+
+
+def _find(name: str) -> Callable[[np.ndarray, np.ndarray, int], np.ndarray]:
+    if name not in NOISES:
+        raise OptionError(f"unknown noise {name!r}", cure=did_you_mean(name, NOISES))
+    return NOISES[name]
