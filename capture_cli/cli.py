@@ -415,7 +415,7 @@ def record(
         parameters=_pairs(param, "--param"),
         random_parameters=random_parameters,
         effects=effect,
-        noise=_noise(noise),
+        noise=_sd(noise, "--noise"),
         episodes=episodes,
         duration=duration,
         rate=rate,
@@ -438,13 +438,80 @@ def record(
         )
 
 
-def _noise(texts: list[str]) -> dict[str, float] | float:
+def _sd(texts: list[str], option: str) -> dict[str, float] | float:
     if len(texts) == 1 and "=" not in texts[0]:
         try:
             return float(texts[0])
         except ValueError:
-            raise OptionError(f"--noise {texts[0]!r} is not a number", cure="give SD, or OUTPUT=SD") from None
-    return _pairs(texts, "--noise") if texts else 0.0
+            raise OptionError(f"{option} {texts[0]!r} is not a number", cure="give SD, or NAME=SD") from None
+    return _pairs(texts, option) if texts else 0.0
+
+
+@app.command(name="gen-histories")
+def gen_histories(
+    task: Annotated[str, typer.Option("--task", help="Built-in task, or path of a task.toml.")],
+    out: Annotated[str, typer.Option("--out", help="Histories to write (.zarr): a path, or a URL.")],
+    policy: Annotated[
+        str, typer.Option("--policy", help="Who chooses actions: random, or a checkpoint directory.")
+    ] = "random",
+    search: Annotated[
+        str,
+        typer.Option("--search", help="Strategy: randomized-binary, binary or linear-interpolation."),
+    ] = "randomized-binary",
+    pairs: Annotated[int, typer.Option("--pairs", min=1, help="Number of histories.")] = 1000,
+    rounds: Annotated[int, typer.Option("--rounds", min=2, help="Entries of a history (the paper's L).")] = 7,
+    alpha: Annotated[
+        float | None, typer.Option("--alpha", help="Shape of the symmetric Beta; 5 by default.")
+    ] = None,
+    noise: Annotated[
+        str, typer.Option("--noise", help="On what is measured: none, scale or label, as in the paper.")
+    ] = "none",
+    noise_sd: Annotated[
+        list[str], typer.Option("--noise-sd", help="White noise besides: SD for all features, or FEATURE=SD.")
+    ] = [],  # noqa: B006
+    executor: Annotated[
+        str, typer.Option("--executor", help="Where to simulate: local, or ray for a cluster.")
+    ] = "local",
+    address: Annotated[
+        str | None, typer.Option("--address", help="Address of the Ray cluster; one is started without.")
+    ] = None,
+    seed: Seed = 0,
+    threads: Threads = None,
+    force: Force = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with a run that ended early.")] = False,
+    json_: Json = False,
+    quiet: Quiet = False,
+    config: Config = None,
+) -> None:
+    """Generate adaptation histories: walks from random parameters to a target, with what both would show.
+
+    Example: capture gen-histories --task air-hockey --pairs 1000 --out histories.zarr
+    """
+    from capture_cli.stages.gen_histories import gen_histories as stage
+
+    document = stage(
+        task=task,
+        out=out,
+        policy=policy,
+        search=search,
+        pairs=pairs,
+        rounds=rounds,
+        alpha=alpha,
+        noise=noise,
+        noise_sd=_sd(noise_sd, "--noise-sd"),
+        seed=seed,
+        threads=threads,
+        executor=executor,
+        address=address,
+        force=force,
+        resume=resume,
+        quiet=quiet,
+    )
+    if json_:
+        _print_json(document)
+    elif not quiet:
+        new = f"{document['shards_made']} of {document['shards']} shards are new"
+        print(f"{out}: {document['pairs']} histories of {rounds} rounds; {new}")
 
 
 @app.command()

@@ -18,8 +18,16 @@ class CaptureError(Exception):
         self.message = message
         self.cure = cure
 
+    def __reduce__(self):
+        # what a worker on another host raises is sent here
+        return _raised, (type(self), self.message, self.cure)
+
     def __str__(self) -> str:
         return f"{self.message}\n  cure: {self.cure}"
+
+
+def _raised(kind: type[CaptureError], message: str, cure: str) -> CaptureError:
+    return kind(message, cure=cure)
 
 
 class OptionError(CaptureError):

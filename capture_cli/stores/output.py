@@ -14,6 +14,7 @@ from capture_cli.errors import OutputError
 
 PARTIAL = ".partial-"
 REPLACED = ".replaced-"
+UNFINISHED = ".unfinished"
 PROVENANCE = "provenance.json"
 
 
@@ -42,6 +43,47 @@ def new_directory(path: Path, *, force: bool = False) -> Iterator[Path]:
         raise _as_output_error(error, path) from error
     finally:
         shutil.rmtree(partial, ignore_errors=True)
+
+
+@contextmanager
+def resumable_directory(path: Path, *, force: bool = False, resume: bool = False) -> Iterator[Path]:
+    """Like `new_directory`, for long work: what was written stays beside when the block does not end.
+
+    The folder yielded, `.NAME.unfinished`, is empty or, with `resume`, what an earlier run left. Raises OutputError
+    where there is such a folder and neither `resume` nor `force` is given.
+    """
+    path = Path(path).resolve()
+    refuse_existing(path, force=force)
+    if path.is_file():
+        raise OutputError(f"{path} is a file; the output is a folder", cure="choose another --out")
+    partial = unfinished(path)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if partial.exists() and not resume:
+            if not force:
+                raise OutputError(
+                    f"an earlier run left {path} unfinished (in {partial.name})",
+                    cure="go on with it: --resume; or begin anew: --force",
+                )
+            shutil.rmtree(partial)
+        partial.mkdir(exist_ok=True)
+        yield partial
+        _sync(partial)
+        refuse_existing(path, force=force)  # it may have appeared since
+        _move_into_place(partial, path)
+    except OSError as error:
+        if error.errno == errno.ENOSPC:
+            raise OutputError(
+                f"the disk is full: {path} is unfinished, and what was written is kept",
+                cure="free some space, and go on with --resume",
+            ) from error
+        raise _as_output_error(error, path) from error
+
+
+def unfinished(path: Path) -> Path:
+    """Where `resumable_directory` keeps what is not yet `path`."""
+    path = Path(path).resolve()
+    return path.with_name(f".{path.name}{UNFINISHED}")
 
 
 @contextmanager

@@ -85,7 +85,7 @@ class Schema:
         """
         group = open_group(path)
         attributes = dict(group.attrs)
-        self._check_header(path, attributes)
+        self.check_header(path, attributes)
         arrays = {}
         for spec in self.arrays:
             array = _open_array(path, group, spec.path)
@@ -97,7 +97,7 @@ class Schema:
         self._check_axes(path, arrays)
         return arrays, attributes
 
-    def _check_header(self, path: Path, attributes: Mapping[str, Any]) -> None:
+    def check_header(self, path: Path, attributes: Mapping[str, Any]) -> None:
         found = attributes.get("format")
         if found != self.format:
             what = f"its format is {found!r}" if found else "it has no 'format' attribute"

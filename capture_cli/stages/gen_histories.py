@@ -1,0 +1,281 @@
+"""`capture gen-histories`: walks from sources to targets, and what both sides show on the way (paper, Algorithm 1)."""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from capture_cli import observation_noise
+from capture_cli.errors import OptionError, OutputError, did_you_mean
+from capture_cli.parameters import ParameterSpace
+from capture_cli.search import REGISTRY as SEARCHES
+from capture_cli.search.base import ALPHA, Search
+from capture_cli.stages.history_recipe import Recipe
+from capture_cli.stages.policy_checkpoint import SETTINGS, load_policy
+from capture_cli.stages.progress import Progress
+from capture_cli.stores.histories import SHARD_PAIRS, HistoriesWriter, is_url, shard_rows
+from capture_cli.stores.output import resumable_directory, sha256
+from capture_cli.stores.provenance import Provenance
+from capture_cli.tasks import load_task
+from capture_cli.tasks.base import ActionTask, Feature
+
+ROUNDS = 7  # L of the paper
+EXECUTORS = ("local", "ray")
+
+
+def gen_histories(
+    *,
+    task: str,
+    out: str | Path,
+    policy: str = "random",
+    search: str = "randomized-binary",
+    pairs: int = 1000,
+    rounds: int = ROUNDS,
+    alpha: float | None = None,
+    noise: str = "none",
+    noise_sd: Mapping[str, float] | float = 0.0,
+    seed: int = 0,
+    threads: int | None = None,
+    executor: str = "local",
+    address: str | None = None,
+    shard_pairs: int = SHARD_PAIRS,
+    force: bool = False,
+    resume: bool = False,
+    quiet: bool = True,
+) -> dict[str, Any]:
+    """Write `pairs` histories of `rounds` rounds at `out`, a path or a URL; returns what was done, JSON-able.
+
+    policy: a name, or a checkpoint directory. alpha: shape of the Beta that `search` draws from. noise: one of
+    `observation_noise.NOISES`; noise_sd: standard deviation of white noise besides, per feature or one for all.
+    executor: where shards are made, "local" or "ray" (at `address`). With `resume` a run that ended early goes on,
+    and one that is complete is left as it is. The bytes written do not depend on threads, executor or hosts.
+    Raises CaptureError.
+    """
+    options = {k: v for k, v in locals().items() if k not in ("force", "resume", "quiet")}
+    out = str(out)
+    _check(pairs, rounds, executor, address)
+    machine = _action_task(task)
+    observation_noise.check(noise, [f.name for f in machine.features])
+    recipe = Recipe(
+        task=machine,
+        policy=load_policy(policy, machine),
+        search=_search(search, alpha),
+        rounds=rounds,
+        noise=noise,
+        noise_sd=_noise_sd(noise_sd, machine.features),
+        seed=seed,
+    )
+    attributes = _attributes(recipe, policy, search, pairs, shard_pairs)
+    provenance = Provenance("gen-histories", options, {"task": getattr(machine, "path", None)})
+    if resume and not force and _is_complete(HistoriesWriter(out), attributes):
+        return _summary(out, attributes, made=0, seconds=0.0)
+    began = time.monotonic()
+    with _place(out, force=force, resume=resume) as location:
+        writer = HistoriesWriter(location)
+        todo = _open(writer, attributes, resume)
+        _run(recipe, writer, todo, attributes, executor, address, threads, quiet)
+        writer.finish()
+        if not is_url(location):
+            provenance.write(Path(location))
+    return _summary(out, attributes, made=len(todo), seconds=time.monotonic() - began)
+
+
+# --- what is asked for ---
+
+
+def _check(pairs: int, rounds: int, executor: str, address: str | None) -> None:
+    if pairs < 1:
+        raise OptionError(f"--pairs {pairs}", cure="give at least 1")
+    if rounds < 2:
+        raise OptionError(
+            f"--rounds {rounds}: a history has a source and a target", cure="give at least 2 rounds"
+        )
+    if executor not in EXECUTORS:
+        raise OptionError(f"--executor {executor!r}", cure=did_you_mean(executor, EXECUTORS))
+    if address is not None and executor != "ray":
+        raise OptionError(f"--address {address} without --executor ray", cure="add --executor ray")
+
+
+def _action_task(name: str) -> ActionTask:
+    return load_task(name)
+
+
+def _search(name: str, alpha: float | None) -> Search:
+    cls = SEARCHES.get(name)
+    if alpha is None:
+        return cls()
+    if not cls.takes_alpha:
+        raise OptionError(
+            f"--alpha {alpha:g}: {name} draws from no Beta",
+            cure="leave it out, or --search randomized-binary",
+        )
+    if not 0 < alpha < np.inf:
+        raise OptionError(f"--alpha {alpha:g}", cure=f"give a positive number; the paper's is {ALPHA:g}")
+    return cls(alpha)
+
+
+def _noise_sd(noise_sd: Mapping[str, float] | float, features: Sequence[Feature]) -> tuple[float, ...]:
+    """Standard deviation of white noise per feature."""
+    names = [f.name for f in features]
+    if isinstance(noise_sd, int | float):
+        noise_sd = dict.fromkeys(names, float(noise_sd))
+    for name, sd in noise_sd.items():
+        if name not in names:
+            raise OptionError(
+                f"--noise-sd: a trajectory has no feature {name!r}", cure=did_you_mean(name, names)
+            )
+        if not 0 <= sd < np.inf:
+            raise OptionError(f"--noise-sd {name}={sd:g}", cure="give a standard deviation of 0 or more")
+    return tuple(float(noise_sd.get(name, 0.0)) for name in names)
+
+
+def _attributes(recipe: Recipe, policy: str, search: str, pairs: int, shard_pairs: int) -> dict[str, Any]:
+    """All that the store says of itself; equal attributes mean equal bytes."""
+    task = recipe.task
+    checkpoint = (Path(policy) / SETTINGS).is_file()
+    return {
+        "task": task.name,
+        "model": _model_hash(task.model),
+        "parameters": _box(task.space),
+        "actions": _box(task.actions),
+        "features": [{"name": f.name, "unit": f.unit, "scale": f.scale} for f in task.features],
+        "point_times": np.asarray(task.point_times, dtype=float).tolist(),
+        "pairs": pairs,
+        "shard_pairs": shard_pairs,
+        "rounds": recipe.rounds,
+        "search": search,
+        "alpha": float(recipe.search.alpha) if recipe.search.takes_alpha else None,
+        "noise": recipe.noise,
+        "noise_sd": {f.name: s for f, s in zip(task.features, recipe.noise_sd, strict=True)},
+        "policy": {
+            "name": Path(policy).name if checkpoint else policy,
+            "sha256": sha256(Path(policy)) if checkpoint else None,
+        },
+        "seed": recipe.seed,
+        "mujoco": mujoco.__version__,
+    }
+
+
+def _box(space: ParameterSpace) -> list[dict[str, Any]]:
+    return [{"name": p.name, "unit": p.unit, "low": p.low, "high": p.high} for p in space]
+
+
+def _model_hash(model: mujoco.MjModel) -> str:
+    binary = np.zeros(mujoco.mj_sizeModel(model), dtype=np.uint8)
+    mujoco.mj_saveModel(model, buffer=binary)
+    return hashlib.sha256(binary.tobytes()).hexdigest()
+
+
+# --- where it goes ---
+
+
+@contextmanager
+def _place(out: str, *, force: bool, resume: bool) -> Iterator[str]:
+    """Where to write: a folder beside `out` that becomes `out`, or the URL itself."""
+    if not is_url(out):
+        with resumable_directory(Path(out), force=force, resume=resume) as folder:
+            yield str(folder)
+        return
+    found = HistoriesWriter(out).attributes()
+    if found is not None and not (force or resume):
+        state = "holds histories" if found["complete"] else "holds an unfinished run"
+        raise OutputError(
+            f"{out} {state}",
+            cure="choose another --out, go on with --resume, or add --force to replace it",
+        )
+    if found is not None and force:
+        HistoriesWriter(out).clear()
+    yield out
+
+
+def _open(writer: HistoriesWriter, attributes: dict[str, Any], resume: bool) -> list[int]:
+    """Which shards are still to be made; the store is created where there is none."""
+    found = writer.attributes()
+    if found is None:
+        writer.create(attributes)
+    else:
+        _refuse_other(found, attributes, writer.location)
+    marked = writer.is_written()
+    return [s for s in range(len(marked)) if not (marked[s] and writer.is_sound(s))]
+
+
+def _is_complete(writer: HistoriesWriter, attributes: dict[str, Any]) -> bool:
+    """Whether this very run has been completed. Raises OptionError where another was."""
+    found = writer.attributes()
+    if found is None or not found["complete"]:
+        return False
+    _refuse_other(found, attributes, writer.location)
+    return True
+
+
+def _refuse_other(found: dict[str, Any], wanted: dict[str, Any], where: str) -> None:
+    other = [k for k in wanted if found[k] != wanted[k]]
+    if other:
+        differences = "; ".join(f"{k} was {_short(found[k])}, now {_short(wanted[k])}" for k in other)
+        raise OptionError(
+            f"--resume: {where} was begun otherwise: {differences}",
+            cure="give the options it was begun with, or begin anew with --force",
+        )
+
+
+def _short(value: Any) -> str:
+    text = str(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+# --- the work ---
+
+
+def _run(recipe, writer, todo, attributes, executor, address, threads, quiet) -> None:
+    pairs, size = attributes["pairs"], attributes["shard_pairs"]
+    shards = [(s, range(pairs)[shard_rows(s, size, pairs)]) for s in todo]
+    kept = pairs - sum(len(rows) for _, rows in shards)
+    done, began = 0, time.monotonic()
+    if executor == "ray":
+        from capture_cli.stages.ray_cluster import make_on_ray
+
+        results = make_on_ray(recipe, writer, shards, address, threads)
+    else:
+        results = _make_here(recipe, writer, shards, threads)
+    try:
+        with Progress("histories", "shard", quiet=quiet, total=len(todo)) as progress:
+            for made in results:
+                done += made
+                rate = done / (time.monotonic() - began)
+                left = (pairs - kept - done) / rate
+                progress.step(f"{kept + done} of {pairs} histories, {rate:.1f}/s, {left:.0f} s left")
+    except KeyboardInterrupt:
+        raise OutputError(
+            f"interrupted: {kept + done} of {pairs} histories are kept",
+            cure="go on with the same command and --resume",
+        ) from None
+
+
+def _make_here(recipe: Recipe, writer: HistoriesWriter, shards, threads: int | None) -> Iterator[int]:
+    """Make the shards one after the other; yields how many histories each held."""
+    for shard, rows in shards:
+        writer.write(shard, recipe.make(rows, threads))
+        yield len(rows)
+
+
+def _summary(out: str, attributes: dict[str, Any], *, made: int, seconds: float) -> dict[str, Any]:
+    pairs, rounds = attributes["pairs"], attributes["rounds"]
+    shards = -(-pairs // attributes["shard_pairs"])
+    return {
+        "out": out,
+        "task": attributes["task"],
+        "search": attributes["search"],
+        "policy": attributes["policy"]["name"],
+        "pairs": pairs,
+        "rounds": rounds,
+        "shards": shards,
+        "shards_made": made,
+        "seconds": round(seconds, 3),
+    }

@@ -1,0 +1,103 @@
+"""Policies on disk: a checkpoint directory holds policy.json and policy.safetensors. Shared by stages."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from capture_cli.errors import OptionError, StoreError, did_you_mean
+from capture_cli.policies import REGISTRY
+from capture_cli.policies.base import Policy
+from capture_cli.stores.provenance import write_json
+from capture_cli.tasks.base import ActionTask
+
+FORMAT, VERSION = "capture/policy", 1
+SETTINGS, WEIGHTS = "policy.json", "policy.safetensors"
+
+
+def save_policy(policy: Policy, name: str, folder: Path) -> None:
+    """Write `policy`, of the kind `name`, into `folder` (one made by `new_directory`)."""
+    from safetensors.numpy import save_file
+
+    settings, weights = policy.state()
+    document = {
+        "format": FORMAT,
+        "version": VERSION,
+        "policy": name,
+        "task": policy.task.name,
+        "parameters": list(policy.task.space.names),
+        "actions": list(policy.task.actions.names),
+        "settings": settings,
+    }
+    write_json(folder / SETTINGS, document)
+    save_file(weights, folder / WEIGHTS)
+
+
+def load_policy(name: str, task: ActionTask) -> Policy:
+    """The policy called `name`, or that of the checkpoint at that path.
+
+    Raises OptionError for what is neither, or a policy for another task; StoreError for a checkpoint that cannot be
+    read.
+    """
+    path = Path(name)
+    if (path / SETTINGS).is_file():
+        return _from_checkpoint(path, task)
+    untrained = [n for n, c in REGISTRY.items() if not c.trained]
+    if name in untrained:
+        return REGISTRY.get(name)(task)
+    if path.exists():
+        raise StoreError(
+            f"--policy {name}: there is no {SETTINGS} in it", cure="give a folder that `train-policy` wrote"
+        )
+    raise OptionError(
+        f"--policy {name!r} is neither a policy nor a checkpoint directory",
+        cure=f"give a directory that `train-policy` wrote; by name {did_you_mean(name, untrained)}",
+    )
+
+
+def _from_checkpoint(path: Path, task: ActionTask) -> Policy:
+    settings = _settings(path)
+    again = "train one for it with `train-policy`, or give the task it was made for"
+    if settings["task"] != task.name:
+        raise OptionError(
+            f"--policy {path} is for the task {settings['task']!r}, and this one is {task.name!r}", cure=again
+        )
+    for kind, names in (("parameters", task.space.names), ("actions", task.actions.names)):
+        if list(names) != settings[kind]:
+            raise OptionError(
+                f"--policy {path}: its {kind} are ({', '.join(settings[kind])}); "
+                f"those of {task.name!r} are ({', '.join(names)})",
+                cure=again,
+            )
+    return REGISTRY.get(settings["policy"]).from_state(task, settings["settings"], _weights(path))
+
+
+def _settings(path: Path) -> dict:
+    again = "train the policy again with `train-policy`"
+    try:
+        settings = json.loads((path / SETTINGS).read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
+        raise StoreError(f"{path / SETTINGS} cannot be read: {error}", cure=again) from error
+    found = settings if isinstance(settings, dict) else {}
+    if (found.get("format"), found.get("version")) != (FORMAT, VERSION):
+        raise StoreError(
+            f"{path / SETTINGS}: format {found.get('format')!r}, version {found.get('version')!r}; "
+            f"this program reads {FORMAT}, version {VERSION}",
+            cure=again,
+        )
+    missing = {"policy", "task", "parameters", "actions", "settings"} - set(found)
+    if missing:
+        raise StoreError(f"{path / SETTINGS}: {', '.join(sorted(missing))} missing", cure=again)
+    return found
+
+
+def _weights(path: Path) -> dict:
+    from safetensors import SafetensorError
+    from safetensors.numpy import load_file
+
+    try:
+        return load_file(path / WEIGHTS)
+    except (OSError, SafetensorError) as error:
+        raise StoreError(
+            f"{path / WEIGHTS} cannot be read: {error}", cure="train the policy again with `train-policy`"
+        ) from error

@@ -1,0 +1,328 @@
+"""Histories: how parameters were walked from a source to a target, round by round (paper, Section III-C).
+
+The store is sharded over pairs. A shard is written whole and then marked, by whichever process or host made it, so
+that a run that was killed can go on, and so that no reader takes a part for the whole. The store lies in a folder, or
+at any URL that zarr opens through fsspec.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from capture_cli.errors import StoreError
+from capture_cli.stores.schema import ArraySpec, Schema, open_group
+
+SHARD_PAIRS = 256  # the unit of work: at most so much is lost when a run is killed
+CHUNK_PAIRS = 64  # the unit of reading
+POOL_PAIRS = 16384  # histories in memory at once where they are read in random order
+MARKS = "written"
+
+SCHEMA = Schema(
+    format="capture/histories",
+    version=1,
+    arrays=(
+        ArraySpec(
+            "parameters",
+            ("pair", "round", "parameter"),
+            "float64",
+            "per parameter",
+            "what was simulated in each round: first the source, last the target",
+        ),
+        ArraySpec(
+            "actions",
+            ("pair", "round", "action"),
+            "float64",
+            "per action",
+            "what drove both trajectories of the round, chosen by the policy that knew `parameters`",
+        ),
+        ArraySpec(
+            "simulated",
+            ("pair", "round", "point", "feature"),
+            "float32",
+            "per feature",
+            "state trajectory under `parameters`",
+        ),
+        ArraySpec(
+            "measured",
+            ("pair", "round", "point", "feature"),
+            "float32",
+            "per feature",
+            "state trajectory under `target`, with noise",
+        ),
+        ArraySpec(
+            "target",
+            ("pair", "parameter"),
+            "float64",
+            "per parameter",
+            "what the measured side was made with",
+        ),
+        ArraySpec(MARKS, ("shard",), "uint8", "-", "1 where a shard of pairs was written whole"),
+    ),
+    attributes={
+        "complete": "whether every shard is written",
+        "task": "name of the task",
+        "model": "sha256 of the task's compiled model",
+        "parameters": "list of {name, unit, low, high}, one per parameter",
+        "actions": "list of {name, unit, low, high}, one per action",
+        "features": "list of {name, unit, scale}, one per feature of a trajectory",
+        "point_times": "s after the start of an episode at which a trajectory is read",
+        "pairs": "number of histories",
+        "shard_pairs": "histories per shard",
+        "rounds": "entries per history",
+        "search": "strategy that walked from source to target",
+        "alpha": "shape of its symmetric Beta; null where it draws from none",
+        "noise": "kind of noise in `measured`: none, label (every third label is random) or scale (times U(0.9, 1.1))",
+        "noise_sd": "{FEATURE: standard deviation} of white noise in `measured`, besides",
+        "policy": "{name, sha256 of its checkpoint or null} of what chose the actions",
+        "seed": "of every random choice",
+        "mujoco": "version of MuJoCo that simulated",
+    },
+    cure_for_other_version="make it again with `capture gen-histories`",
+)
+DATA = tuple(a for a in SCHEMA.arrays if a.path != MARKS)
+
+
+def is_url(location: str) -> bool:
+    """Whether `location` is a URL (of an object store, say) rather than a path."""
+    return "://" in location
+
+
+class HistoriesWriter:
+    """Writes the shards of the store at `location`, in any order, from any number of processes."""
+
+    def __init__(self, location: str):
+        self.location = location
+
+    def create(self, attributes: Mapping[str, Any]) -> None:
+        """Make a store without shards, described by all `attributes` of the schema but `complete`."""
+        import zarr
+
+        missing = set(SCHEMA.attributes) - {"complete"} - set(attributes)
+        if missing:
+            raise ValueError(f"{SCHEMA.format}: attributes {sorted(missing)} are not given")
+        sizes = _sizes(attributes)
+        pairs, shard = sizes["pair"], attributes["shard_pairs"]
+        group = zarr.open_group(self.location, mode="w", zarr_format=3)
+        for spec in DATA:
+            rest = tuple(sizes[d] for d in spec.dims[1:])
+            chunk = math.gcd(CHUNK_PAIRS, shard)
+            _create(group, spec, (pairs, *rest), (chunk, *rest), (shard, *rest))
+        _create(group, SCHEMA.arrays[-1], (sizes["shard"],), (1,), None)
+        # last: until now, whoever opens it finds no store
+        group.attrs.update(
+            {"format": SCHEMA.format, "version": SCHEMA.version, "complete": False, **attributes}
+        )
+
+    def attributes(self) -> dict[str, Any] | None:
+        """Those of the store there, None where there is none. Raises StoreError where something else is there."""
+        import zarr
+
+        try:
+            found = dict(zarr.open_group(self.location, mode="r").attrs)
+        except FileNotFoundError:
+            return None
+        if not found:
+            return None  # a run that was killed before it had described the store
+        SCHEMA.check_header(self.location, found)
+        return found
+
+    def clear(self) -> None:
+        """Remove what is there."""
+        import zarr
+
+        zarr.open_group(self.location, mode="w", zarr_format=3)
+
+    def is_written(self) -> np.ndarray:
+        """Which shards are marked as whole, bool (shard,)."""
+        import zarr
+
+        return zarr.open_array(f"{self.location}/{MARKS}", mode="r")[...].astype(bool)
+
+    def write(self, shard: int, arrays: Mapping[str, np.ndarray]) -> None:
+        """Write the histories of one shard, then mark it."""
+        import zarr
+
+        group = zarr.open_group(self.location, mode="r+")
+        rows = shard_rows(shard, group.attrs["shard_pairs"], group["target"].shape[0])
+        for spec in DATA:
+            group[spec.path][rows] = arrays[spec.path].astype(spec.dtype)
+        group[MARKS][shard] = 1
+
+    def is_sound(self, shard: int) -> bool:
+        """Whether what a marked shard holds can be read, checksums and all."""
+        group = _open(self.location)
+        rows = shard_rows(shard, group.attrs["shard_pairs"], group["target"].shape[0])
+        try:
+            return all(np.isfinite(group[spec.path][rows]).all() for spec in DATA)
+        except Exception:  # whatever a codec raises on damaged bytes
+            return False
+
+    def finish(self) -> None:
+        """Mark the store as complete."""
+        import zarr
+
+        if not self.is_written().all():
+            raise ValueError(f"{self.location}: shards are missing")
+        zarr.open_group(self.location, mode="r+").attrs["complete"] = True
+
+
+@dataclass(frozen=True)
+class HistoryBatch:
+    """Some histories: arrays with the axes of the store, SI units; `pairs` (pair,) says which ones."""
+
+    pairs: np.ndarray
+    parameters: np.ndarray
+    actions: np.ndarray
+    simulated: np.ndarray
+    measured: np.ndarray
+    target: np.ndarray
+
+
+class Histories:
+    """A finished store, read a part at a time. Opening reads the attributes alone."""
+
+    def __init__(self, location: str | Path):
+        self.location = str(location)
+        self._group = _open(self.location)
+        self.attributes = dict(self._group.attrs)
+        SCHEMA.check_header(self.location, self.attributes)
+        if not self.attributes["complete"]:
+            raise StoreError(
+                f"{self.location} is not finished",
+                cure="run the `capture gen-histories` that began it again, with --resume",
+            )
+        self._check_shapes()
+
+    def __len__(self) -> int:
+        return int(self.attributes["pairs"])
+
+    def read(self, first: int, last: int) -> HistoryBatch:
+        """The histories [first, last). Raises StoreError where one of them is missing or damaged."""
+        arrays = {spec.path: self._read(spec.path, first, last) for spec in DATA}
+        return HistoryBatch(np.arange(first, min(last, len(self))), **arrays)
+
+    def batches(
+        self,
+        size: int,
+        *,
+        pairs: range | None = None,
+        shuffle: np.random.Generator | None = None,
+        pool: int = POOL_PAIRS,
+    ) -> Iterator[HistoryBatch]:
+        """Every history of `pairs` (all where None) once, `size` at a time; the last batch may be smaller.
+
+        In order; or with `shuffle` in random order: chunks of neighbouring histories are drawn into a pool of about
+        `pool` histories, which is shuffled whole. Memory holds one pool, however many histories there are.
+        """
+        pairs = range(len(self)) if pairs is None else pairs
+        edges = [*range(pairs.start, pairs.stop, CHUNK_PAIRS), pairs.stop]
+        chunks = list(itertools.pairwise(edges))
+        if shuffle is not None:
+            shuffle.shuffle(chunks)
+        per_pool = max(1, (pool if shuffle is not None else size) // CHUNK_PAIRS)
+        rest: HistoryBatch | None = None
+        for i in range(0, len(chunks), per_pool):
+            parts = [self.read(*chunk) for chunk in chunks[i : i + per_pool]]
+            if shuffle is not None:
+                joined = _joined(parts)
+                parts = [_rows(joined, shuffle.permutation(len(joined.pairs)))]
+            held = _joined([*([rest] if rest is not None else []), *parts])
+            whole = len(held.pairs) // size * size
+            for k in range(0, whole, size):
+                yield _rows(held, slice(k, k + size))
+            rest = _rows(held, slice(whole, None))
+        if rest is not None and len(rest.pairs):
+            yield rest
+
+    def _read(self, name: str, first: int, last: int) -> np.ndarray:
+        again = "make the histories again with `capture gen-histories`"
+        try:
+            values = np.asarray(self._group[name][first:last])
+        except Exception as error:  # whatever a codec raises on damaged bytes
+            raise StoreError(f"{self.location}: {name} cannot be decoded: {error}", cure=again) from error
+        bad = np.flatnonzero(~np.isfinite(values.reshape(len(values), -1)).all(axis=1))
+        if bad.size:
+            raise StoreError(
+                f"{self.location}: {name} of pair {first + bad[0]} is missing or not finite", cure=again
+            )
+        return values
+
+    def _check_shapes(self) -> None:
+        sizes = _sizes(self.attributes)
+        for spec in DATA:
+            array = self._group.get(spec.path)
+            expected = tuple(sizes[d] for d in spec.dims)
+            found = getattr(array, "shape", None)
+            if found != expected:
+                raise StoreError(
+                    f"{self.location}: {spec.path} has shape {found}; its attributes say {expected}",
+                    cure="make the histories again with `capture gen-histories`",
+                )
+
+
+def shard_rows(shard: int, shard_pairs: int, pairs: int) -> slice:
+    """Which pairs a shard holds."""
+    return slice(shard * shard_pairs, min(pairs, (shard + 1) * shard_pairs))
+
+
+def _sizes(attributes: Mapping[str, Any]) -> dict[str, int]:
+    return {
+        "pair": attributes["pairs"],
+        "round": attributes["rounds"],
+        "parameter": len(attributes["parameters"]),
+        "action": len(attributes["actions"]),
+        "point": len(attributes["point_times"]),
+        "feature": len(attributes["features"]),
+        "shard": -(-attributes["pairs"] // attributes["shard_pairs"]),
+    }
+
+
+def _create(group, spec: ArraySpec, shape, chunks, shards) -> None:
+    from zarr.codecs import Crc32cCodec, ZstdCodec
+
+    array = group.create_array(
+        spec.path,
+        shape=shape,
+        dtype=spec.dtype,
+        chunks=tuple(max(1, n) for n in chunks),
+        shards=None if shards is None else tuple(max(1, n) for n in shards),
+        compressors=(ZstdCodec(level=0), Crc32cCodec()),
+        fill_value=0 if spec.path == MARKS else float("nan"),  # what was never written cannot pass for data
+        dimension_names=spec.dims,
+    )
+    array.attrs.update({"unit": spec.unit, "meaning": spec.meaning})
+
+
+def _open(location: str):
+    """The group at `location`, read-only. Raises StoreError where there is none."""
+    import zarr
+
+    if not is_url(location):
+        return open_group(Path(location))
+    try:
+        return zarr.open_group(location, mode="r")
+    except Exception as error:
+        raise StoreError(
+            f"{location} is not a readable Zarr group: {type(error).__name__}: {error}",
+            cure="check the URL, and that the package that opens its scheme is installed (s3fs for s3://)",
+        ) from error
+
+
+def _joined(parts: list[HistoryBatch]) -> HistoryBatch:
+    if len(parts) == 1:
+        return parts[0]
+    return HistoryBatch(*(np.concatenate([getattr(p, f) for p in parts]) for f in _FIELDS))
+
+
+def _rows(batch: HistoryBatch, rows) -> HistoryBatch:
+    return HistoryBatch(*(getattr(batch, f)[rows] for f in _FIELDS))
+
+
+_FIELDS = tuple(HistoryBatch.__dataclass_fields__)
