@@ -14,8 +14,8 @@ from capture_cli.sim.engine import Starts
 from capture_cli.sim.windows import cut
 from capture_cli.simulator import Simulator
 from capture_cli.stages.model_fits import ModelFits
+from capture_cli.stages.multisine import multisine
 from capture_cli.stages.prepared_log import prepare
-from capture_cli.stages.record import multisine
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.tasks import load_task
 from capture_cli.tasks.base import Task

@@ -11,7 +11,7 @@ from capture_cli.sim.starts import model_starts
 from capture_cli.sim.windows import Windows, cut
 from capture_cli.simulator import placed_name
 from capture_cli.stages.model_fits import Fit, ModelFits
-from capture_cli.stages.record import multisine
+from capture_cli.stages.multisine import multisine
 
 BANDS = ((0.1, 0.5), (0.5, 3.0), (3.0, 10.0))  # Hz
 SHARES = (0.3, 1.0)  # of the largest input in the log

@@ -17,14 +17,13 @@ from capture_cli.sim.engine import Starts
 from capture_cli.sim.targets import object_names
 from capture_cli.sim.windows import cut
 from capture_cli.simulator import Simulator, placed_name
+from capture_cli.stages.multisine import BAND, multisine, peak
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.stores.output import new_directory, new_file, refuse_existing
 from capture_cli.stores.provenance import Provenance, write_json
 from capture_cli.tasks import load_task
 from capture_cli.tasks.base import Channel, Task
 
-LINES = 12  # sines of a multisine
-BAND = (0.1, 3.0)  # Hz, of a multisine unless told otherwise
 _EFFECT = re.compile(r"^(?P<name>[a-z-]+)(@(?P<site>[^.=]*))?(\.(?P<parameter>\w+))?=(?P<value>.+)$")
 
 
@@ -190,33 +189,9 @@ def _drive(machine, episodes, duration, rate, inputs_from, amplitude, band, gene
     interval = machine.timestep if rate is None else 1.0 / rate
     steps = round(duration / interval) + 1
     time = interval * np.arange(steps)
-    peaks = np.array([_peak(machine.model, channel, amplitude) for channel in machine.inputs])
+    peaks = np.array([peak(machine.model, channel, amplitude) for channel in machine.inputs])
     tapes = [peaks * multisine(time, len(peaks), band, generator) for _ in range(episodes)]
     return np.tile(time, episodes), np.concatenate(tapes), steps * (1 + np.arange(episodes))
-
-
-def multisine(
-    time: np.ndarray, count: int, band: tuple[float, float], generator: np.random.Generator
-) -> np.ndarray:
-    """`count` sums of sines of random phase, frequencies evenly spread in `band` Hz, peaking at 1; (step, count)."""
-    signals = np.zeros((len(time), count))
-    for k in range(count):
-        frequency = np.linspace(*band, LINES) + (band[1] - band[0]) / LINES * (generator.random(LINES) - 0.5)
-        phase = generator.uniform(0, 2 * np.pi, LINES)
-        signals[:, k] = np.sin(2 * np.pi * np.abs(frequency) * time[:, None] + phase).sum(axis=1)
-        signals[:, k] /= max(np.abs(signals[:, k]).max(), 1e-12)
-    return signals
-
-
-def _peak(model: mujoco.MjModel, channel: Channel, amplitude: Mapping[str, float]) -> float:
-    if channel.name in amplitude:
-        return amplitude[channel.name]
-    if model.actuator_ctrllimited[channel.index]:
-        return float(np.abs(model.actuator_ctrlrange[channel.index]).min())
-    raise OptionError(
-        f"how far to drive input {channel.name!r} is not known: its actuator has no ctrlrange",
-        cure=f"add --amplitude {channel.name}=VALUE (in {channel.unit})",
-    )
 
 
 def _starts(model, count: int, positions, velocities, generator) -> Starts:
