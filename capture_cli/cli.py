@@ -469,6 +469,21 @@ def gen_histories(
     noise_sd: Annotated[
         list[str], typer.Option("--noise-sd", help="White noise besides: SD for all features, or FEATURE=SD.")
     ] = [],  # noqa: B006
+    inputs_from: Annotated[
+        Path | None, typer.Option("--inputs-from", help="For a task.toml: log whose windows are the actions.")
+    ] = None,
+    window: Annotated[
+        float | None, typer.Option("--window", help="For a task.toml: seconds per episode.")
+    ] = None,
+    points: Annotated[
+        int | None, typer.Option("--points", help="For a task.toml: points of a trajectory; 20 by default.")
+    ] = None,
+    amplitude: Annotated[
+        list[str], typer.Option("--amplitude", help="For a task.toml: INPUT=PEAK of the multisines.")
+    ] = [],  # noqa: B006
+    band: Annotated[
+        tuple[float, float] | None, typer.Option("--band", help="For a task.toml: Hz, of the multisines.")
+    ] = None,
     executor: Annotated[
         str, typer.Option("--executor", help="Where to simulate: local, or ray for a cluster.")
     ] = "local",
@@ -499,6 +514,11 @@ def gen_histories(
         alpha=alpha,
         noise=noise,
         noise_sd=_sd(noise_sd, "--noise-sd"),
+        inputs_from=inputs_from,
+        window=window,
+        points=points,
+        amplitude=_pairs(amplitude, "--amplitude"),
+        band=band,
         seed=seed,
         threads=threads,
         executor=executor,

@@ -119,7 +119,7 @@ def cut(
             number
         ].stop  # the input after the last sample of a window is known, if not of an episode
         on_grid = time[a] + timestep * np.arange(-lead, grid)
-        controls[w] = _on_grid(time[known:stop], inputs[known:stop], on_grid, timestep, linear)
+        controls[w] = inputs_at(on_grid, time[known:stop], inputs[known:stop], timestep, linear)
     return Windows(
         episode=np.array([n for n, _, _, _ in spans]),
         first=np.array([a for _, _, a, _ in spans]),
@@ -170,9 +170,12 @@ def _grid_steps(time: np.ndarray, timestep: float) -> int:
     return int(np.floor((time[-1] - time[0]) / timestep + GRID_TOLERANCE)) + 2
 
 
-def _on_grid(time, inputs, on_grid, timestep, linear) -> np.ndarray:
-    held = np.searchsorted(time, on_grid + GRID_TOLERANCE * timestep, side="right") - 1
+def inputs_at(
+    times: np.ndarray, time: np.ndarray, inputs: np.ndarray, timestep: float, linear: np.ndarray
+) -> np.ndarray:
+    """Inputs (step, input), sampled at `time`, at `times`: held, or interpolated where `linear` (input,)."""
+    held = np.searchsorted(time, times + GRID_TOLERANCE * timestep, side="right") - 1
     values = inputs[np.clip(held, 0, len(time) - 1)]
     for k in np.flatnonzero(linear):
-        values[:, k] = np.interp(on_grid, time, inputs[:, k])
+        values[:, k] = np.interp(times, time, inputs[:, k])
     return values

@@ -20,6 +20,7 @@ from capture_cli.search.base import ALPHA, Search
 from capture_cli.stages.history_recipe import Recipe
 from capture_cli.stages.policy_checkpoint import SETTINGS, load_policy
 from capture_cli.stages.progress import Progress
+from capture_cli.stages.tapes import tape_task
 from capture_cli.stores.histories import SHARD_PAIRS, HistoriesWriter, is_url, shard_rows
 from capture_cli.stores.output import resumable_directory, sha256
 from capture_cli.stores.provenance import Provenance
@@ -41,6 +42,11 @@ def gen_histories(
     alpha: float | None = None,
     noise: str = "none",
     noise_sd: Mapping[str, float] | float = 0.0,
+    inputs_from: Path | None = None,
+    window: float | None = None,
+    points: int | None = None,
+    amplitude: Mapping[str, float] | None = None,
+    band: tuple[float, float] | None = None,
     seed: int = 0,
     threads: int | None = None,
     executor: str = "local",
@@ -54,14 +60,23 @@ def gen_histories(
 
     policy: a name, or a checkpoint directory. alpha: shape of the Beta that `search` draws from. noise: one of
     `observation_noise.NOISES`; noise_sd: standard deviation of white noise besides, per feature or one for all.
+    inputs_from, window, points, amplitude, band: what the actions of a task.toml are, see `tape_task`.
     executor: where shards are made, "local" or "ray" (at `address`). With `resume` a run that ended early goes on,
     and one that is complete is left as it is. The bytes written do not depend on threads, executor or hosts.
     Raises CaptureError.
     """
     options = {k: v for k, v in locals().items() if k not in ("force", "resume", "quiet")}
-    out = str(out)
+    out = str(out).removeprefix("file://")
     _check(pairs, rounds, executor, address)
-    machine = _action_task(task)
+    machine = _action_task(
+        task,
+        inputs_from=inputs_from,
+        window=window,
+        points=points,
+        amplitude=amplitude or None,
+        band=band,
+        seed=seed,
+    )
     observation_noise.check(noise, [f.name for f in machine.features])
     recipe = Recipe(
         task=machine,
@@ -73,7 +88,9 @@ def gen_histories(
         seed=seed,
     )
     attributes = _attributes(recipe, policy, search, pairs, shard_pairs)
-    provenance = Provenance("gen-histories", options, {"task": getattr(machine, "path", None)})
+    provenance = Provenance(
+        "gen-histories", options, {"task": getattr(machine, "path", None), "inputs_from": inputs_from}
+    )
     if resume and not force and _is_complete(HistoriesWriter(out), attributes):
         return _summary(out, attributes, made=0, seconds=0.0)
     began = time.monotonic()
@@ -103,8 +120,18 @@ def _check(pairs: int, rounds: int, executor: str, address: str | None) -> None:
         raise OptionError(f"--address {address} without --executor ray", cure="add --executor ray")
 
 
-def _action_task(name: str) -> ActionTask:
-    return load_task(name)
+def _action_task(name: str, **tape_options) -> ActionTask:
+    """The built-in task called `name`; or that of a task.toml, its actions made as `tape_options` say."""
+    machine = load_task(name)
+    given = {k: v for k, v in tape_options.items() if v is not None and k != "seed"}
+    if not isinstance(machine, ActionTask):
+        return tape_task(machine, **given, seed=tape_options["seed"])
+    if given:
+        options = ", ".join(f"--{k.replace('_', '-')}" for k in given)
+        raise OptionError(
+            f"{options}: {machine.name!r} has actions of its own", cure="leave it out, or give a task.toml"
+        )
+    return machine
 
 
 def _search(name: str, alpha: float | None) -> Search:
@@ -145,6 +172,7 @@ def _attributes(recipe: Recipe, policy: str, search: str, pairs: int, shard_pair
         "model": _model_hash(task.model),
         "parameters": _box(task.space),
         "actions": _box(task.actions),
+        "library": _hash(library) if (library := getattr(task, "library", None)) is not None else None,
         "features": [{"name": f.name, "unit": f.unit, "scale": f.scale} for f in task.features],
         "point_times": np.asarray(task.point_times, dtype=float).tolist(),
         "pairs": pairs,
@@ -170,7 +198,11 @@ def _box(space: ParameterSpace) -> list[dict[str, Any]]:
 def _model_hash(model: mujoco.MjModel) -> str:
     binary = np.zeros(mujoco.mj_sizeModel(model), dtype=np.uint8)
     mujoco.mj_saveModel(model, buffer=binary)
-    return hashlib.sha256(binary.tobytes()).hexdigest()
+    return _hash(binary)
+
+
+def _hash(array: np.ndarray) -> str:
+    return hashlib.sha256(np.ascontiguousarray(array).tobytes()).hexdigest()
 
 
 # --- where it goes ---

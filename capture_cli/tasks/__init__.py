@@ -8,7 +8,9 @@ from capture_cli.errors import TaskError
 from capture_cli.registry import Registry
 from capture_cli.tasks.base import Task
 
-REGISTRY: Registry[Task] = Registry("capture_cli.tasks", "Task", "task", not_listed=("mjcf-file",))
+REGISTRY: Registry[Task] = Registry(
+    "capture_cli.tasks", "Task", "task", not_listed=("mjcf-file", "tape-task")
+)
 
 
 def load_task(name: str) -> Task:

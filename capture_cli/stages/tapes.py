@@ -1,0 +1,147 @@
+"""Actions for a machine of the user's own: windows of a log, or multisines, as starts and input tapes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from capture_cli.errors import FitError, LogError, OptionError, did_you_mean
+from capture_cli.sim.engine import Engine, ModelFields, Starts
+from capture_cli.sim.starts import model_starts
+from capture_cli.sim.windows import inputs_at
+from capture_cli.stages.multisine import BAND, multisine, peak
+from capture_cli.stages.prepared_log import PreparedLog, prepare
+from capture_cli.stores.measured_log import MeasuredLog
+from capture_cli.tasks.base import Task
+from capture_cli.tasks.tape_task import TapeTask, actions_of, resample
+
+POINTS = 20
+EPISODES, WINDOWS = 64, 16  # simulated for a library of multisines, and windows taken from each
+LONG = 8  # windows that such an episode lasts
+
+
+@dataclass(frozen=True)
+class Tapes:
+    """actions (window, action), the outputs at the points (window, point, output), and which windows these are."""
+
+    actions: np.ndarray
+    outputs: np.ndarray
+    window: np.ndarray
+
+
+def tape_task(
+    machine: Task,
+    *,
+    inputs_from: Path | None = None,
+    window: float | None = None,
+    points: int = POINTS,
+    amplitude: Mapping[str, float] | None = None,
+    band: tuple[float, float] = BAND,
+    seed: int = 0,
+) -> TapeTask:
+    """`machine` as a task of actions: windows of `window` s (the task's own where None), read at `points` points.
+
+    Its actions are the windows of the log `inputs_from`; without one, windows of the nominal machine driven by
+    multisines in `band` Hz that peak at `amplitude`. Raises CaptureError.
+    """
+    window = window if window is not None else machine.log.window
+    if window is None or not machine.timestep * (points - 1) <= window < np.inf:
+        raise OptionError(
+            f"--window {window}: how long an episode of {machine.name!r} lasts"
+            + ("" if window is None else f", with {points} points {machine.timestep:g} s apart at least"),
+            cure="give a number of seconds with --window, or as `window` under [log] of the task.toml",
+        )
+    if points < 2:
+        raise OptionError(f"--points {points}", cure="give at least 2")
+    point_times = machine.timestep * np.rint(np.linspace(0, window, points) / machine.timestep)
+    if inputs_from is not None:
+        log = MeasuredLog.read(inputs_from)
+        tapes = log_tapes(prepare(log, machine, window=window, test=None, seed=seed), point_times)
+    else:
+        tapes = _multisine_tapes(machine, point_times, amplitude or {}, band, seed)
+    scale = tapes.outputs.std(axis=(0, 1))
+    # in single precision, so that the last bits of a least-squares fit do not make another library elsewhere
+    library = np.float32(tapes.actions).astype(float)
+    return TapeTask(machine, point_times, library, np.where(scale > 0, np.float32(scale), 1.0))
+
+
+def log_tapes(prepared: PreparedLog, point_times: np.ndarray) -> Tapes:
+    """The windows of a log that the log covers to their end. Raises LogError where there is none."""
+    task, log, windows = prepared.task, prepared.log, prepared.windows
+    linear = np.array([c.linear for c in task.inputs], dtype=bool)
+    grid = task.timestep * np.arange(round(point_times[-1] / task.timestep) + 1)
+    inputs, outputs, whole = [], [], []
+    for w, (episode, start) in enumerate(zip(windows.episode, windows.time, strict=True)):
+        steps = log.episodes[int(episode)]
+        time = log.time[steps]
+        if time[-1] < start + point_times[-1] - np.median(np.diff(time)):
+            continue
+        inputs.append(inputs_at(start + grid, time, log.inputs[steps], task.timestep, linear))
+        outputs.append(
+            np.stack([np.interp(start + point_times, time, y) for y in log.outputs[steps].T], axis=1)
+        )
+        whole.append(w)
+    if not whole:
+        raise LogError(f"{log.path}: no window of {point_times[-1]:g} s", cure="give a shorter --window")
+    tapes = resample(np.stack(inputs), task.timestep, point_times)
+    return Tapes(actions_of(prepared.starts.starts.rows(whole), tapes), np.stack(outputs), np.array(whole))
+
+
+def _multisine_tapes(
+    machine: Task,
+    point_times: np.ndarray,
+    amplitude: Mapping[str, float],
+    band: tuple[float, float],
+    seed: int,
+) -> Tapes:
+    """Windows of the nominal machine, driven by multisines from rest; activations of actuators begin at 0."""
+    names = [c.name for c in machine.inputs]
+    for name in set(amplitude) - set(names):
+        raise OptionError(f"--amplitude: the task has no input {name!r}", cure=did_you_mean(name, names))
+    if not 0 <= band[0] < band[1] < np.inf:
+        raise OptionError(
+            f"--band {band[0]:g} {band[1]:g}", cure="give two frequencies in Hz, the lower first"
+        )
+    generator = np.random.default_rng(seed)
+    steps = round(point_times[-1] / machine.timestep) + 1
+    time = machine.timestep * np.arange(LONG * steps)
+    peaks = np.array([peak(machine.model, c, amplitude) for c in machine.inputs])
+    inputs = np.stack([peaks * multisine(time, len(peaks), band, generator) for _ in range(EPISODES)])
+    rollouts = _nominal(machine, inputs)
+    sound = np.flatnonzero(~rollouts.diverged)
+    if not sound.size:
+        raise FitError(
+            f"task {machine.name!r} diverges when it is driven by multisines",
+            cure="drive it less (--amplitude), or take the inputs of a log (--inputs-from)",
+        )
+    episode = np.repeat(sound, WINDOWS)
+    first = generator.integers(0, len(time) - steps, len(episode))
+    points = first[:, None] + np.rint(point_times / machine.timestep).astype(int)
+    count = len(episode)
+    starts = Starts(
+        rollouts.qpos[episode, first],
+        rollouts.qvel[episode, first],
+        np.zeros((count, machine.model.na)),
+        np.zeros(count),
+    )
+    driven = inputs[episode[:, None], first[:, None] + np.arange(steps)]
+    outputs = rollouts.sensors[episode[:, None], points][..., [c.index for c in machine.outputs]]
+    return Tapes(
+        actions_of(starts, resample(driven, machine.timestep, point_times)), outputs, np.arange(count)
+    )
+
+
+def _nominal(machine: Task, inputs: np.ndarray):
+    """Rollouts, with states, of the nominal machine from its own start under inputs (episode, grid, input)."""
+    fields = ModelFields(machine.model, len(inputs))
+    machine.write(fields, np.repeat(machine.space.nominal[None], len(inputs), axis=0))
+    return Engine(machine.model).rollout(
+        starts=model_starts(machine.model, len(inputs)).starts,
+        controls=machine.controls(inputs),
+        steps=inputs.shape[1],
+        fields=fields,
+        states=True,
+    )
