@@ -1,0 +1,167 @@
+"""What the learned identifiers share: a trained transformer, and the loop that reads a history with it.
+
+They differ in the examples they are trained on and in how they use the answer; each says so in its own file.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from capture_cli.identifiers._family import Family
+from capture_cli.identifiers._normalisation import Normalisation
+from capture_cli.identifiers.rounds import RoundIdentifier, Rounds, Signature
+
+PARTS = ("network", "normalisation", "calibration", "family")
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Gaussian, of each pair: mean (pair, parameter), covariance (pair, parameter, parameter), in their units."""
+
+    mean: np.ndarray
+    covariance: np.ndarray
+
+    @property
+    def sd(self) -> np.ndarray:
+        """(pair, parameter)."""
+        return np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
+
+
+class TrainedModel:
+    """A transformer with what belongs to it. `state` and `from_state` are what a checkpoint directory holds.
+
+    calibration (round, parameter): the factor by which the predicted standard deviation, after so many rounds of a
+    window, is multiplied. family: what a log is compared with.
+    """
+
+    def __init__(
+        self,
+        signature: Signature,
+        architecture: Mapping[str, Any],
+        network: Mapping[str, np.ndarray],
+        normalisation: Normalisation,
+        calibration: np.ndarray,
+        family: Family,
+    ):
+        import torch
+
+        from capture_cli.identifiers._transformer import Architecture, Transformer
+
+        self.signature = signature
+        self.normalisation = normalisation
+        self.calibration = calibration
+        self.family = family
+        self.architecture = Architecture(**architecture)
+        self.transformer = Transformer(self.architecture).eval()
+        self.transformer.load_state_dict({k: torch.from_numpy(np.array(v)) for k, v in network.items()})
+
+    @property
+    def window(self) -> int:
+        """How many rounds it reads."""
+        return self.architecture.window
+
+    def predict(self, rounds: Rounds) -> Prediction:
+        """What follows the last round of `rounds`, of which the last `window` are read."""
+        import torch
+
+        from capture_cli.identifiers._transformer import Inputs
+
+        rounds = rounds.last(self.window)
+        arrays = self.normalisation.inputs(rounds)
+        with torch.inference_mode():
+            outputs = self.transformer(Inputs(**{k: torch.from_numpy(v) for k, v in arrays.items()}))
+        mean = outputs.mean[:, -1].double().numpy()
+        covariance = covariances(outputs.whitening[:, -1].double().numpy())
+        factor = self.calibration[rounds.rounds - 1] * self.signature.space.span
+        return Prediction(
+            self.signature.space.from_unit(np.clip(mean, 0, 1)), covariance * np.outer(factor, factor)
+        )
+
+    def state(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+        """Settings (JSON) and arrays by name."""
+        from dataclasses import asdict
+
+        parts = {
+            "network": {k: v.numpy() for k, v in self.transformer.state_dict().items()},
+            "normalisation": self.normalisation.weights(),
+            "calibration": {"factor": self.calibration},
+            "family": self.family.weights(),
+        }
+        arrays = {f"{part}.{name}": a for part, named in parts.items() for name, a in named.items()}
+        return {"signature": self.signature.document(), "architecture": asdict(self.architecture)}, arrays
+
+    @classmethod
+    def from_state(cls, settings: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> TrainedModel:
+        """What `state` gave."""
+        parts: dict[str, dict[str, np.ndarray]] = {part: {} for part in PARTS}
+        for key, array in arrays.items():
+            part, _, name = key.partition(".")
+            parts[part][name] = array
+        signature = Signature.from_document(settings["signature"])
+        normalisation = Normalisation(signature, **parts["normalisation"])
+        family = Family(normalisation, **parts["family"])
+        return cls(
+            signature,
+            settings["architecture"],
+            parts["network"],
+            normalisation,
+            parts["calibration"]["factor"],
+            family,
+        )
+
+
+class LearnedIdentifier(RoundIdentifier):
+    """An identifier that `capture train-sysid` makes: it reads the last rounds, and changes no weight while it does.
+
+    residual: the transformer predicts a change of the last round's parameters. fixed_window: rounds it reads; None
+    where that is an option, with default_window (None: whole histories). likelihood: trained by the Gaussian
+    likelihood; otherwise by the squared error of the mean, the uncertainty beside it. any_order: the answer does not
+    depend on the order of the rounds, so that training may shuffle them.
+    """
+
+    needs_checkpoint = True
+    residual = False
+    fixed_window: int | None = None
+    default_window: int | None = 4
+    likelihood = False
+    any_order = False
+
+    def __init__(self, signature, start, *, model: TrainedModel, **options):
+        super().__init__(signature, start, **options)
+        self.model = model
+        self.history = Rounds.none(len(self.start), signature)
+        self._best = self.start
+        self.prediction: Prediction | None = None
+
+    @classmethod
+    @abstractmethod
+    def examples(cls, rounds: Rounds) -> tuple[Rounds, np.ndarray]:
+        """What it learns from histories: rounds to read, and the answer after each (pair, round, parameter)."""
+
+    @property
+    def best(self) -> np.ndarray:
+        return self._best
+
+    @property
+    def sd(self) -> np.ndarray | None:
+        return None if self.prediction is None else self.prediction.sd
+
+    def ask(self) -> np.ndarray:
+        return self._best[:, None]
+
+    def tell(self, actions, simulated, measured) -> None:
+        self.round += 1
+        self.history = self.history.then(self._best, actions, simulated[:, 0], measured)
+        self.prediction = self.model.predict(self.history)
+        self._best = self.prediction.mean
+
+
+def covariances(whitening: np.ndarray) -> np.ndarray:
+    """(W'W)^-1 of lower triangular W (..., parameter, parameter)."""
+    inverse = np.linalg.inv(whitening)
+    return inverse @ np.swapaxes(inverse, -1, -2)
