@@ -53,6 +53,8 @@ class Simulator:
                 ]
             )
         self._sensors = np.array([c.index for c in task.outputs])
+        self._own_states = 2 * task.model.nv + task.model.na
+        self.hidden_states = sum(len(effect.states) for _, effect in self.effects)
 
     def simulate(
         self,
@@ -65,8 +67,9 @@ class Simulator:
         """Simulate every window under every candidate.
 
         starts: one per window. parameters (candidate, parameter). offsets (candidate, window, state): how far each
-        start is moved, in the tangent space of the state; None moves none. reported: what the starts were read off,
-        where that was the sensors: the measurement effects correct them.
+        start is moved, in the tangent space of the state, and then what the effects' hidden states begin with; None
+        moves none. reported: what the starts were read off, where that was the sensors: the measurement effects
+        correct them.
         """
         parameters = np.atleast_2d(np.asarray(parameters, dtype=float))
         candidates = len(parameters)
@@ -107,8 +110,11 @@ class Simulator:
         each = np.repeat(parameters, count, axis=0)  # simulation = candidate * count + window
         row = np.tile(np.arange(count), candidates)
         starts = starts.rows(row)
+        hidden = None
         if offsets is not None:
-            starts = shift(self.task.model, starts, offsets.reshape(len(row), -1))
+            offsets = offsets.reshape(len(row), -1)
+            starts = shift(self.task.model, starts, offsets[:, : self._own_states])
+            hidden = offsets[:, self._own_states :]
         if reported is not None and any(effect.place == "measurement" for _, effect in self.effects):
             starts = shift(self.task.model, starts, self._start_change(reported.rows(row), each))
         sensors, diverged = self._step(
@@ -118,6 +124,7 @@ class Simulator:
             int(windows.grid_steps.max()),
             each,
             past=self.task.controls(windows.past),
+            hidden=hidden,
         )
         shape = (candidates, count)
         return sensors.reshape(*shape, *sensors.shape[1:]), diverged.reshape(shape)
@@ -130,10 +137,12 @@ class Simulator:
         steps: int,
         each: np.ndarray,
         past: np.ndarray | None = None,
+        hidden: np.ndarray | None = None,
     ):
         """Outputs on the grid (simulation, grid, output) and diverged (simulation,); each (simulation, parameter).
 
         past (row, lead, nu): what came before `controls` (row, grid, nu); their first values where None.
+        hidden (simulation, state): what the effects' own states begin with; 0 where None.
         """
         controls, row = self._drive(controls, row, each, past)
         measures = any(effect.place == "measurement" for _, effect in self.effects)
@@ -143,7 +152,7 @@ class Simulator:
             control_row=row,
             steps=steps,
             fields=self._fields(each),
-            forces=self._forces(each),
+            forces=self._forces(each, hidden),
             columns=None if measures else self._sensors,
         )
         sensors = rollouts.sensors
@@ -158,8 +167,7 @@ class Simulator:
         true = reported.jets
         for (_, effect), columns in reversed(list(zip(self.effects, self._columns, strict=True))):
             true = effect.true_motion(true, each[:, columns])
-        model = self.task.model
-        return reported.start_change(true, 2 * model.nv + model.na)
+        return reported.start_change(true, self._own_states)
 
     def _fields(self, each: np.ndarray) -> ModelFields:
         fields = ModelFields(self.task.model, len(each))
@@ -168,9 +176,13 @@ class Simulator:
             effect.write(fields, each[:, columns])
         return fields
 
-    def _forces(self, each: np.ndarray) -> list[Force]:
-        pairs = zip(self.effects, self._columns, strict=True)
-        forces = (effect.force(each[:, columns], self.task.timestep) for (_, effect), columns in pairs)
+    def _forces(self, each: np.ndarray, hidden: np.ndarray | None) -> list[Force]:
+        hidden = np.zeros((len(each), self.hidden_states)) if hidden is None else hidden
+        forces, first = [], 0
+        for (_, effect), columns in zip(self.effects, self._columns, strict=True):
+            own = hidden[:, first : first + len(effect.states)]
+            forces.append(effect.force_from(each[:, columns], self.task.timestep, own))
+            first += len(effect.states)
         return [f for f in forces if f is not None]
 
     def _drive(self, controls: np.ndarray, row: np.ndarray, each: np.ndarray, past: np.ndarray | None):

@@ -31,7 +31,7 @@ class JointForce(JointEffect):
         return dict(zip(self.space.names, values.T, strict=True))
 
     def force(self, values, timestep):
-        return _Force(self, self.coefficients(values), timestep)
+        return ForceOfKernel(self, self.coefficients(values), timestep)
 
     def read(self, world: World, field: str) -> np.ndarray:
         """A field of MjData at the joint, (simulation,)."""
@@ -65,7 +65,7 @@ class JointForce(JointEffect):
         return Companion((self.kernel, raised), tuple(lines), state, (own,))
 
 
-class _Force:
+class ForceOfKernel:
     """A JointForce over a batch, chunk after chunk."""
 
     def __init__(self, effect: JointForce, coefficients: dict[str, np.ndarray], timestep: float):

@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 import numpy as np
 
 from capture_cli.effects._joint_effect import driven_joints
-from capture_cli.effects._joint_force import JointForce
+from capture_cli.effects._joint_force import ForceOfKernel, JointForce
 from capture_cli.effects._scales import free_inertia
 from capture_cli.parameters import Parameter
 
@@ -16,6 +16,7 @@ class TransmissionEffect(JointForce):
     """An effect between a motor and the joint that it drives. Its kernel is a TwoMass."""
 
     where = "every hinge and slide joint that an actuator drives"
+    states = ("ahead", "turning")
 
     @classmethod
     def sites(cls, model):
@@ -35,6 +36,15 @@ class TransmissionEffect(JointForce):
     def coefficients(self, values):
         return super().coefficients(values) | {"total": np.full(len(values), self.total)}
 
+    def force_from(self, values, timestep, states):
+        room, speed = self.looseness(values)
+        start = {"ahead": room * states[:, 0], "turning": speed * states[:, 1]}
+        return ForceOfKernel(self, self.coefficients(values) | start, timestep)
+
+    @abstractmethod
+    def looseness(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """How far and how fast the rotor may run ahead of the link, (simulation,) each."""
+
 
 class TwoMass(ABC):
     """The force -J d'' on a joint whose rotor of inertia J (kg or kg m^2) is not rigidly its link's.
@@ -52,9 +62,11 @@ class TwoMass(ABC):
     change M; then b is known a step late, which is stable as long as the rotor has less than half of the inertia.
     """
 
-    def __init__(self, *, rotor, total, timestep):
+    def __init__(self, *, rotor, total, timestep, ahead=0.0, turning=0.0):
         self.rotor, self.share, self.timestep = rotor, rotor / total, timestep
-        self.deflection = self.rate = self.jolt = 0.0 * rotor  # d, d', and d'' of the last step
+        self.ahead = ahead  # of where it would rest, at the start
+        self.deflection = self.jolt = 0.0 * rotor  # d, and d'' of the last step
+        self.rate = turning + 0.0 * rotor  # d'
         self.speed = None  # of the joint, at the last step
 
     def __call__(self, qvel, qacc, qfrc_actuator):
@@ -63,7 +75,7 @@ class TwoMass(ABC):
         rigid = (qacc if first else (qvel - self.speed) / h) + self.share * self.jolt
         passed = qfrc_actuator - self.rotor * rigid
         if first:
-            self.deflection = self.at_rest(passed)
+            self.deflection = self.limited(self.at_rest(passed) + self.ahead)
         deflection, rate = self.advance(passed / (self.rotor * (1 - self.share)))
         self.jolt = (rate - self.rate) / h
         self.deflection, self.rate, self.speed = deflection, rate, np.array(qvel)
@@ -72,6 +84,10 @@ class TwoMass(ABC):
     @abstractmethod
     def at_rest(self, passed):
         """Deflection at which the transmission passes on the force `passed` and rests."""
+
+    def limited(self, deflection):
+        """The deflection, where the transmission sets limits to it."""
+        return deflection
 
     @abstractmethod
     def advance(self, pull):

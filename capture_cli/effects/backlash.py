@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from capture_cli.effects._scales import characteristic_force
 from capture_cli.effects._two_mass import TransmissionEffect, TwoMass
 from capture_cli.parameters import Parameter
 
@@ -11,16 +12,19 @@ from capture_cli.parameters import Parameter
 class Play(TwoMass):
     """Within +-width / 2 the rotor turns alone; at an end it stays with the link until the force turns round."""
 
-    def __init__(self, *, width, rotor, total, timestep):
-        super().__init__(rotor=rotor, total=total, timestep=timestep)
+    def __init__(self, *, width, rotor, total, timestep, ahead=0.0, turning=0.0):
+        super().__init__(rotor=rotor, total=total, timestep=timestep, ahead=ahead, turning=turning)
         self.half = width / 2
 
     def at_rest(self, passed):
         return self.half * np.sign(passed)
 
+    def limited(self, deflection):
+        return np.clip(deflection, -self.half, self.half)
+
     def advance(self, pull):
         h, before = self.timestep, self.deflection
-        after = np.clip(before + h * (self.rate + h * pull), -self.half, self.half)
+        after = self.limited(before + h * (self.rate + h * pull))
         return after, (after - before) / h
 
 
@@ -39,3 +43,7 @@ class Backlash(TransmissionEffect):
     @property
     def parameters(self):
         return (Parameter("width", self.unit("m", "rad"), 0.0, 0.1 * self.travel, 0.0), self.rotor)
+
+    def looseness(self, values):
+        width, rotor = values.T
+        return width, np.sqrt(2 * width * characteristic_force(self.model, self.joint) / rotor)

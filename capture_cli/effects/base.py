@@ -37,6 +37,8 @@ class Effect(ABC):
         several of their values.
     smooth: whether the outputs have a useful slope in the amplitudes at null. Where not (a saturation that is
         not reached yet, a rounding), an amplitude has to be tried at several of its values, too.
+    states: names of what the effect keeps from step to step that no sensor shows: how far a spring is wound up. At
+        the start of a simulation each is 0 where nothing else is said, and commonly within 1.
     """
 
     place: ClassVar[str]
@@ -44,6 +46,7 @@ class Effect(ABC):
     where: ClassVar[str]
     shapes: ClassVar[tuple[str, ...]] = ()
     smooth: ClassVar[bool] = True
+    states: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
         """Raises ModelError, naming those there are, where `site` is no site of this effect."""
@@ -95,6 +98,10 @@ class Effect(ABC):
         The force is called on chunks: it indexes its coefficients, and any state it keeps, with `world.rows`.
         """
         return None
+
+    def force_from(self, values: np.ndarray, timestep: float, states: np.ndarray) -> Force | None:
+        """`force`, where simulations start with `states` (simulation, state): overridden where there are any."""
+        return self.force(values, timestep)
 
     def drive(self, controls: np.ndarray, values: np.ndarray, timestep: float) -> np.ndarray:
         """Place "control": ctrl (simulation, grid, nu), on the model's grid, as the actuators receive it."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from capture_cli.effects._scales import characteristic_force
 from capture_cli.effects._two_mass import TransmissionEffect, TwoMass
 from capture_cli.parameters import Parameter
 
@@ -23,8 +24,8 @@ class Spring(TwoMass):
     A step of generalized-alpha (Chung and Hulbert 1993), implicit in the spring.
     """
 
-    def __init__(self, *, compliance, rotor, damping_time, total, timestep):
-        super().__init__(rotor=rotor, total=total, timestep=timestep)
+    def __init__(self, *, compliance, rotor, damping_time, total, timestep, ahead=0.0, turning=0.0):
+        super().__init__(rotor=rotor, total=total, timestep=timestep, ahead=ahead, turning=turning)
         self.compliance, self.damping_time = compliance, damping_time
         self.inverse = compliance * rotor * (1 - self.share)
         self.acceleration = 0.0 * rotor
@@ -66,3 +67,9 @@ class Compliance(TransmissionEffect):
             self.rotor,
             Parameter("damping_time", "s", 1e-4, 2e-2, 2e-3),
         )
+
+    def looseness(self, values):
+        compliance, rotor, _ = values.T
+        wound = compliance * characteristic_force(self.model, self.joint)
+        inverse = compliance * rotor * (1 - rotor / self.total)  # 1 / its own frequency, squared
+        return wound, np.divide(wound, np.sqrt(inverse), out=np.zeros_like(wound), where=inverse > 0)

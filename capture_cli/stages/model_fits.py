@@ -136,7 +136,7 @@ class ModelFits:
         solver = LeastSquares(
             evidence,
             start=start,
-            offsets=offsets,
+            offsets=None if offsets is None else self._carried(offsets, evidence),
             starts=starts,
             rounds=rounds,
             tolerance=tolerance,
@@ -177,7 +177,8 @@ class ModelFits:
         simulator = self.simulator((*fit.effects, effect))
         evidence = part.evidence(simulator)
         points = np.concatenate([np.repeat(fit.point[None], len(probes), axis=0), probes], axis=1)
-        offsets = np.repeat(fit.offsets[None], len(probes), axis=0)
+        offsets = np.zeros((len(probes), *evidence.start_sd.shape))
+        offsets[:, :, : fit.offsets.shape[1]] = fit.offsets  # the new effect's own states come last
         outputs, diverged = part.evaluate(simulator, Trial(points, offsets))
         self.rollouts += simulator.rollouts
         return evidence.residual(outputs), diverged.any(axis=1)
@@ -185,6 +186,13 @@ class ModelFits:
     def simulator(self, effects: Sequence[Placed]) -> Simulator:
         """Simulates the task with `effects` on the shared engine."""
         return Simulator(self.prepared.task, effects, engine=self.engine)
+
+    def _carried(self, offsets: np.ndarray, evidence: Evidence) -> np.ndarray:
+        """Offsets of another model's fit for one with other effects: those of the machine's own states."""
+        own = self.prepared.starts.sd.shape[1]
+        carried = np.zeros_like(evidence.start_sd)
+        carried[:, :own] = offsets[:, :own]
+        return carried
 
     @staticmethod
     def _linearize(part: PreparedLog, simulator: Simulator, point, offsets) -> Linearization:

@@ -60,9 +60,11 @@ class PreparedLog:
         )
 
     def evidence(self, simulator: Simulator) -> Evidence:
-        """What identifiers are given."""
+        """What identifiers are given. Hidden states of effects are free at every start, by their unit prior."""
         windows = self.windows
-        return Evidence(simulator.space, windows.measured, windows.mask, self.noise.sd, self.starts.sd)
+        hidden = np.ones((len(windows), simulator.hidden_states))
+        start_sd = np.concatenate([self.starts.sd, hidden], axis=1)
+        return Evidence(simulator.space, windows.measured, windows.mask, self.noise.sd, start_sd)
 
     def evaluate(self, simulator: Simulator, trial: Trial) -> tuple[np.ndarray, np.ndarray]:
         """Simulated outputs (candidate, window, step, output) and diverged (candidate, window) of a trial."""

@@ -1,0 +1,79 @@
+"""Fits of a model with effects: what a window's start has to leave free, and what is carried from model to model."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from capture_cli.effects import REGISTRY
+from capture_cli.stages.model_fits import ModelFits
+from capture_cli.stages.prepared_log import PreparedLog, prepare
+from capture_cli.stages.record import record
+from capture_cli.stores.measured_log import MeasuredLog
+from capture_cli.tasks import load_task
+
+SLIDER = Path(__file__).parents[1] / "benchmarks" / "machines" / "slider" / "task.toml"
+
+
+def planted(folder: Path, effect: str, seed: int = 0) -> tuple[PreparedLog, np.ndarray]:
+    """A slider's log with `effect` in it, cut into windows, and the true parameters, those of the effect last."""
+    record(
+        task=str(SLIDER),
+        out=folder / "log.zarr",
+        effects=[effect],
+        noise=3e-4,
+        episodes=4,
+        duration=3.0,
+        rate=250.0,
+        seed=seed,
+    )
+    truth = json.loads((folder / "log.truth.json").read_text(encoding="utf-8"))
+    values = np.array([*truth["parameters"].values(), *truth["effects"].values()])
+    log = MeasuredLog.read(folder / "log.zarr")
+    return prepare(log, load_task(str(SLIDER)), window=None, test=None, seed=0), values
+
+
+@pytest.mark.parametrize(("name", "text"), [("compliance", "compliance=0.002"), ("backlash", "width=0.01")])
+def test_what_a_transmission_has_wound_up_before_a_window_is_a_nuisance(tmp_path, name, text, monkeypatch):
+    prepared, truth = planted(tmp_path, f"{name}@x.{text}")
+    effect = REGISTRY.get(name)(prepared.task.model, "x")
+    assert effect.states
+
+    def error(fits: ModelFits) -> float:
+        fit = fits.fit(prepared, [(name, effect)], truth)
+        return float(np.sqrt(fit.squares / fit.at.evidence.count))
+
+    free = error(ModelFits(prepared, 1))
+    monkeypatch.setattr(
+        PreparedLog,
+        "evidence",
+        lambda self, simulator, own=PreparedLog.evidence: _without_hidden(own(self, simulator), self),
+    )
+    held = error(ModelFits(prepared, 1))
+    assert free < 1.05 < held
+
+
+def _without_hidden(evidence, prepared: PreparedLog):
+    own = prepared.starts.sd.shape[1]
+    sd = evidence.start_sd.copy()
+    sd[:, own:] = 0.0
+    return replace(evidence, start_sd=sd)
+
+
+def test_offsets_of_the_machine_are_carried_to_another_model_and_hidden_ones_are_not(tmp_path):
+    prepared, truth = planted(tmp_path, "compliance@x.compliance=0.002")
+    effect = REGISTRY.get("compliance")(prepared.task.model, "x")
+    fits = ModelFits(prepared, 1)
+    size = len(prepared.task.space)
+    declared = fits.fit(prepared, [], truth[:size])
+    rich = fits.fit(prepared, [("compliance", effect)], truth, offsets=declared.offsets, rounds=3)
+    assert rich.offsets.shape[1] == declared.offsets.shape[1] + len(effect.states)
+    assert np.abs(rich.offsets[:, -2:]).max() > 0
+    back = fits.fit(prepared, [], truth[:size], offsets=rich.offsets)
+    assert back.squares == pytest.approx(declared.squares, rel=1e-2)
+    residuals, diverged = fits.probe(prepared, declared, ("compliance", effect), truth[None, size:])
+    assert residuals.shape[0] == 1 and not diverged.any()
