@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from capture_cli.effects.base import Effect
 from capture_cli.parameters import Parameter, ParameterSpace
-from capture_cli.sim.engine import Engine, Force, ModelFields, Starts
+from capture_cli.sim.engine import Engine, Force, ModelFields, Rollouts, Starts
 from capture_cli.sim.starts import ReportedMotion, shift
 from capture_cli.sim.windows import Windows
 from capture_cli.tasks.base import Task
@@ -23,6 +23,14 @@ class Simulated:
 
     outputs: np.ndarray
     diverged: np.ndarray
+
+
+@dataclass(frozen=True)
+class Motion:
+    """On the model's grid: qpos (window, grid, nq), contacts (window, grid), how many there are."""
+
+    qpos: np.ndarray
+    contacts: np.ndarray
 
 
 class Simulator:
@@ -93,7 +101,7 @@ class Simulator:
         """
         task, count = self.task, len(actions)
         episodes = task.episodes(actions)
-        sensors, diverged = self._step(
+        rollouts = self._step(
             episodes.starts,
             task.controls(episodes.inputs),
             np.arange(count),
@@ -102,12 +110,39 @@ class Simulator:
         )
         self.rollouts += count
         points = np.rint(task.point_times / task.timestep).astype(int)
-        return task.observe(sensors[:, points]), diverged
+        return task.observe(rollouts.sensors[:, points]), rollouts.diverged
+
+    def motion(
+        self,
+        windows: Windows,
+        starts: Starts,
+        point: np.ndarray,
+        offsets: np.ndarray,
+        reported: ReportedMotion | None = None,
+    ) -> Motion:
+        """What happens inside every window at one point (parameter,); the rest is as for `simulate`."""
+        rollouts = self._rollout(windows, starts, point[None], offsets[None], reported, states=True)
+        self.rollouts += len(windows)
+        return Motion(rollouts.qpos, rollouts.contacts)
 
     def _run(self, windows: Windows, starts: Starts, parameters: np.ndarray, offsets, reported):
         """Outputs on the grid (candidate, window, grid, output) and diverged (candidate, window)."""
+        rollouts = self._rollout(windows, starts, parameters, offsets, reported)
+        shape = (len(parameters), len(windows))
+        return rollouts.sensors.reshape(*shape, *rollouts.sensors.shape[1:]), rollouts.diverged.reshape(shape)
+
+    def _rollout(
+        self,
+        windows: Windows,
+        starts: Starts,
+        parameters: np.ndarray,
+        offsets,
+        reported,
+        states: bool = False,
+    ) -> Rollouts:
+        """Simulation = candidate * windows + window; the sensors are the outputs, as reported."""
         candidates, count = len(parameters), len(windows)
-        each = np.repeat(parameters, count, axis=0)  # simulation = candidate * count + window
+        each = np.repeat(parameters, count, axis=0)
         row = np.tile(np.arange(count), candidates)
         starts = starts.rows(row)
         hidden = None
@@ -117,7 +152,7 @@ class Simulator:
             hidden = offsets[:, self._own_states :]
         if reported is not None and any(effect.place == "measurement" for _, effect in self.effects):
             starts = shift(self.task.model, starts, self._start_change(reported.rows(row), each))
-        sensors, diverged = self._step(
+        return self._step(
             starts,
             self.task.controls(windows.controls),
             row,
@@ -125,9 +160,8 @@ class Simulator:
             each,
             past=self.task.controls(windows.past),
             hidden=hidden,
+            states=states,
         )
-        shape = (candidates, count)
-        return sensors.reshape(*shape, *sensors.shape[1:]), diverged.reshape(shape)
 
     def _step(
         self,
@@ -136,10 +170,12 @@ class Simulator:
         row: np.ndarray,
         steps: int,
         each: np.ndarray,
+        *,
         past: np.ndarray | None = None,
         hidden: np.ndarray | None = None,
-    ):
-        """Outputs on the grid (simulation, grid, output) and diverged (simulation,); each (simulation, parameter).
+        states: bool = False,
+    ) -> Rollouts:
+        """Rollouts whose sensors are the outputs on the grid; each (simulation, parameter).
 
         past (row, lead, nu): what came before `controls` (row, grid, nu); their first values where None.
         hidden (simulation, state): what the effects' own states begin with; 0 where None.
@@ -154,13 +190,14 @@ class Simulator:
             fields=self._fields(each),
             forces=self._forces(each, hidden),
             columns=None if measures else self._sensors,
+            states=states,
         )
+        if not measures:
+            return rollouts
         sensors = rollouts.sensors
-        if measures:
-            for (_, effect), columns in zip(self.effects, self._columns, strict=True):
-                sensors = effect.measure(sensors, each[:, columns], self.task.timestep)
-            sensors = sensors[..., self._sensors]
-        return sensors, rollouts.diverged
+        for (_, effect), columns in zip(self.effects, self._columns, strict=True):
+            sensors = effect.measure(sensors, each[:, columns], self.task.timestep)
+        return replace(rollouts, sensors=sensors[..., self._sensors])
 
     def _start_change(self, reported: ReportedMotion, each: np.ndarray) -> np.ndarray:
         """How far starts are from where the sensors showed them, (simulation, state)."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from capture_cli.effects._joint_force import JointForce
+from capture_cli.effects._periodic_force import PeriodicForce
 from capture_cli.parameters import Parameter
 
 
@@ -14,7 +14,7 @@ def cogging(qpos, *, sine, cosine, period):
     return sine * np.sin(phase) + cosine * np.cos(phase)
 
 
-class Cogging(JointForce):
+class Cogging(PeriodicForce):
     """The joint force `sine` sin(2 pi x / `period`) + `cosine` cos(2 pi x / `period`); it stores and gives
     back energy.
     """
@@ -22,6 +22,10 @@ class Cogging(JointForce):
     summary = "a force that repeats with position: magnets or teeth"
     shapes = ("period",)
     kernel = staticmethod(cogging)
+
+    @staticmethod
+    def frequency(shape):
+        return 1 / shape
 
     @property
     def parameters(self):

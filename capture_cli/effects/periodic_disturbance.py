@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from capture_cli.effects._joint_force import JointForce
+from capture_cli.effects._periodic_force import PeriodicForce
 from capture_cli.parameters import Parameter
 
 FEWEST_PERIODS = 2.0
@@ -16,7 +16,7 @@ def periodic_disturbance(time, *, sine, cosine, frequency):
     return sine * np.sin(phase) + cosine * np.cos(phase)
 
 
-class PeriodicDisturbance(JointForce):
+class PeriodicDisturbance(PeriodicForce):
     """The joint force `sine` sin(2 pi f t) + `cosine` cos(2 pi f t) with f the `frequency` and t the log's
     time.
     """
@@ -34,9 +34,8 @@ class PeriodicDisturbance(JointForce):
     @property
     def parameters(self):
         high, unit = self.characteristic_force, self.unit("N", "N m")
-        fastest = min(20.0, 0.1 / float(self.model.opt.timestep))
         return (
             Parameter("sine", unit, -high, high, 0.0),
             Parameter("cosine", unit, -high, high, 0.0),
-            Parameter("frequency", "Hz", 0.1, fastest, 1.0),
+            Parameter("frequency", "Hz", 0.1, 1 / self.shortest_period, 1.0),
         )

@@ -16,6 +16,7 @@ from mujoco import batch
 # Working memory of one chunk of simulations: controls and recorded sensors.
 CHUNK_BYTES = 256 << 20
 CHUNK_SIMULATIONS = 8192
+STATES = ("qpos", "qvel")
 
 
 def silence_mujoco() -> None:
@@ -113,13 +114,14 @@ class Starts:
 class Rollouts:
     """sensors (simulation, step, sensordata): at time start + step * dt. diverged (simulation,): do not believe.
 
-    qpos, qvel (simulation, step, ...): the states, where asked for.
+    qpos, qvel (simulation, step, ...): the states, where asked for; contacts (simulation, step): how many there are.
     """
 
     sensors: np.ndarray
     diverged: np.ndarray
     qpos: np.ndarray | None = None
     qvel: np.ndarray | None = None
+    contacts: np.ndarray | None = None
 
 
 class Engine:
@@ -146,14 +148,14 @@ class Engine:
 
         controls: (row, at least `steps`, nu); simulation i is driven by controls[control_row[i]] (row i where None).
         fields: per-simulation model values; constants that derive from them are recomputed.
-        columns: which columns of sensordata to keep (all where None). states: keep qpos and qvel as well.
+        columns: which columns of sensordata to keep (all where None). states: keep qpos, qvel and contacts as well.
 
         A simulation in which MuJoCo warns of divergence is held from there on and marked.
         """
         count = len(starts)
         control_row = np.arange(count) if control_row is None else np.asarray(control_row)
         columns = np.arange(self.model.nsensordata) if columns is None else np.asarray(columns)
-        fields_kept = ("sensordata", "qpos", "qvel") if states else ("sensordata",)
+        fields_kept = ("sensordata", *STATES, "ncon") if states else ("sensordata",)
         recorded: dict[str, list[np.ndarray]] = {name: [] for name in fields_kept}
         diverged = []
         for first in range(0, count, self._chunk(steps)):
@@ -166,7 +168,9 @@ class Engine:
                 recorded[name].append(values)
             diverged.append(bad | ~np.isfinite(chunk["sensordata"]).all(axis=(1, 2)))
         whole = {name: np.concatenate(parts) for name, parts in recorded.items()}
-        return Rollouts(whole["sensordata"], np.concatenate(diverged), whole.get("qpos"), whole.get("qvel"))
+        return Rollouts(
+            whole["sensordata"], np.concatenate(diverged), *(whole.get(n) for n in (*STATES, "ncon"))
+        )
 
     def _chunk(self, steps: int) -> int:
         row_bytes = 8 * steps * (self.model.nsensordata + self.model.nu + 1)
@@ -199,8 +203,8 @@ def _step(
     """Fields `names` (simulation, step, ...) before each step, and which simulations diverged (simulation,)."""
     if forces:
         return _step_with_forces(runner, rows, tape, forces, names)
-    start = {name: runner.bind(name).copy() for name in names if name != "sensordata"}
-    recorded = {name: np.zeros((len(rows), steps, *runner.bind(name).shape[1:])) for name in names}
+    start = {name: runner.bind(name).copy() for name in names if name in STATES}
+    recorded = {name: _room(runner.bind(name), steps) for name in names}
     bad = np.zeros(len(rows), dtype=bool)
     try:
         runner.rollout(steps, tape if tape.shape[-1] else None, record=tuple(names), out=dict(recorded))
@@ -220,7 +224,7 @@ def _step_with_forces(
     world = World(runner, rows)
     ctrl, joint_force, body_force = (runner.bind(n) for n in ("ctrl", "qfrc_applied", "xfrc_applied"))
     live = {name: runner.bind(name) for name in names}
-    recorded = {name: np.zeros((len(rows), tape.shape[1], *view.shape[1:])) for name, view in live.items()}
+    recorded = {name: _room(view, tape.shape[1]) for name, view in live.items()}
     bad = np.zeros(len(rows), dtype=bool)
     for step in range(tape.shape[1]):
         ctrl[...] = tape[:, step]
@@ -233,16 +237,23 @@ def _step_with_forces(
         body_force[bad] = 0.0
         world.restore_varied(bad)
         for name in names:
-            if name != "sensordata":
+            if name in STATES:
                 recorded[name][:, step] = live[name]
         try:
             runner.step()
         except batch.SimulationError as error:
             bad[error.ids] = True
         bad |= _warned(runner)
+        if "ncon" in live:
+            recorded["ncon"][:, step] = live["ncon"]
         held = recorded["sensordata"][:, max(step - 1, 0)]
         recorded["sensordata"][:, step] = np.where(bad[:, None], held, live["sensordata"])
     return recorded, bad
+
+
+def _room(view: np.ndarray, steps: int) -> np.ndarray:
+    """For `steps` of a bound field (simulation, ...): (simulation, step, ...)."""
+    return np.zeros((len(view), steps, *view.shape[1:]), dtype=view.dtype)
 
 
 def _warned(runner: batch.Batch) -> np.ndarray:

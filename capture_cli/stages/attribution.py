@@ -19,16 +19,21 @@ from capture_cli.diagnosis.acceptance import (
 from capture_cli.diagnosis.score import Score, score, similarity
 from capture_cli.diagnosis.split import Folds
 from capture_cli.effects import REGISTRY
+from capture_cli.effects._periodic_force import PeriodicForce
+from capture_cli.effects.base import Effect
 from capture_cli.linearization import autocorrelation_time
 from capture_cli.simulator import placed_name
 from capture_cli.stages.model_fits import Fit, ModelFits, PartFit, Placed
+from capture_cli.stages.narrow_shapes import NarrowShapes
 from capture_cli.stages.prepared_log import PreparedLog
 
 REFITTED = 5  # best-scoring candidates that are fitted jointly, each time round
 PROBES = (0.01, 0.1)  # of an amplitude's range: a slope near null, and a secant further out
 SHAPES, SHAPES_OF_SEVERAL = 5, 3  # values tried of an effect's one shape, or of each of several
 SCORED_WINDOWS = 40  # evenly spread: a score needs no more
-SMALLEST_GAIN = 12.0  # of the objective, over the variance that would be left: less is no reason to fit
+# Of the objective, over the variance that would be left: less is no reason to fit. The best of n shapes has 2 log(n)
+# more by chance.
+SMALLEST_GAIN = 12.0
 ABSORBED = 0.02  # share of a sensitivity that must be left once the declared parameters have imitated it
 MOST_EFFECTS = 6
 INDISTINCT = 0.05  # two models are tied where the paired test between them is not below this
@@ -52,6 +57,7 @@ class Candidate:
     select: PartFit | None = None
     support: Support | None = None
     why_rejected: str | None = None
+    shapes_tried: int = 1
 
     @property
     def name(self) -> str:
@@ -132,9 +138,11 @@ class Attribution:
     def _forward(self, current: Fit) -> Candidate | None:
         inside = {a.name for a in self.accepted}
         tried = [c for c in self.candidates if c.name not in inside]
+        part, at = _thinned(self.fit_part, current)
+        narrow = NarrowShapes(self.fits, part, replace(current, at=at))
         for number, candidate in enumerate(tried):
             self.on_step("score", number, len(tried))
-            self._score(current, candidate)
+            self._score(narrow, candidate)
         ranked = sorted((c for c in tried if c.why_rejected is None), key=lambda c: -c.score.gain)
         for candidate in ranked[REFITTED:]:
             best = ranked[0].score.gain
@@ -150,16 +158,18 @@ class Attribution:
             return None
         return self._choose(supported, ranked[REFITTED:])
 
-    def _score(self, current: Fit, candidate: Candidate) -> None:
+    def _score(self, narrow: NarrowShapes, candidate: Candidate) -> None:
         """Fill in the candidate's score and where a refit should start, or why it is out."""
         candidate.fit = candidate.select = candidate.support = candidate.score = None
         candidate.why_rejected = None
-        part, at = _thinned(self.fit_part, current)
+        part, current = narrow.part, narrow.fit
+        at = current.at
         effect = candidate.effect[1]
         space = effect.space
         amplitudes = [i for i, n in enumerate(space.names) if n not in effect.shapes]
-        probes, steps = _probes(effect, amplitudes)
-        residuals, diverged = self.fits.probe(part, replace(current, at=at), candidate.effect, probes)
+        shapes, candidate.shapes_tried = _shapes(narrow, effect)
+        probes, steps = _probes(effect, amplitudes, shapes)
+        residuals, diverged = self.fits.probe(part, current, candidate.effect, probes)
         if diverged.all():
             candidate.why_rejected = "every simulation with it diverged"
             return
@@ -185,7 +195,7 @@ class Attribution:
             candidate.why_rejected = (
                 "parameters that are in the model imitate it: this log cannot tell it from them"
             )
-        elif candidate.score.gain < SMALLEST_GAIN:
+        elif candidate.score.gain < SMALLEST_GAIN + 2 * np.log(candidate.shapes_tried):
             candidate.why_rejected = f"it explains nothing (score {candidate.score.gain:.2g})"
 
     def _refit(self, current: Fit, candidate: Candidate, before: PartFit | None, tried: int) -> None:
@@ -215,7 +225,8 @@ class Attribution:
         added = len(effect[1].parameters)
         samples = self._effective_samples(fit)
         free = samples - len(fit.space)
-        p_fit = ratio_p_value(before_fit.squares, fit.squares, free, added, tried)
+        hypotheses = tried * self._candidate(placed_name(*effect)).shapes_tried
+        p_fit = ratio_p_value(before_fit.squares, fit.squares, free, added, hypotheses)
         gain = bic_gain(before_fit.squares, fit.squares, samples, added)
         after = self.judge(fit)
         if after is None:
@@ -411,11 +422,19 @@ class Attribution:
         return found
 
 
-def _probes(effect, amplitudes: list[int]) -> tuple[np.ndarray, np.ndarray]:
+def _shapes(narrow: NarrowShapes, effect: Effect) -> tuple[np.ndarray, int]:
+    """Points (point, parameter) with null amplitudes at which to score, and how many they were chosen from."""
+    if isinstance(effect, PeriodicForce):
+        return narrow.points(effect)
+    grid = effect.shape_grid(SHAPES if len(effect.shapes) < 2 else SHAPES_OF_SEVERAL)
+    return grid, len(grid)
+
+
+def _probes(effect: Effect, amplitudes: list[int], shapes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Probe points (probe, parameter), one per amplitude after the other, and their steps in ranges (probe,)."""
     space = effect.space
     points, steps = [], []
-    for shape in effect.shape_grid(SHAPES if len(effect.shapes) < 2 else SHAPES_OF_SEVERAL):
+    for shape in shapes:
         for share in PROBES:
             for i in amplitudes:
                 point = shape.copy()

@@ -14,7 +14,7 @@ from capture_cli.identifiers.least_squares import LeastSquares
 from capture_cli.linearization import Linearization, autocorrelation_time, columns
 from capture_cli.parameters import ParameterSpace
 from capture_cli.sim.engine import Engine
-from capture_cli.simulator import Simulator
+from capture_cli.simulator import Motion, Simulator
 from capture_cli.stages.prepared_log import PreparedLog
 
 Placed = tuple[str, Effect]
@@ -182,6 +182,14 @@ class ModelFits:
         outputs, diverged = part.evaluate(simulator, Trial(points, offsets))
         self.rollouts += simulator.rollouts
         return evidence.residual(outputs), diverged.any(axis=1)
+
+    def motion(self, part: PreparedLog, fit: Fit) -> Motion:
+        """What happens inside every window of the part that the fit's starts belong to."""
+        simulator = self.simulator(fit.effects)
+        starts = part.starts
+        motion = simulator.motion(part.windows, starts.starts, fit.point, fit.offsets, starts.reported)
+        self.rollouts += simulator.rollouts
+        return motion
 
     def simulator(self, effects: Sequence[Placed]) -> Simulator:
         """Simulates the task with `effects` on the shared engine."""

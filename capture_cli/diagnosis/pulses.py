@@ -1,0 +1,128 @@
+"""How the outputs respond to a force at a joint, whenever in a window it acts.
+
+The response to short pulses, one after the other, is simulated; that to any force along the motion is to first order
+a sum of them, so that hundreds of forces are judged at the price of a few dozen simulations.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from capture_cli.effects._joint_effect import JointEffect
+from capture_cli.linearization import Linearization
+from capture_cli.parameters import Parameter
+from capture_cli.sim.engine import Force, World
+
+NAME = "pulses"
+PER_PERIOD = 4  # pulses in the shortest period asked for
+MOST = 64  # pulses in a window; a longer window resolves slower forces only
+RESOLVED = 0.45  # periods per pulse up to which pulses can follow a force
+
+
+class Pulses(JointEffect):
+    """Forces at a joint that rise and fall within 2 `spacing` model steps, each `spacing` after the one before.
+
+    There are `count`; the first peaks at the start of the simulation, the amplitude of each is a parameter.
+    """
+
+    place = "force"
+    summary = "a force at some time of a window"
+
+    def __init__(self, model, site: str, spacing: int, count: int):
+        super().__init__(model, site)
+        self.spacing, self.count = spacing, count
+
+    @classmethod
+    def over(cls, model, site: str, steps: int, shortest: float) -> Pulses:
+        """For windows of `steps` model steps and forces with periods down to `shortest`, in s."""
+        wanted = shortest / PER_PERIOD / float(model.opt.timestep)
+        spacing = max(int(wanted), -(-steps // (MOST - 1)), 1)
+        return cls(model, site, spacing, -(-steps // spacing) + 1)
+
+    @property
+    def parameters(self):
+        size = self.characteristic_force
+        return tuple(
+            Parameter(f"pulse_{k}", self.unit("N", "N m"), -size, size, 0.0) for k in range(self.count)
+        )
+
+    @property
+    def fastest(self) -> float:
+        """Hz: the fastest force that they can add up to."""
+        return RESOLVED / (self.spacing * float(self.model.opt.timestep))
+
+    def force(self, values, timestep) -> Force:
+        return _Force(self, values)
+
+    def shares(self, steps: np.ndarray) -> np.ndarray:
+        """Height of each pulse at `steps` (step,) after the start, (step, pulse)."""
+        return np.maximum(1 - np.abs(steps[:, None] / self.spacing - np.arange(self.count)), 0.0)
+
+
+class _Force:
+    """Pulses over a batch, chunk after chunk."""
+
+    def __init__(self, pulses: Pulses, values: np.ndarray):
+        self.pulses, self.values = pulses, values
+        self.world: World | None = None
+
+    def __call__(self, world: World) -> None:
+        if world is not self.world:
+            self.world, self.step = world, 0
+        first, into = divmod(self.step, self.pulses.spacing)
+        rising = into / self.pulses.spacing
+        own = self.values[world.rows, first : first + 2]
+        force = (1 - rising) * own[:, 0] + (rising * own[:, 1] if own.shape[1] > 1 else 0.0)
+        world.qfrc_applied[:, self.pulses.dof] += force
+        self.step += 1
+
+
+@dataclass(frozen=True)
+class PulseResponse:
+    """What pulses would explain, the starts eliminated: the normal equations of the amplitudes, window by window.
+
+    gram (window, pulse, pulse), across (window, pulse, parameter), pull (window, pulse); those of the parameters,
+    summed over windows: hessian (parameter, parameter), gradient (parameter,).
+    """
+
+    gram: np.ndarray
+    across: np.ndarray
+    pull: np.ndarray
+    hessian: np.ndarray
+    gradient: np.ndarray
+
+    @classmethod
+    def of(cls, at: Linearization, change: np.ndarray) -> PulseResponse:
+        """From what a unit of each pulse adds to the outputs, (window, row, pulse), in units of the noise."""
+        k = at.scatter
+        through = at.by_start.swapaxes(1, 2) @ change  # (window, state, pulse)
+        held = at.start_gain(k) @ through
+        to_start = at.by_start.swapaxes(1, 2) @ at.by_parameter
+        start_pull = (at.by_start.swapaxes(1, 2) @ at.residual[..., None])[..., 0] - k * at.z
+        turned = change.swapaxes(1, 2)
+        hessian, gradient = at.normal(k)
+        return cls(
+            gram=turned @ change - through.swapaxes(1, 2) @ held,
+            across=turned @ at.by_parameter - held.swapaxes(1, 2) @ to_start,
+            pull=(turned @ at.residual[..., None])[..., 0]
+            - (held.swapaxes(1, 2) @ start_pull[..., None])[..., 0],
+            hessian=hessian,
+            gradient=gradient,
+        )
+
+    def gains(self, forces: np.ndarray) -> np.ndarray:
+        """Decrease of the objective by each of `forces` (force, window, pulse, amplitude), amplitudes free, (force,).
+
+        What the parameters can imitate is projected off.
+        """
+        across = np.einsum("fwka,wkp->fap", forces, self.across)
+        gram = np.einsum("fwka,fwkb->fab", forces, self.gram @ forces)
+        pull = np.einsum("fwka,wk->fa", forces, self.pull)
+        inverse = np.linalg.pinv(self.hessian, rcond=1e-12, hermitian=True)
+        left = gram - across @ inverse @ across.swapaxes(1, 2)
+        size = np.trace(gram, axis1=1, axis2=2)
+        left += 1e-9 * np.maximum(size, 1e-300)[:, None, None] * np.eye(left.shape[-1])
+        pull = pull - across @ inverse @ self.gradient
+        return np.einsum("fa,fa->f", pull, np.linalg.solve(left, pull[..., None])[..., 0])

@@ -1,0 +1,96 @@
+"""At which values of a shape with narrow peaks is an effect worth simulating? All are judged, the best are chosen."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+
+from capture_cli.diagnosis.pulses import NAME, PulseResponse, Pulses
+from capture_cli.effects._periodic_force import PeriodicForce
+from capture_cli.stages.model_fits import Fit, ModelFits
+from capture_cli.stages.prepared_log import PreparedLog
+
+PEAKS = 3  # values that are simulated
+MOST = 4096  # values that are judged: in a log of over 100 s the peaks of fast forces can fall between them
+PULSE = 0.1  # of the joint's characteristic force
+SAMPLES = 4  # of a force in each pulse
+AT_ONCE = 1 << 24  # numbers in memory
+
+
+class NarrowShapes:
+    """For effects that repeat along time or position, on one part of the log, at one fit to it."""
+
+    def __init__(self, fits: ModelFits, part: PreparedLog, fit: Fit):
+        self.fits, self.part, self.fit = fits, part, fit
+        self._responses: dict[str, tuple[Pulses, PulseResponse]] = {}
+
+    def points(self, effect: PeriodicForce) -> tuple[np.ndarray, int]:
+        """Points (point, parameter) with null amplitudes at the best values of the shape, and how many were judged."""
+        pulses, response = self._response(effect)
+        path = self._path(effect)
+        points = effect.sweep(float(np.ptp(path)), MOST)
+        rest = effect.shape_grid()
+        fits_in = np.array([effect.doubt(p, self._longest) is None for p in points])
+        points = points[fits_in] if fits_in.any() else points
+        if (
+            effect.along == "time"
+        ):  # of what is too fast for the pulses a few values are simulated, as they are
+            column = effect.space.names.index(effect.shapes[0])
+            rest = rest[rest[:, column] > pulses.fastest]
+            points = points[points[:, column] <= pulses.fastest]
+        else:
+            rest = rest[:0]
+        if not len(points):
+            return rest, len(rest)
+        gains = self._gains(effect, points, path, pulses, response)
+        best = np.concatenate([points[_peaks(gains)], rest])
+        return best, len(points) + len(rest)
+
+    def _gains(self, effect, points, path, pulses: Pulses, response: PulseResponse) -> np.ndarray:
+        every = max(1, pulses.spacing // SAMPLES)
+        steps = np.arange(0, path.shape[1], every)
+        to_pulses = np.linalg.pinv(pulses.shares(steps))  # (pulse, step)
+        some = max(1, AT_ONCE // (2 * path[:, steps].size))
+        gains = [
+            response.gains(to_pulses @ effect.forces(points[first : first + some], path[:, steps]))
+            for first in range(0, len(points), some)
+        ]
+        return np.concatenate(gains)
+
+    def _response(self, effect: PeriodicForce) -> tuple[Pulses, PulseResponse]:
+        if effect.site not in self._responses:
+            model = self.fits.prepared.task.model
+            steps = int(self.part.windows.grid_steps.max())
+            pulses = Pulses.over(model, effect.site, steps, effect.shortest_period)
+            size = PULSE * pulses.characteristic_force
+            residual, diverged = self.fits.probe(
+                self.part, self.fit, (NAME, pulses), size * np.eye(pulses.count)
+            )
+            change = (self.fit.at.residual - residual) * ~diverged[:, None, None] / size
+            response = PulseResponse.of(self.fit.at, np.moveaxis(change, 0, -1))
+            self._responses[effect.site] = (pulses, response)
+        return self._responses[effect.site]
+
+    def _path(self, effect: PeriodicForce) -> np.ndarray:
+        """What the effect repeats along, in every window on the model's grid, (window, grid)."""
+        if effect.along == "time":
+            windows = self.part.windows
+            return windows.time[:, None] + windows.timestep * np.arange(windows.grid_steps.max())
+        return self._qpos[..., effect.model.jnt_qposadr[effect.joint]]
+
+    @cached_property
+    def _qpos(self) -> np.ndarray:
+        return self.fits.motion(self.part, self.fit).qpos
+
+    @property
+    def _longest(self) -> float:
+        log = self.fits.prepared.log
+        return float(max(log.time[e.stop - 1] - log.time[e.start] for e in log.episodes))
+
+
+def _peaks(gains: np.ndarray) -> np.ndarray:
+    """The largest local maxima of gains (point,), best first."""
+    higher = np.concatenate([[-np.inf], gains, [-np.inf]])
+    maxima = np.flatnonzero((gains >= higher[:-2]) & (gains > higher[2:]))
+    return maxima[np.argsort(-gains[maxima], kind="stable")][:PEAKS]
