@@ -34,6 +34,7 @@ CAPTIONS = {
     "capture_cli/reports/page.css": "how report.html looks",
     "capture_cli/reports/page.js": "what report.html does: zoom, legends, theme",
     "capture_cli/tasks/scooping.xml": "the model of object scooping",
+    "capture_cli/worlds/scooping_scene.xml": "what the scene of object scooping has beyond that model",
     "datasets/README.md": "how the logs shipped here were made",
     "docs/benchmarks.md": "figures measured, each with its command",
     "docs/commands.md": "every command and option",

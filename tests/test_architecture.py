@@ -22,7 +22,7 @@ ROWS = (
     ("reports",),
     ("identifiers", "policies", "search", "diagnosis"),
     ("linearization",),
-    ("simulator", "observation_noise"),
+    ("simulator", "worlds", "observation_noise"),
     ("tasks", "effects"),
     ("sim", "stores"),
     ("parameters", "registry"),
