@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
 from capture_cli.identifiers.rounds import Rounds, Signature
 from capture_cli.parameters import Parameter, ParameterSpace
+from capture_cli.stores.histories import SCHEMA, HistoriesWriter
 from capture_cli.tasks.base import Feature
 
 SIGNATURE = Signature(
@@ -57,3 +60,29 @@ def histories(pairs: int, rounds: int = 5, seed: int = 0) -> Rounds:
     shape = (pairs, rounds, *SIGNATURE.trajectory_shape)
     simulated, measured = (trajectories(p, actions).reshape(shape) for p in both)
     return Rounds(parameters, actions.reshape(pairs, rounds, -1), simulated, measured, truth)
+
+
+def write(rounds: Rounds, location: Path, **attributes) -> Path:
+    """`rounds` as a store of histories at `location`; `attributes` replace those of the toy."""
+    pairs, count = rounds.parameters.shape[:2]
+    boxes = {
+        name: [{"name": p.name, "unit": p.unit, "low": p.low, "high": p.high} for p in space]
+        for name, space in (("parameters", SIGNATURE.space), ("actions", SIGNATURE.actions))
+    }
+    writer = HistoriesWriter(str(location))
+    writer.create(
+        {
+            **{name: None for name in SCHEMA.attributes if name != "complete"},
+            "task": SIGNATURE.task,
+            **boxes,
+            "features": [vars(f) for f in SIGNATURE.features],
+            "point_times": SIGNATURE.point_times.tolist(),
+            "pairs": pairs,
+            "shard_pairs": pairs,
+            "rounds": count,
+            **attributes,
+        }
+    )
+    writer.write(0, vars(rounds))
+    writer.finish()
+    return location

@@ -14,7 +14,7 @@ from typing import Any
 from capture_cli import __version__
 from capture_cli.stores.output import sha256
 
-PACKAGES = ("mujoco", "numpy", "scipy", "zarr")
+PACKAGES = ("mujoco", "numpy", "scipy", "torch", "zarr")
 
 
 class Provenance:

@@ -1,0 +1,79 @@
+"""A learned identifier on disk: identifier.json and identifier.safetensors in a directory. Shared by stages."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from capture_cli.errors import OptionError, StoreError
+from capture_cli.identifiers import round_identifier
+from capture_cli.identifiers.rounds import RoundIdentifier, Signature
+from capture_cli.stores.estimate import read_result
+from capture_cli.stores.provenance import write_json
+
+if TYPE_CHECKING:
+    from capture_cli.identifiers._learned import TrainedModel
+
+FORMAT, VERSION = "capture/identifier", 1
+DOCUMENT, WEIGHTS = "identifier.json", "identifier.safetensors"
+_AGAIN = "train it again with `capture train-sysid`"
+
+
+@dataclass(frozen=True)
+class IdentifierCheckpoint:
+    """identifier.json as a dict, the class it names, and the trained model: `kind(signature, start, model=model)`."""
+
+    document: Mapping[str, Any]
+    kind: type[RoundIdentifier]
+    model: TrainedModel
+
+    @property
+    def name(self) -> str:
+        """The identifier's public name."""
+        return self.document["identifier"]
+
+    def check(self, signature: Signature, where: str | Path) -> None:
+        """Raise OptionError where it was trained for another task, or for other parameters, actions or points."""
+        differences = self.model.signature.differences(signature)
+        if differences:
+            raise OptionError(
+                f"{where} was trained for something else: {'; '.join(differences)}",
+                cure=f"choose a checkpoint of the task {signature.task!r}, or {_AGAIN}",
+            )
+
+
+def save_identifier(model: TrainedModel, document: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Write `model` into `folder`; returns identifier.json, which is `document` with the model's settings."""
+    from safetensors.numpy import save_file
+
+    settings, arrays = model.state()
+    document = {"format": FORMAT, "version": VERSION, **document, **settings}
+    write_json(folder / DOCUMENT, document)
+    save_file({k: arrays[k] for k in sorted(arrays)}, folder / WEIGHTS)
+    return document
+
+
+def load_identifier(path: str | Path, signature: Signature | None = None) -> IdentifierCheckpoint:
+    """The identifier in the directory `path`, for the task of `signature` where that is given.
+
+    Raises StoreError for a checkpoint that is missing, damaged or of another version; OptionError for one of another
+    task, parameter list, action or trajectory.
+    """
+    from safetensors import SafetensorError
+    from safetensors.numpy import load_file
+
+    from capture_cli.identifiers._learned import TrainedModel
+
+    path = Path(path)
+    document = read_result(path, DOCUMENT, FORMAT, VERSION, _AGAIN)
+    try:
+        kind = round_identifier(document["identifier"])
+        model = TrainedModel.from_state(document, load_file(path / WEIGHTS))
+    except (OSError, SafetensorError, KeyError, TypeError, ValueError, RuntimeError) as error:
+        raise StoreError(f"{path} cannot be read: {type(error).__name__}: {error}", cure=_AGAIN) from error
+    found = IdentifierCheckpoint(document, kind, model)
+    if signature is not None:
+        found.check(signature, path)
+    return found

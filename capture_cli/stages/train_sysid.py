@@ -1,0 +1,297 @@
+"""`capture train-sysid`: histories in, a learned identifier's checkpoint directory out (paper, Section III-D)."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from capture_cli.errors import OptionError, OutputError, StoreError, did_you_mean
+from capture_cli.identifiers import REGISTRY, round_identifier
+from capture_cli.identifiers.rounds import Rounds, Signature
+from capture_cli.parameters import Parameter, ParameterSpace
+from capture_cli.stages.identifier_checkpoint import save_identifier
+from capture_cli.stages.progress import Progress
+from capture_cli.stores.histories import SCHEMA, Histories, is_url
+from capture_cli.stores.output import refuse_existing, resumable_directory, unfinished
+from capture_cli.stores.provenance import Provenance
+from capture_cli.tasks.base import Feature
+
+if TYPE_CHECKING:
+    from capture_cli.identifiers._learned import LearnedIdentifier
+    from capture_cli.identifiers._training import Device, Trainer
+
+DEVICES = ("auto", "cpu", "cuda")
+PRECISIONS = ("auto", "float32", "bfloat16")
+STATE = "state.safetensors"  # what --resume goes on from
+METRICS = "metrics.jsonl"
+# attributes of a store that the signature holds, or that do not change what is in it
+NOT_OF_HISTORIES = {"complete", "shard_pairs", "task", "parameters", "actions", "features", "point_times"}
+SMALLEST_HISTORIES = 10  # pairs
+CHECKED_PAIRS = 8192  # read at once while looking for what is not finite
+
+
+def train_sysid(
+    *,
+    histories: str | Path,
+    out: Path,
+    identifier: str = "capture",
+    tokens: str = "trajectory",
+    window: int | None = None,
+    width: int = 128,
+    layers: int = 3,
+    heads: int = 4,
+    dropout: float = 0.0,
+    steps: int = 20_000,
+    batch: int = 256,
+    learning_rate: float = 1e-3,
+    warmup: int = 200,
+    weight_decay: float = 0.01,
+    validation: float = 0.1,
+    patience: int = 10,
+    precision: str = "auto",
+    device: str = "auto",
+    threads: int = 1,
+    seed: int = 0,
+    resume: bool = False,
+    force: bool = False,
+    quiet: bool = True,
+) -> dict[str, Any]:
+    """Train `identifier` on the store `histories`; write its checkpoint directory at `out`; returns identifier.json.
+
+    window: rounds that it reads; the identifier's own default where None. validation: share of the pairs held out.
+    patience: evaluations (there are 50) without a gain before it stops. threads: of the CPU; another number rounds
+    otherwise. With `resume` a run that was killed goes on from its last evaluation to the same result. Raises
+    CaptureError before anything is written.
+    """
+    options = {k: v for k, v in locals().items() if k not in ("resume", "force", "quiet")}
+    refuse_existing(out, force=force)
+    kind = _learned(identifier)
+    store = Histories(histories)
+    signature = signature_of(store.attributes)
+    _check_sizes(store, batch, steps, learning_rate, validation)
+    window = _window(identifier, kind, window, store.attributes["rounds"])
+    trains_on = None if is_url(str(histories)) else Path(histories)
+    provenance = Provenance("train-sysid", options, {"histories": trains_on})
+    _check_finite(store, quiet)
+    where = _device(device, precision, threads)
+    # torch is imported from here on: its settings are made
+    from capture_cli.identifiers._training import Settings, Trainer
+    from capture_cli.identifiers._transformer import Architecture
+
+    points, features = signature.trajectory_shape
+    architecture = Architecture(
+        parameters=len(signature.space),
+        actions=len(signature.actions),
+        points=points,
+        features=features,
+        tokens=tokens,
+        window=window,
+        width=width,
+        layers=layers,
+        heads=heads,
+        dropout=dropout,
+        residual=kind.residual,
+    )
+    settings = Settings(
+        steps=steps,
+        batch=batch,
+        learning_rate=learning_rate,
+        warmup=min(warmup, steps // 2),
+        weight_decay=weight_decay,
+        validation=validation,
+        patience=patience,
+        seed=seed,
+    )
+    trainer = Trainer(kind, signature, _reader(store), len(store), architecture, settings, where)
+    recipe = {
+        "identifier": identifier,
+        "task": signature.task,
+        "architecture": asdict(architecture),
+        "training": asdict(settings),
+        "histories": _described(store.attributes),
+    }
+    if resume:
+        _restore(trainer, unfinished(out) / STATE, recipe)
+    with resumable_directory(out, force=force, resume=resume) as folder:
+        _train(trainer, folder, recipe, quiet)
+        model, report = trainer.finish()
+        document = save_identifier(model, {**recipe, "result": report}, folder)
+        _write_metrics(trainer.metrics, folder)
+        _write_figure(trainer, folder)
+        (folder / STATE).unlink(missing_ok=True)
+        provenance.write(folder)
+    return document
+
+
+def signature_of(attributes: Mapping[str, Any]) -> Signature:
+    """The signature of the task that the histories with these attributes are of."""
+    spaces = (
+        ParameterSpace([Parameter(**p, nominal=(p["low"] + p["high"]) / 2) for p in attributes[name]])
+        for name in ("parameters", "actions")
+    )
+    features = tuple(Feature(**f) for f in attributes["features"])
+    return Signature(attributes["task"], *spaces, features, np.array(attributes["point_times"], dtype=float))
+
+
+# --- checks, before anything is written ---
+
+
+def _learned(name: str) -> type[LearnedIdentifier]:
+    kind = REGISTRY.get(name)
+    if not getattr(kind, "needs_checkpoint", False):
+        learned = [n for n, c in REGISTRY.items() if getattr(c, "needs_checkpoint", False)]
+        raise OptionError(f"--identifier {name} learns nothing", cure=f"choose {', '.join(learned)}")
+    return round_identifier(name)
+
+
+def _check_sizes(store: Histories, batch: int, steps: int, learning_rate: float, validation: float) -> None:
+    if len(store) < SMALLEST_HISTORIES:
+        raise StoreError(
+            f"{store.location} holds {len(store)} histories",
+            cure=f"make at least {SMALLEST_HISTORIES}; thousands are needed to learn anything",
+        )
+    for option, value in (("--batch", batch), ("--steps", steps), ("--lr", learning_rate)):
+        if not value > 0:
+            raise OptionError(f"{option} {value}", cure="give a positive number")
+    if not 0 < validation < 1:
+        raise OptionError(f"--validation {validation:g}", cure="give a share between 0 and 1, say 0.1")
+
+
+def _window(name: str, kind: type[LearnedIdentifier], window: int | None, rounds: int) -> int:
+    if kind.fixed_window is not None:
+        if window not in (None, kind.fixed_window):
+            raise OptionError(
+                f"--window {window}: {name} reads {kind.fixed_window} round", cure="leave it out"
+            )
+        return kind.fixed_window
+    if window is None:
+        return min(kind.default_window or rounds, rounds)
+    if not 1 <= window <= rounds:
+        raise OptionError(
+            f"--window {window}: the histories have {rounds} rounds",
+            cure=f"give 1 to {rounds}, or make longer histories with `capture gen-histories --rounds`",
+        )
+    return window
+
+
+def _check_finite(store: Histories, quiet: bool) -> None:
+    """Read everything once: damage shows now rather than after an hour. The store says what is wrong, and where."""
+    with Progress("reading", "block", quiet=quiet, total=-(-len(store) // CHECKED_PAIRS)) as progress:
+        for first in range(0, len(store), CHECKED_PAIRS):
+            store.read(first, min(first + CHECKED_PAIRS, len(store)))
+            progress.step(f"{first} of {len(store)} pairs checked")
+
+
+def _device(device: str, precision: str, threads: int) -> Device:
+    """The device as torch names it, and its precision. Raises OptionError where there is none of that kind."""
+    for option, value, possible in (("device", device, DEVICES), ("precision", precision, PRECISIONS)):
+        if value not in possible:
+            raise OptionError(f"--{option} {value!r}", cure=did_you_mean(value, possible))
+    # threads that wait must sleep: beside other work, spinning ones have cost a factor of 40
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+    import torch
+
+    from capture_cli.identifiers._training import Device
+
+    torch.set_num_threads(threads)
+    there = torch.cuda.is_available()
+    if device == "cuda" and not there:
+        built = "finds no GPU" if torch.backends.cuda.is_built() else "was built without CUDA"
+        raise OptionError(
+            f"--device cuda: torch {torch.__version__} {built}",
+            cure="use --device cpu (or auto), or install the driver and a CUDA build of torch",
+        )
+    name = "cuda" if there and device != "cpu" else "cpu"
+    # on a CPU bfloat16 gains little or nothing, and rounds
+    low = precision == "bfloat16" or (precision == "auto" and name == "cuda")
+    return Device(name, low)
+
+
+# --- the work ---
+
+
+def _reader(store: Histories):
+    def read(first: int, last: int) -> Rounds:
+        batch = store.read(first, last)
+        return Rounds(batch.parameters, batch.actions, batch.simulated, batch.measured, batch.target)
+
+    return read
+
+
+def _described(attributes: Mapping[str, Any]) -> dict[str, Any]:
+    """How the histories were made."""
+    return {name: attributes[name] for name in SCHEMA.attributes if name not in NOT_OF_HISTORIES}
+
+
+def _train(trainer: Trainer, folder: Path, recipe: Mapping[str, Any], quiet: bool) -> None:
+    _write_metrics(trainer.metrics, folder)
+    left = trainer.settings.steps // trainer.settings.every - len(trainer.metrics)
+    try:
+        with Progress("train-sysid", "evaluation", quiet=quiet, total=left) as progress:
+            for metrics in trainer.run():
+                with (folder / METRICS).open("a", encoding="utf-8") as file:
+                    file.write(json.dumps(metrics, allow_nan=False) + "\n")
+                _save_state(trainer, folder / STATE, recipe)
+                progress.step(f"step {metrics['step']}, validation loss {metrics['validation_loss']:.3g}")
+    except KeyboardInterrupt:
+        raise OutputError(
+            f"interrupted after step {trainer.step}: what was learned up to the last evaluation is kept",
+            cure="go on with the same command and --resume",
+        ) from None
+
+
+def _save_state(trainer: Trainer, path: Path, recipe: Mapping[str, Any]) -> None:
+    from safetensors.numpy import save_file
+
+    counters, arrays = trainer.state()
+    beside = path.with_suffix(".new")
+    save_file(arrays, beside, {"counters": json.dumps(counters), "recipe": json.dumps(recipe)})
+    beside.replace(path)
+
+
+def _restore(trainer: Trainer, path: Path, recipe: Mapping[str, Any]) -> None:
+    """Go on from the state at `path`, if there is one. Raises CaptureError where it is of another run or damaged."""
+    if not path.is_file():
+        return
+    from safetensors import SafetensorError, safe_open
+
+    try:
+        with safe_open(path, framework="numpy") as file:
+            metadata = file.metadata()
+            arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+        begun, counters = json.loads(metadata["recipe"]), json.loads(metadata["counters"])
+    except (OSError, SafetensorError, KeyError, TypeError, json.JSONDecodeError) as error:
+        raise StoreError(f"{path} cannot be read: {error}", cure="begin anew with --force") from error
+    wanted = json.loads(json.dumps(recipe))
+    if begun != wanted:
+        raise OptionError(
+            f"--resume: the run was begun otherwise: {'; '.join(_differences(begun, wanted))}",
+            cure="give the options it was begun with, or begin anew with --force",
+        )
+    trainer.restore(counters, arrays)
+
+
+def _differences(before: Any, now: Any, path: str = "") -> list[str]:
+    if isinstance(before, dict) and isinstance(now, dict):
+        keys = sorted(before.keys() | now.keys())
+        return [
+            line for k in keys for line in _differences(before.get(k), now.get(k), f"{path}.{k}".lstrip("."))
+        ]
+    return [] if before == now else [f"{path} was {before}, now {now}"]
+
+
+def _write_metrics(metrics: list[dict[str, Any]], folder: Path) -> None:
+    lines = (json.dumps(m, allow_nan=False) + "\n" for m in metrics)
+    (folder / METRICS).write_text("".join(lines), encoding="utf-8")
+
+
+def _write_figure(trainer: Trainer, folder: Path) -> None:
+    from capture_cli.reports.training import write_figure
+
+    write_figure(trainer.metrics, trainer.best["step"], trainer.kind.likelihood, folder)

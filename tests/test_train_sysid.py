@@ -1,0 +1,340 @@
+"""Training: the same bytes for the same seed, also when it was interrupted; clear refusals; and that it learns."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+import zarr
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from safetensors.numpy import load_file
+from toy_rounds import SIGNATURE, draw_actions, histories, simulate, trajectories, write
+
+from capture_cli.errors import OptionError, OutputError, StoreError
+from capture_cli.identifiers import REGISTRY
+from capture_cli.identifiers._batches import Batches, Place, windows
+from capture_cli.identifiers._learned import LearnedIdentifier
+from capture_cli.identifiers.rounds import Signature, run_rounds
+from capture_cli.parameters import Parameter, ParameterSpace
+from capture_cli.stages import train_sysid as stage
+from capture_cli.stages.identifier_checkpoint import load_identifier
+from capture_cli.stages.train_sysid import signature_of, train_sysid
+from capture_cli.stores.histories import Histories
+from capture_cli.stores.output import unfinished
+
+LEARNED = [name for name, c in REGISTRY.items() if issubclass(c, LearnedIdentifier)]
+TINY = {"width": 16, "layers": 1, "heads": 2, "steps": 12, "batch": 16, "warmup": 2}
+FILES = ("identifier.json", "identifier.safetensors", "metrics.jsonl")
+
+
+@pytest.fixture(scope="module")
+def store(tmp_path_factory) -> Path:
+    return write(histories(2000, rounds=5), tmp_path_factory.mktemp("toy") / "h.zarr")
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory) -> Path:
+    return write(histories(60, rounds=5), tmp_path_factory.mktemp("toy") / "small.zarr")
+
+
+@pytest.fixture(scope="module")
+def trained(store, tmp_path_factory):
+    """A checkpoint directory of the identifier called so."""
+    folder, made = tmp_path_factory.mktemp("trained"), {}
+
+    def make(name: str) -> Path:
+        if name not in made:
+            made[name] = folder / name
+            train_sysid(
+                histories=store,
+                out=made[name],
+                identifier=name,
+                **{
+                    **TINY,
+                    "width": 32,
+                    "steps": 150,
+                    "batch": 64,
+                    "learning_rate": 4e-3,
+                    "warmup": 15,
+                    "patience": 50,
+                },
+            )
+        return made[name]
+
+    return make
+
+
+def walk(checkpoint: Path, rounds: int = 6, pairs: int = 100):
+    """The error in the unit cube (pair, round, parameter), over new targets from random starts, and the walk."""
+    found = load_identifier(checkpoint, SIGNATURE)
+    generator = np.random.default_rng(7)
+    target, start = (SIGNATURE.space.from_unit(generator.random((pairs, 2))) for _ in range(2))
+    actions = [draw_actions(generator, pairs) for _ in range(rounds)]
+    done = run_rounds(
+        found.kind(SIGNATURE, start, model=found.model),
+        rounds,
+        act=lambda i, _: actions[i],
+        simulate=simulate,
+        measure=lambda i, a: trajectories(target, a),
+    )
+    return np.abs(done.estimates - target[:, None]) / SIGNATURE.space.span, done
+
+
+# --- that it learns ---
+
+
+@pytest.mark.parametrize("name", LEARNED)
+def test_it_finds_the_parameters_of_new_targets(trained, name):
+    error, done = walk(trained(name))
+    at_random, in_the_middle = 1 / 3, 1 / 4  # mean errors of those who do not look
+    assert error[:, -1].mean() < 0.05 < in_the_middle < at_random
+    assert (done.estimates >= SIGNATURE.space.low).all() and (done.estimates <= SIGNATURE.space.high).all()
+    assert (done.simulated_rollouts[:, -1] == 6).all()
+
+
+def test_the_search_is_imitated_and_stays_at_the_target(trained):
+    error, _ = walk(trained("capture"), rounds=12)
+    by_round = error.mean(axis=(0, 2))
+    assert by_round[0] > by_round[2] > by_round[5]
+    assert by_round[-1] < 1.5 * by_round[5] + 0.01
+
+
+@pytest.mark.parametrize("name", ["posterior", "expert-distillation"])
+def test_its_uncertainty_covers_the_target(trained, name):
+    """In the first round, whose pairs are like those it was calibrated on."""
+    error, done = walk(trained(name), rounds=1, pairs=400)
+    sd = done.sd / SIGNATURE.space.span
+    assert 0.85 < (error <= 1.96 * sd).mean() < 0.995
+    wide = sd > np.median(sd)
+    assert error[wide].mean() > error[~wide].mean()
+
+
+def test_what_was_measured_decides(trained):
+    found = load_identifier(trained("posterior"))
+    rounds = histories(50, rounds=3, seed=5)
+    other = rounds.pairs(np.roll(np.arange(50), 1)).measured
+    as_measured = found.model.predict(rounds).mean
+    exchanged = found.model.predict(
+        type(rounds)(rounds.parameters, rounds.actions, rounds.simulated, other)
+    ).mean
+    assert np.abs(as_measured - exchanged).max() > 0.2 * SIGNATURE.space.span.min()
+
+
+def test_a_log_from_outside_is_noticed(trained):
+    """An effect that no training history had: a puck that curves."""
+    family = load_identifier(trained("capture")).model.family
+    usual = histories(200, rounds=5, seed=11)
+    assert (family.share_beyond(usual) < 0.01).mean() < 0.05
+    curve = np.zeros(SIGNATURE.trajectory_shape)
+    curve[:, 1] = 0.03 * SIGNATURE.point_times**2
+    curved = type(usual)(usual.parameters, usual.actions, usual.simulated, usual.measured + curve)
+    assert (family.share_beyond(curved) < 0.01).mean() > 0.9
+
+
+# --- the same bytes ---
+
+
+def test_the_same_seed_gives_the_same_bytes(small, tmp_path):
+    for name, seed in (("a", 3), ("b", 3), ("c", 4)):
+        train_sysid(histories=small, out=tmp_path / name, dropout=0.1, seed=seed, **TINY)
+    for file in FILES:
+        assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
+    assert (tmp_path / "a" / FILES[1]).read_bytes() != (tmp_path / "c" / FILES[1]).read_bytes()
+
+
+def test_an_interrupted_run_goes_on_to_the_same_bytes(small, tmp_path, monkeypatch):
+    whole, resumed = tmp_path / "whole", tmp_path / "resumed"
+    options = {"histories": small, "dropout": 0.1, "identifier": "posterior", **TINY}
+    train_sysid(out=whole, **options)
+    save, saved = stage._save_state, []
+
+    def save_then_stop(*arguments):
+        save(*arguments)
+        saved.append(arguments)
+        if len(saved) == 5:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(stage, "_save_state", save_then_stop)
+    with pytest.raises(OutputError, match="--resume"):
+        train_sysid(out=resumed, **options)
+    assert not resumed.exists() and unfinished(resumed).is_dir()
+    monkeypatch.setattr(stage, "_save_state", save)
+    with pytest.raises(OutputError, match="unfinished"):
+        train_sysid(out=resumed, **options)
+    with pytest.raises(OptionError, match=r"training.seed was 0, now 1"):
+        train_sysid(out=resumed, resume=True, seed=1, **options)
+    train_sysid(out=resumed, resume=True, **options)
+    for file in FILES:
+        assert (whole / file).read_bytes() == (resumed / file).read_bytes()
+    assert not (resumed / stage.STATE).exists() and not unfinished(resumed).exists()
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(1, 40), st.integers(1, 50), st.integers(1, 5), st.booleans(), st.integers(0, 30))
+def test_batches_go_on_from_any_place(pairs, size, window, any_order, place):
+    source = histories(pairs, rounds=5)
+    examples = REGISTRY.get("posterior").examples
+    batches = Batches(lambda a, b: source.pairs(slice(a, b)), examples, pairs, size, window, 3, any_order)
+    stream = batches.since(Place())
+    seen = [next(stream) for _ in range(place + 2)]
+    rounds, answers, after = next(batches.since(seen[place][2]))
+    assert np.array_equal(rounds.measured, seen[place + 1][0].measured)
+    assert np.array_equal(answers, seen[place + 1][1]) and after == seen[place + 1][2]
+    assert rounds.rounds == window and len(rounds) == min(size, pairs)
+
+
+def test_an_epoch_shows_no_pair_twice():
+    source = histories(64, rounds=5)
+    examples = REGISTRY.get("capture").examples
+    stream = Batches(lambda a, b: source.pairs(slice(a, b)), examples, 64, 16, 4, 0).since(Place())
+    epoch = np.concatenate([next(stream)[0].target[:, 0] for _ in range(4)])
+    assert len(np.unique(epoch)) == 64
+
+
+def test_answers_are_the_next_parameters_and_last_the_target():
+    source = histories(9, rounds=5)
+    rounds, answers = REGISTRY.get("capture").examples(source)
+    rounds, answers = windows(rounds, answers, 3, np.random.default_rng(0), any_order=False)
+    for pair in range(9):
+        first = np.flatnonzero((source.parameters[pair] == rounds.parameters[pair, 0]).all(axis=1))[0]
+        following = np.concatenate([source.parameters[pair], source.target[pair][None]])
+        assert np.array_equal(answers[pair], following[first + 1 : first + 4])
+
+
+# --- what it writes ---
+
+
+def test_a_checkpoint_says_what_it_is(trained, store):
+    folder = trained("capture")
+    document = json.loads((folder / "identifier.json").read_text())
+    assert document["histories"]["rounds"] == 5 and document["histories"]["pairs"] == 2000
+    assert document["result"]["pairs"] == {"trained": 1800, "held_out": 200}
+    assert all(0.88 < share < 0.99 for share in document["result"]["coverage"].values())
+    assert (folder / "loss.png").stat().st_size > 1000 and (folder / "provenance.json").is_file()
+    lines = [json.loads(line) for line in (folder / "metrics.jsonl").read_text().splitlines()]
+    assert [line["step"] for line in lines] == list(range(3, 151, 3))
+    assert lines[-1]["validation_loss"] < 0.3 * lines[0]["validation_loss"]
+    assert {a.dtype.name for a in load_file(folder / "identifier.safetensors").values()} == {
+        "float32",
+        "float64",
+    }
+    found = load_identifier(folder, signature_of(Histories(store).attributes))
+    assert found.name == "capture" and found.model.window == 4
+
+
+def test_early_stopping_keeps_the_best(small, tmp_path):
+    document = train_sysid(
+        histories=small, out=tmp_path / "c", patience=2, **{**TINY, "steps": 200, "learning_rate": 0.3}
+    )
+    result = document["result"]
+    assert result["steps"] < 200 and result["steps"] - result["best_step"] == 8
+    lines = [json.loads(line) for line in (tmp_path / "c" / "metrics.jsonl").read_text().splitlines()]
+    assert result["validation_loss"] == min(line["validation_loss"] for line in lines)
+
+
+# --- refusals ---
+
+
+@pytest.mark.parametrize(
+    "options, message",
+    [
+        ({"identifier": "least-squares"}, "learns nothing"),
+        ({"identifier": "domain-randomization"}, "learns nothing"),
+        ({"identifier": "captur"}, "unknown identifier"),
+        ({"window": 6}, "have 5 rounds"),
+        ({"identifier": "tunenet", "window": 3}, "reads 1 round"),
+        ({"width": 30, "heads": 4}, "not a multiple"),
+        ({"tokens": "word"}, "--tokens 'word'"),
+        ({"validation": 1.0}, "--validation"),
+        ({"learning_rate": 0.0}, "--lr"),
+        ({"device": "gpu"}, "--device 'gpu'"),
+        ({"precision": "half"}, "--precision 'half'"),
+    ],
+)
+def test_options_that_cannot_be(small, tmp_path, options, message):
+    with pytest.raises(OptionError, match=message):
+        train_sysid(histories=small, out=tmp_path / "c", **{**TINY, **options})
+    assert not any(tmp_path.iterdir())
+
+
+@pytest.mark.skipif(torch.cuda.is_available(), reason="there is a GPU")
+def test_a_gpu_that_is_not_there(small, tmp_path):
+    with pytest.raises(OptionError, match="--device cuda"):
+        train_sysid(histories=small, out=tmp_path / "c", device="cuda", **TINY)
+    assert not any(tmp_path.iterdir())
+
+
+def test_histories_with_nan(tmp_path):
+    rounds = histories(40, rounds=4)
+    rounds.measured[23, 2, 1, 0] = np.nan
+    store = write(rounds, tmp_path / "h.zarr")
+    with pytest.raises(StoreError, match="measured of pair 23"):
+        train_sysid(histories=store, out=tmp_path / "c", **TINY)
+    assert [p.name for p in tmp_path.iterdir()] == ["h.zarr"]
+
+
+def test_too_few_histories(tmp_path):
+    store = write(histories(5, rounds=4), tmp_path / "h.zarr")
+    with pytest.raises(StoreError, match="holds 5 histories"):
+        train_sysid(histories=store, out=tmp_path / "c", **TINY)
+
+
+@pytest.fixture
+def checkpoint(small, tmp_path) -> Path:
+    train_sysid(histories=small, out=tmp_path / "c", **TINY)
+    return tmp_path / "c"
+
+
+def changed(**parts) -> Signature:
+    return Signature(**{**vars(SIGNATURE), **parts})
+
+
+@pytest.mark.parametrize(
+    "other, message",
+    [
+        (changed(task="scooping"), "task: 'toy' here, 'scooping' there"),
+        (
+            changed(space=ParameterSpace([Parameter("mass", "kg", 0, 1, 0.5)])),
+            r"parameters: .* mass \[0, 1\] kg",
+        ),
+        (changed(point_times=np.array([0.1, 0.2])), "points: 6 up to 1.2 s here, 2 up to 0.2 s there"),
+        (changed(features=SIGNATURE.features[:1]), "features: "),
+    ],
+)
+def test_a_checkpoint_of_something_else(checkpoint, other, message):
+    with pytest.raises(OptionError, match=message):
+        load_identifier(checkpoint, other)
+
+
+@pytest.mark.parametrize(
+    "damage, message",
+    [
+        (lambda c: (c / "identifier.safetensors").unlink(), "cannot be read"),
+        (lambda c: (c / "identifier.safetensors").write_bytes(b"no"), "cannot be read"),
+        (lambda c: (c / "identifier.json").unlink(), "holds no identifier.json"),
+        (lambda c: edit(c, version=2), "version 2; this program reads 1"),
+        (lambda c: edit(c, format="capture/policy"), "not of the format capture/identifier"),
+        (lambda c: edit(c, signature={}), "cannot be read"),
+        (lambda c: edit(c, architecture={"width": 8}), "cannot be read"),
+    ],
+)
+def test_a_checkpoint_that_is_damaged(checkpoint, damage, message):
+    damage(checkpoint)
+    with pytest.raises(StoreError, match=message):
+        load_identifier(checkpoint)
+
+
+def edit(checkpoint: Path, **changes) -> None:
+    path = checkpoint / "identifier.json"
+    path.write_text(json.dumps({**json.loads(path.read_text()), **changes}))
+
+
+def test_histories_of_another_version(small, tmp_path):
+    copy = write(histories(20, rounds=4), tmp_path / "h.zarr")
+    zarr.open_group(str(copy)).attrs["version"] = 99
+    with pytest.raises(StoreError, match="version 99"):
+        train_sysid(histories=copy, out=tmp_path / "c", **TINY)
