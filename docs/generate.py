@@ -31,6 +31,7 @@ CAPTIONS = {
     "constraints.txt": "the exact versions that are installed",
     "pyproject.toml": "the package, its dependencies, the settings of pytest and ruff",
     "capture_cli/effects/_example_machine.xml": "the machine whose ranges docs/effects.md shows",
+    "capture_cli/tasks/air_hockey.xml": "its table, puck and mallet as an MJCF",
     "capture_cli/reports/page.css": "how report.html looks",
     "capture_cli/reports/page.js": "what report.html does: zoom, legends, theme",
     "capture_cli/tasks/scooping.xml": "the model of object scooping",
@@ -45,6 +46,7 @@ CAPTIONS = {
     "docs/images": "the pictures of these pages",
     "docs/schemas.md": "every file format, array by array and key by key",
     "docs/task-file.md": "every key of a task.toml, and everything a parameter can set",
+    "docs/worlds.md": "robosuite scenes that stand in for a real machine",
     "docs/tutorial.md": "your own machine, from a CSV to an identified MJCF",
 }
 
