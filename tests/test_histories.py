@@ -286,6 +286,13 @@ def test_a_full_disk_loses_nothing(generate, stop_after, monkeypatch, tmp_path):
     assert len(Histories(generate(resume=True)).read(0, 40).pairs) == 40
 
 
+def test_a_run_that_fails_at_once_leaves_nothing(generate, stop_after, tmp_path):
+    stop_after(0, Interrupted())
+    with pytest.raises(Interrupted):
+        generate()
+    assert not list(tmp_path.glob("*h.zarr*"))
+
+
 def test_ctrl_c_says_how_to_go_on(generate, stop_after):
     stop_after(1, KeyboardInterrupt())
     with pytest.raises(OutputError, match=r"16 of 40 histories are kept[\s\S]*--resume"):
@@ -312,6 +319,11 @@ def test_at_a_url(generate, slider_task, tmp_path):
     gen_histories(**{**options, "pairs": 20}, force=True)
     assert len(Histories(url)) == 20
     assert len(Histories(generate(f"file://{tmp_path}/f.zarr"))) == 40
+
+
+def test_a_url_of_no_known_scheme(generate):
+    with pytest.raises(StoreError, match=r"cannot be opened[\s\S]*s3fs"):
+        generate("nowhere://bucket/h.zarr")
 
 
 # --- reading ---

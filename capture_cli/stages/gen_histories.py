@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import hashlib
+import shutil
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -94,10 +95,11 @@ def gen_histories(
     if resume and not force and _is_complete(HistoriesWriter(out), attributes):
         return _summary(out, attributes, made=0, seconds=0.0)
     began = time.monotonic()
-    with _place(out, force=force, resume=resume) as location:
+    with _shard_maker(executor, address) as make_shards, _place(out, force, resume) as location:
         writer = HistoriesWriter(location)
-        todo = _open(writer, attributes, resume)
-        _run(recipe, writer, todo, attributes, executor, address, threads, quiet)
+        todo = _open(writer, attributes)
+        shards = [(s, range(pairs)[shard_rows(s, shard_pairs, pairs)]) for s in todo]
+        _follow(make_shards(recipe, writer, shards, threads), shards, pairs, quiet)
         writer.finish()
         if not is_url(location):
             provenance.write(Path(location))
@@ -209,11 +211,16 @@ def _hash(array: np.ndarray) -> str:
 
 
 @contextmanager
-def _place(out: str, *, force: bool, resume: bool) -> Iterator[str]:
+def _place(out: str, force: bool, resume: bool) -> Iterator[str]:
     """Where to write: a folder beside `out` that becomes `out`, or the URL itself."""
     if not is_url(out):
         with resumable_directory(Path(out), force=force, resume=resume) as folder:
-            yield str(folder)
+            try:
+                yield str(folder)
+            except BaseException:
+                if not _any_written(folder):
+                    shutil.rmtree(folder)  # nothing to go on from
+                raise
         return
     found = HistoriesWriter(out).attributes()
     if found is not None and not (force or resume):
@@ -227,7 +234,12 @@ def _place(out: str, *, force: bool, resume: bool) -> Iterator[str]:
     yield out
 
 
-def _open(writer: HistoriesWriter, attributes: dict[str, Any], resume: bool) -> list[int]:
+def _any_written(folder: Path) -> bool:
+    writer = HistoriesWriter(str(folder))
+    return writer.attributes() is not None and bool(writer.is_written().any())
+
+
+def _open(writer: HistoriesWriter, attributes: dict[str, Any]) -> list[int]:
     """Which shards are still to be made; the store is created where there is none."""
     found = writer.attributes()
     if found is None:
@@ -265,19 +277,30 @@ def _short(value: Any) -> str:
 # --- the work ---
 
 
-def _run(recipe, writer, todo, attributes, executor, address, threads, quiet) -> None:
-    pairs, size = attributes["pairs"], attributes["shard_pairs"]
-    shards = [(s, range(pairs)[shard_rows(s, size, pairs)]) for s in todo]
+@contextmanager
+def _shard_maker(executor: str, address: str | None) -> Iterator[Callable[..., Iterator[int]]]:
+    """A function of (recipe, writer, shards (number, pairs), threads) that yields how many pairs each shard held."""
+    if executor == "local":
+        yield _make_here
+        return
+    from capture_cli.stages.ray_cluster import ray_cluster
+
+    with ray_cluster(address) as make:
+        yield make
+
+
+def _make_here(recipe: Recipe, writer: HistoriesWriter, shards, threads: int | None) -> Iterator[int]:
+    for shard, rows in shards:
+        writer.write(shard, recipe.make(rows, threads))
+        yield len(rows)
+
+
+def _follow(results: Iterator[int], shards, pairs: int, quiet: bool) -> None:
+    """Tell how far it is until every shard is made."""
     kept = pairs - sum(len(rows) for _, rows in shards)
     done, began = 0, time.monotonic()
-    if executor == "ray":
-        from capture_cli.stages.ray_cluster import make_on_ray
-
-        results = make_on_ray(recipe, writer, shards, address, threads)
-    else:
-        results = _make_here(recipe, writer, shards, threads)
     try:
-        with Progress("histories", "shard", quiet=quiet, total=len(todo)) as progress:
+        with Progress("histories", "shard", quiet=quiet, total=len(shards)) as progress:
             for made in results:
                 done += made
                 rate = done / (time.monotonic() - began)
@@ -288,13 +311,6 @@ def _run(recipe, writer, todo, attributes, executor, address, threads, quiet) ->
             f"interrupted: {kept + done} of {pairs} histories are kept",
             cure="go on with the same command and --resume",
         ) from None
-
-
-def _make_here(recipe: Recipe, writer: HistoriesWriter, shards, threads: int | None) -> Iterator[int]:
-    """Make the shards one after the other; yields how many histories each held."""
-    for shard, rows in shards:
-        writer.write(shard, recipe.make(rows, threads))
-        yield len(rows)
 
 
 def _summary(out: str, attributes: dict[str, Any], *, made: int, seconds: float) -> dict[str, Any]:

@@ -87,6 +87,7 @@ SCHEMA = Schema(
     },
     cure_for_other_version="make it again with `capture gen-histories`",
 )
+_CHECK_URL = "check the URL, and that the package that opens its scheme is installed (s3fs for s3://)"
 DATA = tuple(a for a in SCHEMA.arrays if a.path != MARKS)
 
 
@@ -122,13 +123,15 @@ class HistoriesWriter:
         )
 
     def attributes(self) -> dict[str, Any] | None:
-        """Those of the store there, None where there is none. Raises StoreError where something else is there."""
+        """Those of the store there, None where there is none. Raises StoreError where that cannot be told."""
         import zarr
 
         try:
             found = dict(zarr.open_group(self.location, mode="r").attrs)
         except FileNotFoundError:
             return None
+        except Exception as error:  # of the network, or of a package that is not there
+            raise StoreError(f"{self.location} cannot be opened: {error}", cure=_CHECK_URL) from error
         if not found:
             return None  # a run that was killed before it had described the store
         SCHEMA.check_header(self.location, found)
@@ -312,7 +315,7 @@ def _open(location: str):
     except Exception as error:
         raise StoreError(
             f"{location} is not a readable Zarr group: {type(error).__name__}: {error}",
-            cure="check the URL, and that the package that opens its scheme is installed (s3fs for s3://)",
+            cure=_CHECK_URL,
         ) from error
 
 
