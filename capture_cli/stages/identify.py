@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,13 +9,11 @@ import numpy as np
 from capture_cli.diagnosis.lack_of_fit import LackOfFit, lack_of_fit
 from capture_cli.errors import FitError
 from capture_cli.identifiers import log_identifier
-from capture_cli.identifiers.base import Best, Identifier, Trial, run
+from capture_cli.identifiers.base import Best, Trial, run
 from capture_cli.identifiers.intervals import Intervals, intervals
-from capture_cli.identifiers.least_squares import LeastSquares
-from capture_cli.linearization import Linearization, columns
-from capture_cli.parameters import ParameterSpace
-from capture_cli.simulator import Simulator
-from capture_cli.stages.prepared_log import PreparedLog, check_parameters_move_outputs, find_task, prepare
+from capture_cli.identifiers.least_squares import CONVERGED_GAIN
+from capture_cli.stages.model_fits import ModelFits
+from capture_cli.stages.prepared_log import check_parameters_move_outputs, find_task, prepare
 from capture_cli.stages.progress import Progress
 from capture_cli.stores.estimate import FORMAT, VERSION, Estimate
 from capture_cli.stores.measured_log import MeasuredLog
@@ -25,7 +22,6 @@ from capture_cli.stores.provenance import Provenance
 
 AT_BOUND = 1e-4  # of the range
 DISAGREE_P = 0.01  # of all parameters together, Bonferroni
-START_ROUNDS = 12  # to refine the starts of windows that were not fitted
 
 
 def identify(
@@ -55,7 +51,8 @@ def identify(
     found = find_task(task, log)
     provenance = Provenance("identify", options, {"real_log": real_log, "task": getattr(found, "path", None)})
     prepared = prepare(log, found, window=window, test=test, seed=seed)
-    simulator = Simulator(found, threads=threads)
+    fits = ModelFits(prepared, threads)
+    simulator = fits.simulator([])
     check_parameters_move_outputs(prepared, simulator, seed)
     fit = prepared.part(~prepared.split.is_test)
     history: list[Best] = []
@@ -74,7 +71,8 @@ def identify(
             "every simulation tried diverged",
             cure="tighten the parameters' bounds, shorten the window, or reduce the model's timestep",
         )
-    estimate = _Report(prepared, simulator, identifier, best, history, method, seed).estimate()
+    fits.rollouts += simulator.rollouts
+    estimate = _Report(fits, identifier, best, history, seed).estimate()
     if estimate.document["verdict"] == "unexplained":
         estimate.document["next_command"] = f"capture diagnose --real-log {real_log} --estimate {out}"
     with new_directory(out, force=force) as folder:
@@ -95,67 +93,41 @@ def _write_pages(estimate: Estimate, folder: Path, provenance: Provenance) -> No
 class _Report:
     """Turns the best point into an Estimate: errors, intervals, verdict, recordings."""
 
-    def __init__(
-        self, prepared, simulator, identifier: str, best: Best, history, method: type[Identifier], seed: int
-    ):
-        self.prepared: PreparedLog = prepared
-        self.simulator: Simulator = simulator
+    def __init__(self, fits: ModelFits, identifier: str, best: Best, history: list[Best], seed: int):
+        self.fits = fits
+        self.prepared = fits.prepared
         self.identifier = identifier
         self.best = best
         self.history = history
-        self.method = method
         self.seed = seed
-        self.is_test = prepared.split.is_test
-        self.space = simulator.space
+        self.is_test = self.prepared.split.is_test
+        self.space = self.prepared.task.space
 
     def estimate(self) -> Estimate:
-        fitted = self._linearize(self.prepared.part(~self.is_test), self.best.offsets)
-        found = intervals(fitted)
+        fit = self.fits.at(self.prepared.part(~self.is_test), [], self.best)
+        found = intervals(fit.at)
         offsets = np.zeros_like(self.prepared.starts.sd)
-        offsets[~self.is_test] = fitted.offsets
+        offsets[~self.is_test] = fit.offsets
         if self.is_test.any():
-            offsets[self.is_test] = self._refine_starts(self.prepared.part(self.is_test))
+            test = self.prepared.part(self.is_test)
+            offsets[self.is_test] = self.fits.on(test, fit, CONVERGED_GAIN).offsets
         simulated, nominal = self._curves(offsets)
-        recordings = self._recordings(fitted, found)
-        lacking = lack_of_fit(fitted)
+        recordings = self._recordings(found)
+        lacking = lack_of_fit(fit.at)
         document = self._document(found, lacking, simulated, recordings)
         return Estimate(
             document, self._arrays(found, offsets, simulated, nominal, recordings), self._attributes()
         )
 
-    # --- at the estimate ---
-
-    def _linearize(self, part: PreparedLog, offsets: np.ndarray) -> Linearization:
-        evidence = part.evidence(self.simulator)
-        x = self.space.to_unit(self.best.parameters)
-        outputs, diverged = part.evaluate(self.simulator, columns(evidence, x, offsets))
-        return Linearization.from_columns(evidence, x, offsets, outputs, diverged)
-
-    def _refine_starts(self, part: PreparedLog) -> np.ndarray:
-        """Starts of windows that were not fitted, at the estimate and by the same rule; (window, state)."""
-        evidence = replace(part.evidence(self.simulator), space=ParameterSpace([]))
-        solver = LeastSquares(evidence, start=np.zeros(0), starts=1, rounds=START_ROUNDS)
-
-        def evaluate(trial: Trial):
-            points = np.repeat(self.best.parameters[None], len(trial), axis=0)
-            return part.evaluate(self.simulator, Trial(points, trial.offsets))
-
-        return run(solver, evaluate).offsets
-
     def _curves(self, offsets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Simulated at the estimate and at the nominal values, (window, step, output)."""
-        prepared = self.prepared
-        simulated = self.simulator.simulate(
-            prepared.windows,
-            prepared.starts.starts,
-            np.stack([self.best.parameters, self.space.nominal]),
-            np.repeat(offsets[None], 2, axis=0),
-        )
-        return simulated.outputs[0], simulated.outputs[1]
+        points = np.stack([self.best.parameters, self.space.nominal])
+        simulator = self.fits.simulator([])
+        outputs, _ = self.prepared.evaluate(simulator, Trial(points, np.repeat(offsets[None], 2, axis=0)))
+        self.fits.rollouts += simulator.rollouts
+        return outputs[0], outputs[1]
 
-    # --- several recordings ---
-
-    def _recordings(self, fitted: Linearization, joint: Intervals):
+    def _recordings(self, joint: Intervals):
         """The estimate of each fitted recording alone, from the joint one on; None for a single recording."""
         fit = self.prepared.part(~self.is_test)
         numbers = [n for n in np.unique(fit.recording) if (fit.recording == n).sum() >= 2]
@@ -164,14 +136,11 @@ class _Report:
         values, sds = [], []
         for number in numbers:
             part = fit.part(fit.recording == number)
-            solver = LeastSquares(
-                part.evidence(self.simulator), start=self.best.parameters, seed=self.seed, rounds=12, starts=1
+            own = self.fits.fit(
+                part, [], self.best.parameters, rounds=12, tolerance=CONVERGED_GAIN, seed=self.seed
             )
-            best = run(solver, lambda t, part=part: part.evaluate(self.simulator, t))
-            own = _Report(part, self.simulator, self.identifier, best, [], self.method, self.seed)
-            found = intervals(own._linearize(part, best.offsets))
-            values.append(best.parameters)
-            sds.append(found.sd)
+            values.append(own.point)
+            sds.append(intervals(own.at).sd)
         names = [self.prepared.log.recording_names[n] for n in numbers]
         return _agreement(names, np.array(values), np.array(sds), self.space.names, joint)
 
@@ -214,7 +183,7 @@ class _Report:
                 "fit_windows": int((~self.is_test).sum()),
                 "test_windows": int(self.is_test.sum()),
             },
-            "rollouts": {"measured": len(log.episode_ends), "simulated": self.simulator.rollouts},
+            "rollouts": {"measured": len(log.episode_ends), "simulated": self.fits.rollouts},
             "rounds": [
                 {"parameters": self.space.to_dict(b.parameters), "error": float(b.error)}
                 for b in self.history

@@ -9,7 +9,7 @@ import numpy as np
 
 from capture_cli.diagnosis.acceptance import block_squares
 from capture_cli.effects.base import Effect
-from capture_cli.identifiers.base import Evidence, Trial, run
+from capture_cli.identifiers.base import Best, Evidence, Trial, run
 from capture_cli.identifiers.least_squares import LeastSquares
 from capture_cli.linearization import Linearization, autocorrelation_time, columns
 from capture_cli.parameters import ParameterSpace
@@ -146,11 +146,20 @@ class ModelFits:
         if not np.isfinite(best.error):
             self.rollouts += simulator.rollouts
             return None
-        at = self._linearize(part, simulator, best.parameters, best.offsets)
         self.rollouts += simulator.rollouts
+        return self.at(part, effects, best)
+
+    def at(self, part: PreparedLog, effects: Sequence[Placed], best: Best) -> Fit:
+        """What an identifier found on `part`, with the linearization there."""
+        simulator = self.simulator(effects)
+        evidence = part.evidence(simulator)
+        x = simulator.space.to_unit(best.parameters)
+        outputs, diverged = part.evaluate(simulator, columns(evidence, x, best.offsets))
+        self.rollouts += simulator.rollouts
+        at = Linearization.from_columns(evidence, x, best.offsets, outputs, diverged)
         return Fit(tuple(effects), simulator.space, best.parameters, at)
 
-    def on(self, part: PreparedLog, fit: Fit) -> PartFit:
+    def on(self, part: PreparedLog, fit: Fit, tolerance: float = TOLERANCE) -> PartFit:
         """Another part of the log at the fit's parameters, with starts refined by the rule they were fitted by."""
         simulator = self.simulator(fit.effects)
         evidence = replace(part.evidence(simulator), space=ParameterSpace([]))
@@ -160,7 +169,7 @@ class ModelFits:
             return part.evaluate(simulator, Trial(points, trial.offsets))
 
         best = run(
-            LeastSquares(evidence, start=np.zeros(0), starts=1, rounds=START_ROUNDS, tolerance=TOLERANCE),
+            LeastSquares(evidence, start=np.zeros(0), starts=1, rounds=START_ROUNDS, tolerance=tolerance),
             evaluate,
         )
         outputs, _ = evaluate(Trial(np.zeros((1, 0)), best.offsets[None]))
@@ -201,10 +210,3 @@ class ModelFits:
         carried = np.zeros_like(evidence.start_sd)
         carried[:, :own] = offsets[:, :own]
         return carried
-
-    @staticmethod
-    def _linearize(part: PreparedLog, simulator: Simulator, point, offsets) -> Linearization:
-        evidence = part.evidence(simulator)
-        x = simulator.space.to_unit(point)
-        outputs, diverged = part.evaluate(simulator, columns(evidence, x, offsets))
-        return Linearization.from_columns(evidence, x, offsets, outputs, diverged)
