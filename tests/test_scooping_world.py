@@ -55,7 +55,26 @@ def test_arm_lifts_and_label_tells_the_side(environment, com, away):
     assert environment.reward() == (away == 0)
     assert len(time) == len(inputs) == len(outputs) == 41
     np.testing.assert_allclose(outputs[:, 3], inputs[:, 0], atol=5e-4)  # the arm stays under the scoop point
-    assert 0.015 < outputs[-1, 4] < inputs[-1, 1]  # it lifts, and lags behind
+    assert outputs[-1, 4] == pytest.approx(0.0212, abs=1e-4)  # of 0.032: it lifts, and lags behind
+
+
+@pytest.mark.parametrize(("scoop_point", "side"), [(-0.9, 1), (0.0, -1), (0.9, 1)])
+def test_label_changes_at_a_tine_in_the_arms_hand_too(environment, scoop_point, side):
+    for away, label in ((0.0504, 0.0), (0.0524, side)):
+        environment.place(scoop_point + side * away, scoop_point)
+        environment.reset()
+        scooping.lift(environment)
+        assert environment.label == label
+
+
+def test_recordings_are_those_of_fresh_scenes():
+    parameters, actions = np.array([0.2]), np.array([[0.5], [0.2]])
+    for action, recorded in zip(actions, scooping.record(parameters, actions), strict=True):
+        fresh = scooping.lift(make(0.2, action[0]))
+        for a, b in zip(recorded, fresh, strict=True):
+            np.testing.assert_allclose(a, b, rtol=0, atol=1e-9)
+    with pytest.raises(OptionError, match="rate = 60 Hz"):
+        scooping.record(parameters, actions, rate=60)
 
 
 def test_spatula_is_held_without_a_jerk(environment):

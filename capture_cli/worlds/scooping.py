@@ -152,6 +152,7 @@ class ObjectScooping(ManipulationEnv):
         """Move the hand to the handle and fix it there; the spatula's own servos let go."""
         robot = self.robots[0]
         joints = robot._ref_joint_pos_indexes
+        data.qpos[joints] = robot.robot_model.init_qpos  # not the last episode's: the arm has a joint to spare
         robot.init_qpos = _reach(
             model,
             data,
@@ -181,6 +182,29 @@ class ObjectScooping(ManipulationEnv):
         action = np.zeros(self.action_dim)
         action[:3] = np.clip(np.array([0.0, -x, z]) / controller.output_max[:3], -1, 1)
         return action
+
+
+def record(
+    parameters: np.ndarray, actions: np.ndarray, rate: int = 100
+) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """What a Panda's log of these lifts would hold, without noise: (time, inputs, outputs) of each, as `lift` gives.
+
+    parameters (parameter,), actions (episode, action), in the task's units. rate: Hz, of the arm's commands and of
+    the log. Raises OptionError where the scene's steps do not make up that rate.
+    """
+    steps_per_sample = 1 / (rate * Scooping().timestep)
+    if not (steps_per_sample >= 1 and np.isclose(steps_per_sample, round(steps_per_sample))):
+        raise OptionError(
+            f"rate = {rate:g} Hz, and the scene is stepped every {Scooping().timestep:g} s",
+            cure="give 500 Hz divided by a whole number",
+        )
+    environment = ObjectScooping(robots="Panda", control_freq=rate, hard_reset=False)
+    recordings = []
+    for action in actions:
+        environment.place(float(parameters[0]), float(action[0]))
+        environment.reset()
+        recordings.append(lift(environment))
+    return recordings
 
 
 def lift(environment: ObjectScooping) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
