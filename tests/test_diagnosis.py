@@ -11,8 +11,11 @@ import pytest
 from capture_cli.diagnosis.acceptance import bic_gain, block_squares, paired_p_value, ratio_p_value
 from capture_cli.diagnosis.localisation import accelerations, curve
 from capture_cli.diagnosis.noise_floor import from_differences, noise_floor
+from capture_cli.diagnosis.score import score
 from capture_cli.diagnosis.split import ENOUGH_WINDOWS, select_folds, split_windows
 from capture_cli.errors import OptionError, OutputError
+from capture_cli.linearization import Evidence, Linearization
+from capture_cli.parameters import Parameter, ParameterSpace
 from capture_cli.stages import diagnose as diagnose_stage
 from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.identify import identify
@@ -176,3 +179,20 @@ def test_an_existing_output_is_refused_before_any_work(logs, tmp_path):
     (tmp_path / "taken").mkdir()
     with pytest.raises(OutputError, match="taken"):
         diagnose(real_log=logs["plain"], task=str(SLIDER), out=tmp_path / "taken", quiet=True)
+
+
+@pytest.mark.parametrize(("x", "unabsorbed"), [(0.5, 0.0), (1.0, 1.0)])
+def test_a_parameter_at_the_end_of_its_range_imitates_nothing_more(x, unabsorbed):
+    generator = np.random.default_rng(2)
+    column = generator.standard_normal((3, 40, 1))
+    evidence = Evidence(
+        ParameterSpace([Parameter("mass", "kg", 0.0, 1.0, 0.5)]),
+        np.zeros((3, 40, 1)),
+        np.ones((3, 40), dtype=bool),
+        np.ones(1),
+        np.zeros((3, 0)),
+    )
+    residual = 5 * column[..., 0] + generator.standard_normal((3, 40))  # more of it is wanted
+    at = Linearization(evidence, np.array([x]), np.zeros((3, 0)), residual, 10 * column, np.zeros((3, 40, 0)))
+    found = score(at, 10 * column, np.array([-1.0]), np.array([1.0]))
+    assert found.unabsorbed == pytest.approx(unabsorbed, abs=1e-6)

@@ -13,6 +13,7 @@ import numpy as np
 
 from capture_cli.linearization import Linearization, box_step
 
+AT_BOUND = 1e-4  # of a range: nearer to its end a parameter is at it
 STEP = 0.3  # of each parameter's range: how far the linear step may go
 
 
@@ -46,9 +47,11 @@ def score(at: Linearization, sensitivity: np.ndarray, low: np.ndarray, high: np.
     step = box_step(hessian, gradient, bottom, top)
     alone = box_step(hessian[:size, :size], gradient[:size], bottom[:size], top[:size])
     gain = _decrease(hessian, gradient, step) - _decrease(hessian[:size, :size], gradient[:size], alone)
-    left = _schur(hessian, size)
+    free = ~_held(at.x, step[:size])
+    imitation = _imitation(hessian, size, free)
+    left = hessian[size:, size:] - hessian[size:, :size] @ imitation
     total = np.square(sensitivity).sum()
-    projected = _project(at, sensitivity, hessian, size, k)
+    projected = _project(at, sensitivity - at.by_parameter @ imitation, k)
     remaining = max(float(at.objectives(k).sum()) - gain, 1e-3 * gain, 1e-300) / at.evidence.count
     return Score(
         gain=max(gain / max(remaining, 1.0), 0.0),
@@ -69,15 +72,21 @@ def _decrease(hessian: np.ndarray, gradient: np.ndarray, step: np.ndarray) -> fl
     return float(2 * gradient @ step - step @ hessian @ step)
 
 
-def _schur(hessian: np.ndarray, size: int) -> np.ndarray:
-    """The lower block with the upper one eliminated."""
-    upper, across, lower = hessian[:size, :size], hessian[:size, size:], hessian[size:, size:]
-    return lower - across.T @ np.linalg.pinv(upper, rcond=1e-12, hermitian=True) @ across
+def _held(x: np.ndarray, step: np.ndarray) -> np.ndarray:
+    """Which parameters (parameter,) are at an end of their range and stay there: they imitate nothing more."""
+    low, high = x < AT_BOUND, x > 1 - AT_BOUND
+    return (low & (step <= AT_BOUND)) | (high & (step >= -AT_BOUND))
 
 
-def _project(at: Linearization, sensitivity, hessian, size: int, k: float) -> np.ndarray:
-    """The sensitivity (window, row, amplitude) less what parameters and starts imitate of it."""
-    imitation = np.linalg.pinv(hessian[:size, :size], rcond=1e-12, hermitian=True) @ hessian[:size, size:]
-    left = sensitivity - at.by_parameter @ imitation
+def _imitation(hessian: np.ndarray, size: int, free: np.ndarray) -> np.ndarray:
+    """The parameter step (parameter, amplitude) that comes nearest to each amplitude's; 0 for those not free."""
+    step = np.zeros((size, hessian.shape[0] - size))
+    upper = hessian[:size, :size][np.ix_(free, free)]
+    step[free] = np.linalg.pinv(upper, rcond=1e-12, hermitian=True) @ hessian[:size, size:][free]
+    return step
+
+
+def _project(at: Linearization, sensitivity: np.ndarray, k: float) -> np.ndarray:
+    """The sensitivity (window, row, amplitude) less what the starts imitate of it."""
     b = at.by_start
-    return left - b @ (at.start_gain(k) @ (b.swapaxes(1, 2) @ left))
+    return sensitivity - b @ (at.start_gain(k) @ (b.swapaxes(1, 2) @ sensitivity))
