@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from capture_cli.errors import OptionError
 from capture_cli.identifiers.base import AskTell, Identifier
+from capture_cli.identifiers.refitted import refitted
 from capture_cli.identifiers.rounds import RoundIdentifier
 from capture_cli.registry import Registry
 
@@ -13,20 +14,20 @@ REGISTRY: Registry[AskTell] = Registry(
 
 
 def log_identifier(name: str) -> type[Identifier]:
-    """The identifier called `name` that fits a whole log. Raises OptionError."""
-    return _of_kind(name, Identifier, "fits a whole log")
+    """The identifier called `name`, which must be one that fits a whole log. Raises OptionError."""
+    found = REGISTRY.get(name)
+    if not issubclass(found, Identifier):
+        names = [n for n, c in REGISTRY.items() if issubclass(c, Identifier)]
+        raise OptionError(
+            f"the identifier {name!r} works in rounds of actions", cure=f"choose {' or '.join(names)}"
+        )
+    return found
 
 
 def round_identifier(name: str) -> type[RoundIdentifier]:
-    """The identifier called `name` that proposes parameters round by round. Raises OptionError."""
-    return _of_kind(name, RoundIdentifier, "works in rounds")
+    """The identifier called `name`, driven in rounds; one of whole logs refits after every round.
 
-
-def _of_kind(name: str, kind: type, what: str):
+    Raises OptionError.
+    """
     found = REGISTRY.get(name)
-    if not issubclass(found, kind):
-        names = [n for n, c in REGISTRY.items() if issubclass(c, kind)]
-        raise OptionError(
-            f"the identifier {name!r} is not one that {what}", cure=f"choose {', '.join(names)}"
-        )
-    return found
+    return refitted(found) if issubclass(found, Identifier) else found

@@ -24,8 +24,10 @@ class AskTell(ABC):
     """What every identifier is: it asks, is told, and knows its best.
 
     There are two kinds: an `Identifier` fits the windows of a whole log; a `RoundIdentifier` (rounds.py) proposes
-    parameters round by round, one measured rollout at a time, for many pairs at once.
+    parameters round by round, one measured rollout at a time, for many pairs at once. summary: one line for the docs.
     """
+
+    summary: str
 
     @property
     @abstractmethod

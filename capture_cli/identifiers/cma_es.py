@@ -19,6 +19,8 @@ STALLED = 25  # generations in which the error fell by less than a thousandth
 class CmaEs(Identifier):
     """CMA-ES in the unit cube. `rounds` counts generations; `starts` is not used."""
 
+    summary = "an evolution strategy, which needs no derivatives"
+
     def __init__(self, evidence, **options):
         super().__init__(evidence, **options)
         from cmaes import CMA

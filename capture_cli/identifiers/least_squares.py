@@ -40,6 +40,8 @@ class LeastSquares(Identifier):
     tolerance: a descent is done when its objective over k falls by less.
     """
 
+    summary = "Gauss-Newton from several places through the simulator"
+
     def __init__(self, evidence: Evidence, *, tolerance: float = CONVERGED_GAIN, **options):
         super().__init__(evidence, **options)
         self.tolerance = tolerance
