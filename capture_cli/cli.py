@@ -129,6 +129,13 @@ Quiet = Annotated[bool, typer.Option("--quiet", help="No progress, no tables.")]
 Seed = Annotated[int, typer.Option("--seed", help="Seed of every random choice.")]
 Threads = Annotated[int | None, typer.Option("--threads", min=1, help="Threads; all cores by default.")]
 TaskOption = Annotated[str | None, typer.Option("--task", help="Built-in task, or path of a task.toml.")]
+RealLog = Annotated[Path, typer.Option("--real-log", help="Measured log (.zarr).")]
+Test = Annotated[
+    str | None,
+    typer.Option("--test", help="Recordings to hold out (names or patterns, comma-separated), or none."),
+]
+Window = Annotated[float | None, typer.Option("--window", help="Seconds between restarts of the state.")]
+Starts = Annotated[int, typer.Option("--starts", min=1, help="Descents from different places.")]
 
 
 def _print_json(document: Any) -> None:
@@ -188,7 +195,7 @@ def _ranges(texts: list[str], option: str) -> dict[str, tuple[float, float]]:
 
 @app.command()
 def identify(
-    real_log: Annotated[Path, typer.Option("--real-log", help="Measured log (.zarr).")],
+    real_log: RealLog,
     task: TaskOption = None,
     out: Annotated[
         Path | None, typer.Option("--out", help="Estimate directory; default LOG.estimate.")
@@ -196,14 +203,9 @@ def identify(
     identifier: Annotated[
         str, typer.Option("--identifier", help="least-squares or cma-es.")
     ] = "least-squares",
-    test: Annotated[
-        str | None,
-        typer.Option("--test", help="Recordings to hold out (names or patterns, comma-separated), or none."),
-    ] = None,
-    window: Annotated[
-        float | None, typer.Option("--window", help="Seconds between restarts of the state.")
-    ] = None,
-    starts: Annotated[int, typer.Option("--starts", min=1, help="Descents from different places.")] = 3,
+    test: Test = None,
+    window: Window = None,
+    starts: Starts = 3,
     rounds: Annotated[
         int, typer.Option("--rounds", min=1, help="At most so many rounds of simulations.")
     ] = 100,
@@ -252,7 +254,7 @@ def identify(
 
 @app.command()
 def diagnose(
-    real_log: Annotated[Path, typer.Option("--real-log", help="Measured log (.zarr).")],
+    real_log: RealLog,
     estimate: Annotated[
         Path | None, typer.Option("--estimate", help="Estimate directory of the same log.")
     ] = None,
@@ -263,10 +265,8 @@ def diagnose(
     test: Annotated[
         str | None, typer.Option("--test", help="Recordings to hold out; default those of the estimate.")
     ] = None,
-    window: Annotated[
-        float | None, typer.Option("--window", help="Seconds between restarts of the state.")
-    ] = None,
-    starts: Annotated[int, typer.Option("--starts", min=1, help="Descents from different places.")] = 3,
+    window: Window = None,
+    starts: Starts = 3,
     expression: Annotated[
         bool, typer.Option("--expression", help="Look for a formula of what no effect explains.")
     ] = False,
