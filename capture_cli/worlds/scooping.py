@@ -152,7 +152,8 @@ class ObjectScooping(ManipulationEnv):
         """Move the hand to the handle and fix it there; the spatula's own servos let go."""
         robot = self.robots[0]
         joints = robot._ref_joint_pos_indexes
-        data.qpos[joints] = robot.robot_model.init_qpos  # not the last episode's: the arm has a joint to spare
+        # the arm has a joint to spare: from the last episode's posture it would reach the handle in another one
+        data.qpos[joints] = robot.robot_model.init_qpos
         robot.init_qpos = _reach(
             model,
             data,
@@ -218,9 +219,10 @@ def lift(environment: ObjectScooping) -> tuple[np.ndarray, np.ndarray, np.ndarra
     time = interval * np.arange(steps)
     inputs = np.stack([np.full(steps, environment.outputs[3]), lift_height(time)], axis=1)
     outputs = np.empty((steps, len(plant.outputs)))
-    for step in range(steps):
+    outputs[0] = environment.outputs
+    for step in range(1, steps):
+        environment.step(environment.arm_action(inputs[step - 1]))
         outputs[step] = environment.outputs
-        environment.step(environment.arm_action(inputs[step]))
     return time, inputs, outputs
 
 
