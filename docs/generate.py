@@ -205,7 +205,7 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str]]] = {
             **{f"error.fit.{k}": f"{v}; windows that were fitted" for k, v in _ERROR.items()},
             **{f"error.test.{k}": f"{v}; windows held out" for k, v in _ERROR.items()},
             "noise_floor.OUTPUT": "standard deviation of the output's noise",
-            "noise_floor_source.OUTPUT": "declared, differences or resolution",
+            "noise_floor_source.OUTPUT": "declared, repeats, differences or resolution",
             "verdict": "explained, unexplained or not-identifiable",
             "summary": "the verdict in one sentence",
             "lack_of_fit.normalized": "error of the fit over the noise floor, degrees of freedom allowed for",

@@ -36,10 +36,62 @@ def test_noise_floor_of_smooth_signal_and_white_noise(order):
 def test_noise_floor_takes_what_is_declared_and_sees_a_coarse_encoder():
     time = np.linspace(0, 5, 2000)
     outputs = np.stack([np.sin(time), 0.01 * np.round(np.sin(time) / 0.01)], axis=1)
-    found = noise_floor(outputs, [slice(0, 2000)], [0.5, None])
+    found = noise_floor(
+        outputs, [slice(0, 2000)], [0.5, None], time=time, driven_by=[np.zeros((2000, 0))], block=50
+    )
     assert found.sd[0] == 0.5
     assert found.source[0] == "declared"
     assert found.sd[1] >= 0.01 / np.sqrt(12) * 0.99
+
+
+REPEATS, STEPS = 4, 500
+
+
+def repeated(generator, noise, start=0.0, same_drive=True):
+    """noise_floor of four episodes of a swinging machine, whose starts differ by `start`; noise (repeat, step)."""
+    time = np.arange(STEPS) / 250
+    swing = np.sin(6 * time) + start * generator.standard_normal((REPEATS, 1)) * np.cos(6 * time)
+    outputs = (swing + noise).reshape(-1, 1)
+    drive = [np.sin(3 * time + (0 if same_drive else k))[:, None] for k in range(REPEATS)]
+    episodes = [slice(k * STEPS, (k + 1) * STEPS) for k in range(REPEATS)]
+    tiled = np.concatenate([time + 7 * k for k in range(REPEATS)])
+    return noise_floor(outputs, episodes, [None], time=tiled, driven_by=drive, block=60)
+
+
+def coloured(generator, sd=1e-3, memory=3.0):
+    """Noise of standard deviation `sd` that forgets within `memory` samples, (repeat, step)."""
+    kept = np.exp(-1 / memory)
+    noise = generator.standard_normal((REPEATS, STEPS + 50))
+    for k in range(1, noise.shape[1]):
+        noise[:, k] = kept * noise[:, k - 1] + np.sqrt(1 - kept**2) * noise[:, k]
+    return sd * noise[:, 50:]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_repeats_show_noise_that_differences_do_not(seed):
+    generator = np.random.default_rng(seed)
+    noise = coloured(generator)
+    found = repeated(generator, noise)
+    assert found.source == ("repeats",)
+    assert 0.8e-3 < found.sd[0] < 1.05e-3  # the cubics take some of it
+    by_differences = repeated(generator, noise, same_drive=False)
+    assert by_differences.source == ("differences",)
+    assert by_differences.sd[0] < 0.7e-3
+
+
+@pytest.mark.parametrize("start", [0.0, 3e-4])
+def test_repeats_are_not_misled_by_what_a_slightly_different_start_does(start):
+    generator = np.random.default_rng(5)
+    found = repeated(generator, 1e-3 * generator.standard_normal((REPEATS, STEPS)), start)
+    assert found.source == ("repeats",)
+    assert found.sd[0] == pytest.approx(1e-3, rel=0.06)
+
+
+def test_episodes_that_start_elsewhere_and_copies_are_no_repeats():
+    generator = np.random.default_rng(6)
+    noise = 1e-3 * generator.standard_normal((REPEATS, STEPS))
+    assert repeated(generator, noise, start=0.05).source == ("differences",)
+    assert repeated(generator, np.repeat(noise[:1], REPEATS, axis=0)).source == ("differences",)
 
 
 def test_folds_judge_only_what_was_not_fitted():

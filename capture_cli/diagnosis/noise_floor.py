@@ -1,9 +1,13 @@
 """The noise floor of each output: how far a perfect model would still be from the log.
 
-From high-order differences of the log itself: a difference of order p of a smooth signal vanishes as p grows, while
-that of white noise of variance s^2 has variance s^2 (2p)! / (p!)^2. The order is the first after which the estimate
-no longer falls. Large differences (impacts, dropped samples) are trimmed. Noise that is not white is underestimated,
-and so is said to be something the model lacks.
+From repeats where the log has them (repeats.py), otherwise from high-order differences of the log itself: a difference
+of order p of a smooth signal vanishes as p grows, while that of white noise of variance s^2 has variance
+s^2 (2p)! / (p!)^2. The order is the first after which the estimate no longer falls. Large differences (impacts, dropped
+samples) are trimmed. Noise that is not white is underestimated by differences, and so is said to be something the model
+lacks.
+
+A sensor that reports in steps has a floor of its own, the step over the square root of 12: its steps are noise, nothing
+that a model lacks.
 """
 
 from __future__ import annotations
@@ -15,6 +19,8 @@ from math import comb
 
 import numpy as np
 
+from capture_cli.diagnosis.repeats import FEWEST, from_repeats, repeats
+
 ORDERS = range(2, 9)
 STILL_FALLING = 0.9  # the signal still shows at an order if the next one gives less than this share
 TRIMMED = 0.95  # share of the squared differences that is kept
@@ -24,28 +30,47 @@ SMALLEST = 1e-7  # of the output's own standard deviation: floor for logs withou
 
 @dataclass(frozen=True)
 class NoiseFloor:
-    """sd (output,) in the outputs' units; source (output,): "declared", "differences" or "resolution"."""
+    """sd (output,) in the outputs' units; source (output,): "declared", "repeats", "differences" or "resolution"."""
 
     sd: np.ndarray
     source: tuple[str, ...]
 
 
 def noise_floor(
-    outputs: np.ndarray, episodes: Sequence[slice], declared: Sequence[float | None]
+    outputs: np.ndarray,
+    episodes: Sequence[slice],
+    declared: Sequence[float | None],
+    *,
+    time: np.ndarray,
+    driven_by: Sequence[np.ndarray],
+    block: int,
 ) -> NoiseFloor:
-    """Of outputs (step, output); `declared` (output,) are known values, None where there are none."""
-    sd, source = [], []
+    """Of outputs (step, output); `declared` (output,) are known values, None where there are none.
+
+    time (step,) s; driven_by: the inputs or the action of each episode; block: samples over which repeats are compared.
+    """
+    series = [[outputs[steps, k] for steps in episodes] for k in range(len(declared))]
+    sd = np.array([from_differences(s) for s in series])
+    source = ["differences"] * len(declared)
+    groups = repeats(time, driven_by, outputs, episodes, sd)
     for k, known in enumerate(declared):
         if known is not None:
-            sd.append(known)
-            source.append("declared")
+            sd[k], source[k] = known, "declared"
             continue
-        series = [outputs[steps, k] for steps in episodes]
-        by_difference, by_resolution = from_differences(series), resolution(series) / np.sqrt(12)
-        spread = float(np.std(outputs[:, k]))
-        sd.append(max(by_difference, by_resolution, SMALLEST * spread) or 1.0)
-        source.append("resolution" if by_resolution > by_difference else "differences")
-    return NoiseFloor(np.array(sd), tuple(source))
+        deviations, degrees = from_repeats([np.stack([outputs[s, k] for s in g]) for g in groups], block)
+        if degrees >= FEWEST:
+            sd[k], source[k] = np.sqrt(_trimmed(np.square(deviations))), "repeats"
+        by_resolution = resolution(series[k]) / np.sqrt(12)
+        if by_resolution > sd[k]:
+            sd[k], source[k] = by_resolution, "resolution"
+        sd[k] = max(sd[k], SMALLEST * float(np.std(outputs[:, k]))) or 1.0
+    return NoiseFloor(sd, tuple(source))
+
+
+def _trimmed(squares: np.ndarray) -> float:
+    """The variance of Gaussian numbers of which `squares` are, with the largest left out."""
+    kept = np.sort(squares)[: max(1, int(TRIMMED * len(squares)))]
+    return float(kept.mean() / TRIMMED_MEAN)
 
 
 def from_differences(series: Sequence[np.ndarray]) -> float:
@@ -55,9 +80,8 @@ def from_differences(series: Sequence[np.ndarray]) -> float:
         differences = [np.diff(s, order) for s in series if len(s) > order + 2]
         if not differences:
             break
-        squares = np.sort(np.square(np.concatenate(differences)))
-        kept = squares[: max(1, int(TRIMMED * len(squares)))]
-        estimates.append(float(np.sqrt(kept.mean() / TRIMMED_MEAN / comb(2 * order, order))))
+        variance = _trimmed(np.square(np.concatenate(differences)))
+        estimates.append(float(np.sqrt(variance / comb(2 * order, order))))
     if not estimates:
         return 0.0
     for this, following in pairwise(estimates):

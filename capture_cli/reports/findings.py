@@ -18,6 +18,7 @@ FLOOR_SOURCES = {
     "declared": "declared in the task",
     "differences": "from high-order differences",
     "repeats": "from repeats",
+    "resolution": "the sensor's steps",
 }
 
 

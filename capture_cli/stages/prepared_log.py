@@ -29,6 +29,7 @@ MOVES_SHARE = 0.05  # of the range: the step with which a parameter must move so
 MOVES_LEAST = 1e-4  # of the noise floor: less is nothing
 FEWEST_SAMPLES = 8  # of the longest episode
 FEWEST_IN_WINDOW = 4  # samples: with fewer, the start of a window explains all of it
+REPEATED_SAMPLES = (16, 100)  # half a window within these: over how long repeats are compared
 
 
 @dataclass(frozen=True)
@@ -101,7 +102,14 @@ def prepare(
     duration = window if window is not None else task.log.window
     _check_long_enough(log, duration)
     windows = _cut(log, task, duration)
-    noise = noise_floor(log.outputs, log.episodes, [c.noise_sd for c in task.outputs])
+    noise = noise_floor(
+        log.outputs,
+        log.episodes,
+        [c.noise_sd for c in task.outputs],
+        time=log.time,
+        driven_by=[log.inputs[e] for e in log.episodes] if log.actions is None else log.actions,
+        block=int(np.clip(np.median(windows.samples) / 2, *REPEATED_SAMPLES)),
+    )
     sensors = [c.sensor for c in task.outputs]
     starts = estimate_starts(
         task.model,
