@@ -7,7 +7,6 @@ work can be stopped and taken up again; a line counts as long as the code that m
 
 from __future__ import annotations
 
-import hashlib
 import json
 import tempfile
 from collections.abc import Iterator
@@ -16,8 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
-import capture_cli
 from benchmarks import MACHINES
+from benchmarks._code_hash import code_hash
 from benchmarks.base import Benchmark, Figure, Result
 from capture_cli.stages import identify as stage
 from capture_cli.stages.record import record
@@ -27,12 +26,6 @@ NOISE = {"slider": {"q": 5e-4}, "cart_pole": {"cart": 5e-4, "pole": 1e-3}, "arm"
 WITHOUT_NOISE = 4  # one log in so many is recorded again without noise
 COVERED = (0.92, 0.98)
 LOST = 1e-3  # of the range
-# What the numbers depend on: lines of other code are not counted.
-CODE = (
-    *("parameters.py", "simulator.py", "linearization.py", "sim", "tasks", "identifiers"),
-    *("diagnosis/noise_floor.py", "diagnosis/lack_of_fit.py", "diagnosis/split.py"),
-    *("stages/identify.py", "stages/prepared_log.py", "stages/record.py"),
-)
 
 
 @dataclass(frozen=True)
@@ -99,13 +92,8 @@ class Coverage(Benchmark):
 
 
 def _code() -> str:
-    """A hash of the files that the numbers depend on."""
-    package = Path(capture_cli.__file__).parent
-    digest = hashlib.sha256()
-    for path in (package / name for name in CODE):
-        for file in sorted(path.rglob("*.py")) if path.is_dir() else [path]:
-            digest.update(file.read_bytes())
-    return digest.hexdigest()[:16]
+    """A hash of what the numbers depend on."""
+    return code_hash(["capture_cli.stages.identify", "capture_cli.stages.record"], ["benchmarks/machines"])
 
 
 def _identify(case: _Case) -> dict:

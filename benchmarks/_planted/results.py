@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import traceback
@@ -13,23 +12,10 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
-import benchmarks
-import capture_cli
+from benchmarks._code_hash import code_hash as hashed
 from benchmarks._planted.cases import Case
 from benchmarks._planted.diagnosing import FAILED, line
 
-# What the numbers depend on: lines of other code are not counted.
-CODE = (
-    "capture_cli/parameters.py",
-    "capture_cli/simulator.py",
-    "capture_cli/sim",
-    "capture_cli/tasks",
-    "capture_cli/effects",
-    "capture_cli/identifiers",
-    "capture_cli/diagnosis",
-    "capture_cli/stages",
-    "benchmarks/machines",
-)
 ONE_THREAD = {name: "1" for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")}
 
 Row = dict[str, Any]
@@ -95,13 +81,5 @@ def _keep(folder: Path, row: Row) -> None:
 
 
 def code_hash() -> str:
-    """A hash of the files that the numbers depend on."""
-    roots = {"capture_cli": Path(capture_cli.__file__).parent, "benchmarks": Path(benchmarks.__file__).parent}
-    digest = hashlib.sha256()
-    for name in CODE:
-        package, rest = name.split("/", 1)
-        path = roots[package] / rest
-        for file in [path] if path.is_file() else sorted(path.rglob("*.*")):
-            if file.suffix in (".py", ".xml", ".toml"):
-                digest.update(file.read_bytes())
-    return digest.hexdigest()[:16]
+    """A hash of what the numbers depend on: lines of other code are not counted."""
+    return hashed(["benchmarks._planted.diagnosing"], ["capture_cli/effects", "benchmarks/machines"])
