@@ -373,6 +373,9 @@ def _show_inspection(path: Path, task: str | None, json_: bool, quiet: bool) -> 
 def record(
     task: Annotated[str, typer.Option("--task", help="Built-in task, or path of a task.toml.")],
     out: Annotated[Path, typer.Option("--out", help="Measured log to write (.zarr).")],
+    world: Annotated[
+        str, typer.Option("--world", help="plant, or robosuite: the whole scene, driven by its robot.")
+    ] = "plant",
     param: Annotated[list[str], typer.Option("--param", help="NAME=VALUE; others are nominal.")] = [],  # noqa: B006
     random_parameters: Annotated[
         bool, typer.Option("--random-parameters", help="Draw the others at random.")
@@ -380,9 +383,16 @@ def record(
     effect: Annotated[list[str], typer.Option("--effect", help="NAME@SITE.PARAMETER=VALUE.")] = [],  # noqa: B006
     noise: Annotated[list[str], typer.Option("--noise", help="SD for all outputs, or OUTPUT=SD.")] = [],  # noqa: B006
     episodes: Annotated[int, typer.Option("--episodes", min=1, help="Number of episodes.")] = 1,
-    duration: Annotated[float, typer.Option("--duration", help="Seconds per episode.")] = 10.0,
+    policy: Annotated[
+        str | None,
+        typer.Option("--policy", help="Who chooses the actions of a task that has some; default random."),
+    ] = None,
+    duration: Annotated[
+        float | None, typer.Option("--duration", help="Seconds per episode; default 10.")
+    ] = None,
     rate: Annotated[
-        float | None, typer.Option("--rate", help="Samples per second; default the model's own.")
+        float | None,
+        typer.Option("--rate", help="Samples per second; default the model's own, of actions 100."),
     ] = None,
     inputs_from: Annotated[
         Path | None, typer.Option("--inputs-from", help="Log whose inputs to replay.")
@@ -412,11 +422,13 @@ def record(
     recording = stage(
         task=task,
         out=out,
+        world=world,
         parameters=_pairs(param, "--param"),
         random_parameters=random_parameters,
         effects=effect,
         noise=_sd(noise, "--noise"),
         episodes=episodes,
+        policy=policy,
         duration=duration,
         rate=rate,
         inputs_from=inputs_from,
@@ -624,6 +636,60 @@ def train_sysid(
         from capture_cli.reports.training import print_training
 
         print_training(document, _console(), out)
+
+
+@app.command(name="eval-sim2sim")
+def eval_sim2sim(
+    task: Annotated[str, typer.Option("--task", help="Built-in task with actions.")],
+    out: Annotated[Path, typer.Option("--out", help="Evaluation directory to write.")],
+    identifier: Annotated[
+        list[str],
+        typer.Option("--identifier", help="A name, a checkpoint directory, or NAME=DIRECTORY."),
+    ],
+    policy: Annotated[
+        str, typer.Option("--policy", help="Who chooses actions: random, or a checkpoint directory.")
+    ] = "random",
+    pairs: Annotated[int, typer.Option("--pairs", min=1, help="Pairs of a source and a hidden target.")] = 100,
+    seeds: Annotated[int, typer.Option("--seeds", min=1, help="Times that the pairs are drawn.")] = 3,
+    rounds: Annotated[int, typer.Option("--rounds", min=1, help="Rounds, one measured rollout each.")] = 30,
+    noise: Annotated[
+        str, typer.Option("--noise", help="On what is measured: none, scale or label, as in the paper.")
+    ] = "none",
+    seed: Seed = 0,
+    threads: Threads = None,
+    force: Force = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with a run that ended early.")] = False,
+    json_: Json = False,
+    quiet: Quiet = False,
+    config: Config = None,
+) -> None:
+    """Evaluate identifiers on simulated truths: errors, success and cost by round, the paper's numbers beside.
+
+    Example: capture eval-sim2sim --task air-hockey --identifier runs/capture --out evaluation
+    """
+    from capture_cli.stages.eval_sim2sim import eval_sim2sim as stage
+
+    evaluation = stage(
+        task=task,
+        identifiers=identifier,
+        out=out,
+        policy=policy,
+        pairs=pairs,
+        seeds=seeds,
+        rounds=rounds,
+        noise=noise,
+        seed=seed,
+        threads=threads,
+        force=force,
+        resume=resume,
+        quiet=quiet,
+    )
+    if json_:
+        _print_json(evaluation.document)
+    elif not quiet:
+        from capture_cli.reports.evaluation_tables import print_evaluation
+
+        print_evaluation(evaluation.document, _console(), out)
 
 
 @app.command()

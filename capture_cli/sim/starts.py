@@ -185,6 +185,18 @@ def model_starts(model: mujoco.MjModel, count: int) -> StartEstimate:
     return StartEstimate(starts, np.zeros((count, 2 * model.nv + model.na)))
 
 
+def known_starts(model: mujoco.MjModel, sensors, starts: Starts, noise_sd: np.ndarray) -> StartEstimate:
+    """Starts that somebody knows, but for positions that outputs measure: those are as good as a few of their samples.
+
+    sensors, noise_sd (output,) as in `estimate_starts`.
+    """
+    sd = np.zeros((len(starts), 2 * model.nv + model.na))
+    for source in _sources(model, sensors):
+        if source.kind != "velocity":
+            sd[:, list(source.dofs)] = PRIOR_INFLATION * noise_sd[list(source.columns)][: len(source.dofs)]
+    return StartEstimate(starts, sd)
+
+
 def measures_every_coordinate(model: mujoco.MjModel, sensors: Sequence[int]) -> bool:
     """Whether every coordinate's position is among the outputs, and there are no activations."""
     dofs = {d for s in _sources(model, sensors) if s.kind != "velocity" for d in s.dofs}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +16,7 @@ from capture_cli.sim.starts import (
     StartEstimate,
     estimate_starts,
     from_episodes,
+    known_starts,
     measures_every_coordinate,
     model_starts,
 )
@@ -23,7 +24,7 @@ from capture_cli.sim.windows import Windows, cut
 from capture_cli.simulator import Simulator
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.tasks import REGISTRY, load_task
-from capture_cli.tasks.base import Task
+from capture_cli.tasks.base import ActionTask, Task
 
 MOVES_SHARE = 0.05  # of the range: the step with which a parameter must move some output
 MOVES_LEAST = 1e-4  # of the noise floor: less is nothing
@@ -110,8 +111,25 @@ def prepare(
         driven_by=[log.inputs[e] for e in log.episodes] if log.actions is None else log.actions,
         block=int(np.clip(np.median(windows.samples) / 2, *REPEATED_SAMPLES)),
     )
+    starts = _starts(log, task, windows, noise)
+    split = split_windows(
+        episode=windows.episode,
+        recording=log.recording,
+        recording_names=log.recording_names,
+        test=test,
+        seed=seed,
+    )
+    return PreparedLog(task, log, windows, starts, noise, split)
+
+
+def _starts(log: MeasuredLog, task: Task, windows: Windows, noise: NoiseFloor) -> StartEstimate:
+    """Where every window starts: where its action says, if it begins an episode of one; else what the outputs say."""
     sensors = [c.sensor for c in task.outputs]
-    starts = estimate_starts(
+    begins = windows.first == np.array([e.start for e in log.episodes])[windows.episode]
+    if isinstance(task, ActionTask) and log.actions is not None and begins.all():
+        starts = task.episodes(log.actions[windows.episode]).starts
+        return known_starts(task.model, sensors, replace(starts, time=windows.time), noise.sd)
+    return estimate_starts(
         task.model,
         sensors,
         time=log.time,
@@ -124,14 +142,6 @@ def prepare(
         if measures_every_coordinate(task.model, sensors)
         else _simulate_episodes(log, task, windows),
     )
-    split = split_windows(
-        episode=windows.episode,
-        recording=log.recording,
-        recording_names=log.recording_names,
-        test=test,
-        seed=seed,
-    )
-    return PreparedLog(task, log, windows, starts, noise, split)
 
 
 def _cut(log: MeasuredLog, task: Task, duration: float | None) -> Windows:

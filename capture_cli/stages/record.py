@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import importlib.util
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import mujoco
@@ -13,17 +14,17 @@ import numpy as np
 from capture_cli.effects import REGISTRY
 from capture_cli.effects.base import Effect
 from capture_cli.errors import FitError, OptionError, did_you_mean
-from capture_cli.sim.engine import Starts
-from capture_cli.sim.targets import object_names
 from capture_cli.sim.windows import cut
 from capture_cli.simulator import Simulator, placed_name
-from capture_cli.stages.multisine import BAND, multisine, peak
+from capture_cli.stages.drive import Drive, drive_by_actions, drive_by_inputs
+from capture_cli.stages.multisine import BAND
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.stores.output import new_directory, new_file, refuse_existing
 from capture_cli.stores.provenance import Provenance, write_json
 from capture_cli.tasks import load_task
-from capture_cli.tasks.base import Channel, Task
+from capture_cli.tasks.base import ActionTask, Channel, Task
 
+WORLDS = ("plant", "robosuite")
 _EFFECT = re.compile(r"^(?P<name>[a-z-]+)(@(?P<site>[^.=]*))?(\.(?P<parameter>\w+))?=(?P<value>.+)$")
 
 
@@ -39,12 +40,14 @@ def record(
     *,
     task: str,
     out: Path,
+    world: str = "plant",
     parameters: Mapping[str, float] | None = None,
     random_parameters: bool = False,
     effects: Sequence[str] = (),
     noise: Mapping[str, float] | float = 0.0,
     episodes: int = 1,
-    duration: float = 10.0,
+    policy: str | None = None,
+    duration: float | None = None,
     rate: float | None = None,
     inputs_from: Path | None = None,
     amplitude: Mapping[str, float] | None = None,
@@ -58,9 +61,13 @@ def record(
 ) -> Recording:
     """Record `episodes` of `duration` s at `rate` Hz (the model's own where None) and write a measured log at `out`.
 
-    effects: "NAME@SITE.PARAMETER=VALUE" each; site and parameter may be left out where there is only one.
-    noise: standard deviation of white noise per output, or one for all. Inputs are multisines in `band` Hz that peak
-    at `amplitude` (the actuator's ctrlrange where not given), or those of the log `inputs_from`. start and
+    world: "plant" simulates the task's model; "robosuite" the whole scene of a built-in task, in which a robot's own
+    controller drives it. effects, of the plant: "NAME@SITE.PARAMETER=VALUE" each; site and parameter may be left out
+    where there is only one. noise: standard deviation of white noise per output, or one for all.
+
+    A task of actions is driven by one action per episode, chosen by `policy` (a checkpoint, or a name; random where
+    None), and logged at 100 Hz where `rate` is None. Inputs of any other task are multisines in `band` Hz that peak at
+    `amplitude` (the actuator's ctrlrange where not given), or those of the log `inputs_from`. start and
     start_velocity: JOINT -> (low, high), drawn anew for each episode. Raises CaptureError.
     """
     options = {k: v for k, v in locals().items() if k != "force"}
@@ -68,35 +75,53 @@ def record(
     refuse_existing(out, force=force)
     machine = load_task(task)
     provenance = Provenance(
-        "record", options, {"task": getattr(machine, "path", None), "inputs_from": inputs_from}
+        "record",
+        options,
+        {"task": getattr(machine, "path", None), "inputs_from": inputs_from, "policy": _if_path(policy)},
     )
     placed, effect_values = parse_effects(effects, machine.model)
     simulator = Simulator(machine, placed, threads)
+    noise_sd = _noise(noise, machine.outputs)
     generator = np.random.default_rng(seed)
     point = machine.space.to_vector(parameters or {}, default=_random(machine, generator, random_parameters))
-    time, inputs, ends = _drive(
-        machine, episodes, duration, rate, inputs_from, amplitude or {}, band, generator
-    )
-    starts = _starts(machine.model, len(ends), start or {}, start_velocity or {}, generator)
-    outputs = _simulate(simulator, time, inputs, ends, starts, np.concatenate([point, effect_values]))
-    noise_sd = _noise(noise, machine.outputs)
+    by_inputs = {
+        "duration": duration,
+        "inputs_from": inputs_from,
+        "amplitude": amplitude or {},
+        "band": band,
+        "start": start or {},
+        "start_velocity": start_velocity or {},
+    }
+    if isinstance(machine, ActionTask):
+        _refuse(by_inputs, {"band": BAND}, f"an episode of {machine.name!r} is what its action says")
+        drive = drive_by_actions(machine, episodes=episodes, rate=rate, policy=policy, generator=generator)
+    else:
+        _refuse({"policy": policy}, {}, f"{machine.name!r} has no actions")
+        drive = drive_by_inputs(machine, episodes=episodes, rate=rate, generator=generator, **by_inputs)
+    if world == "plant":
+        outputs = _simulate(simulator, drive, np.concatenate([point, effect_values]))
+    else:
+        _refuse({"effect": effects}, {}, f"--world {world} lacks nothing that could be added to it")
+        drive, outputs = _in_scene(world, machine, point, drive)
     log = MeasuredLog(
         task=machine.name,
-        time=time,
-        inputs=inputs,
+        time=drive.time,
+        inputs=drive.inputs,
         outputs=outputs + noise_sd * generator.standard_normal(outputs.shape),
-        episode_ends=ends,
-        recording=np.zeros(len(ends), dtype=np.int64),
+        episode_ends=drive.ends,
+        recording=np.zeros(len(drive.ends), dtype=np.int64),
         input_names=tuple(c.name for c in machine.inputs),
         input_units=tuple(c.unit for c in machine.inputs),
         output_names=tuple(c.name for c in machine.outputs),
         output_units=tuple(c.unit for c in machine.outputs),
         recordings=({"name": out.stem, "source": "capture record", "sha256": None},),
+        actions=drive.actions,
     )
     known = {
         "format": "capture/truth",
         "version": 1,
         "task": machine.name,
+        "world": world,
         "parameters": machine.space.to_dict(point),
         "effects": dict(zip(simulator.space.names[len(point) :], effect_values.tolist(), strict=True)),
         "noise_sd": {c.name: float(s) for c, s in zip(machine.outputs, noise_sd, strict=True)},
@@ -163,68 +188,49 @@ def _random(machine: Task, generator: np.random.Generator, wanted: bool) -> np.n
     return space.from_unit(generator.uniform(size=len(space))) if wanted else space.nominal
 
 
-def _drive(machine, episodes, duration, rate, inputs_from, amplitude, band, generator):
-    """time (step,), inputs (step, input) and episode ends (episode,)."""
-    if inputs_from is not None:
-        source = MeasuredLog.read(inputs_from)
-        if source.input_names != tuple(c.name for c in machine.inputs):
-            raise OptionError(
-                f"--inputs-from {inputs_from}: its inputs are ({', '.join(source.input_names)})",
-                cure=f"give a log with the task's inputs ({', '.join(c.name for c in machine.inputs)})",
-            )
-        return source.time, source.inputs, source.episode_ends
-    positive = [duration] if rate is None else [duration, rate]
-    if episodes < 1 or not all(0 < number < np.inf for number in positive):
-        raise OptionError(
-            f"episodes = {episodes}, duration = {duration:g} s, rate = {rate} Hz",
-            cure="give positive numbers",
-        )
-    if not 0 <= band[0] < band[1] < np.inf:
-        raise OptionError(
-            f"--band {band[0]:g} {band[1]:g}", cure="give two frequencies in Hz, the lower one first"
-        )
-    names = [c.name for c in machine.inputs]
-    for name in set(amplitude) - set(names):
-        raise OptionError(f"--amplitude: the task has no input {name!r}", cure=did_you_mean(name, names))
-    interval = machine.timestep if rate is None else 1.0 / rate
-    steps = round(duration / interval) + 1
-    time = interval * np.arange(steps)
-    peaks = np.array([peak(machine.model, channel, amplitude) for channel in machine.inputs])
-    tapes = [peaks * multisine(time, len(peaks), band, generator) for _ in range(episodes)]
-    return np.tile(time, episodes), np.concatenate(tapes), steps * (1 + np.arange(episodes))
+def _if_path(policy: str | None) -> Path | None:
+    return Path(policy) if policy is not None and Path(policy).exists() else None
 
 
-def _starts(model, count: int, positions, velocities, generator) -> Starts:
-    qpos = np.repeat((model.key_qpos[0] if model.nkey else model.qpos0)[None], count, axis=0)
-    qvel = np.zeros((count, model.nv))
-    for option, given, state, address in (
-        ("--start", positions, qpos, model.jnt_qposadr),
-        ("--start-velocity", velocities, qvel, model.jnt_dofadr),
-    ):
-        for joint, (low, high) in given.items():
-            number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, joint)
-            if number < 0:
-                raise OptionError(
-                    f"{option}: the model has no joint {joint!r}",
-                    cure=did_you_mean(joint, object_names(model, "joint")),
-                )
-            state[:, address[number]] = generator.uniform(low, high, count)
-    return Starts(qpos, qvel, np.zeros((count, model.na)), np.zeros(count))
+def _refuse(given: Mapping[str, object], defaults: Mapping[str, object], why: str) -> None:
+    """Raise OptionError where an option was given that means nothing here."""
+    for name, value in given.items():
+        if value and value != defaults.get(name):
+            raise OptionError(f"--{name.replace('_', '-')} means nothing: {why}", cure="leave it out")
 
 
-def _simulate(simulator: Simulator, time, inputs, ends, starts: Starts, point: np.ndarray) -> np.ndarray:
+def _in_scene(world: str, machine: Task, point: np.ndarray, drive: Drive) -> tuple[Drive, np.ndarray]:
+    """How the task's whole scene was driven, its robot taking the actions of `drive`, and outputs (step, output).
+
+    A module of `worlds` called like the task defines record(parameters (parameter,), actions (episode, action), rate
+    in Hz) -> (time (step,), inputs (step, input), outputs (step, output)) per episode. Raises OptionError.
+    """
+    if world not in WORLDS:
+        raise OptionError(f"unknown --world {world!r}", cure=did_you_mean(world, WORLDS))
+    module = f"capture_cli.worlds.{machine.name.replace('-', '_')}"
+    if not isinstance(machine, ActionTask) or importlib.util.find_spec(module) is None:
+        raise OptionError(f"there is no robosuite scene of {machine.name!r}", cure="record --world plant")
+    scene = importlib.import_module(module)
+    rate = 1 / (drive.time[1] - drive.time[0])
+    recordings = scene.record(point, drive.actions, rate)
+    time, inputs, outputs = (np.concatenate(parts) for parts in zip(*recordings, strict=True))
+    ends = np.cumsum([len(times) for times, _, _ in recordings])
+    return replace(drive, time=time, inputs=inputs, ends=ends), outputs
+
+
+def _simulate(simulator: Simulator, drive: Drive, point: np.ndarray) -> np.ndarray:
     machine = simulator.task
-    episodes = [slice(a, b) for a, b in zip([0, *ends[:-1]], ends, strict=True)]
+    episodes = [slice(a, b) for a, b in zip([0, *drive.ends[:-1]], drive.ends, strict=True)]
     windows = cut(
-        time=time,
-        inputs=inputs,
-        outputs=np.zeros((len(time), len(machine.outputs))),
+        time=drive.time,
+        inputs=drive.inputs,
+        outputs=np.zeros((len(drive.time), len(machine.outputs))),
         episodes=episodes,
         timestep=machine.timestep,
         duration=None,
         linear=np.array([c.linear for c in machine.inputs], dtype=bool),
     )
-    simulated = simulator.simulate(windows, starts, point[None])
+    simulated = simulator.simulate(windows, drive.starts, point[None])
     if simulated.diverged.any():
         raise FitError(
             f"the simulation diverged in {int(simulated.diverged.sum())} of {len(windows)} episodes",

@@ -25,6 +25,7 @@ WALL_DAMPING = (-40.0, -3.0)
 # shot overruns it, and friction then has to be had off the walls: no one stroke serves all tables.
 TARGET = np.array([0.1, 0.0])
 TARGET_RADIUS = 0.04
+PAUSE = 0.05  # s, before the stroke: a log then shows from where, and that nothing moved
 FOLLOW_THROUGH = 0.08  # m, of the mallet past the place where it meets the puck
 
 
@@ -88,7 +89,7 @@ class AirHockey(ActionTask):
                 fields["geom_solref"][:, self.model.geom(self._damping[name]).id, 1] = parameters[:, column]
 
     def episodes(self, actions):
-        """The mallet stands at its start and moves at `speed` along its aim, through the puck's place, then stops."""
+        """The mallet stands at its start, moves at `speed` along its aim, through the puck's place, and stops."""
         count = len(actions)
         qpos = np.repeat(self._start[None], count, axis=0)
         qpos[:, self._mallet] = actions[:, :2]
@@ -98,7 +99,8 @@ class AirHockey(ActionTask):
         velocity = actions[:, 3:] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
         stroke = np.linalg.norm(to_puck, axis=1) - self._touch + FOLLOW_THROUGH
         steps = stroke / actions[:, 3] / self.timestep
-        share = np.clip(steps[:, None] - np.arange(self.grid_steps), 0.0, 1.0)  # of each step, spent moving
+        waited = np.arange(self.grid_steps) - round(PAUSE / self.timestep)
+        share = np.where(waited < 0, 0.0, np.clip(steps[:, None] - waited, 0.0, 1.0))  # of each step, moving
         return Episodes(starts, share[:, :, None] * velocity[:, None])
 
     def observe(self, outputs):

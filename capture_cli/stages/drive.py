@@ -1,0 +1,149 @@
+"""What drives a recorded machine: multisines, the inputs of another log, or one action per episode."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from capture_cli.errors import OptionError, did_you_mean
+from capture_cli.sim.engine import Starts
+from capture_cli.sim.targets import object_names
+from capture_cli.stages.multisine import multisine, peak
+from capture_cli.stages.policy_checkpoint import load_policy
+from capture_cli.stores.measured_log import MeasuredLog
+from capture_cli.tasks.base import ActionTask, Task
+
+DURATION = 10.0  # s, of an episode unless told otherwise
+ACTION_RATE = 100.0  # Hz, of the log of an action unless told otherwise
+
+
+@dataclass(frozen=True)
+class Drive:
+    """time (step,) s, inputs (step, input), episode ends (episode,), starts (episode), actions (episode, action)."""
+
+    time: np.ndarray
+    inputs: np.ndarray
+    ends: np.ndarray
+    starts: Starts
+    actions: np.ndarray | None = None
+
+
+def drive_by_actions(
+    task: ActionTask,
+    *,
+    episodes: int,
+    rate: float | None,
+    policy: str | None,
+    generator: np.random.Generator,
+) -> Drive:
+    """One action per episode, as the policy (a random one where None) chooses it under the nominal parameters.
+
+    Inputs are logged at `rate` Hz (`ACTION_RATE` where None): the mean of each over the time until the next sample, so
+    that a machine which holds them in between moves as far as the action says.
+    """
+    rate = ACTION_RATE if rate is None else rate
+    _check_positive(episodes=episodes, rate=rate)
+    chooser = load_policy(policy or "random", task)
+    believed = np.repeat(task.space.nominal[None], episodes, axis=0)
+    actions = chooser.act(believed, generator.random((episodes, len(task.actions))))
+    driven = task.episodes(actions)
+    steps = round(task.point_times[-1] * rate) + 1
+    time = np.arange(steps) / rate
+    linear = np.array([c.linear for c in task.inputs], dtype=bool)
+    inputs = np.stack([_sampled(tape, task.timestep, time, linear) for tape in driven.inputs])
+    return Drive(
+        time=np.tile(time, episodes),
+        inputs=inputs.reshape(episodes * steps, -1),
+        ends=steps * (1 + np.arange(episodes)),
+        starts=driven.starts,
+        actions=actions,
+    )
+
+
+def _sampled(tape: np.ndarray, timestep: float, time: np.ndarray, linear: np.ndarray) -> np.ndarray:
+    """A tape (grid, input) at `time` (step,): its value where it is `linear`, its mean until the next sample if not."""
+    grid = timestep * np.arange(len(tape) + 1)
+    edges = np.append(time, 2 * time[-1] - time[-2])
+    values = np.empty((len(time), tape.shape[1]))
+    for k, column in enumerate(tape.T):
+        if linear[k]:
+            values[:, k] = np.interp(time, grid[:-1], column)
+            continue
+        # past its end a tape holds its last value
+        after = np.maximum(edges - grid[-1], 0.0) * column[-1]
+        travelled = np.interp(edges, grid, np.append(0.0, timestep * np.cumsum(column))) + after
+        values[:, k] = np.diff(travelled) / np.diff(edges)
+    return values
+
+
+def drive_by_inputs(
+    machine: Task,
+    *,
+    episodes: int,
+    duration: float | None,
+    rate: float | None,
+    inputs_from: Path | None,
+    amplitude: Mapping[str, float],
+    band: tuple[float, float],
+    start: Mapping[str, tuple[float, float]],
+    start_velocity: Mapping[str, tuple[float, float]],
+    generator: np.random.Generator,
+) -> Drive:
+    """Multisines in `band` Hz that peak at `amplitude`, or the inputs of the log `inputs_from`. Raises OptionError."""
+    duration = DURATION if duration is None else duration
+    time, inputs, ends = _tapes(machine, episodes, duration, rate, inputs_from, amplitude, band, generator)
+    return Drive(time, inputs, ends, _starts(machine.model, len(ends), start, start_velocity, generator))
+
+
+def _tapes(machine, episodes, duration, rate, inputs_from, amplitude, band, generator):
+    """time (step,), inputs (step, input) and episode ends (episode,)."""
+    if inputs_from is not None:
+        source = MeasuredLog.read(inputs_from)
+        if source.input_names != tuple(c.name for c in machine.inputs):
+            raise OptionError(
+                f"--inputs-from {inputs_from}: its inputs are ({', '.join(source.input_names)})",
+                cure=f"give a log with the task's inputs ({', '.join(c.name for c in machine.inputs)})",
+            )
+        return source.time, source.inputs, source.episode_ends
+    _check_positive(episodes=episodes, duration=duration, rate=machine.timestep if rate is None else rate)
+    if not 0 <= band[0] < band[1] < np.inf:
+        raise OptionError(
+            f"--band {band[0]:g} {band[1]:g}", cure="give two frequencies in Hz, the lower one first"
+        )
+    names = [c.name for c in machine.inputs]
+    for name in set(amplitude) - set(names):
+        raise OptionError(f"--amplitude: the task has no input {name!r}", cure=did_you_mean(name, names))
+    interval = machine.timestep if rate is None else 1.0 / rate
+    steps = round(duration / interval) + 1
+    time = interval * np.arange(steps)
+    peaks = np.array([peak(machine.model, channel, amplitude) for channel in machine.inputs])
+    tapes = [peaks * multisine(time, len(peaks), band, generator) for _ in range(episodes)]
+    return np.tile(time, episodes), np.concatenate(tapes), steps * (1 + np.arange(episodes))
+
+
+def _starts(model, count: int, positions, velocities, generator) -> Starts:
+    qpos = np.repeat((model.key_qpos[0] if model.nkey else model.qpos0)[None], count, axis=0)
+    qvel = np.zeros((count, model.nv))
+    for option, given, state, address in (
+        ("--start", positions, qpos, model.jnt_qposadr),
+        ("--start-velocity", velocities, qvel, model.jnt_dofadr),
+    ):
+        for joint, (low, high) in given.items():
+            number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, joint)
+            if number < 0:
+                raise OptionError(
+                    f"{option}: the model has no joint {joint!r}",
+                    cure=did_you_mean(joint, object_names(model, "joint")),
+                )
+            state[:, address[number]] = generator.uniform(low, high, count)
+    return Starts(qpos, qvel, np.zeros((count, model.na)), np.zeros(count))
+
+
+def _check_positive(**numbers: float) -> None:
+    for name, number in numbers.items():
+        if not 0 < number < np.inf:
+            raise OptionError(f"--{name} {number:g}", cure="give a positive number")
