@@ -20,12 +20,17 @@ def main() -> None:
     )
     parser.add_argument("name", nargs="*", metavar="NAME", help="which ones; all by default")
     parser.add_argument("--logs", type=int, default=40, help="logs per machine, for coverage (default 40)")
+    parser.add_argument(
+        "--pairs", type=int, default=10_000, help="most pairs of histories, for histories (default 10000)"
+    )
     parser.add_argument("--out", type=Path, default=ROOT / "runs" / "benchmarks", help="where results go")
     options = parser.parse_args()
     try:
         chosen = [(name, REGISTRY.get(name)) for name in options.name or names]
         for name, benchmark in chosen:
-            result, path = measure(name, benchmark(logs=options.logs, folder=options.out))
+            result, path = measure(
+                name, benchmark(logs=options.logs, pairs=options.pairs, folder=options.out)
+            )
             _print(f"{name}: {benchmark.summary}", result.figures, path)
     except CaptureError as error:
         print(f"error: {error}", file=sys.stderr)

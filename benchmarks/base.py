@@ -38,12 +38,16 @@ class Result:
 
 
 class Benchmark(ABC):
-    """logs: how many logs per machine, where logs are recorded. folder: where results and unfinished work lie."""
+    """logs: how many logs per machine, where logs are recorded. pairs: how many histories at most.
+
+    folder: where results and unfinished work lie.
+    """
 
     summary: str
 
-    def __init__(self, *, logs: int, folder: Path):
+    def __init__(self, *, logs: int, folder: Path, pairs: int = 10_000):
         self.logs = logs
+        self.pairs = pairs
         self.folder = folder
 
     @abstractmethod
@@ -53,7 +57,7 @@ class Benchmark(ABC):
 
 def measure(name: str, benchmark: Benchmark) -> tuple[Result, Path]:
     """Run `benchmark` and write NAME.json into its folder; returns the result and the file."""
-    provenance = Provenance(f"benchmarks {name}", {"logs": benchmark.logs}, {})
+    provenance = Provenance(f"benchmarks {name}", {"logs": benchmark.logs, "pairs": benchmark.pairs}, {})
     load = os.getloadavg()[0]
     result = benchmark.run()
     document = {

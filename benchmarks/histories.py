@@ -1,0 +1,222 @@
+"""Whole `capture gen-histories`, writing included, against bare MuJoCo and against stepping robosuite's environments.
+
+Rates are per CPU second of one thread, in turns in one run, and ratios are medians over repeats. "Bare mj_step" steps
+the plant of the same task through the same episodes, with nominal parameters, and records nothing: the faster of
+`mj_step` in Python, called once per stretch of constant control, and `mujoco.rollout`. robosuite steps its scene of
+the task, arm and controller included, with actions of zero; its resets are not counted.
+"""
+
+from __future__ import annotations
+
+import importlib
+import itertools
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from mujoco import rollout
+
+from benchmarks import ROOT
+from benchmarks.base import Benchmark, Figure, Result
+from capture_cli.stages.gen_histories import ROUNDS, gen_histories
+from capture_cli.tasks import load_task
+
+TASKS = {"air-hockey": 48, "scooping": 384}  # pairs per repeat: some seconds
+REPEATS, EPISODES, CONTROL_STEPS = 5, 200, 60
+SIMULATED = 2 * ROUNDS - 1  # rollouts per history: the last round's two are one
+OVER_BARE, OVER_ROBOSUITE, FLAT = 0.75, 15.0, 1.1
+GROWING = "scooping"  # the cheaper task, for the runs of many pairs
+RAY_PAIRS = 2560
+
+# Generates histories in a process of its own; prints seconds, CPU seconds and peak memory in bytes.
+_MEASURED = """
+import json, re, sys, time
+from pathlib import Path
+from capture_cli.stages.gen_histories import gen_histories
+began = time.perf_counter()
+gen_histories(task=sys.argv[1], pairs=int(sys.argv[2]), out=sys.argv[3])
+# not ru_maxrss, which begins with the peak of the process that started this one
+peak = re.search(r"VmHWM:\\s+(\\d+) kB", Path("/proc/self/status").read_text()).group(1)
+print(json.dumps([time.perf_counter() - began, time.process_time(), 1024 * int(peak)]))
+"""
+
+
+class HistoriesSpeed(Benchmark):
+    summary = "gen-histories against bare mj_step and robosuite; memory and time as pairs grow; two Ray nodes"
+
+    def run(self) -> Result:
+        result = Result()
+        with tempfile.TemporaryDirectory() as folder:
+            for task, pairs in TASKS.items():
+                self._speed(task, pairs, Path(folder), result)
+            self._growth(Path(folder), result)
+            self._ray(Path(folder), result)
+        return result
+
+    def _speed(self, name: str, pairs: int, folder: Path, result: Result) -> None:
+        task = load_task(name)
+        out = folder / f"{name}.zarr"
+        bare = _Bare(task)
+        kinds: dict[str, Callable[[], float]] = {
+            "histories": lambda: _generate(name, pairs, out) * task.grid_steps,
+            "mj_step": bare.mj_step,
+            "rollout": bare.rollout,
+        }
+        robosuite = _robosuite_stepper(name)
+        if robosuite is not None:
+            kinds["robosuite"] = robosuite
+        speeds = _interleaved(kinds)
+        steps = speeds["histories"]
+        ratio = np.median(steps / np.maximum(speeds["mj_step"], speeds["rollout"]))
+        result.figures.append(
+            Figure(f"gen-histories / bare mj_step, {name}", float(ratio), target=(OVER_BARE, None))
+        )
+        if robosuite is not None:
+            over = float(np.median(steps / speeds["robosuite"]))
+            result.figures.append(
+                Figure(f"gen-histories / robosuite, {name}", over, target=(OVER_ROBOSUITE, None))
+            )
+        rollouts = float(np.median(steps)) / task.grid_steps
+        result.figures += [
+            Figure(f"  rollouts, {name}", rollouts, "1/s"),
+            Figure(f"  histories of {ROUNDS} rounds, {name}", rollouts / SIMULATED, "1/s"),
+            Figure(f"  a history on disk, {name}", _bytes(out) / pairs, "bytes"),
+        ]
+        result.details[name] = {"steps_per_second": {k: v.tolist() for k, v in speeds.items()}}
+
+    def _growth(self, folder: Path, result: Result) -> None:
+        sizes = [n for n in (1_000, 10_000, 100_000) if n <= self.pairs] or [self.pairs]
+        runs = {n: _measured(GROWING, n, folder / "growing.zarr") for n in sizes}
+        for n, (seconds, cpu, peak) in runs.items():
+            result.figures += [
+                Figure(f"  {n} pairs of {GROWING}", seconds, "s"),
+                Figure(f"    CPU, {n} pairs", cpu, "s"),
+                Figure(f"    peak memory, {n} pairs", peak / 2**20, "MiB"),
+            ]
+        if len(sizes) > 1:
+            few, many = runs[sizes[0]][2], runs[sizes[-1]][2]
+            result.figures.append(
+                Figure(f"peak memory, {sizes[-1]} / {sizes[0]} pairs", many / few, target=(None, FLAT))
+            )
+        result.details["growth"] = {str(n): run for n, run in runs.items()}
+
+    def _ray(self, folder: Path, result: Result) -> None:
+        seconds = {nodes: _on_ray(nodes, folder / f"ray{nodes}.zarr") for nodes in (1, 2)}
+        result.figures.append(
+            Figure(f"two Ray nodes over one, {RAY_PAIRS} pairs of {GROWING}", seconds[1] / seconds[2])
+        )
+        result.details["ray"] = {f"{n} nodes": s for n, s in seconds.items()}
+
+
+def _interleaved(kinds: dict[str, Callable[[], float]]) -> dict[str, np.ndarray]:
+    """Steps per CPU second of each, (repeat,), one after the other in every repeat; each returns its steps."""
+    speeds: dict[str, list[float]] = {name: [] for name in kinds}
+    for run in kinds.values():
+        run()  # first calls load libraries and touch memory
+    for _ in range(REPEATS):
+        for name, run in kinds.items():
+            began = time.process_time()
+            steps = run()
+            speeds[name].append(steps / (time.process_time() - began))
+    return {name: np.array(s) for name, s in speeds.items()}
+
+
+def _generate(task: str, pairs: int, out: Path) -> int:
+    """How many rollouts the histories took."""
+    gen_histories(task=task, pairs=pairs, out=out, threads=1, force=True)
+    return pairs * SIMULATED
+
+
+class _Bare:
+    """Random episodes of a task, stepped by MuJoCo alone; every method makes all of them and returns the steps."""
+
+    def __init__(self, task):
+        self.task, self.model, self.data = task, task.model, mujoco.MjData(task.model)
+        uniform = np.random.default_rng(0).random((EPISODES, len(task.actions)))
+        episodes = task.episodes(task.draw_actions(uniform))
+        self.starts = episodes.starts
+        self.controls = task.controls(episodes.inputs)[:, : task.grid_steps]
+        size = mujoco.mj_stateSize(self.model, mujoco.mjtState.mjSTATE_FULLPHYSICS)
+        self.states = np.zeros((EPISODES, size))
+        for i in range(EPISODES):
+            self._start(i)
+            mujoco.mj_getState(self.model, self.data, self.states[i], mujoco.mjtState.mjSTATE_FULLPHYSICS)
+
+    def _start(self, i: int) -> None:
+        mujoco.mj_resetData(self.model, self.data)
+        self.data.qpos[:], self.data.qvel[:] = self.starts.qpos[i], self.starts.qvel[i]
+
+    def mj_step(self) -> int:
+        for i, tape in enumerate(self.controls):
+            self._start(i)
+            edges = [0, *(np.flatnonzero(np.any(np.diff(tape, axis=0), axis=1)) + 1), len(tape)]
+            for first, last in itertools.pairwise(edges):
+                self.data.ctrl[:] = tape[first]
+                mujoco.mj_step(self.model, self.data, nstep=int(last - first))
+        return self.controls.shape[0] * self.controls.shape[1]
+
+    def rollout(self) -> int:
+        rollout.rollout(self.model, self.data, self.states, self.controls, nstep=self.controls.shape[1])
+        return self.controls.shape[0] * self.controls.shape[1]
+
+
+def _robosuite_stepper(task: str) -> Callable[[], float] | None:
+    """Steps the robosuite scene of `task`; None where there is none."""
+    try:
+        world = importlib.import_module(f"capture_cli.worlds.{task.replace('-', '_')}")
+    except ModuleNotFoundError:
+        return None
+    environment = world.gymnasium_environment(
+        control_freq=20,
+        horizon=(REPEATS + 1) * CONTROL_STEPS + 1,  # one reset lasts all repeats
+    ).environment
+    still = np.zeros(environment.action_dim)
+    steps = round(environment.control_timestep / environment.model_timestep)
+    environment.reset()
+
+    def step() -> float:
+        for _ in range(CONTROL_STEPS):
+            environment.step(still)
+        return CONTROL_STEPS * steps
+
+    return step
+
+
+def _measured(task: str, pairs: int, out: Path) -> list[float]:
+    done = subprocess.run(
+        [sys.executable, "-c", _MEASURED, task, str(pairs), str(out)],
+        check=True,
+        capture_output=True,
+        text=True,
+        cwd=ROOT,
+    )
+    return json.loads(done.stdout)
+
+
+def _on_ray(nodes: int, out: Path) -> float:
+    """Seconds that a cluster of `nodes` nodes with one processor each takes, its start not counted."""
+    from ray.cluster_utils import Cluster
+
+    node = {"num_cpus": 1, "object_store_memory": 80 << 20}
+    cluster = Cluster(initialize_head=True, head_node_args={"include_dashboard": False, **node})
+    try:
+        for _ in range(nodes - 1):
+            cluster.add_node(**node)
+        cluster.wait_for_nodes()
+        options = {"task": GROWING, "executor": "ray", "address": cluster.address, "threads": 1}
+        gen_histories(**options, pairs=256 * nodes, out=out.with_suffix(".warm"))  # workers start, imports
+        began = time.perf_counter()
+        gen_histories(**options, pairs=RAY_PAIRS, out=out)
+        return time.perf_counter() - began
+    finally:
+        cluster.shutdown()
+
+
+def _bytes(folder: Path) -> int:
+    return sum(f.stat().st_size for f in folder.rglob("*") if f.is_file())
