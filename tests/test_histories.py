@@ -24,6 +24,7 @@ from capture_cli.simulator import Simulator
 from capture_cli.stages import history_recipe, policy_checkpoint
 from capture_cli.stages.gen_histories import gen_histories
 from capture_cli.stages.history_recipe import Recipe
+from capture_cli.stages.inspect import inspect
 from capture_cli.stages.policy_checkpoint import load_policy, save_policy
 from capture_cli.stages.record import record
 from capture_cli.stages.tapes import tape_task
@@ -360,6 +361,19 @@ def test_a_lost_shard_is_noticed(generate):
     histories.read(0, 16)
     with pytest.raises(StoreError, match="measured of pair 16 is missing"):
         histories.read(0, 40)
+
+
+def test_inspect_reads_them_through(generate):
+    path = Path(generate())
+    sound = inspect(path)
+    assert sound["sizes"] == {"arrays": 6, "pairs": 40, "rounds": 4}
+    assert not sound["findings"]
+    (path / "measured" / "c" / "1" / "0" / "0" / "0").unlink()
+    assert [f["message"] for f in inspect(path)["findings"]] == [
+        f"{path}: measured of pair 16 is missing or not finite"
+    ]
+    zarr.open_group(str(path), mode="r+").attrs["complete"] = False
+    assert "--resume" in inspect(path)["findings"][0]["cure"]
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,8 @@ from capture_cli.errors import StoreError
 from capture_cli.stages.log_findings import finding, log_findings, task_findings
 from capture_cli.stages.log_health import channel, excitation, quantisation, timing
 from capture_cli.stores.estimate import Estimate, read_result
+from capture_cli.stores.histories import SCHEMA as HISTORIES_SCHEMA
+from capture_cli.stores.histories import Histories
 from capture_cli.stores.measured_log import SCHEMA as LOG_SCHEMA
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.stores.output import PROVENANCE, sha256
@@ -22,6 +24,7 @@ from capture_cli.tasks import load_task
 FORMAT = "capture/inspection"
 VERSION = 1
 NOTHING_TO_DO = "nothing to do"
+CHECKED_AT_ONCE = 4096  # histories
 
 
 def inspect(path: Path, task: str | None = None) -> dict[str, Any]:
@@ -228,6 +231,8 @@ def _inspect_zarr(path: Path, document: dict[str, Any]) -> None:
         for name, a in sorted(arrays.items())
     ]
     document["sizes"] = {"arrays": len(arrays)}
+    if document["store"]["format"] == HISTORIES_SCHEMA.format:
+        _inspect_histories(path, document)
     if not str(document["store"]["format"]).startswith("capture/"):
         message = "this store was not written by `capture`"
         document["findings"].append(
@@ -235,6 +240,13 @@ def _inspect_zarr(path: Path, document: dict[str, Any]) -> None:
                 "note", "store", message, "convert its columns to CSV or Parquet, then `capture import-log`"
             )
         )
+
+
+def _inspect_histories(path: Path, document: dict[str, Any]) -> None:
+    histories = Histories(path)
+    document["sizes"] |= {"pairs": len(histories), "rounds": histories.attributes["rounds"]}
+    for _ in histories.batches(CHECKED_AT_ONCE):
+        pass  # raises where a shard is missing or damaged
 
 
 def _header(document: dict[str, Any], attributes: Mapping[str, Any]) -> None:
