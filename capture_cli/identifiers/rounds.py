@@ -166,12 +166,13 @@ class RoundIdentifier(AskTell):
     measure, under these actions; `tell(actions, simulated, measured)`; `best` is the estimate after the round.
 
     summary: one line for the docs. needs_checkpoint: whether it is made by `capture train-sysid`.
-    candidates: how many simulations it asks for in a round.
+    candidates: how many simulations it asks for in a round. simulates: whether it runs others by itself.
     """
 
     summary: str
     needs_checkpoint = False
     candidates = 1
+    simulates = False
 
     def __init__(
         self, signature: Signature, start: np.ndarray, *, simulate: Simulate | None = None, seed: int = 0

@@ -1,0 +1,250 @@
+"""Gauss-Newton through the simulator over all rounds so far, with a Gaussian as prior: a maximum a posteriori fit.
+
+The prior is what a transformer says of the target. The noise is estimated from what the fit leaves, so the two are
+weighed by their uncertainty: while the trajectories still disagree the prior holds the step back, and as they come to
+agree it counts only in directions that no round has told anything about.
+
+Simulations are spared. Each round keeps the point it was linearised at and its sensitivities; whatever is simulated
+later corrects them (Broyden's update), fresh finite differences are taken for the newest round, and for the round whose
+prediction failed most. A pair whose newest round shows no residual is left alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from capture_cli.identifiers._learned import Prediction
+from capture_cli.identifiers.rounds import Signature, Simulate, finite
+from capture_cli.linearization import box_step
+
+STEP = 1e-3  # of the range, a finite difference
+FLOOR = 3e-4  # of a feature's scale: residuals below this are no residuals
+TRIALS = 4  # points at most that are tried in a round, of each pair
+LONGEST_STEP = 0.35  # of the range
+SMALL_STEP = 0.2  # of the posterior standard deviation: a shorter step is taken without a trial
+FIRST_EASING, LEAST_EASING, MOST_EASING = 0.3, 0.03, 3.0  # of the residual, taken for noise while stepping
+POOR_GAIN, GOOD_GAIN = 0.25, 0.75  # of the decrease that was predicted
+LARGEST_SD = 0.5  # of the range, of a prior
+
+
+@dataclass
+class _Pair:
+    """What is known of one pair. Parameters are in the unit cube, trajectories over the features' scales, flat (d,).
+
+    x: the estimate. rounds: actions and measured (round, ...). points (round, p): where each round was last simulated,
+    with the outputs there, and sensitivities (round, d, p), NaN where none were taken.
+    """
+
+    x: np.ndarray
+    actions: np.ndarray
+    measured: np.ndarray
+    points: np.ndarray
+    outputs: np.ndarray
+    sensitivities: np.ndarray
+    easing: float = FIRST_EASING
+
+
+class Refinement:
+    """Refines the estimates of `pairs` pairs, round by round. rollouts (pair,): what it has simulated for each."""
+
+    def __init__(self, signature: Signature, pairs: int, simulate: Simulate):
+        self.signature = signature
+        self.simulate = simulate
+        self.rollouts = np.zeros(pairs, dtype=np.int64)
+        points, features = signature.trajectory_shape
+        self._scale = np.tile([f.scale for f in signature.features], points)
+        size, d = len(signature.space), points * features
+        self._pairs = [
+            _Pair(
+                x=np.full(size, np.nan),
+                actions=np.zeros((0, len(signature.actions))),
+                measured=np.zeros((0, d)),
+                points=np.zeros((0, size)),
+                outputs=np.zeros((0, d)),
+                sensitivities=np.zeros((0, d, size)),
+            )
+            for _ in range(pairs)
+        ]
+
+    def refine(self, prior: Prediction, asked, actions, simulated, measured) -> Prediction:
+        """The estimate after one more round, and its covariance; each (pair, ...), in the task's units."""
+        space = self.signature.space
+        means = space.to_unit(prior.mean)
+        precisions = [_precision(c / np.outer(space.span, space.span)) for c in prior.covariance]
+        self._append(space.to_unit(asked), actions, self._flat(simulated), self._flat(measured))
+        self._begin(means)
+        self._differentiate([(k, len(p.points) - 1) for k, p in self._open()])
+        self._descend(means, precisions)
+        covariance = np.stack([self._covariance(p, h) for p, h in zip(self._pairs, precisions, strict=True)])
+        x = np.stack([p.x for p in self._pairs])
+        return Prediction(space.from_unit(x), covariance * np.outer(space.span, space.span))
+
+    # --- a new round ---
+
+    def _append(self, asked, actions, simulated, measured) -> None:
+        for k, p in enumerate(self._pairs):
+            p.x = asked[k]
+            p.actions = np.concatenate([p.actions, actions[k, None]])
+            p.measured = np.concatenate([p.measured, measured[k, None]])
+            p.points = np.concatenate([p.points, asked[k, None]])
+            p.outputs = np.concatenate([p.outputs, simulated[k, None]])
+            unknown = np.full((1, *p.sensitivities.shape[1:]), np.nan)
+            p.sensitivities = np.concatenate([p.sensitivities, unknown])
+
+    def _open(self) -> list[tuple[int, _Pair]]:
+        """Pairs whose newest round leaves a residual."""
+        return [(k, p) for k, p in enumerate(self._pairs) if _rms(p.measured[-1] - p.outputs[-1]) > FLOOR]
+
+    def _begin(self, means: np.ndarray) -> None:
+        """Open pairs begin at the prior's mean where that explains all rounds better than what they had."""
+        tried = [(k, [len(p.points) - 1], means[k]) for k, p in self._open()]
+        better = []
+        for (k, _, _), outputs in zip(tried, self._outputs(tried), strict=True):
+            p = self._pairs[k]
+            if len(p.points) == 1:
+                p.x, p.points[0], p.outputs[0] = means[k], means[k], outputs[0]
+            elif _rms(p.measured[-1] - outputs[0]) < _rms(p.measured[-1] - p.outputs[-1]):
+                better.append((k, list(range(len(p.points))), means[k]))
+        for (k, rows, x), outputs in zip(better, self._outputs(better), strict=True):
+            p = self._pairs[k]
+            if _cost(p.measured - outputs) < _cost(p.measured - self._predicted(p, rows, p.x)):
+                p.x = x
+                p.points, p.outputs = np.repeat(x[None], len(rows), axis=0), outputs
+                p.easing = FIRST_EASING
+
+    # --- the descent ---
+
+    def _descend(self, means: np.ndarray, precisions: list[np.ndarray]) -> None:
+        """Try Gauss-Newton steps of all open pairs at once, until each is done or has had its trials."""
+        running = [k for k, _ in self._open()]
+        for _ in range(TRIALS):
+            trials = []
+            for k in running:
+                p = self._pairs[k]
+                x, worth = self._step(p, means[k], precisions[k])
+                if worth:
+                    trials.append((k, list(range(len(p.points))), x))
+                else:
+                    p.x = x
+            failed = []
+            running = []
+            for (k, _, x), outputs in zip(trials, self._outputs(trials), strict=True):
+                worst = self._judge(self._pairs[k], x, outputs, means[k], precisions[k])
+                if worst is not None:
+                    failed.append((k, worst))
+                if _rms(self._pairs[k].measured - self._pairs[k].outputs) > FLOOR:
+                    running.append(k)
+            self._differentiate(failed)
+
+    def _step(self, p: _Pair, mean: np.ndarray, precision: np.ndarray) -> tuple[np.ndarray, bool]:
+        """Where the linearised rounds and the prior want to go, and whether to try it before believing it."""
+        residual, j = self._linearised(p)
+        noise = max(FLOOR, p.easing * _rms(residual))
+        hessian = np.einsum("ndp,ndq->pq", j, j) + noise**2 * precision
+        gradient = np.einsum("ndp,nd->p", j, residual) + noise**2 * precision @ (mean - p.x)
+        step = box_step(hessian, gradient, np.maximum(-p.x, -LONGEST_STEP), np.minimum(1 - p.x, LONGEST_STEP))
+        curvature = np.einsum("ndp,ndq->pq", j, j) / self._noise(p) ** 2 + precision
+        far = float(np.sqrt(step @ curvature @ step)) > SMALL_STEP
+        return np.clip(p.x + step, 0, 1), far
+
+    def _judge(self, p: _Pair, x, outputs, mean, precision) -> int | None:
+        """Take the trial at x if it is better, learn from it in any case; returns the round that needs fresh
+        sensitivities, if one does.
+        """
+        residual, j = self._linearised(p)
+        noise = max(FLOOR, p.easing * _rms(residual))
+        step = x - p.x
+
+        def prior(at: np.ndarray) -> float:
+            return float(noise**2 * (at - mean) @ precision @ (at - mean))
+
+        predicted = residual - j @ step
+        before = _cost(residual) + prior(p.x)
+        hoped = before - _cost(predicted) - prior(x)
+        gained = before - _cost(p.measured - outputs) - prior(x)
+        gain = gained / max(hoped, 1e-300)
+        missed = np.square(p.measured - outputs - predicted).sum(axis=1)
+        known = ~np.isnan(p.sensitivities[:, 0, 0])
+        moves = x - p.points
+        length = np.square(moves).sum(axis=1)
+        for i in np.flatnonzero(known & (length > STEP**2)):
+            off = outputs[i] - p.outputs[i] - p.sensitivities[i] @ moves[i]
+            p.sensitivities[i] += np.outer(off, moves[i]) / length[i]
+        if gained > 0:
+            p.x, p.outputs = x, outputs
+            p.points = np.repeat(x[None], len(outputs), axis=0)
+        if gain < POOR_GAIN:
+            p.easing = min(MOST_EASING, 3 * p.easing)
+        elif gain > GOOD_GAIN:
+            p.easing = max(LEAST_EASING, p.easing / 3)
+        return int(np.argmax(missed)) if gain < POOR_GAIN else None
+
+    def _linearised(self, p: _Pair) -> tuple[np.ndarray, np.ndarray]:
+        """Residuals (round, d) at the estimate, as far as known, and sensitivities, 0 where there are none."""
+        j = np.nan_to_num(p.sensitivities, nan=0.0)
+        return p.measured - p.outputs - np.einsum("ndp,np->nd", j, p.x - p.points), j
+
+    def _predicted(self, p: _Pair, rows, x: np.ndarray) -> np.ndarray:
+        j = np.nan_to_num(p.sensitivities[rows], nan=0.0)
+        return p.outputs[rows] + np.einsum("ndp,np->nd", j, x - p.points[rows])
+
+    def _noise(self, p: _Pair) -> float:
+        """Standard deviation of what the fit leaves."""
+        residual, _ = self._linearised(p)
+        free = max(1.0, residual.size - len(p.x))
+        return max(FLOOR, float(np.sqrt(np.square(residual).sum() / free)))
+
+    def _covariance(self, p: _Pair, precision: np.ndarray) -> np.ndarray:
+        j = np.nan_to_num(p.sensitivities, nan=0.0)
+        return np.linalg.inv(np.einsum("ndp,ndq->pq", j, j) / self._noise(p) ** 2 + precision)
+
+    # --- simulations ---
+
+    def _differentiate(self, wanted: list[tuple[int, int]]) -> None:
+        """Fresh sensitivities of (pair, round), at the estimate of the pair."""
+        size = len(self.signature.space)
+        tried = []
+        for k, i in wanted:
+            x = self._pairs[k].x
+            inward = np.where(x > 0.5, -STEP, STEP)
+            known = np.array_equal(self._pairs[k].points[i], x)
+            tried += [(k, [i], x + inward * np.eye(size)[c]) for c in range(size)]
+            tried += [] if known else [(k, [i], x)]
+        results = iter(self._outputs(tried))
+        for k, i in wanted:
+            p = self._pairs[k]
+            moved = np.stack([next(results)[0] for _ in range(size)], axis=-1)
+            if not np.array_equal(p.points[i], p.x):
+                p.points[i], p.outputs[i] = p.x, next(results)[0]
+            p.sensitivities[i] = (moved - p.outputs[i][:, None]) / np.where(p.x > 0.5, -STEP, STEP)
+
+    def _outputs(self, wanted: list[tuple[int, list[int], np.ndarray]]) -> list[np.ndarray]:
+        """What (pair, rounds, x) would show, each (round, d); in one batch."""
+        if not wanted:
+            return []
+        counts = [len(rows) for _, rows, _ in wanted]
+        parameters = np.concatenate([np.repeat(x[None], len(rows), axis=0) for _, rows, x in wanted])
+        actions = np.concatenate([self._pairs[k].actions[rows] for k, rows, _ in wanted])
+        outputs = self._flat(finite(*self.simulate(self.signature.space.from_unit(parameters), actions)))
+        np.add.at(self.rollouts, [k for k, _, _ in wanted], counts)
+        return np.split(outputs, np.cumsum(counts)[:-1])
+
+    def _flat(self, trajectories: np.ndarray) -> np.ndarray:
+        """(n, point, feature) over the scales, (n, d)."""
+        return trajectories.reshape(len(trajectories), -1) / self._scale
+
+
+def _precision(covariance: np.ndarray) -> np.ndarray:
+    """Inverse of a covariance (p, p) in the unit cube, its spread in any direction at most LARGEST_SD."""
+    values, vectors = np.linalg.eigh(covariance)
+    return (vectors / np.clip(values, FLOOR**2, LARGEST_SD**2)) @ vectors.T
+
+
+def _cost(residual: np.ndarray) -> float:
+    return float(np.square(residual).sum())
+
+
+def _rms(residual: np.ndarray) -> float:
+    return float(np.sqrt(np.square(residual).mean()))

@@ -1,0 +1,48 @@
+"""Ours: the transformer proposes, the simulator refines, and the two are weighed by their uncertainty."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from capture_cli.identifiers._label_refinement import LabelRefinement
+from capture_cli.identifiers._learned import LearnedIdentifier
+from capture_cli.identifiers._refinement import Refinement
+from capture_cli.identifiers.rounds import Rounds
+
+
+class CaptureRefined(LearnedIdentifier):
+    """The target's in-context posterior as the prior of a fit through the simulator to all rounds so far.
+
+    The transformer reads the whole history, as `posterior` does, and its mean and covariance are a Gaussian prior: a
+    start near the target where a descent from anywhere else may end in a wrong valley, and an answer about what no
+    round has shown. Gauss-Newton then makes the rounds agree (`_refinement`); where they show a label, which has no
+    slope, the likelihood of every value does (`_label_refinement`).
+    """
+
+    summary = (
+        "ours: the transformer's posterior, refined by least squares (labels: likelihood) in the simulator"
+    )
+    default_window = None
+    likelihood = True
+    any_order = True
+    simulates = True
+
+    def __init__(self, signature, start, *, model, **options):
+        super().__init__(signature, start, model=model, **options)
+        if self.simulate is None:
+            raise TypeError("capture-refined needs `simulate`")
+        labels = [f.name for f in signature.features] == ["label"] and len(signature.space) == 1
+        kind = LabelRefinement if labels else Refinement
+        self._refinement = kind(signature, len(self.start), self.simulate)
+
+    @classmethod
+    def examples(cls, rounds: Rounds) -> tuple[Rounds, np.ndarray]:
+        """The target after every round."""
+        return rounds, np.repeat(rounds.target[:, None], rounds.rounds, axis=1)
+
+    def tell(self, actions, simulated, measured) -> None:
+        asked = self._best
+        super().tell(actions, simulated, measured)
+        self.prediction = self._refinement.refine(self.prediction, asked, actions, simulated[:, 0], measured)
+        self._best = self.prediction.mean
+        self.simulated_rollouts = self._refinement.rollouts.copy()

@@ -1,0 +1,153 @@
+"""An evaluation as tables, the paper's numbers beside ours: at the terminal and as Markdown, from the same rows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from capture_cli.reports import paper_numbers
+from capture_cli.reports.quantities import MISSING, significant
+
+PARAMETER_ROUND = 7  # where the paper's text compares parameter differences
+
+
+@dataclass(frozen=True)
+class Rows:
+    """A table: `header`, and rows of cells; note: what the cells are."""
+
+    title: str
+    note: str
+    header: tuple[str, ...]
+    cells: list[tuple[str, ...]]
+
+
+def tables(document: Mapping[str, Any]) -> list[Rows]:
+    """The tables of evaluation.json `document`."""
+    found = [_trajectories(document), _parameters(document)]
+    if all(e["success"] is not None for e in document["identifiers"].values()):
+        found.append(_success(document))
+    return [*found, _cost(document)]
+
+
+def print_evaluation(document: Mapping[str, Any], console: Console, out_path: Path) -> None:
+    """Print the tables of evaluation.json `document`, written to the directory `out_path`."""
+    console.print(_heading(document), style="dim")
+    for rows in tables(document):
+        table = Table(box=box.SIMPLE_HEAD, title=rows.title, title_justify="left", caption=rows.note)
+        table.caption_justify = "left"
+        for k, name in enumerate(rows.header):
+            table.add_column(name, justify="right" if k else "left", no_wrap=bool(k))
+        for cells in rows.cells:
+            table.add_row(*cells)
+        console.print(table)
+    console.print(f"written to {out_path}: tables.md, figures, evaluation.json, evaluation.zarr", style="dim")
+
+
+def markdown(document: Mapping[str, Any]) -> str:
+    """The tables as a page."""
+    lines = [f"# Evaluation on {document['task']}", "", f"{_heading(document)}.", ""]
+    for rows in tables(document):
+        lines += [f"## {rows.title}", "", f"{rows.note}.", "", _line(rows.header)]
+        lines += [f"|---|{'---:|' * (len(rows.header) - 1)}", *map(_line, rows.cells), ""]
+    if document["task"] in paper_numbers.SAID:
+        lines += [f"{paper_numbers.SAID[document['task']]}.", ""]
+    return "\n".join(lines)
+
+
+def _heading(document: Mapping[str, Any]) -> str:
+    return (
+        f"{document['task']}: {document['pairs']} pairs, {document['seeds']} seeds, {document['rounds']} rounds; "
+        f"policy {document['policy']}, noise {document['noise']}"
+    )
+
+
+def _line(cells: Sequence[str]) -> str:
+    return f"| {' | '.join(cells)} |"
+
+
+def _trajectories(document: Mapping[str, Any]) -> Rows:
+    rounds = document["table_rounds"]
+    cells = []
+    for label, e in document["identifiers"].items():
+        ours = [_spread(e["trajectory_difference"][r], e["trajectory_difference_sd"][r]) for r in rounds]
+        cells.append((label, *ours, *([significant(e["ratio"][_at(document, 10)], 2)] if e["ratio"] else [])))
+        paper = paper_numbers.trajectory_difference(document["task"], document["noise"], e)
+        if paper:
+            theirs = [_spread(*paper[r], digits=2) if r in paper else MISSING for r in rounds]
+            cells.append(("  in the paper", *theirs, *([_paper_ratio(paper)] if e["ratio"] else [])))
+    ratio = [f"ratio at {_at(document, 10)}"] if document["yardstick"] else []
+    note = "Sum over the points of the distance, after so many rounds; mean ± sd of the seeds"
+    if ratio:
+        note += f". Ratio: to {document['yardstick']}"
+    if any(c[0] == "  in the paper" for c in cells):
+        note += f". Paper: {paper_numbers.SOURCE}"
+    return Rows("Trajectory difference", note, ("identifier", *map(str, rounds), *ratio), cells)
+
+
+def _paper_ratio(paper: Mapping[int, tuple[float, float]]) -> str:
+    yardstick = paper_numbers.trajectory_difference(
+        "air-hockey", "none", {"identifier": "domain-randomization"}
+    )
+    return significant(paper[10][0] / yardstick[10][0], 2)
+
+
+def _parameters(document: Mapping[str, Any]) -> Rows:
+    at = _at(document, PARAMETER_ROUND)
+    shown = list(dict.fromkeys([0, 1, 2, 3, 5, at, *document["table_rounds"]]))
+    shown = sorted(r for r in shown if r <= document["rounds"])
+    each = document["parameters"] if len(document["parameters"]) > 1 else []
+    cells = [
+        (
+            label,
+            *(significant(e["parameter_difference"]["mean"][r], 2) for r in shown),
+            *(significant(e["parameter_difference"][name][at], 2) for name in each),
+        )
+        for label, e in document["identifiers"].items()
+    ]
+    header = ("identifier", *map(str, shown), *(f"{name} at {at}" for name in each))
+    note = "Mean of |estimate - truth| over the parameter's range, after so many rounds"
+    return Rows("Parameter difference", note, header, cells)
+
+
+def _success(document: Mapping[str, Any]) -> Rows:
+    shown = sorted({r for r in (0, 1, 2, 3, 4, 5, 7, *document["table_rounds"]) if r <= document["rounds"]})
+    cells = [
+        (label, *(f"{e['success'][r]:.3f}" for r in shown), f"{min(e['success'][_at(document, 5) :]):.3f}")
+        for label, e in document["identifiers"].items()
+    ]
+    note = "Share of the pairs in which the action chosen for the estimate succeeds, after so many rounds"
+    lowest = f"lowest from {_at(document, 5)}"
+    return Rows("Success", note, ("identifier", *map(str, shown), lowest), cells)
+
+
+def _cost(document: Mapping[str, Any]) -> Rows:
+    rounds = document["table_rounds"]
+    with_coverage = any(e["coverage"] for e in document["identifiers"].values())
+    cells = []
+    for label, e in document["identifiers"].items():
+        row = [label, *(f"{e['simulated_rollouts'][r]:.0f}" for r in rounds)]
+        if with_coverage:
+            row.append(f"{e['coverage'][_at(document, 10) - 1]:.3f}" if e["coverage"] else MISSING)
+        cells.append(tuple(row))
+    header = ("identifier", *map(str, rounds), *([f"cover at {_at(document, 10)}"] if with_coverage else []))
+    note = "Simulated rollouts per pair, up to there; measured rollouts are one a round"
+    if with_coverage:
+        note += ". Cover: share of the truths in the 95 % intervals"
+    return Rows("Cost", note, header, cells)
+
+
+def _spread(mean: float, sd: float, digits: int | None = None) -> str:
+    if digits is not None:
+        return f"{mean:.{digits}f} ± {sd:.{digits}f}"
+    return f"{significant(mean, 3)} ± {significant(sd, 2)}"
+
+
+def _at(document: Mapping[str, Any], number: int) -> int:
+    """The round `number`, or the last one."""
+    return min(number, document["rounds"])

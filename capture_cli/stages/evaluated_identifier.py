@@ -1,0 +1,129 @@
+"""What `eval-sim2sim` is given to evaluate: identifiers by name, and checkpoints. Shared by stages."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from capture_cli.errors import OptionError
+from capture_cli.identifiers import REGISTRY, round_identifier
+from capture_cli.identifiers.rounds import RoundIdentifier, Signature
+from capture_cli.stages.identifier_checkpoint import DOCUMENT, load_identifier
+from capture_cli.stores.output import sha256
+
+if TYPE_CHECKING:
+    from capture_cli.identifiers._learned import TrainedModel
+
+# The paper's: what a label leaves out.
+SEARCH, ROUNDS, WINDOW = "randomized-binary", 7, 4
+
+
+@dataclass(frozen=True)
+class Evaluated:
+    """An identifier to evaluate. label: what it is called in tables. facts: what the evaluation says of it."""
+
+    label: str
+    kind: type[RoundIdentifier]
+    model: TrainedModel | None
+    facts: Mapping[str, Any]
+
+    def make(self, signature: Signature, start, **options) -> RoundIdentifier:
+        """The identifier for pairs that begin at `start` (pair, parameter)."""
+        kind = self.kind if self.model is None else partial(self.kind, model=self.model)
+        return kind(signature, start, **options)
+
+
+def load_evaluated(given: Sequence[str], signature: Signature) -> list[Evaluated]:
+    """The identifiers of `--identifier`: each a name, a checkpoint directory, or NAME=DIRECTORY.
+
+    NAME=DIRECTORY: the identifier NAME with what was trained for another (`posterior` with what `capture-refined` was
+    trained to). Labels are made different. Raises CaptureError.
+    """
+    if not given:
+        raise OptionError("no --identifier", cure=f"give a checkpoint directory, or {', '.join(by_name())}")
+    return _distinct([_load(text, signature) for text in given])
+
+
+def checkpoints_in(folder: str | Path) -> list[Path]:
+    """Directories at or below `folder` that hold a learned identifier, sorted."""
+    return sorted(p.parent for p in Path(folder).rglob(DOCUMENT) if ".unfinished" not in str(p))
+
+
+def by_name() -> list[str]:
+    """Identifiers that need no checkpoint."""
+    return [n for n, c in REGISTRY.items() if not getattr(c, "needs_checkpoint", False)]
+
+
+def _load(text: str, signature: Signature) -> Evaluated:
+    name, _, folder = text.rpartition("=") if not Path(text).exists() else ("", "", text)
+    path = Path(folder)
+    if not name and not path.is_dir():
+        return _named(text)
+    if not (path / DOCUMENT).is_file():
+        inside = [str(p) for p in checkpoints_in(path)] if path.is_dir() else []
+        below = f"; below it there are {', '.join(inside)}" if inside else ""
+        raise OptionError(
+            f"--identifier {text}: there is no {DOCUMENT} in {path}{below}",
+            cure=f"give a directory that `train-sysid` wrote, or {', '.join(by_name())}",
+        )
+    found = load_identifier(path, signature)
+    kind = round_identifier(name) if name else found.kind
+    if kind is not found.kind and not (kind.needs_checkpoint and kind.likelihood and found.kind.likelihood):
+        raise OptionError(
+            f"--identifier {text}: what was trained for {found.name!r} is of no use to {name!r}",
+            cure=f"leave `{name}=` out, or train one with `capture train-sysid --identifier {name}`",
+        )
+    document, name = found.document, name or found.name
+    facts = {
+        "identifier": name,
+        "checkpoint": path.name,
+        "sha256": sha256(path),
+        "search": document["histories"]["search"],
+        "history_rounds": document["histories"]["rounds"],
+        "history_noise": document["histories"]["noise"],
+        "pairs_trained": document["result"]["pairs"]["trained"],
+        "window": found.model.window,
+        "tokens": document["architecture"]["tokens"],
+    }
+    return Evaluated(_label(name, kind, facts), kind, found.model, facts)
+
+
+def _named(name: str) -> Evaluated:
+    kind = round_identifier(name)
+    if kind.needs_checkpoint:
+        raise OptionError(
+            f"--identifier {name} must be trained",
+            cure=f"give the directory that `capture train-sysid --identifier {name}` wrote",
+        )
+    return Evaluated(name, kind, None, {"identifier": name, "checkpoint": None, "sha256": None})
+
+
+def _label(name: str, kind: type[RoundIdentifier], facts: Mapping[str, Any]) -> str:
+    """The name, and in what it is not the paper's."""
+    others = [facts["search"]] if facts["search"] != SEARCH else []
+    if facts["history_rounds"] != ROUNDS:
+        others.append(f"L={facts['history_rounds']}")
+    if kind.fixed_window is None and kind.default_window and facts["window"] != WINDOW:
+        others.append(f"k={facts['window']}")
+    if facts["tokens"] != "trajectory":
+        others.append(f"token per {facts['tokens']}")
+    if facts["history_noise"] != "none":
+        others.append(f"trained with noise: {facts['history_noise']}")
+    return f"{name} ({', '.join(others)})" if others else name
+
+
+def _distinct(found: list[Evaluated]) -> list[Evaluated]:
+    """Those that share a label are told apart by their directories; raises OptionError where that is the same too."""
+    labels = [e.label for e in found]
+    result = [
+        replace(e, label=f"{e.label} [{e.facts['checkpoint']}]") if labels.count(e.label) > 1 else e
+        for e in found
+    ]
+    labels = [e.label for e in result]
+    twice = {label for label in labels if labels.count(label) > 1}
+    if twice:
+        raise OptionError(f"--identifier: {', '.join(sorted(twice))} is given twice", cure="give each once")
+    return result

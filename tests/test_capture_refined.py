@@ -1,0 +1,148 @@
+"""The refined identifier: what the transformer proposes, made exact by the simulator; here both are stand-ins."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import toy_rounds
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from capture_cli.identifiers._learned import Prediction
+from capture_cli.identifiers.capture_refined import CaptureRefined
+from capture_cli.identifiers.rounds import Signature, run_rounds
+from capture_cli.parameters import Parameter, ParameterSpace
+from capture_cli.tasks.base import Feature
+
+PAIRS = 8
+LABELLED = Signature(
+    "labelled",
+    ParameterSpace([Parameter("com", "1", -1.0, 1.0, 0.0)]),
+    ParameterSpace([Parameter("scoop_point", "1", -1.0, 1.0, 0.0)]),
+    (Feature("label", "1", 1.0),),
+    np.array([0.4]),
+)
+
+
+class Proposal:
+    """Stands for a trained transformer: the target with an error of `sd` of the range, or what it says is known."""
+
+    window = 7
+
+    def __init__(self, signature: Signature, target: np.ndarray, sd: float, seed: int = 0):
+        self.signature, self.sd = signature, sd
+        off = sd * np.random.default_rng(seed).standard_normal(target.shape)
+        self.mean = signature.space.from_unit(np.clip(signature.space.to_unit(target) + off, 0, 1))
+
+    def predict(self, rounds) -> Prediction:
+        covariance = np.diag((self.sd * self.signature.space.span) ** 2)
+        return Prediction(self.mean, np.repeat(covariance[None], len(self.mean), axis=0))
+
+
+def label(parameters: np.ndarray, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The side on which the centre of mass is, or 0 near it."""
+    off = parameters[:, 0] - actions[:, 0]
+    return np.where(np.abs(off) < 0.05, 0.0, np.sign(off))[:, None, None], np.zeros(len(off), dtype=bool)
+
+
+def identified(signature, simulate, act, sd=0.1, rounds=6, noise=None, seed=0, pairs=PAIRS):
+    """(walk, target, identifier) of pairs at random."""
+    generator = np.random.default_rng(seed)
+    source, target = signature.space.from_unit(generator.random((2, pairs, len(signature.space))))
+    calls = []
+
+    def counted(parameters, actions):
+        calls.append(len(parameters))
+        low, high = signature.space.low - 1e-9, signature.space.high + 1e-9
+        assert ((parameters >= low) & (parameters <= high)).all()
+        return simulate(parameters, actions)
+
+    def measure(number, actions):
+        measured = simulate(target, actions)[0]
+        return measured if noise is None else noise(number, measured, generator)
+
+    made = CaptureRefined(signature, source, model=Proposal(signature, target, sd, seed), simulate=counted)
+    walk = run_rounds(made, rounds, act=act, simulate=simulate, measure=measure)
+    assert made.simulated_rollouts.sum() == sum(calls)
+    return walk, target, made
+
+
+def toy(**options):
+    generator = np.random.default_rng(1)
+    pairs = options.get("pairs", PAIRS)
+    return identified(
+        toy_rounds.SIGNATURE,
+        toy_rounds.simulate,
+        lambda number, parameters: toy_rounds.draw_actions(generator, pairs),
+        **options,
+    )
+
+
+def error(walk, target, space) -> np.ndarray:
+    """(pair, round, parameter) over the range."""
+    return np.abs(walk.estimates - target[:, None]) / space.span
+
+
+@settings(max_examples=10, deadline=None)
+@given(seed=st.integers(0, 10_000), sd=st.sampled_from([0.05, 0.2]))
+def test_it_finds_the_target_where_the_proposal_is_off(seed, sd):
+    walk, target, _ = toy(seed=seed, sd=sd)
+    assert error(walk, target, toy_rounds.SIGNATURE.space)[:, -1].max() < 5e-3
+
+
+def test_a_pair_that_is_found_costs_one_rollout_a_round():
+    walk, _, _ = toy(rounds=9)
+    assert (np.diff(walk.simulated_rollouts[:, -3:], axis=1) == 1).all()
+
+
+def test_noise_is_averaged_over_rounds_and_the_interval_knows():
+    def noise(number, measured, generator):
+        return measured + 0.01 * generator.standard_normal(measured.shape)
+
+    walk, target, _ = toy(rounds=12, noise=noise, pairs=24)
+    off = error(walk, target, toy_rounds.SIGNATURE.space).mean(axis=(0, 2))
+    assert off[-1] < 0.6 * off[1]
+    covered = np.abs(walk.estimates - target[:, None]) < 1.96 * walk.sd
+    assert 0.85 < covered[:, 4:].mean() <= 1.0
+
+
+def test_a_direction_that_nothing_shows_is_left_to_the_proposal():
+    def half_blind(parameters, actions):
+        fixed = parameters.copy()
+        fixed[:, 1] = toy_rounds.SIGNATURE.space.nominal[1]
+        return toy_rounds.simulate(fixed, actions)
+
+    generator = np.random.default_rng(1)
+    walk, target, made = identified(
+        toy_rounds.SIGNATURE, half_blind, lambda n, p: toy_rounds.draw_actions(generator, PAIRS)
+    )
+    space = toy_rounds.SIGNATURE.space
+    assert np.abs(space.to_unit(walk.estimates[:, -1]) - space.to_unit(target))[:, 0].max() < 5e-3
+    np.testing.assert_allclose(walk.estimates[:, -1, 1], made.model.mean[:, 1], rtol=1e-3)
+    np.testing.assert_allclose(walk.sd[:, -1, 1], 0.1 * space.span[1], rtol=0.05)
+
+
+def test_it_does_the_same_again():
+    one, two = toy()[0], toy()[0]
+    np.testing.assert_array_equal(one.estimates, two.estimates)
+    np.testing.assert_array_equal(one.simulated_rollouts, two.simulated_rollouts)
+
+
+def test_labels_are_bracketed():
+    walk, target, _ = identified(LABELLED, label, lambda n, p: p, sd=0.2, rounds=8, pairs=40)
+    assert (np.abs(walk.estimates[:, 5:, 0] - target) < 0.06).all()
+    assert walk.simulated_rollouts[:, -1].max() < 200
+
+
+def test_wrong_labels_are_outvoted():
+    def noise(number, measured, generator):
+        wrong = generator.integers(-1, 2, measured.shape)
+        return wrong if number % 3 == 2 else measured
+
+    walk, target, _ = identified(LABELLED, label, lambda n, p: p, sd=0.3, rounds=30, noise=noise, pairs=60)
+    assert (np.abs(walk.estimates[:, -1, 0] - target[:, 0]) < 0.05).mean() > 0.9
+
+
+def test_it_needs_a_simulator():
+    with pytest.raises(TypeError, match="simulate"):
+        CaptureRefined(LABELLED, np.zeros((1, 1)), model=None)

@@ -1,0 +1,206 @@
+"""capture eval-sim2sim: the same pairs for all, tables from arrays, runs that go on, options that cannot be."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from capture_cli.cli import app
+from capture_cli.errors import CaptureError, OptionError, OutputError, TaskError
+from capture_cli.identifiers import round_identifier
+from capture_cli.policies.random import Random
+from capture_cli.reports import paper_numbers
+from capture_cli.reports.evaluation_tables import markdown, tables
+from capture_cli.stages.eval_sim2sim import eval_sim2sim
+from capture_cli.stages.gen_histories import gen_histories
+from capture_cli.stages.sim2sim import Sim2Sim
+from capture_cli.stages.train_sysid import train_sysid
+from capture_cli.stores.evaluation import Evaluation
+from capture_cli.tasks import load_task
+
+SMALL = {"task": "scooping", "pairs": 6, "seeds": 2, "rounds": 4, "threads": 1}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("evaluation")
+
+
+@pytest.fixture(scope="module")
+def names(trained):
+    """One identifier that knows nothing, and one that simulates besides."""
+    return ["domain-randomization", f"capture-refined={trained}"]
+
+
+@pytest.fixture(scope="module")
+def evaluated(folder, names) -> Evaluation:
+    return eval_sim2sim(out=folder / "e", identifiers=names, **SMALL)
+
+
+@pytest.fixture(scope="module")
+def trained(folder):
+    """A checkpoint that has learned next to nothing."""
+    gen_histories(task="scooping", out=folder / "h.zarr", pairs=64, threads=1, shard_pairs=64)
+    train_sysid(
+        histories=folder / "h.zarr",
+        out=folder / "posterior",
+        identifier="posterior",
+        width=8,
+        layers=1,
+        heads=1,
+        steps=3,
+        batch=16,
+    )
+    return folder / "posterior"
+
+
+def test_the_arrays_are_what_the_document_sums_up(evaluated):
+    arrays, document = evaluated.arrays, evaluated.document
+    assert arrays["estimates"].shape == (2, 2, 6, 5, 1)
+    np.testing.assert_array_equal(arrays["estimates"][:, :, :, 0], np.stack([arrays["source"]] * 2))
+    difference = (
+        np.abs(arrays["estimates"] - arrays["target"][None, :, :, None]).mean(axis=(1, 2))[..., 0] / 2
+    )
+    for k, entry in enumerate(document["identifiers"].values()):
+        np.testing.assert_allclose(entry["parameter_difference"]["com"], difference[k], rtol=1e-5)
+        np.testing.assert_allclose(entry["success"], arrays["success"][k].mean(axis=(0, 1)), rtol=1e-5)
+    assert document["identifiers"]["domain-randomization"]["simulated_rollouts"] == [0, 1, 2, 3, 4]
+    assert document["identifiers"]["capture-refined"]["simulated_rollouts"][-1] > 4
+
+
+def test_it_is_written_and_read(evaluated, folder):
+    again = Evaluation.read(folder / "e")
+    assert again.document == evaluated.document
+    files = {p.name for p in (folder / "e").iterdir()}
+    assert files >= {"tables.md", "success.png", "parameter_difference.png", "provenance.json"}
+    assert not files & {"parts", "recipe.json"}
+
+
+def test_a_trajectory_difference_is_that_of_the_estimate():
+    task = load_task("scooping")
+    draw = Sim2Sim(task, Random(task), 5, 3, threads=1)
+    arrays = draw.run(round_identifier("domain-randomization"))
+    uniform = draw._uniform()
+    _, target = draw.ends()
+    for number in range(4):
+        actions = draw.policy.act(arrays["estimates"][:, number], uniform[:, number])
+        from capture_cli.simulator import Simulator
+
+        simulator = Simulator(task, threads=1)
+        simulated, _ = simulator.trajectories(arrays["estimates"][:, number], actions)
+        measured, _ = simulator.trajectories(target, actions)
+        expected = np.linalg.norm(simulated - measured, axis=-1).sum(axis=-1)
+        np.testing.assert_allclose(arrays["trajectory_difference"][:, number], expected, atol=1e-9)
+        np.testing.assert_array_equal(arrays["success"][:, number], measured[:, -1, 0] == 0)
+
+
+def test_pairs_do_not_depend_on_their_number():
+    task = load_task("scooping")
+    few, many = (Sim2Sim(task, Random(task), n, r, "label", threads=1) for n, r in ((3, 2), (5, 4)))
+    one, two = (d.run(round_identifier("domain-randomization")) for d in (few, many))
+    np.testing.assert_array_equal(few.ends(), np.array(many.ends())[:, :3])
+    np.testing.assert_array_equal(one["estimates"][:, 0], two["estimates"][:3, 0])
+
+
+def test_a_run_goes_on_where_it_ended(folder, evaluated, names, monkeypatch):
+    kept = []
+    real = Sim2Sim.run
+
+    def once(self, *arguments):
+        if kept:
+            raise KeyboardInterrupt
+        kept.append(self.number)
+        return real(self, *arguments)
+
+    monkeypatch.setattr(Sim2Sim, "run", once)
+    with pytest.raises(OutputError, match="1 of 4 parts are kept"):
+        eval_sim2sim(out=folder / "killed", identifiers=names, **SMALL)
+    assert not (folder / "killed").exists()
+    monkeypatch.setattr(Sim2Sim, "run", real)
+    with pytest.raises(OptionError, match="other rounds"):
+        eval_sim2sim(out=folder / "killed", identifiers=names, resume=True, **{**SMALL, "rounds": 5})
+    done = eval_sim2sim(out=folder / "killed", identifiers=names, resume=True, **SMALL)
+    assert done.document == evaluated.document
+    for name, values in evaluated.arrays.items():
+        np.testing.assert_array_equal(done.arrays[name], values)
+    read = eval_sim2sim(out=folder / "killed", identifiers=names, resume=True, **SMALL)
+    assert read.document == done.document
+
+
+def test_a_checkpoint_and_another_name_for_it(folder, trained):
+    identifiers = ["domain-randomization", str(trained), f"capture-refined={trained}"]
+    e = eval_sim2sim(out=folder / "learned", identifiers=identifiers, noise="label", **SMALL)
+    assert list(e.document["identifiers"]) == ["domain-randomization", "posterior", "capture-refined"]
+    plain, refined = (
+        e.document["identifiers"][n]["simulated_rollouts"] for n in ("posterior", "capture-refined")
+    )
+    assert plain[-1] == 4 < refined[-1]
+    assert e.document["identifiers"]["posterior"]["coverage"] is not None
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        (["posterior"], "must be trained"),
+        ([], "no --identifier"),
+        (["nobody"], "unknown identifier"),
+        (["cma-es", "cma-es"], "given twice"),
+    ],
+)
+def test_identifiers_that_cannot_be(folder, given, message):
+    with pytest.raises(CaptureError, match=message):
+        eval_sim2sim(out=folder / "none", identifiers=given, **SMALL)
+    assert not (folder / "none").exists()
+
+
+def test_a_name_that_cannot_use_a_checkpoint(folder, trained):
+    with pytest.raises(OptionError, match="no use to 'tunenet'"):
+        eval_sim2sim(out=folder / "none", identifiers=[f"tunenet={trained}"], **SMALL)
+    with pytest.raises(OptionError, match=r"no identifier.json .*posterior"):
+        eval_sim2sim(out=folder / "none", identifiers=[str(folder)], **SMALL)
+
+
+def test_a_machine_without_actions_is_refused(folder):
+    with pytest.raises(TaskError, match="no actions"):
+        eval_sim2sim(
+            out=folder / "none", identifiers=["cma-es"], **{**SMALL, "task": "datasets/cart/task.toml"}
+        )
+
+
+def test_the_command_prints_one_document(folder, trained):
+    arguments = ["--task", "scooping", "--identifier", "domain-randomization", "--pairs", "2", "--seeds", "1"]
+    arguments += ["--rounds", "1", "--threads", "1", "--out", str(folder / "c"), "--json"]
+    done = CliRunner().invoke(app, ["eval-sim2sim", *arguments])
+    assert done.exit_code == 0, done.output
+    assert json.loads(done.stdout)["format"] == "capture/evaluation"
+
+
+def test_tables_set_the_papers_numbers_beside_ours(evaluated):
+    document = json.loads(json.dumps(evaluated.document))
+    document["task"], document["rounds"], document["table_rounds"] = "air-hockey", 10, [5, 10]
+    for entry in document["identifiers"].values():
+        for key in (
+            "trajectory_difference",
+            "trajectory_difference_sd",
+            "ratio",
+            "simulated_rollouts",
+            "success",
+        ):
+            entry[key] = [0.5] * 11
+        entry["parameter_difference"] = {k: [0.1] * 11 for k in (*document["parameters"], "mean")}
+        entry["coverage"] = None
+    rows = tables(document)[0].cells
+    assert rows[0][0] == "domain-randomization" and rows[1] == (
+        "  in the paper",
+        "0.34 ± 0.03",
+        "0.31 ± 0.02",
+        "1.0",
+    )
+    assert "Table II" in markdown(document)
+    about = {"identifier": "capture", "search": "randomized-binary", "window": 4, "history_rounds": 7}
+    assert paper_numbers.trajectory_difference("air-hockey", "none", about)[10] == (0.16, 0.01)
+    assert paper_numbers.trajectory_difference("air-hockey", "scale", about) is None
+    assert paper_numbers.trajectory_difference("air-hockey", "none", {**about, "window": 2}) is None
