@@ -15,7 +15,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import zarr
+from typer.testing import CliRunner
 
+from capture_cli.cli import app
 from capture_cli.errors import FitError, OptionError, OutputError, StoreError
 from capture_cli.policies.base import Policy
 from capture_cli.policies.random import Random
@@ -485,3 +487,16 @@ def test_a_policy_without_its_weights(checkpoint, slider):
     (checkpoint / "policy.safetensors").write_bytes(b"not weights")
     with pytest.raises(StoreError, match=r"policy\.safetensors cannot be read"):
         load_policy(str(checkpoint), slider)
+
+
+# --- the command ---
+
+
+def test_the_command_prints_one_document(slider_task, tmp_path, generate):
+    line = f"gen-histories --task {slider_task} --out {tmp_path / 'c.zarr'} --pairs 8 --rounds 4 --points 5 "
+    line += "--window 0.1 --amplitude drive=3 --threads 1 --json"
+    done = CliRunner().invoke(app, line.split(), catch_exceptions=False)
+    document = json.loads(done.stdout)
+    assert (document["pairs"], document["rounds"], document["shards_made"]) == (8, 4, 1)
+    made, whole = Histories(tmp_path / "c.zarr").read(0, 8), Histories(generate()).read(0, 8)
+    assert np.array_equal(made.measured, whole.measured)
