@@ -19,7 +19,10 @@ from capture_cli.parameters import Parameter, ParameterSpace
 from capture_cli.stages import diagnose as diagnose_stage
 from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.identify import identify
+from capture_cli.stages.model_fits import ModelFits, PartFit
+from capture_cli.stages.prepared_log import prepare
 from capture_cli.stages.record import record
+from capture_cli.tasks import load_task
 
 SLIDER = Path(__file__).parents[1] / "benchmarks" / "machines" / "slider" / "task.toml"
 
@@ -175,6 +178,17 @@ def test_residual_acceleration_is_found_against_its_cause():
     assert by_position.mean[-1] < 0 < by_position.mean[0]
 
 
+def test_a_covariate_of_few_values_has_a_bin_for_each():
+    generator = np.random.default_rng(3)
+    contacts = (np.arange(4000) % 50 == 0).astype(float)  # rare, and its own bin all the same
+    found = curve(contacts, 5 * contacts + generator.standard_normal(4000))
+    assert np.unique(found.centre).tolist() == [0, 1]
+    assert found.mean[0] == pytest.approx(0, abs=0.1)
+    assert found.mean[-1] == pytest.approx(5, abs=0.6)
+    assert found.share == pytest.approx(0.02 * 25 / (1 + 0.02 * 25), rel=0.2)
+    assert curve(generator.permutation(contacts), generator.standard_normal(4000)).share < 0.01
+
+
 @pytest.fixture
 def logs(tmp_path):
     """Two logs of the slider, the first with friction that its model lacks."""
@@ -208,6 +222,32 @@ def test_an_effect_is_found_added_and_its_error_reported_before_and_after(logs, 
     assert all(c["why_rejected"] for c in document["candidates"] if c["effect"] != "coulomb-friction")
     written = json.loads((tmp_path / "found" / "diagnosis.json").read_text())
     assert written == document
+
+
+def test_what_arises_in_contact_is_found_there(tmp_path):
+    """A puck that hits a wall and rebounds faster than its model: the residual is where more contacts are."""
+    task = load_task(str(SLIDER.parents[1] / "puck" / "task.toml"))
+    log = record(
+        task=str(task.path),
+        out=tmp_path / "puck.zarr",
+        effects=["contact-restitution@puck=-0.6"],
+        noise=1e-4,
+        episodes=4,
+        duration=1.0,
+        rate=250,
+        start={"x": (0.7, 0.8)},
+        start_velocity={"x": (0.8, 1.0), "y": (-0.5, 0.5)},
+        seed=1,
+    ).log
+    prepared = prepare(log, task, window=None, test="none", seed=0)
+    fits = ModelFits(prepared, 1)
+    fit = fits.fit(prepared, [], task.space.nominal, rounds=1)
+    whole = PartFit(fit.at.evidence, fit.offsets, fit.at.residual)
+    work = diagnose_stage._Work(prepared, fits, None, 0)
+    curves, _ = work._localise({"before": whole, "after": whole}, fits.motion(prepared, fit))
+    share = {(c["output"], c["against"]): c["share"] for c in curves}
+    assert share["x", "number of contacts"] > 0.1
+    assert share["y", "number of contacts"] < 0.05  # along the wall nothing is missing
 
 
 def test_silent_when_nothing_is_missing(logs, tmp_path, monkeypatch):

@@ -157,6 +157,24 @@ def test_columns_and_states(model, starts, controls):
     np.testing.assert_array_equal(whole.qvel[..., 1], whole.sensors[..., 1])
 
 
+DROPPED = """
+<mujoco><option timestep="0.002"/><worldbody><geom type="plane" size="1 1 .1"/>
+  <body pos="0 0 .15"><joint name="z" type="slide" axis="0 0 1"/><geom size=".1"/></body>
+</worldbody><sensor><jointpos joint="z"/></sensor></mujoco>
+"""
+
+
+@pytest.mark.parametrize("forces", [(), (lambda world: None,)])
+def test_contacts_are_counted_before_each_step(forces):
+    model = mujoco.MjModel.from_xml_string(DROPPED)
+    start = Starts(np.zeros((1, 1)), np.zeros((1, 1)), np.zeros((1, 0)), np.zeros(1))
+    found = Engine(model, 1).rollout(
+        starts=start, controls=np.zeros((1, 120, 0)), steps=120, forces=forces, states=True
+    )
+    np.testing.assert_array_equal(found.contacts[0], found.sensors[0, :, 0] < -0.05)
+    assert 0 < found.contacts.sum() < 120
+
+
 # --- forces ---
 
 

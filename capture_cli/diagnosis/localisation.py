@@ -1,4 +1,4 @@
-"""Where and when does the residual arise? Residual acceleration against time, position, velocity and input."""
+"""Where and when does the residual arise? Its acceleration against time, position, velocity, input and contacts."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ HALF_WIDTH = 8  # samples on either side of the local quadratic that differentia
 class Curve:
     """Mean residual acceleration in bins of a covariate.
 
-    centre, mean, error (bin,); share: of the residual acceleration's variance that the covariate accounts for
-    (correlation ratio, less what as many random bins would).
+    centre, mean, error (bin,), the last bin repeated where the covariate has fewer values; share: of the residual
+    acceleration's variance that the covariate accounts for (correlation ratio, less what as many random bins would).
     """
 
     centre: np.ndarray
@@ -44,18 +44,35 @@ def accelerations(residual: np.ndarray, time: np.ndarray, mask: np.ndarray) -> n
     return out
 
 
+def largest_around(values: np.ndarray) -> np.ndarray:
+    """The largest of `values` (window, step) within the samples that an acceleration is taken over."""
+    padded = np.pad(values, ((0, 0), (HALF_WIDTH, HALF_WIDTH)), mode="edge")
+    return np.lib.stride_tricks.sliding_window_view(padded, 2 * HALF_WIDTH + 1, axis=1).max(axis=-1)
+
+
 def curve(covariate: np.ndarray, acceleration: np.ndarray) -> Curve:
-    """Bins of equal count of `covariate` (step,), both flat and of one output; NaN are left out."""
+    """Bins of equal count of `covariate` (step,), both flat and of one output; NaN are left out.
+
+    A covariate of few values, such as a number of contacts, has a bin for each.
+    """
     good = np.isfinite(acceleration) & np.isfinite(covariate)
     x, y = covariate[good], acceleration[good]
     empty = np.full(BINS, np.nan)
     if len(x) < 4 * BINS or np.ptp(x) == 0:
         return Curve(empty, empty, empty, 0.0)
-    order = np.argsort(x, kind="stable")
-    groups = np.array_split(order, BINS)
-    mean = np.array([y[g].mean() for g in groups])
+    values = np.unique(x)
+    if len(values) <= BINS:
+        groups = [np.flatnonzero(x == value) for value in values]
+    else:
+        groups = np.array_split(np.argsort(x, kind="stable"), BINS)
+    mean = _means(y, groups)
     error = np.array([y[g].std() / np.sqrt(len(g)) for g in groups])
     total = np.square(y - y.mean()).sum()
     between = sum(len(g) * (y[g].mean() - y.mean()) ** 2 for g in groups)
-    share = 1 - (1 - between / total) * (len(y) - 1) / (len(y) - BINS) if total > 0 else 0.0
-    return Curve(np.array([x[g].mean() for g in groups]), mean, error, float(max(share, 0.0)))
+    share = 1 - (1 - between / total) * (len(y) - 1) / (len(y) - len(groups)) if total > 0 else 0.0
+    curves = (np.pad(c, (0, BINS - len(groups)), mode="edge") for c in (_means(x, groups), mean, error))
+    return Curve(*curves, float(max(share, 0.0)))
+
+
+def _means(values: np.ndarray, groups: list[np.ndarray]) -> np.ndarray:
+    return np.array([values[g].mean() for g in groups])

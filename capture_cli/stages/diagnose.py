@@ -9,11 +9,11 @@ import numpy as np
 
 from capture_cli.diagnosis.expression import expression_terms, formula
 from capture_cli.diagnosis.lack_of_fit import LackOfFit, lack_of_fit
-from capture_cli.diagnosis.localisation import accelerations, curve
+from capture_cli.diagnosis.localisation import accelerations, curve, largest_around
 from capture_cli.diagnosis.split import select_folds
 from capture_cli.errors import FitError, OptionError, StoreError
 from capture_cli.identifiers.intervals import Intervals, intervals
-from capture_cli.simulator import placed_name
+from capture_cli.simulator import Motion, placed_name
 from capture_cli.stages.attribution import Attribution, Candidate
 from capture_cli.stages.model_fits import EXACT, Fit, ModelFits, PartFit
 from capture_cli.stages.next_experiment import next_experiment
@@ -207,7 +207,8 @@ class _Work:
         log, task = self.prepared.log, self.prepared.task
         names = [c.name for c in task.outputs]
         whole = {"before": self._whole(before), "after": self._whole(after)}
-        curves, bins = self._localise(whole)
+        motion = self.fits.motion(self.prepared, after, whole["after"].offsets)
+        curves, bins = self._localise(whole, motion)
         verdict = _verdict(lacking_before, lacking, attribution)
         last = "test" if stages[-1]["test"] else "fit"
         document = {
@@ -296,7 +297,7 @@ class _Work:
     def _whole(self, fit: Fit) -> PartFit:
         return self.fits.on(self.prepared, fit)
 
-    def _localise(self, whole: dict[str, PartFit]):
+    def _localise(self, whole: dict[str, PartFit], motion: Motion):
         """Curves of residual acceleration before and after, against everything it could depend on."""
         windows, task = self.prepared.windows, self.prepared.task
         steps = self._log_steps()
@@ -311,6 +312,10 @@ class _Work:
             covariates.append((f"rate of {output.name}", f"{output.unit}/s", velocity))
             inputs = np.take(self.prepared.log.inputs, steps, axis=0)
             covariates += [(c.name, c.unit, inputs[..., i]) for i, c in enumerate(task.inputs)]
+            contacts = np.take_along_axis(motion.contacts, windows.index, axis=1)
+            contacts = largest_around(np.where(windows.mask, contacts, 0)).astype(float)
+            if np.ptp(contacts[windows.mask]) > 0:
+                covariates.append(("number of contacts", "1", contacts))
             for against, unit, covariate in covariates:
                 flat = np.where(windows.mask, covariate, np.nan).ravel()
                 was = curve(flat, acceleration["before"][..., k].ravel())

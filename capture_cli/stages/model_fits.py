@@ -192,11 +192,12 @@ class ModelFits:
         self.rollouts += simulator.rollouts
         return evidence.residual(outputs), diverged.any(axis=1)
 
-    def motion(self, part: PreparedLog, fit: Fit) -> Motion:
-        """What happens inside every window of the part that the fit's starts belong to."""
+    def motion(self, part: PreparedLog, fit: Fit, offsets: np.ndarray | None = None) -> Motion:
+        """What happens inside every window of the part, its starts at `offsets` (those of the fit where None)."""
         simulator = self.simulator(fit.effects)
         starts = part.starts
-        motion = simulator.motion(part.windows, starts.starts, fit.point, fit.offsets, starts.reported)
+        offsets = fit.offsets if offsets is None else offsets
+        motion = simulator.motion(part.windows, starts.starts, fit.point, offsets, starts.reported)
         self.rollouts += simulator.rollouts
         return motion
 
