@@ -640,16 +640,25 @@ def train_sysid(
 
 @app.command(name="eval-sim2sim")
 def eval_sim2sim(
-    task: Annotated[str, typer.Option("--task", help="Built-in task with actions.")],
     out: Annotated[Path, typer.Option("--out", help="Evaluation directory to write.")],
     identifier: Annotated[
         list[str],
         typer.Option("--identifier", help="A name, a checkpoint directory, or NAME=DIRECTORY."),
     ],
+    task: Annotated[str | None, typer.Option("--task", help="Built-in task with actions.")] = None,
     policy: Annotated[
         str, typer.Option("--policy", help="Who chooses actions: random, or a checkpoint directory.")
     ] = "random",
-    pairs: Annotated[int, typer.Option("--pairs", min=1, help="Pairs of a source and a hidden target.")] = 100,
+    suite: Annotated[
+        str | None,
+        typer.Option(
+            "--suite",
+            help="paper: all its comparisons; --identifier and --policy take folders of checkpoints.",
+        ),
+    ] = None,
+    pairs: Annotated[
+        int, typer.Option("--pairs", min=1, help="Pairs of a source and a hidden target.")
+    ] = 100,
     seeds: Annotated[int, typer.Option("--seeds", min=1, help="Times that the pairs are drawn.")] = 3,
     rounds: Annotated[int, typer.Option("--rounds", min=1, help="Rounds, one measured rollout each.")] = 30,
     noise: Annotated[
@@ -669,7 +678,9 @@ def eval_sim2sim(
     """
     from capture_cli.stages.eval_sim2sim import eval_sim2sim as stage
 
-    evaluation = stage(
+    document = stage(
+        suite=suite,
+        noise=noise,
         task=task,
         identifiers=identifier,
         out=out,
@@ -677,7 +688,6 @@ def eval_sim2sim(
         pairs=pairs,
         seeds=seeds,
         rounds=rounds,
-        noise=noise,
         seed=seed,
         threads=threads,
         force=force,
@@ -685,11 +695,12 @@ def eval_sim2sim(
         quiet=quiet,
     )
     if json_:
-        _print_json(evaluation.document)
+        _print_json(document)
     elif not quiet:
-        from capture_cli.reports.evaluation_tables import print_evaluation
+        from capture_cli.reports.evaluation_tables import print_evaluation, print_suite
 
-        print_evaluation(evaluation.document, _console(), out)
+        show = print_suite if suite else print_evaluation
+        show(document, _console(), out)
 
 
 @app.command()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,7 +15,9 @@ from capture_cli.identifiers import round_identifier
 from capture_cli.policies.random import Random
 from capture_cli.reports import paper_numbers
 from capture_cli.reports.evaluation_tables import markdown, tables
-from capture_cli.stages.eval_sim2sim import eval_sim2sim
+from capture_cli.stages.evaluated_identifier import PAPER
+from capture_cli.stages.evaluation_run import evaluate
+from capture_cli.stages.evaluation_suite import SUITES, _members, evaluate_suite
 from capture_cli.stages.gen_histories import gen_histories
 from capture_cli.stages.sim2sim import Sim2Sim
 from capture_cli.stages.train_sysid import train_sysid
@@ -37,7 +40,7 @@ def names(trained):
 
 @pytest.fixture(scope="module")
 def evaluated(folder, names) -> Evaluation:
-    return eval_sim2sim(out=folder / "e", identifiers=names, **SMALL)
+    return evaluate(out=folder / "e", identifiers=names, **SMALL)
 
 
 @pytest.fixture(scope="module")
@@ -117,22 +120,22 @@ def test_a_run_goes_on_where_it_ended(folder, evaluated, names, monkeypatch):
 
     monkeypatch.setattr(Sim2Sim, "run", once)
     with pytest.raises(OutputError, match="1 of 4 parts are kept"):
-        eval_sim2sim(out=folder / "killed", identifiers=names, **SMALL)
+        evaluate(out=folder / "killed", identifiers=names, **SMALL)
     assert not (folder / "killed").exists()
     monkeypatch.setattr(Sim2Sim, "run", real)
     with pytest.raises(OptionError, match="other rounds"):
-        eval_sim2sim(out=folder / "killed", identifiers=names, resume=True, **{**SMALL, "rounds": 5})
-    done = eval_sim2sim(out=folder / "killed", identifiers=names, resume=True, **SMALL)
+        evaluate(out=folder / "killed", identifiers=names, resume=True, **{**SMALL, "rounds": 5})
+    done = evaluate(out=folder / "killed", identifiers=names, resume=True, **SMALL)
     assert done.document == evaluated.document
     for name, values in evaluated.arrays.items():
         np.testing.assert_array_equal(done.arrays[name], values)
-    read = eval_sim2sim(out=folder / "killed", identifiers=names, resume=True, **SMALL)
+    read = evaluate(out=folder / "killed", identifiers=names, resume=True, **SMALL)
     assert read.document == done.document
 
 
 def test_a_checkpoint_and_another_name_for_it(folder, trained):
     identifiers = ["domain-randomization", str(trained), f"capture-refined={trained}"]
-    e = eval_sim2sim(out=folder / "learned", identifiers=identifiers, noise="label", **SMALL)
+    e = evaluate(out=folder / "learned", identifiers=identifiers, noise="label", **SMALL)
     assert list(e.document["identifiers"]) == ["domain-randomization", "posterior", "capture-refined"]
     plain, refined = (
         e.document["identifiers"][n]["simulated_rollouts"] for n in ("posterior", "capture-refined")
@@ -152,22 +155,20 @@ def test_a_checkpoint_and_another_name_for_it(folder, trained):
 )
 def test_identifiers_that_cannot_be(folder, given, message):
     with pytest.raises(CaptureError, match=message):
-        eval_sim2sim(out=folder / "none", identifiers=given, **SMALL)
+        evaluate(out=folder / "none", identifiers=given, **SMALL)
     assert not (folder / "none").exists()
 
 
 def test_a_name_that_cannot_use_a_checkpoint(folder, trained):
     with pytest.raises(OptionError, match="no use to 'tunenet'"):
-        eval_sim2sim(out=folder / "none", identifiers=[f"tunenet={trained}"], **SMALL)
+        evaluate(out=folder / "none", identifiers=[f"tunenet={trained}"], **SMALL)
     with pytest.raises(OptionError, match=r"no identifier.json .*posterior"):
-        eval_sim2sim(out=folder / "none", identifiers=[str(folder)], **SMALL)
+        evaluate(out=folder / "none", identifiers=[str(folder)], **SMALL)
 
 
 def test_a_machine_without_actions_is_refused(folder):
     with pytest.raises(TaskError, match="no actions"):
-        eval_sim2sim(
-            out=folder / "none", identifiers=["cma-es"], **{**SMALL, "task": "datasets/cart/task.toml"}
-        )
+        evaluate(out=folder / "none", identifiers=["cma-es"], **{**SMALL, "task": "datasets/cart/task.toml"})
 
 
 def test_the_command_prints_one_document(folder, trained):
@@ -204,3 +205,53 @@ def test_tables_set_the_papers_numbers_beside_ours(evaluated):
     assert paper_numbers.trajectory_difference("air-hockey", "none", about)[10] == (0.16, 0.01)
     assert paper_numbers.trajectory_difference("air-hockey", "scale", about) is None
     assert paper_numbers.trajectory_difference("air-hockey", "none", {**about, "window": 2}) is None
+
+
+# --- the suite ---
+
+
+def test_the_suite_runs_what_there_are_checkpoints_for(folder, trained):
+    options = {"pairs": 2, "seeds": 1, "rounds": 2, "threads": 1, "task": "scooping"}
+    done = evaluate_suite(suite="paper", identifiers=[str(folder)], out=folder / "suite", **options)
+    assert list(done["cells"]) == ["scooping", "scooping-noise"]
+    assert done["without"] == ["scooping-L", "scooping-k"]
+    assert list(done["cells"]["scooping"]["identifiers"]) == ["domain-randomization", "compass", "posterior"]
+    assert done["cells"]["scooping-noise"]["noise"] == "label"
+    assert "scooping-noise" in (folder / "suite" / "tables.md").read_text()
+    again = evaluate_suite(
+        suite="paper", identifiers=[str(folder)], out=folder / "suite", resume=True, **options
+    )
+    assert again == json.loads(json.dumps(done))
+
+
+def _checkpoint(identifier: str, **facts) -> tuple[Path, dict]:
+    facts = {**PAPER, **facts}
+    document = {
+        "task": "scooping",
+        "identifier": identifier,
+        "histories": {"search": facts["search"], "rounds": facts["history_rounds"]},
+        "architecture": {"window": facts["window"], "tokens": facts["tokens"]},
+    }
+    return Path(f"{identifier}-{'-'.join(map(str, facts.values()))}"), document
+
+
+def test_ablations_vary_one_thing():
+    found = [
+        _checkpoint("capture"),
+        _checkpoint("capture", history_rounds=5),
+        _checkpoint("capture", window=6),
+        _checkpoint("capture", history_rounds=5, window=6),
+        _checkpoint("capture", search="binary"),
+        _checkpoint("tunenet", window=1),
+        _checkpoint("capture-refined", window=7),
+    ]
+    members = {c.name: _members(c, ["compass"], found) for c in SUITES["paper"] if c.task == "scooping"}
+    path = {k: str(found[k][0]) for k in range(len(found))}
+    assert members["scooping-L"] == [path[1], path[0]]
+    assert members["scooping-k"] == [path[0], path[2]]
+    assert members["scooping"] == ["compass", path[0], path[4], path[5], path[6], f"posterior={path[6]}"]
+
+
+def test_a_suite_with_nothing_to_run_is_refused(folder):
+    with pytest.raises(OptionError, match="no checkpoint for air-hockey"):
+        evaluate_suite(suite="paper", identifiers=[], out=folder / "nothing", task="air-hockey")

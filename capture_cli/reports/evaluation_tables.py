@@ -49,9 +49,17 @@ def print_evaluation(document: Mapping[str, Any], console: Console, out_path: Pa
     console.print(f"written to {out_path}: tables.md, figures, evaluation.json, evaluation.zarr", style="dim")
 
 
-def markdown(document: Mapping[str, Any]) -> str:
+def print_suite(document: Mapping[str, Any], console: Console, out_path: Path) -> None:
+    """Print suite.json `document`, written to the directory `out_path`."""
+    for name, evaluation in document["cells"].items():
+        print_evaluation(evaluation, console, Path(out_path) / name)
+    if document["without"]:
+        console.print(f"no checkpoints for: {', '.join(document['without'])}", style="yellow")
+
+
+def markdown(document: Mapping[str, Any], title: str | None = None) -> str:
     """The tables as a page."""
-    lines = [f"# Evaluation on {document['task']}", "", f"{_heading(document)}.", ""]
+    lines = [f"# {title or 'Evaluation on ' + document['task']}", "", f"{_heading(document)}.", ""]
     for rows in tables(document):
         lines += [f"## {rows.title}", "", f"{rows.note}.", "", _line(rows.header)]
         lines += [f"|---|{'---:|' * (len(rows.header) - 1)}", *map(_line, rows.cells), ""]

@@ -17,8 +17,8 @@ from capture_cli.stores.output import sha256
 if TYPE_CHECKING:
     from capture_cli.identifiers._learned import TrainedModel
 
-# The paper's: what a label leaves out.
-SEARCH, ROUNDS, WINDOW = "randomized-binary", 7, 4
+# What a label leaves out: the paper's search, L and k, and our default for the tokens.
+PAPER = {"search": "randomized-binary", "history_rounds": 7, "window": 4, "tokens": "trajectory"}
 
 
 @dataclass(frozen=True)
@@ -103,12 +103,12 @@ def _named(name: str) -> Evaluated:
 
 def _label(name: str, kind: type[RoundIdentifier], facts: Mapping[str, Any]) -> str:
     """The name, and in what it is not the paper's."""
-    others = [facts["search"]] if facts["search"] != SEARCH else []
-    if facts["history_rounds"] != ROUNDS:
+    others = [facts["search"]] if facts["search"] != PAPER["search"] else []
+    if facts["history_rounds"] != PAPER["history_rounds"]:
         others.append(f"L={facts['history_rounds']}")
-    if kind.fixed_window is None and kind.default_window and facts["window"] != WINDOW:
+    if kind.fixed_window is None and kind.default_window and facts["window"] != PAPER["window"]:
         others.append(f"k={facts['window']}")
-    if facts["tokens"] != "trajectory":
+    if facts["tokens"] != PAPER["tokens"]:
         others.append(f"token per {facts['tokens']}")
     if facts["history_noise"] != "none":
         others.append(f"trained with noise: {facts['history_noise']}")
