@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import time
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -231,14 +232,20 @@ def _described(attributes: Mapping[str, Any]) -> dict[str, Any]:
 
 def _train(trainer: Trainer, folder: Path, recipe: Mapping[str, Any], quiet: bool) -> None:
     _write_metrics(trainer.metrics, folder)
-    left = trainer.settings.steps // trainer.settings.every - len(trainer.metrics)
+    steps, begun, clock = trainer.settings.steps, trainer.step, time.monotonic()
+    left = -(-(steps - begun) // trainer.settings.every)
     try:
         with Progress("train-sysid", "evaluation", quiet=quiet, total=left) as progress:
             for metrics in trainer.run():
                 with (folder / METRICS).open("a", encoding="utf-8") as file:
                     file.write(json.dumps(metrics, allow_nan=False) + "\n")
                 _save_state(trainer, folder / STATE, recipe)
-                progress.step(f"step {metrics['step']}, validation loss {metrics['validation_loss']:.3g}")
+                step, loss = metrics["step"], metrics["validation_loss"]
+                rate = (step - begun) / (time.monotonic() - clock)
+                progress.step(
+                    f"step {step} of {steps}, validation loss {loss:.3g}, "
+                    f"{rate:.1f} steps/s, {(steps - step) / rate:.0f} s left at most"
+                )
     except KeyboardInterrupt:
         raise OutputError(
             f"interrupted after step {trainer.step}: what was learned up to the last evaluation is kept",
