@@ -8,8 +8,10 @@ import mujoco
 import numpy as np
 import pytest
 
+from capture_cli.effects.com_shift import ComShift
 from capture_cli.errors import CaptureError, ModelError, TaskError
-from capture_cli.sim.engine import ModelFields
+from capture_cli.sim.engine import Engine, ModelFields, Starts
+from capture_cli.sim.mjcf import to_mjcf
 from capture_cli.tasks import load_task
 
 MODEL = """
@@ -258,3 +260,53 @@ def test_a_table_declared_twice(write):
 def test_the_model_is_the_one_mujoco_loads(write, tmp_path):
     task = load_task(str(write()))
     assert task.model.nbody == mujoco.MjModel.from_xml_path(str(tmp_path / "model.xml")).nbody == 3
+
+
+BOX = """
+<mujoco><option timestep="0.002" gravity="0 0 0"/><worldbody>
+  <body name="box"><freejoint/><geom type="box" size=".1 .06 .03" mass="2"/></body>
+  <body name="sled" pos="0 3 0"><joint name="x" type="slide" axis="1 0 0"/><geom size=".1" mass="1"/></body>
+</worldbody><sensor><framepos name="p" objtype="xbody" objname="box"/></sensor></mujoco>
+"""
+BOX_TASK = """
+format = 1
+name = "box"
+model = "box.xml"
+[parameters.com]
+set = "body:box:com_x"
+low = -0.05
+high = 0.05
+unit = "m"
+[parameters.sled]
+set = "body:sled:com_z"
+low = -0.05
+high = 0.05
+unit = "m"
+[outputs.p]
+column = ["x", "y", "z"]
+unit = "m"
+"""
+
+
+@pytest.mark.parametrize("effect", [False, True])
+def test_the_centre_of_mass_of_a_simple_body_can_be_moved_and_is_exported(tmp_path, effect):
+    """MuJoCo compiles a body with its centre in its frame as "simple", and would then not move it."""
+    (tmp_path / "box.xml").write_text(BOX)
+    (tmp_path / "task.toml").write_text(BOX_TASK)
+    task = load_task(str(tmp_path / "task.toml"))
+    plain = mujoco.MjModel.from_xml_path(str(tmp_path / "box.xml"))
+    assert plain.body_simple.all() and not task.model.body_simple[1:].any()
+    fields = ModelFields(task.model, 1)
+    if effect:
+        assert ComShift.sites(task.model) == ["box"]
+        ComShift(task.model, "box").write(fields, np.array([[0.03, 0, 0]]))
+    else:
+        task.write(fields, np.array([[0.03, 0.01]]))
+    start = Starts(task.model.qpos0[None], np.ones((1, task.model.nv)), np.zeros((1, 0)), np.zeros(1))
+    options = {"starts": start, "controls": np.zeros((1, 300, 0)), "steps": 300}
+    found = Engine(task.model, 1).rollout(**options, fields=fields).sensors
+    (tmp_path / "out.xml").write_text(to_mjcf(tmp_path / "box.xml", fields, tmp_path / "out.xml"))
+    exported = mujoco.MjModel.from_xml_path(str(tmp_path / "out.xml"))
+    assert exported.body("box").ipos[0] == 0.03
+    np.testing.assert_allclose(found, Engine(exported, 1).rollout(**options).sensors, atol=1e-12)
+    assert np.abs(found - Engine(plain, 1).rollout(**options).sensors).max() > 1e-3

@@ -17,7 +17,8 @@ class ComShift(Effect):
     """Shift (m) of a body's centre of mass along the axes of the body's frame; the mass stays as it is.
 
     A shift along the only axis that the body can turn about moves nothing, and is left out. So are bodies
-    that no joint turns, and bodies that MuJoCo compiled as `simple`, whose centre it cannot move.
+    that no joint turns, and bodies that were compiled as `simple`, whose centre MuJoCo cannot move; those of
+    a task never are.
     """
 
     place = "model"

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import re
 import tomllib
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +14,7 @@ import mujoco
 from capture_cli.errors import ModelError, TaskError, did_you_mean
 from capture_cli.parameters import Parameter, ParameterSpace
 from capture_cli.sim.engine import silence_mujoco
+from capture_cli.sim.mjcf import free_centres
 from capture_cli.sim.targets import object_id, parse_target
 from capture_cli.tasks.base import Channel, LogColumns, Task
 
@@ -34,7 +37,7 @@ class MjcfFile(Task):
             )
         self.name = _value(table, "name", str, where, default=self.path.parent.name)
         self.model_path = self.path.parent / _value(table, "model", str, where)
-        self.model = compile_model(self.model_path)
+        self.model = compile_model(self.model_path, _moved_centres(table))
         self._targets = []
         parameters = []
         for name, entry in _tables(table, "parameters", where):
@@ -155,17 +158,27 @@ class MjcfFile(Task):
         )
 
 
-def compile_model(path: Path) -> mujoco.MjModel:
-    """The MJCF at `path`, compiled. Raises ModelError with MuJoCo's own words."""
+def compile_model(path: Path, moved_centres: Collection[str] = ()) -> mujoco.MjModel:
+    """The MJCF at `path`, compiled; centres of mass can be moved of bodies that turn and of the `moved_centres`.
+
+    Raises ModelError with MuJoCo's own words.
+    """
     silence_mujoco()
     if not path.is_file():
         raise ModelError(f"the model {path} does not exist", cure="correct `model = ...` in the task.toml")
     try:
-        return mujoco.MjModel.from_xml_path(str(path))
+        spec = mujoco.MjSpec.from_file(str(path))
+        free_centres(spec, moved_centres)
+        return spec.compile()
     except ValueError as error:
         raise ModelError(
             f"{path} does not compile: {error}", cure="correct the MJCF at the place named"
         ) from error
+
+
+def _moved_centres(table: dict[str, Any]) -> set[str]:
+    """Bodies of which a parameter sets the centre of mass."""
+    return set(re.findall(r"\bbody:(.+?):com_[xyz]\b", repr(table.get("parameters"))))
 
 
 def _read(path: Path) -> dict[str, Any]:
