@@ -92,7 +92,7 @@ class HistoriesSpeed(Benchmark):
 
     def _growth(self, folder: Path, result: Result) -> None:
         sizes = [n for n in (1_000, 10_000, 100_000) if n <= self.pairs] or [self.pairs]
-        runs = {n: _measured(GROWING, n, folder / "growing.zarr") for n in sizes}
+        runs = {n: _measured(GROWING, n, folder / f"{n}.zarr") for n in sizes}
         for n, (seconds, cpu, peak) in runs.items():
             result.figures += [
                 Figure(f"  {n} pairs of {GROWING}", seconds, "s"),
