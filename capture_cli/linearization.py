@@ -21,7 +21,6 @@ import numpy as np
 
 from capture_cli.parameters import ParameterSpace
 
-PARAMETER_STEP = 1e-4  # of the range: well above the solver's tolerance, well below curvature
 START_STEP = 0.1  # of the prior sd, within the limits below
 START_STEP_LIMITS = (1e-6, 1e-3)  # m, rad, m/s, rad/s
 
@@ -70,7 +69,7 @@ class Trial:
 def columns(evidence: Evidence, x: np.ndarray, offsets: np.ndarray, *, parameters: bool = True) -> Trial:
     """The point x (parameter,), in the unit cube, and one finite difference per parameter and start coordinate."""
     count, states = evidence.start_sd.shape
-    moves = np.eye(len(x)) * parameter_steps(x) if parameters else np.zeros((0, len(x)))
+    moves = np.eye(len(x)) * parameter_steps(evidence.space, x) if parameters else np.zeros((0, len(x)))
     shifts = _start_steps(evidence)
     movable = _movable(evidence)
     points = np.concatenate([x[None], x + moves, np.repeat(x[None], len(movable), axis=0)])
@@ -81,9 +80,9 @@ def columns(evidence: Evidence, x: np.ndarray, offsets: np.ndarray, *, parameter
     return Trial(evidence.space.from_unit(points), moved)
 
 
-def parameter_steps(x: np.ndarray) -> np.ndarray:
+def parameter_steps(space: ParameterSpace, x: np.ndarray) -> np.ndarray:
     """Finite-difference steps (parameter,) that stay in the unit cube."""
-    return np.where(x + PARAMETER_STEP <= 1, PARAMETER_STEP, -PARAMETER_STEP)
+    return np.where(x + space.steps <= 1, space.steps, -space.steps)
 
 
 def _start_steps(evidence: Evidence) -> np.ndarray:
@@ -111,7 +110,7 @@ class Linearization:
         residuals = evidence.residual(outputs)
         size = len(x) if parameters else 0
         slopes = (residuals[0] - residuals[1:]) * ~diverged[1:, :, None]
-        by_parameter = slopes[:size] / parameter_steps(x)[:size, None, None]
+        by_parameter = slopes[:size] / parameter_steps(evidence.space, x)[:size, None, None]
         movable = _movable(evidence)
         scale = (evidence.start_sd / _start_steps(evidence))[:, movable]
         by_start = slopes[size:] * scale.T[:, :, None]

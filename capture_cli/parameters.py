@@ -17,6 +17,8 @@ class Parameter:
 
     nominal: the model's own value. For the parameter of an effect it is the null value, at which the model with
         the effect is exactly the model without it.
+    step: of finite differences, as a share of the range. A simulation with contacts needs a longer one than one
+        without: where between two steps a body arrives makes outputs a little rough.
     """
 
     name: str
@@ -24,6 +26,7 @@ class Parameter:
     low: float
     high: float
     nominal: float
+    step: float = 1e-4  # well above the solver's tolerance, well below curvature
 
     def __post_init__(self):
         values = (self.low, self.high, self.nominal)
@@ -54,6 +57,7 @@ class ParameterSpace:
         self.low = np.array([p.low for p in self.parameters], dtype=float)
         self.high = np.array([p.high for p in self.parameters], dtype=float)
         self.nominal = np.array([p.nominal for p in self.parameters], dtype=float)
+        self.steps = np.array([p.step for p in self.parameters], dtype=float)
 
     def __len__(self) -> int:
         return len(self.parameters)

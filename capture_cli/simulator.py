@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from capture_cli.effects.base import Effect
-from capture_cli.parameters import Parameter, ParameterSpace
+from capture_cli.parameters import ParameterSpace
 from capture_cli.sim.engine import Engine, Force, ModelFields, Rollouts, Starts
 from capture_cli.sim.starts import ReportedMotion, shift
 from capture_cli.sim.windows import Windows
@@ -52,11 +52,12 @@ class Simulator:
         self.rollouts = 0
         self.space = task.space
         self._columns: list[slice] = []
+        longest = max(task.space.steps, default=0.0)
         for name, effect in self.effects:
             self._columns.append(slice(len(self.space), len(self.space) + len(effect.parameters)))
             self.space = self.space + ParameterSpace(
                 [
-                    Parameter(f"{placed_name(name, effect)}.{p.name}", p.unit, p.low, p.high, p.nominal)
+                    replace(p, name=f"{placed_name(name, effect)}.{p.name}", step=max(p.step, longest))
                     for p in effect.parameters
                 ]
             )

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from capture_cli.linearization import (
-    PARAMETER_STEP,
     Linearization,
     autocovariance,
     correlation_length,
@@ -21,8 +20,6 @@ from capture_cli.linearization import (
 
 # Posterior sd beyond this share of the range: the 95 % interval spans two thirds of what was known before.
 UNDETERMINED_SD = 1 / 6
-# Sensitivities are finite differences, wrong by about their step: columns more alike than that are the same.
-INFORMATION_FLOOR = PARAMETER_STEP**2
 LOST_SD = 1.0  # of the range, where the log says nothing at all
 
 
@@ -85,7 +82,9 @@ def unit_covariance(at: Linearization) -> tuple[np.ndarray, float]:
     starts = b.swapaxes(1, 2) @ projected  # B'MJ
     meat += np.einsum("wsp,wsq->pq", starts, starts)
     degrees = max(count / correlation - j.shape[-1] - fitted_starts / correlation, 1.0)
-    return _sandwich(hessian, meat, np.einsum("wrp,wrp->p", j, j)), degrees
+    # sensitivities are finite differences, wrong by about their step: columns more alike than that are the same
+    floor = max(at.evidence.space.steps, default=0.0) ** 2
+    return _sandwich(hessian, meat, np.einsum("wrp,wrp->p", j, j), floor), degrees
 
 
 def _filtered_product(at: Linearization, projected: np.ndarray) -> tuple[np.ndarray, float]:
@@ -112,14 +111,15 @@ def _filtered_product(at: Linearization, projected: np.ndarray) -> tuple[np.ndar
     return meat, float(sum(times) / total) if total > 0 else 1.0
 
 
-def _sandwich(hessian: np.ndarray, meat: np.ndarray, sensitivity: np.ndarray) -> np.ndarray:
+def _sandwich(hessian: np.ndarray, meat: np.ndarray, sensitivity: np.ndarray, floor: float) -> np.ndarray:
     """A^-1 meat A^-1 over the directions in which A = hessian (p, p) has information; LOST_SD in the others.
 
-    sensitivity (p,): what the diagonal of A would be without the starts, the scale of its error.
+    sensitivity (p,): what the diagonal of A would be without the starts, the scale of its error, of which an eigenvalue
+    must exceed the share `floor`.
     """
     scale = np.sqrt(np.where(sensitivity > 0, sensitivity, 1.0))
     values, vectors = np.linalg.eigh(hessian / np.outer(scale, scale))
-    known = values > INFORMATION_FLOOR
+    known = values > floor
     directions = vectors / scale[:, None]
     inverse = (directions[:, known] / values[known]) @ directions[:, known].T
     lost = directions[:, ~known] / np.linalg.norm(directions[:, ~known], axis=0)

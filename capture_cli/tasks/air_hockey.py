@@ -25,6 +25,9 @@ WALL_DAMPING = (-40.0, -3.0)
 # shot overruns it, and friction then has to be had off the walls: no one stroke serves all tables.
 TARGET = np.array([0.1, 0.0])
 TARGET_RADIUS = 0.04
+STEP = (
+    0.01  # of the range: a hit is rough over a model step, which is some 2 % of what a parameter shifts it by
+)
 PAUSE = 0.05  # s, before the stroke: a log then shows from where, and that nothing moved
 FOLLOW_THROUGH = 0.08  # m, of the mallet past the place where it meets the puck
 
@@ -121,7 +124,7 @@ class AirHockey(ActionTask):
 
 
 def _parameter(name: str, unit: str, bounds: tuple[float, float]) -> Parameter:
-    return Parameter(name, unit, *bounds, nominal=sum(bounds) / 2)
+    return Parameter(name, unit, *bounds, nominal=sum(bounds) / 2, step=STEP)
 
 
 def _miss(trajectories: np.ndarray) -> np.ndarray:

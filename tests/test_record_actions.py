@@ -1,0 +1,111 @@
+"""`capture record` of a task of actions, and what `identify` makes of such a log."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from capture_cli.errors import OptionError
+from capture_cli.simulator import Simulator
+from capture_cli.stages.drive import ACTION_RATE
+from capture_cli.stages.identify import identify
+from capture_cli.stages.prepared_log import prepare
+from capture_cli.stages.record import record
+from capture_cli.stores.measured_log import MeasuredLog
+from capture_cli.tasks import load_task
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("hockey")
+    made = record(
+        task="air-hockey",
+        out=folder / "log.zarr",
+        parameters={"mallet_damping": -4.0, "right_friction": 0.035, "left_damping": -8.0},
+        noise=0.001,
+        episodes=4,
+        seed=3,
+        threads=2,
+    )
+    return folder, made
+
+
+def test_actions_are_random_within_their_ranges_and_in_the_log(recorded):
+    folder, made = recorded
+    task = load_task("air-hockey")
+    log = MeasuredLog.read(folder / "log.zarr")
+    np.testing.assert_array_equal(log.actions, made.log.actions)
+    assert log.actions.shape == (4, 4)
+    assert np.all((log.actions >= task.actions.low) & (log.actions <= task.actions.high))
+    assert len(np.unique(log.actions[:, 0])) == 4
+    assert made.truth["world"] == "plant"
+
+
+def test_the_log_is_sampled_at_its_rate_to_the_end_of_the_action(recorded):
+    _, made = recorded
+    for steps in made.log.episodes:
+        np.testing.assert_allclose(np.diff(made.log.time[steps]), 1 / ACTION_RATE)
+        assert made.log.time[steps][-1] == pytest.approx(2.0)
+
+
+def test_logged_inputs_move_the_mallet_as_the_action_does(recorded):
+    _, made = recorded
+    task = load_task("air-hockey")
+    points = np.rint(task.point_times * ACTION_RATE).astype(int)
+    measured = np.stack([made.log.outputs[s][points] for s in made.log.episodes])
+    parameters = task.space.to_vector(made.truth["parameters"])
+    simulated, _ = Simulator(task).trajectories(np.tile(parameters, (4, 1)), made.log.actions)
+    assert np.abs(task.observe(measured) - simulated).max() < 0.005  # noise of 1 mm
+
+
+def test_episodes_start_where_their_action_says(recorded):
+    folder, _ = recorded
+    task = load_task("air-hockey")
+    log = MeasuredLog.read(folder / "log.zarr")
+    prepared = prepare(log, task, window=None, test=None, seed=0)
+    known = task.episodes(log.actions).starts
+    np.testing.assert_array_equal(prepared.starts.starts.qpos, known.qpos)
+    np.testing.assert_array_equal(prepared.starts.starts.qvel, 0)
+    np.testing.assert_array_equal(prepared.starts.sd[0] > 0, [1, 1, 0, 0, 1, 1, 0, 0, 0, 0, 0, 0])
+    cut = prepare(
+        log, task, window=0.5, test=None, seed=0
+    )  # windows that begin in mid-episode are read off the log
+    assert np.all(cut.starts.sd[:, :2] > 0)
+
+
+def test_identify_recovers_the_planted_parameters(recorded, tmp_path):
+    folder, made = recorded
+    found = identify(
+        real_log=folder / "log.zarr",
+        out=tmp_path / "estimate",
+        test="none",
+        starts=3,
+        rounds=40,
+        threads=2,
+        quiet=True,
+    )
+    space = load_task("air-hockey").space
+    values = {n: p["value"] for n, p in found.document["parameters"].items() if p["identifiable"]}
+    assert {"left_friction", "right_friction", "mallet_damping"} <= set(values)
+    for name, value in values.items():
+        span = space.span[space.names.index(name)]
+        assert abs(value - made.truth["parameters"][name]) < 0.03 * span, name
+    assert found.document["error"]["fit"]["normalized"] < 1.1
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"duration": 3.0}, "--duration means nothing"),
+        ({"start": {"puck_x": (0.0, 0.1)}}, "--start means nothing"),
+        ({"amplitude": {"mallet_vx": 1.0}}, "--amplitude means nothing"),
+        ({"rate": -5.0}, "--rate -5"),
+        ({"policy": "nobody"}, "neither a policy nor a checkpoint"),
+        ({"world": "moon"}, "unknown --world 'moon'"),
+        ({"world": "robosuite", "effects": ["control-lag@mallet_vx=0.1"]}, "--effect means nothing"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(tmp_path, options, said):
+    with pytest.raises(OptionError, match=said):
+        record(task="air-hockey", out=tmp_path / "log.zarr", **options)
+    assert not list(tmp_path.iterdir())
