@@ -19,7 +19,7 @@ from capture_cli.reports.curve_plots import MOST_POINTS, curve_views
 from capture_cli.reports.curves import Curves, autocorrelation, thin
 from capture_cli.reports.estimate_page import render
 from capture_cli.reports.figures import write_figures
-from capture_cli.reports.findings import combination, correlation, notes, output_errors, sentence
+from capture_cli.reports.findings import UNTRUSTED, combination, correlation, notes, output_errors, sentence
 from capture_cli.reports.quantities import MISSING, bound, scaled_unit, significant, to_precision_of
 from capture_cli.reports.terminal import print_estimate
 from capture_cli.stores.estimate import Estimate
@@ -436,6 +436,7 @@ def test_terminal_says_what_was_found():
         r"bias .* at bound, not determined",
         r"q +35\.4 mm +35\.1 µm +35\.5 µm +20\.0 µm +1\.77 ×",
         r"unexplained  A slow residual",
+        r"note  Do not trust the intervals: ",
         r"note  Only mass over bias is known\.",
         r"note  bias is at its lower bound",
         r"note  The recordings disagree on mass",
@@ -480,7 +481,7 @@ def test_terminal_limits_notes_and_outputs():
     text = printed(estimate, 100)
     assert len(re.findall(r"^j\d+ ", text, flags=re.MULTILINE)) == 8
     assert re.search(r"^j5 ", text, flags=re.MULTILINE), "the one that stands out stays"
-    assert "Only in the report: notes (1) and outputs nearer to their floor (4)." in text
+    assert "Only in the report: notes (2) and outputs nearer to their floor (4)." in text
 
 
 # ---- words and numbers ----
@@ -493,7 +494,9 @@ def test_sentences():
 
 
 def test_notes():
-    assert notes(make().document) == []
+    assert notes(make().document) == [UNTRUSTED]
+    assert notes(make().document | {"verdict": "explained"}) == []
+    assert notes(make().document | {"parameters": {}}) == []
     assert notes(not_identifiable().document) == [
         "Not determined by this log: 0.70 mass − 0.70 bias (sd 3.1 of its range)."
     ]
@@ -506,11 +509,12 @@ def test_notes():
     }
     document["lack_of_fit"] = {"normalized": 1.72, "threshold": 1.05}
     assert notes(document) == [
+        UNTRUSTED,
         "mass: not determined by this log.",
         "The recordings do not agree on the parameters, bias most (p = 0.0010).",
         "Lack of fit 1.72; chance alone stays under 1.05.",
     ]
-    assert len(notes(document | {"summary": "The error is 1.72 times the noise floor."})) == 2
+    assert len(notes(document | {"summary": "The error is 1.72 times the noise floor."})) == 3
 
 
 def test_combination():

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from capture_cli.reports.findings import NEAR
+from capture_cli.reports.findings import NEAR, UNTRUSTED
 from capture_cli.reports.quantities import scaled_unit, significant, titled, to_precision_of, with_unit
 from capture_cli.stores.diagnosis import Diagnosis
 
@@ -162,6 +162,8 @@ def notes(document: Mapping[str, Any]) -> list[str]:
             found.append(
                 "Take what was found as a part of the answer: its sizes may change once the rest is known."
             )
+        if document["parameters"] or document["effects"]:
+            found.append(UNTRUSTED)
     found += [
         f"{name} is at the end of its range: the range, not the log, decides it."
         for name, p in document["parameters"].items()

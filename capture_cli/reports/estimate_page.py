@@ -93,6 +93,8 @@ def _parameters(document: Mapping[str, Any]) -> str:
         return section("Parameters", lead=lead)
     rows = [parameter_row(name, p) for name, p in document["parameters"].items()]
     lead = "Estimate and 95 % interval, drawn between the bounds the task declares."
+    if document["verdict"] == "unexplained":
+        lead += f" {findings.UNTRUSTED}"
     return section("Parameters", table(PARAMETER_HEAD, rows, numeric=(1, 2, 3)), lead=lead)
 
 

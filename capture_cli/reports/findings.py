@@ -12,6 +12,7 @@ from capture_cli.reports.quantities import bound, scaled_unit, significant, with
 from capture_cli.stores.estimate import Estimate
 
 TITLES = {"explained": "explained", "unexplained": "unexplained", "not-identifiable": "not identifiable"}
+UNTRUSTED = "Do not trust the intervals: they leave out what the model lacks."
 # In the unit of the errors, a noise floor under this has more zeros than digits.
 NEAR = 0.01
 FLOOR_SOURCES = {
@@ -76,10 +77,12 @@ def sentence(document: Mapping[str, Any]) -> str:
 
 def notes(document: Mapping[str, Any]) -> list[str]:
     """What a reader has to know before using the numbers, most important first."""
-    found = [_undetermined(item) for item in document.get("undetermined") or []]
-    if not found:  # then the list of parameters is all that is known
+    undetermined = [_undetermined(item) for item in document.get("undetermined") or []]
+    if not undetermined:  # then the list of parameters is all that is known
         names = [n for n, p in document["parameters"].items() if not p["identifiable"]]
-        found = [f"{', '.join(names)}: not determined by this log."] if names else []
+        undetermined = [f"{', '.join(names)}: not determined by this log."] if names else []
+    found = [UNTRUSTED] if document["verdict"] == "unexplained" and document["parameters"] else []
+    found += undetermined
     found += [_at_bound(n, p) for n, p in document["parameters"].items() if p["at_bound"]]
     recordings = document.get("recordings") or {}
     if recordings.get("agree") is False:
