@@ -28,6 +28,7 @@ from robosuite.utils.observables import Observable, sensor
 from capture_cli.errors import OptionError, did_you_mean
 from capture_cli.tasks._scooping import HALF_LENGTH, lift_height
 from capture_cli.tasks.scooping import Scooping
+from capture_cli.worlds._grip import fix, grip, reach, take_options
 from capture_cli.worlds._gymnasium import GymnasiumEnvironment
 
 SCENE = Path(__file__).with_name("scooping_scene.xml")
@@ -36,9 +37,7 @@ TABLE_TOP = 0.8  # m
 RACK_HEIGHT = 0.12  # m, of the rod's underside above the table
 # The plant's x axis points to the right of a robot that faces the table, its y axis away from it.
 RACK_TURN = "0.70710678118654757 0 0 -0.70710678118654757"
-HAND_DOWN = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])  # fingers open along the rod
 DRIVERS = ("arm", "servos")
-IK_STEPS, IK_TOLERANCE = 50, 1e-10  # m and rad
 
 
 class ObjectScooping(ManipulationEnv):
@@ -108,8 +107,8 @@ class ObjectScooping(ManipulationEnv):
         arena.sensor.extend(plant.sensor)
         self.model = ManipulationTask(mujoco_arena=arena, mujoco_robots=[robot])
         hand = self.robots[0].gripper[self._arm].correct_naming("eef")
-        self.model.equality.append(_grip(hand))
-        _take_options(self.model.root, plant.root)
+        self.model.equality.append(grip(hand, "spatula"))
+        take_options(self.model.root, plant.root)
 
     def _setup_references(self):
         super()._setup_references()
@@ -154,7 +153,7 @@ class ObjectScooping(ManipulationEnv):
         joints = robot._ref_joint_pos_indexes
         # the arm has a joint to spare: from the last episode's posture it would reach the handle in another one
         data.qpos[joints] = robot.robot_model.init_qpos
-        robot.init_qpos = _reach(
+        robot.init_qpos = reach(
             model,
             data,
             robot.eef_site_id[self._arm],
@@ -165,7 +164,7 @@ class ObjectScooping(ManipulationEnv):
         robot.reset(deterministic=True)  # its controllers take the new posture for their own
         data.qpos[joints] = robot.init_qpos
         mujoco.mj_forward(model, data)
-        _fix(model, data, model.equality("grip").id)
+        fix(model, data, model.equality("grip").id)
         model.actuator_gainprm[self._servos] = 0.0
         model.actuator_biasprm[self._servos] = 0.0
 
@@ -246,51 +245,3 @@ def _rack(plant: MujocoXML, scene: MujocoXML) -> ElementTree.Element:
         body.extend(beyond if beyond is not None else [])
         rack.append(body)
     return rack
-
-
-def _grip(hand: str) -> ElementTree.Element:
-    """A weld of hand and spatula, stiffer than the arm's control by far."""
-    return ElementTree.Element(
-        "weld", name="grip", body1=hand, body2="spatula", active="false", solref="0.004 1"
-    )
-
-
-def _take_options(root: ElementTree.Element, plant: ElementTree.Element) -> None:
-    option = root.find("option")
-    option.attrib.clear()  # robosuite's contacts are elliptic, and its air resists
-    option.attrib.update(plant.find("option").attrib)
-
-
-def _reach(model, data, site: int, goal: np.ndarray, joints, dofs) -> np.ndarray:
-    """Joint positions at which `site` is at `goal` and the hand points down, by Gauss-Newton steps.
-
-    Raises OptionError where the robot cannot reach it.
-    """
-    jacobian = np.zeros((6, model.nv))
-    for _ in range(IK_STEPS):
-        mujoco.mj_kinematics(model, data)
-        mujoco.mj_comPos(model, data)
-        turn = HAND_DOWN @ data.site_xmat[site].reshape(3, 3).T
-        turn_vector = 0.5 * np.array(
-            [turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]
-        )
-        error = np.concatenate([goal - data.site_xpos[site], turn_vector])
-        if np.abs(error).max() < IK_TOLERANCE:
-            return data.qpos[joints].copy()
-        mujoco.mj_jacSite(model, data, jacobian[:3], jacobian[3:], site)
-        data.qpos[joints] += np.linalg.lstsq(jacobian[:, dofs], error, rcond=None)[0]
-    raise OptionError(
-        f"the robot's hand stays {np.linalg.norm(error[:3]):.3g} m from the spatula's handle",
-        cure='take robots="Panda", or driven_by="servos"',
-    )
-
-
-def _fix(model, data, weld: int) -> None:
-    """Make `weld` hold its two bodies as they are now."""
-    hand, held = model.eq_obj1id[weld], model.eq_obj2id[weld]
-    away, turn = np.empty(4), np.empty(4)
-    mujoco.mju_negQuat(away, data.xquat[hand])
-    mujoco.mju_mulQuat(turn, away, data.xquat[held])
-    place = data.xmat[hand].reshape(3, 3).T @ (data.xpos[held] - data.xpos[hand])
-    model.eq_data[weld, :11] = np.concatenate([np.zeros(3), place, turn, [1.0]])
-    data.eq_active[weld] = 1

@@ -1,0 +1,59 @@
+"""A robot's hand that holds a tool of the plant, in a robosuite scene: bring it there, and fix it."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+
+import mujoco
+import numpy as np
+
+from capture_cli.errors import OptionError
+
+HAND_DOWN = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])  # fingers open along the y axis
+IK_STEPS, IK_TOLERANCE = 50, 1e-10  # m and rad
+
+
+def grip(hand: str, tool: str) -> ElementTree.Element:
+    """A weld of hand and tool, called "grip", stiffer than the arm's control by far."""
+    return ElementTree.Element("weld", name="grip", body1=hand, body2=tool, active="false", solref="0.004 1")
+
+
+def take_options(root: ElementTree.Element, plant: ElementTree.Element) -> None:
+    option = root.find("option")
+    option.attrib.clear()  # robosuite's contacts are elliptic, and its air resists
+    option.attrib.update(plant.find("option").attrib)
+
+
+def reach(model, data, site: int, goal: np.ndarray, joints, dofs) -> np.ndarray:
+    """Joint positions at which `site` is at `goal` and the hand points down, by Gauss-Newton steps.
+
+    Raises OptionError where the robot cannot reach it.
+    """
+    jacobian = np.zeros((6, model.nv))
+    for _ in range(IK_STEPS):
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        turn = HAND_DOWN @ data.site_xmat[site].reshape(3, 3).T
+        turn_vector = 0.5 * np.array(
+            [turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]
+        )
+        error = np.concatenate([goal - data.site_xpos[site], turn_vector])
+        if np.abs(error).max() < IK_TOLERANCE:
+            return data.qpos[joints].copy()
+        mujoco.mj_jacSite(model, data, jacobian[:3], jacobian[3:], site)
+        data.qpos[joints] += np.linalg.lstsq(jacobian[:, dofs], error, rcond=None)[0]
+    raise OptionError(
+        f"the robot's hand stays {np.linalg.norm(error[:3]):.3g} m from the tool's handle",
+        cure='take robots="Panda", or driven_by="servos"',
+    )
+
+
+def fix(model, data, weld: int) -> None:
+    """Make `weld` hold its two bodies as they are now."""
+    hand, held = model.eq_obj1id[weld], model.eq_obj2id[weld]
+    away, turn = np.empty(4), np.empty(4)
+    mujoco.mju_negQuat(away, data.xquat[hand])
+    mujoco.mju_mulQuat(turn, away, data.xquat[held])
+    place = data.xmat[hand].reshape(3, 3).T @ (data.xpos[held] - data.xpos[hand])
+    model.eq_data[weld, :11] = np.concatenate([np.zeros(3), place, turn, [1.0]])
+    data.eq_active[weld] = 1
