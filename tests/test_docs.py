@@ -17,6 +17,8 @@ from typer.testing import CliRunner
 
 from benchmarks import REGISTRY as BENCHMARKS
 from capture_cli.cli import app
+from capture_cli.stages.attribution import Candidate, all_candidates
+from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.identify import identify
 from capture_cli.stages.record import record
 from capture_cli.stages.train_sysid import train_sysid
@@ -78,19 +80,27 @@ def test_every_command_is_documented():
 # --- keys of the JSON documents ---
 
 
+def friction_only(model) -> list[Candidate]:
+    return [c for c in all_candidates(model) if c.name == "coulomb-friction@rail"]
+
+
 @pytest.fixture(scope="module")
 def written(tmp_path_factory) -> dict[str, dict]:
-    """Every JSON document that a log and its estimate bring about, by the name that docs/schemas.md gives it."""
+    """Every JSON document that a log brings about, by the name that docs/schemas.md gives it."""
     folder = tmp_path_factory.mktemp("written")
     task = str(ROOT / "datasets" / "cart" / "task.toml")
     options = {"effects": ["coulomb-friction@rail.friction=1"], "noise": 1e-3, "rate": 100, "duration": 4.0}
     record(task=task, out=folder / "log.zarr", **options)
     identify(real_log=folder / "log.zarr", task=task, out=folder / "e", starts=1, rounds=2, quiet=True)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("capture_cli.stages.attribution.all_candidates", friction_only)
+        diagnose(real_log=folder / "log.zarr", task=task, out=folder / "d", starts=1, quiet=True)
     histories = write(toy_histories(20, rounds=3), folder / "h.zarr")
     tiny = {"width": 8, "layers": 1, "heads": 1, "steps": 2, "batch": 8}
     train_sysid(histories=histories, out=folder / "i", **tiny)
     files = {
         "identifier.json": folder / "i" / "identifier.json",
+        "diagnosis.json": folder / "d" / "diagnosis.json",
         "estimate.json": folder / "e" / "estimate.json",
         "truth.json": folder / "log.truth.json",
         "provenance.json": folder / "e" / "provenance.json",
@@ -107,6 +117,9 @@ def test_every_key_of_a_document_is_documented_and_no_other(written, document):
         "options.OPTION",
         "histories.ATTRIBUTE",
         "signature",
+        "effects[].tied_with",
+        "next_experiment",
+        "expression",
     }  # tables of their own, described in words
     found = {next((o for o in opaque if key == o or key.startswith((f"{o}.", f"{o}["))), key) for key in keys}
     assert found == set(generate.DOCUMENTS[document][1])

@@ -238,6 +238,7 @@ class _Work:
             },
             "rollouts": {"measured": len(log.episode_ends), "simulated": self.fits.rollouts},
             "next_experiment": self._next_experiment(attribution, models[-1][1]),
+            "expression": None,
         }
         return Diagnosis(document, self._arrays(whole, bins), self._attributes(curves))
 
