@@ -322,6 +322,27 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str]]] = {
             "result.coverage.NAME": "share of the truths that the 95 % intervals cover",
         },
     ),
+    "policy.json": (
+        "What `capture train-policy` trained; the weights are in `policy.safetensors` beside it, and the evaluation "
+        "curve in `metrics.jsonl` and `training.png`.",
+        {
+            "format": '"capture/policy"',
+            "version": "1",
+            "policy": "what was trained: sac",
+            "task": "name of the task",
+            "parameters[]": "names of the parameters that the policy knows",
+            "actions[]": "names of the components of its actions",
+            "bounds.parameters[][]": "low and high of each parameter",
+            "bounds.actions[][]": "and of each component of an action",
+            "settings.layers": "layers of the network",
+            "training.NAME": "how it was trained: episodes (steps), how many at once (envs), entropy, seed",
+            "result.episodes": "how many parameter sets it was judged on, all unseen",
+            "result.reward": "its mean reward there",
+            "result.success": "share of them in which it succeeded",
+            "result.random.reward": "the same of the random policy",
+            "result.random.success": "and its successes",
+        },
+    ),
     "truth.json": (
         "What `capture record` made a log with, in a file of its own beside the log.",
         {

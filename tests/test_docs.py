@@ -21,6 +21,7 @@ from capture_cli.stages.attribution import Candidate, all_candidates
 from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.identify import identify
 from capture_cli.stages.record import record
+from capture_cli.stages.train_policy import train_policy
 from capture_cli.stages.train_sysid import train_sysid
 from capture_cli.tasks import load_task
 
@@ -98,7 +99,9 @@ def written(tmp_path_factory) -> dict[str, dict]:
     histories = write(toy_histories(20, rounds=3), folder / "h.zarr")
     tiny = {"width": 8, "layers": 1, "heads": 1, "steps": 2, "batch": 8}
     train_sysid(histories=histories, out=folder / "i", **tiny)
+    train_policy(task="scooping", out=folder / "p", steps=64, envs=32, evaluations=1)
     files = {
+        "policy.json": folder / "p" / "policy.json",
         "identifier.json": folder / "i" / "identifier.json",
         "diagnosis.json": folder / "d" / "diagnosis.json",
         "estimate.json": folder / "e" / "estimate.json",

@@ -4,11 +4,65 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from capture_cli.simulator import Simulator
 from capture_cli.tasks.base import ActionTask
+
+
+@dataclass(frozen=True)
+class TrainingSettings:
+    """How to train a policy.
+
+    steps: episodes in all, rounded up to whole batches of `envs`, which are simulated at once. updates: gradient
+    steps after each of these, on `batch` episodes. learning_rate: at the start; it falls linearly to 0. entropy: its
+    weight beside the reward. width, layers: of the networks. device: as torch names it.
+    """
+
+    steps: int
+    envs: int
+    updates: int
+    batch: int
+    learning_rate: float
+    entropy: float
+    width: int
+    layers: int
+    seed: int
+    device: str = "cpu"
+
+    @property
+    def batches(self) -> int:
+        """Batches of episodes in all."""
+        return -(-self.steps // self.envs)
+
+
+class Trainer(ABC):
+    """Trains a policy, batch by batch. Two trainers made alike do alike, on the same machine.
+
+    settings: as given. step: episodes so far.
+    """
+
+    settings: TrainingSettings
+    step: int
+
+    @abstractmethod
+    def train(self) -> tuple[np.ndarray, np.ndarray]:
+        """Simulate a batch of episodes and learn from it; returns their rewards and successes, both (episode,)."""
+
+    @abstractmethod
+    def policy(self) -> Policy:
+        """The policy as it is now."""
+
+    @abstractmethod
+    def state(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+        """Counters (JSON) and arrays, from which `restore` goes on as if nothing had happened."""
+
+    @abstractmethod
+    def restore(self, counters: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> None:
+        """Go on from a `state` of a trainer with the same settings."""
 
 
 class Policy(ABC):
@@ -43,3 +97,8 @@ class Policy(ABC):
     ) -> Policy:
         """The policy that `state` described."""
         return cls(task)
+
+    @classmethod
+    def trainer(cls, simulator: Simulator, settings: TrainingSettings) -> Trainer:
+        """Who trains such a policy for the simulator's task. Imports what that needs, torch and the like."""
+        raise NotImplementedError(f"{cls.__name__} is not trained")

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from capture_cli.errors import OptionError, StoreError, did_you_mean
+from capture_cli.parameters import ParameterSpace
 from capture_cli.policies import REGISTRY
 from capture_cli.policies.base import Policy
 from capture_cli.stores.provenance import write_json
@@ -15,22 +18,31 @@ FORMAT, VERSION = "capture/policy", 1
 SETTINGS, WEIGHTS = "policy.json", "policy.safetensors"
 
 
-def save_policy(policy: Policy, name: str, folder: Path) -> None:
-    """Write `policy`, of the kind `name`, into `folder` (one made by `new_directory`)."""
+def save_policy(
+    policy: Policy, name: str, folder: Path, more: Mapping[str, Any] | None = None
+) -> dict[str, Any]:
+    """Write `policy`, of the kind `name`, into `folder` (one made by `new_directory`); returns policy.json.
+
+    more: what else policy.json is to say, of how the policy was made.
+    """
     from safetensors.numpy import save_file
 
     settings, weights = policy.state()
+    space, actions = policy.task.space, policy.task.actions
     document = {
         "format": FORMAT,
         "version": VERSION,
         "policy": name,
         "task": policy.task.name,
-        "parameters": list(policy.task.space.names),
-        "actions": list(policy.task.actions.names),
+        "parameters": list(space.names),
+        "actions": list(actions.names),
+        "bounds": {"parameters": _bounds(space), "actions": _bounds(actions)},
         "settings": settings,
+        **(more or {}),
     }
     write_json(folder / SETTINGS, document)
     save_file(weights, folder / WEIGHTS)
+    return document
 
 
 def load_policy(name: str, task: ActionTask) -> Policy:
@@ -62,14 +74,32 @@ def _from_checkpoint(path: Path, task: ActionTask) -> Policy:
         raise OptionError(
             f"--policy {path} is for the task {settings['task']!r}, and this one is {task.name!r}", cure=again
         )
-    for kind, names in (("parameters", task.space.names), ("actions", task.actions.names)):
-        if list(names) != settings[kind]:
+    for kind, space in (("parameters", task.space), ("actions", task.actions)):
+        if list(space.names) != settings[kind]:
             raise OptionError(
                 f"--policy {path}: its {kind} are ({', '.join(settings[kind])}); "
-                f"those of {task.name!r} are ({', '.join(names)})",
+                f"those of {task.name!r} are ({', '.join(space.names)})",
                 cure=again,
             )
-    return REGISTRY.get(settings["policy"]).from_state(task, settings["settings"], _weights(path))
+        for name, bounds, known in zip(space.names, _bounds(space), settings["bounds"][kind], strict=True):
+            if bounds != known:
+                raise OptionError(
+                    f"--policy {path} was made for {name} between {known[0]:g} and {known[1]:g}; "
+                    f"that of {task.name!r} lies between {bounds[0]:g} and {bounds[1]:g}",
+                    cure=again,
+                )
+    weights = _weights(path)
+    try:
+        return REGISTRY.get(settings["policy"]).from_state(task, settings["settings"], weights)
+    except (KeyError, TypeError, ValueError) as error:
+        raise StoreError(
+            f"{path}: {SETTINGS} and {WEIGHTS} do not belong together: {error}",
+            cure="train the policy again with `train-policy`",
+        ) from error
+
+
+def _bounds(space: ParameterSpace) -> list[list[float]]:
+    return [[p.low, p.high] for p in space]
 
 
 def _settings(path: Path) -> dict:
@@ -85,7 +115,7 @@ def _settings(path: Path) -> dict:
             f"this program reads {FORMAT}, version {VERSION}",
             cure=again,
         )
-    missing = {"policy", "task", "parameters", "actions", "settings"} - set(found)
+    missing = {"policy", "task", "parameters", "actions", "bounds", "settings"} - set(found)
     if missing:
         raise StoreError(f"{path / SETTINGS}: {', '.join(sorted(missing))} missing", cure=again)
     return found

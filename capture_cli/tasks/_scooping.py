@@ -26,6 +26,7 @@ class ScoopingPlant(ActionTask):
     """Rod, tray and spatula. A subclass says what is observed and when."""
 
     trainable = True
+    entropy = 0.1
 
     def __init__(self, output_sensors: tuple[str, ...]):
         self.model = mujoco.MjModel.from_xml_path(str(MODEL))

@@ -89,13 +89,15 @@ class ActionTask(Task):
 
     actions: the components of an action, with units and ranges. features: those of the trajectory. point_times
     (point,): s after the start of an episode, where the trajectory is read; the last one ends the episode.
-    trainable: whether `reward` and `success` are defined, as a policy that is to be trained needs them.
+    trainable: whether `reward` and `success` are defined, as a policy that is to be trained needs them. entropy: the
+    weight of a policy's entropy that suits the reward, in training (the paper's, by its released code).
     """
 
     actions: ParameterSpace
     features: tuple[Feature, ...]
     point_times: np.ndarray
     trainable: bool = False
+    entropy: float = 0.005
 
     @abstractmethod
     def episodes(self, actions: np.ndarray) -> Episodes:

@@ -1,0 +1,244 @@
+"""`capture train-policy`: a task in, a policy that knows the parameters out (paper, III-B)."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from collections.abc import Mapping
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from capture_cli.errors import OptionError, OutputError, did_you_mean
+from capture_cli.policies import REGISTRY
+from capture_cli.policies._evaluation import evaluate
+from capture_cli.policies.base import Policy, Trainer, TrainingSettings
+from capture_cli.simulator import Simulator
+from capture_cli.stages.policy_checkpoint import save_policy
+from capture_cli.stages.progress import Progress
+from capture_cli.stages.training_state import STATE, load_state, save_state
+from capture_cli.stores.output import refuse_existing, resumable_directory, unfinished
+from capture_cli.stores.provenance import Provenance
+from capture_cli.tasks import load_task
+from capture_cli.tasks.base import ActionTask
+
+DEVICES = ("cpu", "cuda", "auto")
+METRICS = "metrics.jsonl"
+EVALUATED = 200  # parameter sets of the evaluation curve, the same ones every time
+UNSEEN = 500  # others, that the finished policy is judged on, and the random one
+EVALUATIONS = 30
+
+
+def train_policy(
+    *,
+    task: str,
+    out: Path,
+    policy: str = "sac",
+    steps: int = 150_000,
+    envs: int = 64,
+    updates: int = 16,
+    batch: int = 256,
+    learning_rate: float = 1e-3,
+    entropy: float | None = None,
+    width: int = 64,
+    layers: int = 2,
+    evaluations: int = EVALUATIONS,
+    device: str = "cpu",
+    threads: int | None = None,
+    seed: int = 0,
+    force: bool = False,
+    resume: bool = False,
+    quiet: bool = True,
+) -> dict[str, Any]:
+    """Train `policy` for `task`; write its checkpoint directory at `out`; returns policy.json.
+
+    steps: episodes, `envs` of them at once. updates: gradient steps per such batch. entropy: its weight beside the
+    reward; the task's own where None. threads: of the simulator; the learner has one. With `resume` a run that was
+    killed goes on from its last evaluation to the same result. Raises CaptureError before anything is written.
+    """
+    options = {k: v for k, v in locals().items() if k not in ("resume", "force", "quiet")}
+    refuse_existing(out, force=force)
+    machine = _trainable(task)
+    settings = TrainingSettings(
+        steps=steps,
+        envs=envs,
+        updates=updates,
+        batch=batch,
+        learning_rate=learning_rate,
+        entropy=machine.entropy if entropy is None else entropy,
+        width=width,
+        layers=layers,
+        seed=seed,
+    )
+    kind = _trained(policy)
+    _check_settings(settings, evaluations)
+    settings = replace(settings, device=_device(device))
+    provenance = Provenance("train-policy", options, {"task": getattr(machine, "path", None)})
+    simulator = Simulator(machine, threads=threads)
+    run = _Run(kind.trainer(simulator, settings), simulator, evaluations)
+    recipe = {
+        "policy": policy,
+        "task": machine.name,
+        "training": asdict(settings),
+        "evaluations": evaluations,
+    }
+    if resume and not force:
+        run.restore(unfinished(out), recipe)
+    with resumable_directory(out, force=force, resume=resume) as folder:
+        run.train(folder, recipe, quiet)
+        made = run.trainer.policy()
+        document = save_policy(
+            made, policy, folder, {"training": asdict(settings), "result": run.result(made)}
+        )
+        _write_figure(run.metrics, document["result"], folder)
+        (folder / STATE).unlink(missing_ok=True)
+        provenance.write(folder)
+    return document
+
+
+# --- checks, before anything is written ---
+
+
+def _trainable(name: str) -> ActionTask:
+    machine = load_task(name)
+    if not (isinstance(machine, ActionTask) and machine.trainable):
+        raise OptionError(
+            f"--task {name}: {machine.name!r} does not say what an episode is worth, so nothing can be learned",
+            cure="for histories of it no training is needed: `capture gen-histories --policy random`",
+        )
+    return machine
+
+
+def _trained(name: str) -> type[Policy]:
+    kind = REGISTRY.get(name)
+    if not kind.trained:
+        raise OptionError(
+            f"--policy {name} learns nothing",
+            cure=f"choose {', '.join(n for n, c in REGISTRY.items() if c.trained)}; "
+            f"or give {name} to the command that needs a policy",
+        )
+    return kind
+
+
+def _check_settings(settings: TrainingSettings, evaluations: int) -> None:
+    whole = ("steps", "envs", "updates", "batch", "width", "layers")
+    for name, value in [*((n, getattr(settings, n)) for n in whole), ("evaluations", evaluations)]:
+        if value < 1:
+            raise OptionError(f"--{name} {value}", cure="give at least 1")
+    if not 0 < settings.learning_rate < np.inf:
+        raise OptionError(f"--lr {settings.learning_rate:g}", cure="give a positive number")
+    if not 0 <= settings.entropy < np.inf:
+        raise OptionError(f"--entropy {settings.entropy:g}", cure="give a number of 0 or more")
+
+
+def _device(device: str) -> str:
+    """The device as torch names it; torch gets one thread. Raises OptionError where there is none of that kind."""
+    if device not in DEVICES:
+        raise OptionError(f"--device {device!r}", cure=did_you_mean(device, DEVICES))
+    # threads that wait must sleep: beside other work, spinning ones have cost a factor of 40
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+    import torch
+
+    torch.set_num_threads(1)
+    there = torch.cuda.is_available()
+    if device == "cuda" and not there:
+        raise OptionError(f"--device cuda: torch {torch.__version__} finds no GPU", cure="use --device cpu")
+    return "cuda" if there and device != "cpu" else "cpu"
+
+
+# --- the work ---
+
+
+class _Run:
+    """A training and its evaluations: on sets of parameters that stay the same, drawn apart from the training's."""
+
+    def __init__(self, trainer: Trainer, simulator: Simulator, evaluations: int):
+        self.trainer = trainer
+        self.simulator = simulator
+        batches = trainer.settings.batches
+        self.every = max(1, batches // evaluations)  # batches
+        self.metrics: list[dict[str, Any]] = []
+
+    def restore(self, folder: Path, recipe: Mapping[str, Any]) -> None:
+        """Go on from what is in `folder`, where there is something."""
+        state = load_state(folder, recipe)
+        if state is not None:
+            counters, arrays = state
+            self.metrics = counters["metrics"]
+            self.trainer.restore(counters["trainer"], arrays)
+
+    def train(self, folder: Path, recipe: Mapping[str, Any], quiet: bool) -> None:
+        """Train to the end; metrics, and a state to go on from, are written into `folder` at every evaluation."""
+        settings, batches = self.trainer.settings, self.trainer.settings.batches
+        begun, clock = self.trainer.step // settings.envs, time.monotonic()
+        _write_metrics(self.metrics, folder)
+        seen: list[tuple[np.ndarray, np.ndarray]] = []
+        try:
+            with Progress("train-policy", "batch", quiet=quiet, total=batches - begun) as progress:
+                for batch in range(begun + 1, batches + 1):
+                    seen.append(self.trainer.train())
+                    if batch % self.every == 0 or batch == batches:
+                        self._evaluate(seen)
+                        self._save(folder, recipe)
+                        seen = []
+                    rate = (batch - begun) * settings.envs / (time.monotonic() - clock)
+                    left = (batches - batch) * settings.envs / rate
+                    progress.step(self._told(batch * settings.envs, rate, left))
+        except KeyboardInterrupt:
+            raise OutputError(
+                f"interrupted after {self.trainer.step} episodes: what was learned up to the last evaluation is kept",
+                cure="go on with the same command and --resume",
+            ) from None
+
+    def result(self, policy: Policy) -> dict[str, Any]:
+        """How the finished policy does on parameters that nothing has been judged on, and the random one."""
+        random = REGISTRY.get("random")(self.simulator.task)
+        return {
+            "episodes": UNSEEN,
+            **self._judged(policy, UNSEEN, purpose=1),
+            "random": self._judged(random, UNSEEN, purpose=1),
+        }
+
+    def _evaluate(self, seen: list[tuple[np.ndarray, np.ndarray]]) -> None:
+        rewards, successes = (np.concatenate(values) for values in zip(*seen, strict=True))
+        self.metrics.append(
+            {
+                "step": self.trainer.step,
+                "training_reward": float(rewards.mean()),
+                "training_success": float(successes.mean()),
+                **self._judged(self.trainer.policy(), EVALUATED, purpose=0),
+            }
+        )
+
+    def _judged(self, policy: Policy, episodes: int, purpose: int) -> dict[str, float]:
+        task = self.simulator.task
+        key = np.random.SeedSequence(self.trainer.settings.seed, spawn_key=(purpose,))
+        generator = np.random.default_rng(key)
+        parameters = task.space.from_unit(generator.random((episodes, len(task.space))))
+        uniform = generator.random((episodes, len(task.actions)))
+        rewards, successes = evaluate(policy, self.simulator, parameters, uniform)
+        return {"reward": float(rewards.mean()), "success": float(successes.mean())}
+
+    def _save(self, folder: Path, recipe: Mapping[str, Any]) -> None:
+        counters, arrays = self.trainer.state()
+        save_state(folder, {"trainer": counters, "metrics": self.metrics}, arrays, recipe)
+        _write_metrics(self.metrics, folder)
+
+    def _told(self, step: int, rate: float, left: float) -> str:
+        settings = self.trainer.settings
+        last = f", success {self.metrics[-1]['success']:.3f}" if self.metrics else ""
+        return f"{step} of {settings.batches * settings.envs} episodes{last}, {rate:.0f}/s, {left:.0f} s left"
+
+
+def _write_metrics(metrics: list[dict[str, Any]], folder: Path) -> None:
+    lines = (json.dumps(m, allow_nan=False) + "\n" for m in metrics)
+    (folder / METRICS).write_text("".join(lines), encoding="utf-8")
+
+
+def _write_figure(metrics: list[dict[str, Any]], result: Mapping[str, Any], folder: Path) -> None:
+    from capture_cli.reports.policy_training import write_figure
+
+    write_figure(metrics, result, folder)

@@ -1,0 +1,63 @@
+"""What an interrupted training goes on from: counters, arrays, and what was being trained, in one safetensors file."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from capture_cli.errors import OptionError, StoreError
+
+STATE = "state.safetensors"
+
+
+def save_state(
+    folder: Path, counters: Mapping[str, Any], arrays: Mapping[str, np.ndarray], recipe: Mapping[str, Any]
+) -> None:
+    """Put the state into `folder` in place of the last one. recipe: all that two runs that do alike have in common."""
+    from safetensors.numpy import save_file
+
+    beside = folder / f"{STATE}.new"
+    whole = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
+    save_file(whole, beside, {"counters": json.dumps(counters), "recipe": json.dumps(recipe)})
+    beside.replace(folder / STATE)
+
+
+def load_state(
+    folder: Path, recipe: Mapping[str, Any]
+) -> tuple[dict[str, Any], dict[str, np.ndarray]] | None:
+    """Counters and arrays from `folder`; None where there is no state.
+
+    Raises StoreError for a damaged one, OptionError for one of a run with another recipe.
+    """
+    from safetensors import SafetensorError, safe_open
+
+    path = folder / STATE
+    if not path.is_file():
+        return None
+    try:
+        with safe_open(path, framework="numpy") as file:
+            metadata = file.metadata()
+            arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+        begun, counters = json.loads(metadata["recipe"]), json.loads(metadata["counters"])
+    except (OSError, SafetensorError, KeyError, TypeError, json.JSONDecodeError) as error:
+        raise StoreError(f"{path} cannot be read: {error}", cure="begin anew with --force") from error
+    wanted = json.loads(json.dumps(recipe))
+    if begun != wanted:
+        raise OptionError(
+            f"--resume: the run was begun otherwise: {'; '.join(_differences(begun, wanted))}",
+            cure="give the options it was begun with, or begin anew with --force",
+        )
+    return counters, arrays
+
+
+def _differences(before: Any, now: Any, path: str = "") -> list[str]:
+    if isinstance(before, dict) and isinstance(now, dict):
+        keys = sorted(before.keys() | now.keys())
+        return [
+            line for k in keys for line in _differences(before.get(k), now.get(k), f"{path}.{k}".lstrip("."))
+        ]
+    return [] if before == now else [f"{path} was {before}, now {now}"]
