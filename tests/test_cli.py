@@ -138,6 +138,17 @@ def assert_reproduces(model: Path, estimate: Path, log: Path) -> None:
     bare.unlink()
 
 
+def test_a_truth_is_not_overwritten_unasked(capture, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("known.json").write_text("of another log")
+    arguments = [*RECORD, "--out", "run.zarr", "--truth", "known.json"]
+    code, _, err = capture(*arguments)
+    assert code == 2 and "known.json exists already" in err and "--force" in err
+    assert not Path("run.zarr").exists() and Path("known.json").read_text() == "of another log"
+    assert capture(*arguments, "--force")[0] == 0
+    assert "parameters" in json.loads(Path("known.json").read_text())
+
+
 def test_provenance_says_how_it_was_made(capture, log, tmp_path, without_pages):
     code, _, err = capture(*identify(log, "--out", "e", "--seed", "7"))
     assert (code, err) == (0, err)

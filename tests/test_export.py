@@ -292,6 +292,21 @@ def test_the_header_says_what_is_where(tasks, tmp_path):
     assert written.left_out == "" and "left out" not in header
 
 
+def test_a_companion_that_is_not_needed_any_more_does_not_stay(tasks, tmp_path):
+    with_one = diagnosis(tmp_path / "d", tasks["slider"], found_at("stribeck-friction@x", where="slider"))
+    without = diagnosis(tmp_path / "n", tasks["slider"], found_at("coulomb-friction@x", where="slider"))
+    companion = export(result=with_one, out=tmp_path / "m.xml").companion
+    (tmp_path / "m.xml").unlink()
+    with pytest.raises(OutputError, match=r"m_effects\.py exists already"):
+        export(result=without, out=tmp_path / "m.xml")
+    assert companion.exists() and not (tmp_path / "m.xml").exists()
+    assert export(result=without, out=tmp_path / "m.xml", force=True).companion is None
+    assert not companion.exists()
+    companion.write_text("my_own = 1")
+    export(result=without, out=tmp_path / "m.xml", force=True)
+    assert companion.read_text() == "my_own = 1"
+
+
 def test_an_expression_is_left_out_and_that_is_said(tasks, tmp_path):
     source = diagnosis(tmp_path / "d", tasks["slider"], {})
     changed = document(tasks["slider"], {})

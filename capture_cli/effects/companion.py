@@ -16,6 +16,7 @@ from capture_cli.effects._kernel import INDENT, Companion, number
 from capture_cli.effects.base import Effect
 
 PACKAGE = __name__.split(".", 1)[0]
+MADE_BY_EXPORT = "made by `capture export`"
 Pieces = Mapping[str, tuple[Effect, Companion]]
 
 
@@ -30,6 +31,7 @@ def companion_module(model_file: str, task: str, effects: Mapping[str, tuple[Eff
         for kernel in piece.kernels:
             _collect(kernel.__name__, kernel, used)
     return _MODULE.format(
+        made=MADE_BY_EXPORT,
         task=_printable(task),
         file=_printable(model_file),
         effects=indent("\n".join(_described(name, *pair) for name, pair in effects.items()), INDENT),
@@ -169,7 +171,7 @@ def _body(blocks: Iterator[str]) -> str:
 _FIRST = """if self.first:  # forces of the step before are read, and there is none
     mujoco.mj_forward(model, data)"""
 
-_MODULE = '''"""Effects that {file} cannot hold, for a plain loop; made by `capture export` for the task {task}.
+_MODULE = '''"""Effects that {file} cannot hold, for a plain loop; {made} for the task {task}.
 
 {effects}
 

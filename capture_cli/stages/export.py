@@ -13,7 +13,7 @@ import numpy as np
 
 from capture_cli.effects import REGISTRY
 from capture_cli.effects.base import Effect
-from capture_cli.effects.companion import companion_module
+from capture_cli.effects.companion import MADE_BY_EXPORT, companion_module
 from capture_cli.errors import OptionError, StoreError
 from capture_cli.parameters import Parameter, ParameterSpace
 from capture_cli.sim.engine import ModelFields
@@ -21,7 +21,7 @@ from capture_cli.sim.mjcf import to_mjcf
 from capture_cli.simulator import placed_name
 from capture_cli.stores.diagnosis import Diagnosis
 from capture_cli.stores.estimate import Estimate, read_result
-from capture_cli.stores.output import new_file
+from capture_cli.stores.output import new_file, refuse_existing
 from capture_cli.tasks import load_task
 
 MADE_BY = {"capture/estimate": "identify", "capture/diagnosis": "diagnose"}
@@ -45,8 +45,9 @@ def export(*, result: Path, out: Path, task: str | None = None, force: bool = Fa
     """Write the task's model with the values of `result`, an estimate or diagnosis directory, to the file `out`.
 
     Effects that MuJoCo has a feature for are in it; the others go to STEM_effects.py, beside `out`. task: where
-    the task is now, if it was moved since. Raises CaptureError for whatever the user can mend; then nothing is
-    written.
+    the task is now, if it was moved since. A STEM_effects.py of an earlier export that is not needed any more is in
+    the way like an `out` that exists, and removed with `force`. Raises CaptureError for whatever the user can mend;
+    then nothing is written.
     """
     found = _read(result)
     command = MADE_BY[found["format"]]
@@ -63,7 +64,11 @@ def export(*, result: Path, out: Path, task: str | None = None, force: bool = Fa
     for effect, own in effects.values():
         effect.write(fields, own[None])
     beside = {name: pair for name, pair in effects.items() if pair[0].place != "model"}
-    companion = out.with_name(f"{out.stem}_effects.py") if beside else None
+    module_path = out.with_name(f"{out.stem}_effects.py")
+    companion = module_path if beside else None
+    stale = not beside and _is_exported(module_path)
+    if stale:
+        refuse_existing(module_path, force=force)
     with ExitStack() as files:
         model_file = files.enter_context(new_file(out, force=force))
         text = to_mjcf(machine.model_path, fields, out)
@@ -72,7 +77,14 @@ def export(*, result: Path, out: Path, task: str | None = None, force: bool = Fa
         if companion:
             module = companion_module(out.name, machine.name, beside)
             files.enter_context(new_file(companion, force=force)).write_text(module, encoding="utf-8")
+    if stale:
+        module_path.unlink()
     return Exported(out, companion, tuple(beside), _left_out(found))
+
+
+def _is_exported(path: Path) -> bool:
+    """Whether there is a module that `capture export` made: one that it did not is no business of ours."""
+    return path.is_file() and MADE_BY_EXPORT in path.read_text(encoding="utf-8", errors="replace")[:1000]
 
 
 def _read(result: Path) -> Mapping[str, Any]:

@@ -73,6 +73,7 @@ def record(
     options = {k: v for k, v in locals().items() if k != "force"}
     truth = truth or out.with_suffix(".truth.json")
     refuse_existing(out, force=force)
+    refuse_existing(truth, force=force)
     machine = load_task(task)
     provenance = Provenance(
         "record",
@@ -127,9 +128,8 @@ def record(
         "noise_sd": {c.name: float(s) for c, s in zip(machine.outputs, noise_sd, strict=True)},
         "seed": seed,
     }
-    with new_file(truth, force=True) as file:
+    with new_file(truth, force=force) as file, new_directory(out, force=force) as folder:
         write_json(file, known)
-    with new_directory(out, force=force) as folder:
         log.write(folder)
         provenance.write(folder)
     return Recording(log, known)
