@@ -19,12 +19,12 @@ from capture_cli.identifiers._learned import Prediction
 from capture_cli.identifiers.rounds import Signature, Simulate, finite
 from capture_cli.linearization import box_step
 
-STEP = 1e-3  # of the range, a finite difference
+SHORTEST_STEP = 1e-3  # of the range, a finite difference; longer where the task says so
 FLOOR = 3e-4  # of a feature's scale: residuals below this are no residuals
 TRIALS = 4  # points at most that are tried in a round, of each pair
 LONGEST_STEP = 0.35  # of the range
 SMALL_STEP = 0.2  # of the posterior standard deviation: a shorter step is taken without a trial
-FIRST_EASING, LEAST_EASING, MOST_EASING = 0.3, 0.03, 3.0  # of the residual, taken for noise while stepping
+FIRST_EASING, LEAST_EASING, MOST_EASING = 0.2, 0.01, 3.0  # of the residual, taken for noise while stepping
 POOR_GAIN, GOOD_GAIN = 0.25, 0.75  # of the decrease that was predicted
 LARGEST_SD = 0.5  # of the range, of a prior
 
@@ -35,6 +35,7 @@ class _Pair:
 
     x: the estimate. rounds: actions and measured (round, ...). points (round, p): where each round was last simulated,
     with the outputs there, and sensitivities (round, d, p), NaN where none were taken.
+    noise: standard deviation of the residual, as the last step took it; at least `easing` of all of it.
     """
 
     x: np.ndarray
@@ -44,6 +45,7 @@ class _Pair:
     outputs: np.ndarray
     sensitivities: np.ndarray
     easing: float = FIRST_EASING
+    noise: float = np.inf
 
 
 class Refinement:
@@ -54,6 +56,7 @@ class Refinement:
         self.simulate = simulate
         self.rollouts = np.zeros(pairs, dtype=np.int64)
         points, features = signature.trajectory_shape
+        self._steps = np.maximum(SHORTEST_STEP, signature.space.steps)
         self._scale = np.tile([f.scale for f in signature.features], points)
         size, d = len(signature.space), points * features
         self._pairs = [
@@ -141,24 +144,26 @@ class Refinement:
     def _step(self, p: _Pair, mean: np.ndarray, precision: np.ndarray) -> tuple[np.ndarray, bool]:
         """Where the linearised rounds and the prior want to go, and whether to try it before believing it."""
         residual, j = self._linearised(p)
-        noise = max(FLOOR, p.easing * _rms(residual))
-        hessian = np.einsum("ndp,ndq->pq", j, j) + noise**2 * precision
-        gradient = np.einsum("ndp,nd->p", j, residual) + noise**2 * precision @ (mean - p.x)
-        step = box_step(hessian, gradient, np.maximum(-p.x, -LONGEST_STEP), np.minimum(1 - p.x, LONGEST_STEP))
-        curvature = np.einsum("ndp,ndq->pq", j, j) / self._noise(p) ** 2 + precision
-        far = float(np.sqrt(step @ curvature @ step)) > SMALL_STEP
-        return np.clip(p.x + step, 0, 1), far
+        information = np.einsum("ndp,ndq->pq", j, j)
+        pull = np.einsum("ndp,nd->p", j, residual)
+        low, high = np.maximum(-p.x, -LONGEST_STEP), np.minimum(1 - p.x, LONGEST_STEP)
+        p.noise = max(FLOOR, p.easing * _rms(residual))
+        for _ in range(2):  # what the first step would leave is noise to the second
+            weighted = p.noise**2 * precision
+            step = box_step(information + weighted, pull + weighted @ (mean - p.x), low, high)
+            p.noise = max(p.noise, self._spread(residual - j @ step))
+        curvature = information / self._noise(p) ** 2 + precision
+        return np.clip(p.x + step, 0, 1), float(np.sqrt(step @ curvature @ step)) > SMALL_STEP
 
     def _judge(self, p: _Pair, x, outputs, mean, precision) -> int | None:
         """Take the trial at x if it is better, learn from it in any case; returns the round that needs fresh
         sensitivities, if one does.
         """
         residual, j = self._linearised(p)
-        noise = max(FLOOR, p.easing * _rms(residual))
         step = x - p.x
 
         def prior(at: np.ndarray) -> float:
-            return float(noise**2 * (at - mean) @ precision @ (at - mean))
+            return float(p.noise**2 * (at - mean) @ precision @ (at - mean))
 
         predicted = residual - j @ step
         before = _cost(residual) + prior(p.x)
@@ -169,7 +174,7 @@ class Refinement:
         known = ~np.isnan(p.sensitivities[:, 0, 0])
         moves = x - p.points
         length = np.square(moves).sum(axis=1)
-        for i in np.flatnonzero(known & (length > STEP**2)):
+        for i in np.flatnonzero(known & (length > SHORTEST_STEP**2)):
             off = outputs[i] - p.outputs[i] - p.sensitivities[i] @ moves[i]
             p.sensitivities[i] += np.outer(off, moves[i]) / length[i]
         if gained > 0:
@@ -192,13 +197,28 @@ class Refinement:
 
     def _noise(self, p: _Pair) -> float:
         """Standard deviation of what the fit leaves."""
-        residual, _ = self._linearised(p)
-        free = max(1.0, residual.size - len(p.x))
-        return max(FLOOR, float(np.sqrt(np.square(residual).sum() / free)))
+        return max(FLOOR, self._spread(self._linearised(p)[0]))
+
+    def _spread(self, residual: np.ndarray) -> float:
+        """Standard deviation of the residual (round, d) of a fit."""
+        return float(np.sqrt(np.square(residual).sum() / max(1, residual.size - len(self.signature.space))))
 
     def _covariance(self, p: _Pair, precision: np.ndarray) -> np.ndarray:
-        j = np.nan_to_num(p.sensitivities, nan=0.0)
-        return np.linalg.inv(np.einsum("ndp,ndq->pq", j, j) / self._noise(p) ** 2 + precision)
+        """Of the estimate's error (p, p): widened where rounds disagree by more than independent noise would let them.
+
+        What is left of a trajectory is alike along it, so that a round counts for less than its number of values: the
+        spread of the rounds' gradients tells (Liang and Zeger 1986).
+        """
+        residual, j = self._linearised(p)
+        variance = self._noise(p) ** 2
+        inverse = np.linalg.inv(np.einsum("ndp,ndq->pq", j, j) / variance + precision)
+        rounds = len(residual)
+        if rounds == 1:
+            return inverse
+        gradients = np.einsum("ndp,nd->np", j, residual) / variance
+        meat = rounds / (rounds - 1) * gradients.T @ gradients + precision
+        wider = np.sqrt(np.maximum(1.0, np.diag(inverse @ meat @ inverse) / np.diag(inverse)))
+        return inverse * np.outer(wider, wider)
 
     # --- simulations ---
 
@@ -208,7 +228,7 @@ class Refinement:
         tried = []
         for k, i in wanted:
             x = self._pairs[k].x
-            inward = np.where(x > 0.5, -STEP, STEP)
+            inward = np.where(x > 0.5, -self._steps, self._steps)
             known = np.array_equal(self._pairs[k].points[i], x)
             tried += [(k, [i], x + inward * np.eye(size)[c]) for c in range(size)]
             tried += [] if known else [(k, [i], x)]
@@ -218,7 +238,9 @@ class Refinement:
             moved = np.stack([next(results)[0] for _ in range(size)], axis=-1)
             if not np.array_equal(p.points[i], p.x):
                 p.points[i], p.outputs[i] = p.x, next(results)[0]
-            p.sensitivities[i] = (moved - p.outputs[i][:, None]) / np.where(p.x > 0.5, -STEP, STEP)
+            p.sensitivities[i] = (moved - p.outputs[i][:, None]) / np.where(
+                p.x > 0.5, -self._steps, self._steps
+            )
 
     def _outputs(self, wanted: list[tuple[int, list[int], np.ndarray]]) -> list[np.ndarray]:
         """What (pair, rounds, x) would show, each (round, d); in one batch."""
