@@ -7,12 +7,14 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
+from capture_cli.identifiers._architecture import Architecture
 from capture_cli.identifiers._family import Family
+from capture_cli.identifiers._inference import answer
 from capture_cli.identifiers._normalisation import Normalisation
 from capture_cli.identifiers.rounds import RoundIdentifier, Rounds, Signature
 
@@ -48,17 +50,14 @@ class TrainedModel:
         calibration: np.ndarray,
         family: Family,
     ):
-        import torch
-
-        from capture_cli.identifiers._transformer import Architecture, Transformer
-
         self.signature = signature
         self.normalisation = normalisation
         self.calibration = calibration
         self.family = family
         self.architecture = Architecture(**architecture)
-        self.transformer = Transformer(self.architecture).eval()
-        self.transformer.load_state_dict({k: torch.from_numpy(np.array(v)) for k, v in network.items()})
+        self.network = {name: np.asarray(array) for name, array in network.items()}
+        if {name: array.shape for name, array in self.network.items()} != self.architecture.weight_shapes:
+            raise ValueError("its weights are not those of its architecture")
 
     @property
     def window(self) -> int:
@@ -67,16 +66,9 @@ class TrainedModel:
 
     def predict(self, rounds: Rounds) -> Prediction:
         """What follows the last round of `rounds`, of which the last `window` are read."""
-        import torch
-
-        from capture_cli.identifiers._transformer import Inputs
-
         rounds = rounds.last(self.window)
-        arrays = self.normalisation.inputs(rounds)
-        with torch.inference_mode():
-            outputs = self.transformer(Inputs(**{k: torch.from_numpy(v) for k, v in arrays.items()}))
-        mean = outputs.mean[:, -1].double().numpy()
-        covariance = covariances(outputs.whitening[:, -1].double().numpy())
+        mean, whitening = answer(self.architecture, self.network, self.normalisation.inputs(rounds))
+        covariance = covariances(whitening)
         factor = self.calibration[rounds.rounds - 1] * self.signature.space.span
         return Prediction(
             self.signature.space.from_unit(np.clip(mean, 0, 1)), covariance * np.outer(factor, factor)
@@ -84,10 +76,8 @@ class TrainedModel:
 
     def state(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         """Settings (JSON) and arrays by name."""
-        from dataclasses import asdict
-
         parts = {
-            "network": {k: v.numpy() for k, v in self.transformer.state_dict().items()},
+            "network": self.network,
             "normalisation": self.normalisation.weights(),
             "calibration": {"factor": self.calibration},
             "family": self.family.weights(),

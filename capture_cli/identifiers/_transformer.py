@@ -19,50 +19,9 @@ import torch
 import torch.nn.functional as functional
 from torch import Tensor, nn
 
-from capture_cli.errors import OptionError, did_you_mean
+from capture_cli.identifiers._architecture import FIRST_SD, LARGEST_SD, OVERSHOOT, SMALLEST_SD, Architecture
 
-TOKENS = ("trajectory", "step")
 INITIAL_SD = 0.02
-OVERSHOOT = 1.1  # of tanh, cut off afterwards: a bound can be reached without saturating
-# bounds of the predicted standard deviations, in the unit cube
-SMALLEST_SD, LARGEST_SD = 1e-4, 1.0
-FIRST_SD = 0.3  # about that of a uniform draw, where training begins
-
-
-@dataclass(frozen=True)
-class Architecture:
-    """Sizes. window: rounds that it sees. residual: predicts what to add to the last round's parameters."""
-
-    parameters: int
-    actions: int
-    points: int
-    features: int
-    tokens: str = "trajectory"
-    window: int = 4
-    width: int = 128
-    layers: int = 3
-    heads: int = 4
-    dropout: float = 0.0
-    residual: bool = False
-
-    def __post_init__(self):
-        if self.tokens not in TOKENS:
-            raise OptionError(f"--tokens {self.tokens!r}", cure=did_you_mean(self.tokens, TOKENS))
-        if self.width % self.heads:
-            raise OptionError(
-                f"--width {self.width} is not a multiple of --heads {self.heads}",
-                cure="the heads share the width evenly: choose, say, 128 and 4",
-            )
-
-    @property
-    def states(self) -> int:
-        """Tokens of one trajectory."""
-        return self.points if self.tokens == "step" else 1
-
-    @property
-    def round_tokens(self) -> int:
-        """Tokens of one round."""
-        return 2 + 2 * self.states
 
 
 @dataclass(frozen=True)
