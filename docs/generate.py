@@ -180,6 +180,8 @@ NAMES = {  # tables whose keys are names that the user chose
     "histories": "ATTRIBUTE",
     "result.mean_absolute_error": "NAME",
     "result.coverage": "NAME",
+    "identifiers": "LABEL",
+    "identifiers.LABEL.parameter_difference": "NAME",
     "inputs": "INPUT",
     "packages": "PACKAGE",
     "options": "OPTION",
@@ -341,6 +343,46 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str]]] = {
             "result.success": "share of them in which it succeeded",
             "result.random.reward": "the same of the random policy",
             "result.random.success": "and its successes",
+        },
+    ),
+    "evaluation.json": (
+        "What `capture eval-sim2sim` measured; also what its `--json` prints. Lists by round begin before the first. "
+        "With `--suite` there is one of these in a folder for each comparison, and suite.json holds them all.",
+        {
+            "format": '"capture/evaluation"',
+            "version": "1",
+            "task": "name of the task",
+            "noise": "kind of noise in what identifiers were told was measured",
+            "policy": "who chose the actions",
+            "pairs": "pairs of a source and a hidden target, in each seed",
+            "seeds": "how often pairs were drawn",
+            "rounds": "rounds of each pair",
+            "table_rounds[]": "rounds that the tables show",
+            "parameters[]": "names of the parameters",
+            "yardstick": "null, or the identifier that `ratio` compares with",
+            **{
+                f"identifiers.LABEL.{k}": v
+                for k, v in {
+                    "identifier": "name of the identifier",
+                    "checkpoint": "null, or the name of the directory it was read from",
+                    "sha256": "null, or the hash of that directory",
+                    "search": "of the histories it was trained on",
+                    "history_rounds": "their length, L in the paper",
+                    "history_noise": "and their noise",
+                    "pairs_trained": "how many of them it was trained on",
+                    "window": "rounds that it reads, k in the paper",
+                    "tokens": "token per trajectory or per step",
+                    "parameter_difference.NAME[]": "mean of |estimate - truth| over the range, by round; also "
+                    "`mean` and `median`, over all parameters",
+                    "trajectory_difference[]": "sum over the points of the distance, by round; mean of pairs and seeds",
+                    "trajectory_difference_sd[]": "standard deviation of the seeds' means",
+                    "ratio[]": "of the trajectory difference to that of the yardstick; or null",
+                    "success[]": "share of the actions chosen for the estimate that succeed, by round; or null",
+                    "success_sd[]": "standard deviation of the seeds' means; or null",
+                    "coverage": "share of the truths in the 95 % intervals, by round from the first; or null",
+                    "simulated_rollouts[]": "mean over the pairs, summed up to the round",
+                }.items()
+            },
         },
     ),
     "truth.json": (

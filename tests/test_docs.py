@@ -19,6 +19,8 @@ from benchmarks import REGISTRY as BENCHMARKS
 from capture_cli.cli import app
 from capture_cli.stages.attribution import Candidate, all_candidates
 from capture_cli.stages.diagnose import diagnose
+from capture_cli.stages.evaluation_run import evaluate
+from capture_cli.stages.gen_histories import gen_histories
 from capture_cli.stages.identify import identify
 from capture_cli.stages.record import record
 from capture_cli.stages.train_policy import train_policy
@@ -100,7 +102,12 @@ def written(tmp_path_factory) -> dict[str, dict]:
     tiny = {"width": 8, "layers": 1, "heads": 1, "steps": 2, "batch": 8}
     train_sysid(histories=histories, out=folder / "i", **tiny)
     train_policy(task="scooping", out=folder / "p", steps=64, envs=32, evaluations=1)
+    evaluated = ["domain-randomization", f"posterior={folder / 'q'}"]
+    gen_histories(task="scooping", out=folder / "s.zarr", pairs=20, rounds=3, threads=1)
+    train_sysid(histories=folder / "s.zarr", out=folder / "q", identifier="posterior", **tiny)
+    evaluate(task="scooping", out=folder / "v", identifiers=evaluated, pairs=2, seeds=1, rounds=1)
     files = {
+        "evaluation.json": folder / "v" / "evaluation.json",
         "policy.json": folder / "p" / "policy.json",
         "identifier.json": folder / "i" / "identifier.json",
         "diagnosis.json": folder / "d" / "diagnosis.json",
@@ -119,6 +126,7 @@ def test_every_key_of_a_document_is_documented_and_no_other(written, document):
         "undetermined",
         "options.OPTION",
         "histories.ATTRIBUTE",
+        "identifiers.LABEL.coverage",
         "signature",
         "effects[].tied_with",
         "next_experiment",
