@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from capture_cli.diagnosis.acceptance import bic_gain, block_squares, paired_p_v
 from capture_cli.diagnosis.localisation import accelerations, curve
 from capture_cli.diagnosis.noise_floor import from_differences, noise_floor
 from capture_cli.diagnosis.score import score
-from capture_cli.diagnosis.split import ENOUGH_WINDOWS, select_folds, split_windows
+from capture_cli.diagnosis.split import ENOUGH_WINDOWS, Folds, select_folds, split_windows
 from capture_cli.errors import OptionError, OutputError
 from capture_cli.linearization import Evidence, Linearization
 from capture_cli.parameters import Parameter, ParameterSpace
@@ -222,6 +223,19 @@ def test_an_effect_is_found_added_and_its_error_reported_before_and_after(logs, 
     assert all(c["why_rejected"] for c in document["candidates"] if c["effect"] != "coulomb-friction")
     written = json.loads((tmp_path / "found" / "diagnosis.json").read_text())
     assert written == document
+
+
+def test_a_refit_begins_with_the_starts_that_were_found():
+    work = object.__new__(diagnose_stage._Work)
+    fit, select, test = diagnose_stage.FIT, diagnose_stage.SELECT, diagnose_stage.TEST
+    work.part = np.array([fit, test, select, fit, select])
+    fitted, judged = (
+        SimpleNamespace(offsets=np.array([[1.0], [4]])),
+        SimpleNamespace(offsets=np.array([[3.0], [5]])),
+    )
+    work.folds = Folds(work.part == fit, ((work.part == fit, work.part == select),))
+    assert work._starts_found(fitted, judged).ravel().tolist() == [1, 3, 4, 5]
+    assert work._starts_found(fitted, None).ravel().tolist() == [1, 0, 4, 0]
 
 
 def test_what_arises_in_contact_is_found_there(tmp_path):

@@ -194,9 +194,24 @@ class _Work:
             name = "declared" if count == 0 else f"+ {placed_name(*own[-1])}"
             fit = last if count == len(effects) else attribution.nested(last, count)
             self._tell("refit", count, len(effects) + 1)
-            again = self.fits.fit(self._windows(FIT, SELECT), own, fit.point, tolerance=EXACT) or fit
-            models.append((name, fit, again, attribution.judge(fit)))
+            judged = attribution.judge(fit)
+            again = self.fits.fit(
+                self._windows(FIT, SELECT),
+                own,
+                fit.point,
+                offsets=self._starts_found(fit, judged),
+                tolerance=EXACT,
+            )
+            models.append((name, fit, again or fit, judged))
         return models
+
+    def _starts_found(self, fit: Fit, judged: PartFit | None) -> np.ndarray:
+        """Offsets of the starts where a refit on all that is not test begins: there it is nearly done."""
+        offsets = np.zeros((len(self.part), fit.offsets.shape[1]))
+        offsets[self.part == FIT] = fit.offsets
+        if judged is not None and len(self.folds.folds) == 1:
+            offsets[self.part == SELECT] = judged.offsets
+        return offsets[self.part != TEST]
 
     # --- what is written ---
 
