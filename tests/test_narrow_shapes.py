@@ -10,7 +10,7 @@ from machines import machine
 
 from capture_cli.diagnosis.lack_of_fit import lack_of_fit
 from capture_cli.diagnosis.pulses import MOST as MOST_PULSES
-from capture_cli.diagnosis.pulses import Pulses
+from capture_cli.diagnosis.pulses import PulseResponse, Pulses
 from capture_cli.diagnosis.score import score
 from capture_cli.diagnosis.split import select_folds
 from capture_cli.effects import REGISTRY
@@ -95,6 +95,19 @@ def test_pulses_follow_a_force_that_they_are_fast_enough_for():
 def test_the_best_peaks_are_local_maxima():
     gains = np.array([1.0, 5.0, 4.0, 9.0, 8.0, 8.5, 0.0, 7.0])
     assert _peaks(gains).tolist() == [3, 5, 7]
+
+
+def test_pulses_that_move_nothing_promise_nothing():
+    response = PulseResponse(
+        gram=np.zeros((2, 3, 3)),
+        across=np.zeros((2, 3, 1)),
+        pull=np.zeros((2, 3)),
+        hessian=np.ones((1, 1)),
+        gradient=np.ones(1),
+    )
+    gains = response.gains(np.random.default_rng(0).standard_normal((4, 2, 3, 2)))
+    assert not gains.any()
+    assert len(_peaks(gains)) == 1
 
 
 @pytest.fixture(scope="module")

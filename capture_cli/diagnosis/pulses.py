@@ -123,6 +123,6 @@ class PulseResponse:
         inverse = np.linalg.pinv(self.hessian, rcond=1e-12, hermitian=True)
         left = gram - across @ inverse @ across.swapaxes(1, 2)
         size = np.trace(gram, axis1=1, axis2=2)
-        left += 1e-9 * np.maximum(size, 1e-300)[:, None, None] * np.eye(left.shape[-1])
+        left += 1e-9 * np.maximum(size, 1e-90)[:, None, None] * np.eye(left.shape[-1])
         pull = pull - across @ inverse @ self.gradient
         return np.einsum("fa,fa->f", pull, np.linalg.solve(left, pull[..., None])[..., 0])

@@ -56,7 +56,7 @@ class NarrowShapes:
             response.gains(to_pulses @ effect.forces(points[first : first + some], path[:, steps]))
             for first in range(0, len(points), some)
         ]
-        return np.concatenate(gains)
+        return np.nan_to_num(np.concatenate(gains))  # no number where a simulation went astray
 
     def _response(self, effect: PeriodicForce) -> tuple[Pulses, PulseResponse]:
         if effect.site not in self._responses:
