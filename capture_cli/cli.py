@@ -531,7 +531,9 @@ def gen_histories(
     ] = "random",
     search: Annotated[
         str,
-        typer.Option("--search", help="Strategy: randomized-binary, binary or linear-interpolation."),
+        typer.Option(
+            "--search", help="Strategy: randomized-binary, binary, linear-interpolation or scattered."
+        ),
     ] = "randomized-binary",
     pairs: Annotated[int, typer.Option("--pairs", min=1, help="Number of histories.")] = 1000,
     rounds: Annotated[int, typer.Option("--rounds", min=2, help="Entries of a history (the paper's L).")] = 7,
@@ -618,7 +620,8 @@ def train_sysid(
     identifier: Annotated[
         str,
         typer.Option(
-            "--identifier", help="What to train: capture, expert-distillation, tunenet or posterior."
+            "--identifier",
+            help="capture, capture-refined, expert-distillation, posterior or tunenet.",
         ),
     ] = "capture",
     tokens: Annotated[
@@ -628,7 +631,9 @@ def train_sysid(
     window: Annotated[
         int | None,
         typer.Option(
-            "--window", min=1, help="Rounds it reads (the paper's k); 4, or all of them for posterior."
+            "--window",
+            min=1,
+            help="Rounds it reads (the paper's k); 4, or all for posterior and capture-refined.",
         ),
     ] = None,
     width: Annotated[int, typer.Option("--width", min=1, help="Width of the transformer.")] = 128,

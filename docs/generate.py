@@ -307,7 +307,7 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str]]] = {
         {
             "format": '"capture/identifier"',
             "version": "1",
-            "identifier": "what was trained: capture, expert-distillation, tunenet or posterior",
+            "identifier": "what was trained: capture, capture-refined, expert-distillation, posterior or tunenet",
             "task": "name of the task",
             "architecture.NAME": "sizes of the transformer, and how trajectories become tokens",
             "training.NAME": "how it was trained: steps, batch, learning rate, seed",

@@ -112,3 +112,13 @@ def test_invariants_hold_wherever_source_and_target_lie(name, seed, rounds, alph
     if name in BRACKETS:
         lower, upper = brackets(path, target)
         assert np.all((lower <= path) & (path <= upper))
+
+
+def test_scattered_rounds_are_near_and_far_and_half_of_them_stay():
+    source, target, uniform = draws()
+    path = walk("scattered", source, target, uniform)
+    moved = (np.diff(path[:, :-1], axis=1) != 0).mean()
+    assert 0.48 < moved < 0.52
+    distance = np.abs(path[:, 2:-1] - target[:, None]) / (HIGH - LOW)
+    shares = [(distance < bound).mean() for bound in (1e-3, 1e-2, 1e-1)]
+    assert all(share > 0.05 for share in np.diff([0.0, *shares, 1.0])), shares

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -13,9 +14,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from safetensors.numpy import load_file
 from toy_rounds import SIGNATURE, draw_actions, histories, simulate, trajectories, write
+from typer.testing import CliRunner
 
+from capture_cli.cli import app
 from capture_cli.errors import OptionError, OutputError, StoreError
-from capture_cli.identifiers import REGISTRY
+from capture_cli.identifiers import REGISTRY, _batches
 from capture_cli.identifiers._batches import Batches, Place, windows
 from capture_cli.identifiers._learned import LearnedIdentifier
 from capture_cli.identifiers.rounds import Signature, run_rounds
@@ -26,7 +29,8 @@ from capture_cli.stages.train_sysid import signature_of, train_sysid
 from capture_cli.stores.histories import Histories
 from capture_cli.stores.output import unfinished
 
-LEARNED = [name for name, c in REGISTRY.items() if issubclass(c, LearnedIdentifier)]
+# those that are what was trained, and no more
+LEARNED = [n for n, c in REGISTRY.items() if issubclass(c, LearnedIdentifier) and not c.simulates]
 TINY = {"width": 16, "layers": 1, "heads": 2, "steps": 12, "batch": 16, "warmup": 2}
 FILES = ("identifier.json", "identifier.safetensors", "metrics.jsonl")
 
@@ -178,21 +182,31 @@ def test_an_interrupted_run_goes_on_to_the_same_bytes(small, tmp_path, monkeypat
 def test_batches_go_on_from_any_place(pairs, size, window, any_order, place):
     source = histories(pairs, rounds=5)
     examples = REGISTRY.get("posterior").examples
-    batches = Batches(lambda a, b: source.pairs(slice(a, b)), examples, pairs, size, window, 3, any_order)
-    stream = batches.since(Place())
-    seen = [next(stream) for _ in range(place + 2)]
-    rounds, answers, after = next(batches.since(seen[place][2]))
+    with mock.patch.multiple(_batches, BLOCK_PAIRS=4, POOL_BLOCKS=2):  # so that there are several pools
+        batches = Batches(lambda a, b: source.pairs(slice(a, b)), examples, pairs, size, window, 3, any_order)
+        stream = batches.since(Place())
+        seen = [next(stream) for _ in range(place + 2)]
+        rounds, answers, after = next(batches.since(seen[place][2]))
     assert np.array_equal(rounds.measured, seen[place + 1][0].measured)
     assert np.array_equal(answers, seen[place + 1][1]) and after == seen[place + 1][2]
-    assert rounds.rounds == window and len(rounds) == min(size, pairs)
+    assert rounds.rounds == window and 1 <= len(rounds) <= min(size, pairs)
 
 
 def test_an_epoch_shows_no_pair_twice():
     source = histories(64, rounds=5)
     examples = REGISTRY.get("capture").examples
-    stream = Batches(lambda a, b: source.pairs(slice(a, b)), examples, 64, 16, 4, 0).since(Place())
-    epoch = np.concatenate([next(stream)[0].target[:, 0] for _ in range(4)])
-    assert len(np.unique(epoch)) == 64
+    asked = []
+
+    def read(first, last):
+        asked.append(last - first)
+        return source.pairs(slice(first, last))
+
+    with mock.patch.multiple(_batches, BLOCK_PAIRS=8, POOL_BLOCKS=2):
+        stream = Batches(read, examples, 64, 4, 4, 0).since(Place())
+        first, second = (np.concatenate([next(stream)[0].target[:, 0] for _ in range(16)]) for _ in range(2))
+        assert max(asked) == 8 and len(asked) == 16
+    assert len(np.unique(first)) == 64
+    assert np.array_equal(np.sort(first), np.sort(second)) and not np.array_equal(first, second)
 
 
 def test_answers_are_the_next_parameters_and_last_the_target():
@@ -234,6 +248,21 @@ def test_early_stopping_keeps_the_best(small, tmp_path):
     assert result["steps"] < 200 and result["steps"] - result["best_step"] == 8
     lines = [json.loads(line) for line in (tmp_path / "c" / "metrics.jsonl").read_text().splitlines()]
     assert result["validation_loss"] == min(line["validation_loss"] for line in lines)
+
+
+def test_from_the_command_line(small, tmp_path):
+    out = str(tmp_path / "c")
+    sizes = ["--width", "16", "--layers", "1", "--heads", "2", "--steps", "4", "--batch", "16"]
+    options = ["--histories", str(small), "--out", out, "--tokens", "step", "--precision", "bfloat16", *sizes]
+    done = CliRunner().invoke(app, ["train-sysid", *options, "--json", "--quiet"])
+    assert done.exit_code == 0, done.output
+    document = json.loads(done.stdout)
+    assert document == json.loads((tmp_path / "c" / "identifier.json").read_text())
+    assert document["architecture"]["tokens"] == "step" and document["result"]["steps"] == 4
+    again = CliRunner().invoke(app, ["train-sysid", *options])
+    assert isinstance(again.exception, OutputError)
+    shown = CliRunner().invoke(app, ["train-sysid", *options, "--force"])
+    assert "capture for toy" in shown.stdout and "friction" in shown.stdout
 
 
 # --- refusals ---

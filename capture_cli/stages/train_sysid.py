@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import sys
 import time
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -33,6 +34,7 @@ STATE = "state.safetensors"  # what --resume goes on from
 METRICS = "metrics.jsonl"
 # attributes of a store that the signature holds, or that do not change what is in it
 NOT_OF_HISTORIES = {"complete", "shard_pairs", "task", "parameters", "actions", "features", "point_times"}
+OF_EVERY_KIND = "scattered"  # the search whose histories are meant for posteriors
 SMALLEST_HISTORIES = 10  # pairs
 CHECKED_PAIRS = 8192  # read at once while looking for what is not finite
 
@@ -77,6 +79,12 @@ def train_sysid(
     signature = signature_of(store.attributes)
     _check_sizes(store, batch, steps, learning_rate, validation)
     window = _window(identifier, kind, window, store.attributes["rounds"])
+    if kind.any_order and store.attributes["search"] != OF_EVERY_KIND and not quiet:
+        print(
+            f"note: {identifier} will ask other questions than {store.attributes['search']} did; on histories by "
+            f"--search {OF_EVERY_KIND} it learns to know better how sure it is",
+            file=sys.stderr,
+        )
     trains_on = None if is_url(str(histories)) else Path(histories)
     provenance = Provenance("train-sysid", options, {"histories": trains_on})
     _check_finite(store, quiet)
