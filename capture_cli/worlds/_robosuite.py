@@ -1,7 +1,8 @@
 """robosuite 1.5.2 on MuJoCo 4: what has changed in MuJoCo since, put right in robosuite.
 
 robosuite 1.5.2 works unpatched up to MuJoCo 3.9. Since then `mj_fullM` takes MjData rather than its matrix, which is
-gone, and a number from an array is no longer found in an enumeration. Importing this module patches it.
+gone, and a number from an array is no longer found in an enumeration. Its joint-velocity controller never worked: it
+assigns what its base class computes. Importing this module patches it.
 """
 
 from __future__ import annotations
@@ -33,11 +34,13 @@ def patch_robosuite() -> None:
         )
     logging.getLogger("robosuite_logs").addFilter(_is_error)
     from robosuite.controllers.parts.controller import Controller
+    from robosuite.controllers.parts.generic.joint_vel import JointVelocityController
     from robosuite.utils.binding_utils import MjModel
 
     MjModel.get_joint_qpos_addr = _address("jnt_qposadr", free=7, ball=4)
     MjModel.get_joint_qvel_addr = _address("jnt_dofadr", free=6, ball=3)
     Controller.update = _update
+    JointVelocityController.torque_compensation = property(_compensation, _compensate)
 
 
 def _is_error(record: logging.LogRecord) -> bool:
@@ -71,6 +74,29 @@ def _update(self, force: bool = False) -> None:
     mujoco.mj_fullM(model, self.sim.data._data, mass_matrix)
     self.mass_matrix = mass_matrix[np.ix_(self.qvel_index, self.qvel_index)]
     self.new_update = False
+
+
+class _Compensation:
+    """Torques (joint,) against gravity that are true: `run_controller` asks whether there are any, and adds them."""
+
+    __array_ufunc__ = None  # an array leaves the sum to __radd__
+
+    def __init__(self, torques: np.ndarray):
+        self.torques = torques
+
+    def __bool__(self) -> bool:
+        return True
+
+    def __radd__(self, other: np.ndarray) -> np.ndarray:
+        return other + self.torques
+
+
+def _compensation(self) -> _Compensation | None:
+    return _Compensation(self.sim.data.qfrc_bias[self.qvel_index]) if self._compensates else None
+
+
+def _compensate(self, wanted: bool) -> None:
+    self._compensates = wanted
 
 
 patch_robosuite()

@@ -1,0 +1,133 @@
+"""The robosuite scene of table air hockey: the same plant, and a Panda that holds the mallet; robosuite on MuJoCo 4."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+pytest.importorskip("robosuite")
+pytest.importorskip("gymnasium")
+
+import gymnasium
+import robosuite
+
+from capture_cli.errors import OptionError
+from capture_cli.sim.engine import Engine, ModelFields
+from capture_cli.stages.record import record
+from capture_cli.worlds import air_hockey
+
+PLANT = air_hockey.AirHockey()
+# each strikes another wall; the last one only the far wall
+ACTIONS = np.array([[-0.23, -0.07, 0.01, 0.5], [-0.23, 0.08, -0.02, 0.45], [-0.26, 0.005, 0.0, 0.5]])
+PARAMETERS = {"left_friction": 0.033, "mallet_damping": -4.0, "left_damping": -9.0, "right_damping": -35.0}
+
+
+def make(**options) -> air_hockey.TableAirHockey:
+    options = {"control_freq": 100, "parameters": PARAMETERS, "horizon": 3000, **options}
+    return robosuite.make("TableAirHockey", robots="Panda", **options)
+
+
+@pytest.fixture(scope="module")
+def environment() -> air_hockey.TableAirHockey:
+    """Held by the arm; `place` chooses what the next reset makes of it."""
+    return make(hard_reset=False)
+
+
+@pytest.mark.parametrize("action", ACTIONS, ids=["left wall", "right wall", "far wall"])
+def test_same_trajectories_as_the_plant(action):
+    given = {"right_friction": 0.06, **PARAMETERS}
+    fields = ModelFields(PLANT.model, 1)
+    PLANT.write(fields, PLANT.space.to_vector(given)[None])
+    episode = PLANT.episodes(action[None])
+    plant = Engine(PLANT.model).rollout(
+        starts=episode.starts, controls=episode.inputs, steps=PLANT.grid_steps, fields=fields
+    )
+    scene = make(parameters=given, mallet=action[:2], driven_by="servos", control_freq=1000)
+    for step in range(PLANT.grid_steps):
+        np.testing.assert_allclose(scene.outputs, plant.sensors[0, step], rtol=0, atol=1e-6)
+        scene.mallet_velocity = episode.inputs[0, step]
+        scene.step(np.zeros(scene.action_dim))
+    assert np.abs(plant.sensors[0, -1, :2] - PLANT.puck_start).max() > 0.1
+
+
+def test_the_arm_strikes_late_and_as_far(environment):
+    action = ACTIONS[0]
+    environment.place({"right_friction": 0.05, **PARAMETERS}, action[:2])
+    environment.reset()
+    time, inputs, outputs = air_hockey.strike(environment, action)
+    assert len(time) == len(inputs) == len(outputs) == 201
+    np.testing.assert_allclose(outputs[0], [*PLANT.puck_start, *action[:2]], atol=1e-9)
+    sent = action[:2] + np.cumsum(inputs, axis=0) * 0.01
+    np.testing.assert_allclose(outputs[-1, 2:], sent[-1], atol=0.005)  # it arrives
+    along = (sent - outputs[:, 2:]) @ inputs[10] / np.linalg.norm(inputs[10])
+    assert 0.05 < along.max() < air_hockey.REACH  # it lags, and is never sent further than one action may
+    puck_start = outputs[:, 0] > PLANT.puck_start[0] + 0.002
+    assert 0.1 < time[puck_start.argmax()] < 0.5
+    assert outputs[-1, 0] > PLANT.puck_start[0] + 0.1
+
+
+def test_recordings_are_those_of_fresh_scenes():
+    parameters = PLANT.space.to_vector(PARAMETERS)
+    for action, recorded in zip(ACTIONS[:2], air_hockey.record(parameters, ACTIONS[:2]), strict=True):
+        fresh = make(parameters=PLANT.space.to_dict(parameters), mallet=action[:2])
+        for a, b in zip(recorded, air_hockey.strike(fresh, action), strict=True):
+            np.testing.assert_allclose(a, b, rtol=0, atol=1e-9)
+    with pytest.raises(OptionError, match="rate = 60 Hz"):
+        air_hockey.record(parameters, ACTIONS, rate=60)
+
+
+def test_the_log_of_the_scene_is_one_of_the_task(tmp_path):
+    made = record(
+        task="air-hockey", world="robosuite", out=tmp_path / "log.zarr", episodes=2, noise=0.001, seed=1
+    )
+    assert made.truth["world"] == "robosuite" and made.truth["effects"] == {}
+    assert made.log.outputs.shape == (402, 4) and made.log.actions.shape == (2, 4)
+    first = made.log.outputs[[0, 201]]
+    np.testing.assert_allclose(first[:, 2:], made.log.actions[:, :2], atol=0.005)
+    assert np.isfinite(made.log.outputs).all()
+
+
+def test_behind_gymnasium():
+    wrapped = gymnasium.make("capture/TableAirHockey-v0", horizon=2)
+    observation, _ = wrapped.reset(seed=3)
+    assert observation in wrapped.observation_space
+    for expected in (False, True):
+        observation, reward, terminated, truncated, information = wrapped.step(np.zeros(7, dtype=np.float32))
+        assert observation in wrapped.observation_space
+        assert (terminated, truncated) == (False, expected)
+        assert 0 < reward < 0.1 and information == {"success": False}
+
+
+def test_what_is_not_given_is_drawn_from_the_seed():
+    drawn = []
+    wrapped = gymnasium.make("capture/TableAirHockey-v0")
+    for seed in (0, 0, 1):
+        wrapped.reset(seed=seed)
+        scene = wrapped.unwrapped.environment
+        drawn.append((scene.sim.model._model.geom("left_table").friction[0], *scene.outputs[2:]))
+    assert drawn[0] == drawn[1] != drawn[2]
+    assert all(0.03 <= friction <= 0.07 for friction, _, _ in drawn)
+
+
+def test_what_makes_no_sense_is_refused(environment):
+    with pytest.raises(OptionError, match="driven_by = 'robot'"):
+        make(driven_by="robot")
+    with pytest.raises(OptionError, match="unknown parameter 'friction'"):
+        environment.place({"friction": 0.1}, None)
+
+
+@pytest.mark.parametrize("controller", ["OSC_POSE", "JOINT_VELOCITY", "JOINT_POSITION"])
+def test_robosuite_runs_on_this_mujoco(controller):
+    config = robosuite.load_composite_controller_config(robot="Panda")
+    part = robosuite.load_part_controller_config(default_controller=controller)
+    config["body_parts"]["right"] = {**part, "gripper": config["body_parts"]["right"]["gripper"]}
+    lift = robosuite.make(
+        "Lift", robots="Panda", controller_configs=config, has_offscreen_renderer=False, use_camera_obs=False
+    )
+    before = lift.reset()["robot0_eef_pos"].copy()
+    action = np.zeros(lift.action_dim)
+    action[0] = 0.2
+    for _ in range(10):
+        observed, reward, _, _ = lift.step(action)
+    moved = np.linalg.norm(observed["robot0_eef_pos"] - before)
+    assert 1e-3 < moved < 0.2 and np.isfinite(reward)
