@@ -31,8 +31,8 @@ TASKS = {"air-hockey": 48, "scooping": 384}  # pairs per repeat: some seconds
 REPEATS, EPISODES, CONTROL_STEPS = 5, 200, 60
 SIMULATED = 2 * ROUNDS - 1  # rollouts per history: the last round's two are one
 OVER_BARE, OVER_ROBOSUITE = 0.75, 15.0
-# of ten times the pairs. The allocator keeps a block or two that it had freed, of the size of what is simulated at once,
-# and takes some shards to settle; a run that held its pairs would stand at several times this.
+# Of ten times the pairs. The allocator keeps a block or two that it had freed, of the size of what is simulated at
+# once, and takes some shards to settle; a run that held its pairs would stand at several times this.
 FLAT = 1.25
 GROWING = "scooping"  # the cheaper task, for the runs of many pairs
 RAY_PAIRS = 2560
