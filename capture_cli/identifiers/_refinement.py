@@ -22,11 +22,15 @@ from capture_cli.linearization import box_step
 SHORTEST_STEP = 1e-3  # of the range, a finite difference; longer where the task says so
 FLOOR = 3e-4  # of a feature's scale: residuals below this are no residuals
 TRIALS = 4  # points at most that are tried in a round, of each pair
+FAILURES = 2  # of these that were no better, at most
+SCREENED, OPEN = 8, 0.05  # points, where a direction is open by more than this share of the range
+MOST_UNKNOWN = 3  # rounds of a pair whose sensitivities are taken at once
 LONGEST_STEP = 0.35  # of the range
 SMALL_STEP = 0.2  # of the posterior standard deviation: a shorter step is taken without a trial
 FIRST_EASING, LEAST_EASING, MOST_EASING = 0.2, 0.01, 3.0  # of the residual, taken for noise while stepping
 POOR_GAIN, GOOD_GAIN = 0.25, 0.75  # of the decrease that was predicted
 LARGEST_SD = 0.5  # of the range, of a prior
+TAILS = 3.0  # degrees of freedom of a prior: sure of itself, it may still be wrong
 
 
 @dataclass
@@ -35,7 +39,7 @@ class _Pair:
 
     x: the estimate. rounds: actions and measured (round, ...). points (round, p): where each round was last simulated,
     with the outputs there, and sensitivities (round, d, p), NaN where none were taken.
-    noise: standard deviation of the residual, as the last step took it; at least `easing` of all of it.
+    noise (round,): standard deviation of each round's residual, as the last step took it; at least `easing` of it.
     """
 
     x: np.ndarray
@@ -45,7 +49,7 @@ class _Pair:
     outputs: np.ndarray
     sensitivities: np.ndarray
     easing: float = FIRST_EASING
-    noise: float = np.inf
+    noise: np.ndarray | None = None
 
 
 class Refinement:
@@ -78,10 +82,14 @@ class Refinement:
         precisions = [_precision(c / np.outer(space.span, space.span)) for c in prior.covariance]
         self._append(space.to_unit(asked), actions, self._flat(simulated), self._flat(measured))
         self._begin(means)
-        self._differentiate([(k, len(p.points) - 1) for k, p in self._open()])
+        opened = self._open()
+        self._differentiate([(k, i) for k, p in opened for i in _unknown(p)])
         self._descend(means, precisions)
-        covariance = np.stack([self._covariance(p, h) for p, h in zip(self._pairs, precisions, strict=True)])
+        for k, p in opened:
+            self._settle(p, means[k], precisions[k])
         x = np.stack([p.x for p in self._pairs])
+        at = [_at_distance(h, off) for h, off in zip(precisions, x - means, strict=True)]
+        covariance = np.stack([self._covariance(p, h) for p, h in zip(self._pairs, at, strict=True)])
         return Prediction(space.from_unit(x), covariance * np.outer(space.span, space.span))
 
     # --- a new round ---
@@ -101,58 +109,91 @@ class Refinement:
         return [(k, p) for k, p in enumerate(self._pairs) if _rms(p.measured[-1] - p.outputs[-1]) > FLOOR]
 
     def _begin(self, means: np.ndarray) -> None:
-        """Open pairs begin at the prior's mean where that explains all rounds better than what they had."""
-        tried = [(k, [len(p.points) - 1], means[k]) for k, p in self._open()]
-        better = []
-        for (k, _, _), outputs in zip(tried, self._outputs(tried), strict=True):
+        """Open pairs begin where the newest round is explained best: at what they had, at the prior's mean, or at one
+        of a few points that the rounds before have left open.
+
+        A contact that no round had shown may turn up far from what the prior believed of it: further than a descent
+        from there would find.
+        """
+        tried = []
+        for k, p in self._open():
+            newest = len(p.points) - 1
+            points = [means[k], *(self._left_open(p) if newest else [])]
+            tried += [(k, [newest], x) for x in points]
+        best: dict[int, tuple[float, np.ndarray, np.ndarray]] = {}
+        for (k, _, x), outputs in zip(tried, self._outputs(tried), strict=True):
+            p = self._pairs[k]
+            at_hand = _cost(p.measured[-1] - p.outputs[-1]) if len(p.points) > 1 else np.inf
+            cost = _cost(p.measured[-1] - outputs[0])
+            if cost < best.get(k, (at_hand,))[0]:
+                best[k] = (cost, x, outputs[0])
+        for k, (_, x, outputs) in best.items():
             p = self._pairs[k]
             if len(p.points) == 1:
-                p.x, p.points[0], p.outputs[0] = means[k], means[k], outputs[0]
-            elif _rms(p.measured[-1] - outputs[0]) < _rms(p.measured[-1] - p.outputs[-1]):
-                better.append((k, list(range(len(p.points))), means[k]))
-        for (k, rows, x), outputs in zip(better, self._outputs(better), strict=True):
+                p.x, p.points[0], p.outputs[0] = x, x, outputs
+        again = [(k, list(range(len(self._pairs[k].points))), x) for k, (_, x, _) in best.items()]
+        again = [(k, rows, x) for k, rows, x in again if len(rows) > 1]
+        for (k, _, x), outputs in zip(again, self._outputs(again), strict=True):
             p = self._pairs[k]
-            if _cost(p.measured - outputs) < _cost(p.measured - self._predicted(p, rows, p.x)):
-                p.x = x
-                p.points, p.outputs = np.repeat(x[None], len(rows), axis=0), outputs
+            if _cost(p.measured - outputs) < _cost(self._linearised(p)[0]):
+                p.x, p.outputs = x, outputs
+                p.points = np.repeat(x[None], len(outputs), axis=0)
                 p.easing = FIRST_EASING
+
+    def _left_open(self, p: _Pair) -> list[np.ndarray]:
+        """Points (p,) about the estimate, as far off in each direction as the rounds before the newest let them."""
+        residual, j = self._linearised(p)
+        information = _information(j[:-1], np.maximum(FLOOR, self._spread(residual[:-1])))
+        values, directions = np.linalg.eigh(information)
+        reach = np.minimum(2 / np.sqrt(np.maximum(values, 1e-12)), 1.0)
+        if reach.max() < OPEN:
+            return []
+        generator = np.random.default_rng(len(p.points))
+        strata = np.array([generator.permutation(SCREENED) for _ in reach]) + 0.5
+        off = directions @ (reach[:, None] * (2 * strata / SCREENED - 1))
+        return list(np.clip(p.x + off.T, 0, 1))
 
     # --- the descent ---
 
     def _descend(self, means: np.ndarray, precisions: list[np.ndarray]) -> None:
         """Try Gauss-Newton steps of all open pairs at once, until each is done or has had its trials."""
-        running = [k for k, _ in self._open()]
+        running = {k: FAILURES for k, _ in self._open()}
         for _ in range(TRIALS):
             trials = []
             for k in running:
                 p = self._pairs[k]
-                x, worth = self._step(p, means[k], precisions[k])
+                precision = _at_distance(precisions[k], p.x - means[k])
+                x, worth = self._step(p, means[k], precision)
                 if worth:
                     trials.append((k, list(range(len(p.points))), x))
                 else:
                     p.x = x
             failed = []
-            running = []
+            running = {k: running[k] for k, _, _ in trials}
             for (k, _, x), outputs in zip(trials, self._outputs(trials), strict=True):
-                worst = self._judge(self._pairs[k], x, outputs, means[k], precisions[k])
+                p = self._pairs[k]
+                precision = _at_distance(precisions[k], p.x - means[k])
+                worst = self._judge(p, x, outputs, means[k], precision)
                 if worst is not None:
+                    running[k] -= 1
                     failed.append((k, worst))
-                if _rms(self._pairs[k].measured - self._pairs[k].outputs) > FLOOR:
-                    running.append(k)
-            self._differentiate(failed)
+                if not running[k] or _rms(p.measured - p.outputs) <= FLOOR:
+                    del running[k]
+            self._differentiate([(k, worst) for k, worst in failed if k in running])
 
-    def _step(self, p: _Pair, mean: np.ndarray, precision: np.ndarray) -> tuple[np.ndarray, bool]:
+    def _step(
+        self, p: _Pair, mean: np.ndarray, precision: np.ndarray, longest: float = LONGEST_STEP
+    ) -> tuple[np.ndarray, bool]:
         """Where the linearised rounds and the prior want to go, and whether to try it before believing it."""
         residual, j = self._linearised(p)
-        information = np.einsum("ndp,ndq->pq", j, j)
-        pull = np.einsum("ndp,nd->p", j, residual)
-        low, high = np.maximum(-p.x, -LONGEST_STEP), np.minimum(1 - p.x, LONGEST_STEP)
-        p.noise = max(FLOOR, p.easing * _rms(residual))
+        low, high = np.maximum(-p.x, -longest), np.minimum(1 - p.x, longest)
+        p.noise = np.maximum(FLOOR, p.easing * self._spread(residual))
         for _ in range(2):  # what the first step would leave is noise to the second
-            weighted = p.noise**2 * precision
-            step = box_step(information + weighted, pull + weighted @ (mean - p.x), low, high)
-            p.noise = max(p.noise, self._spread(residual - j @ step))
-        curvature = information / self._noise(p) ** 2 + precision
+            hessian = _information(j, p.noise) + precision
+            pull = np.einsum("n,ndp,nd->p", p.noise**-2.0, j, residual) + precision @ (mean - p.x)
+            step = box_step(hessian, pull, low, high)
+            p.noise = np.maximum(p.noise, self._spread(residual - j @ step))
+        curvature = _information(j, np.maximum(FLOOR, self._spread(residual))) + precision
         return np.clip(p.x + step, 0, 1), float(np.sqrt(step @ curvature @ step)) > SMALL_STEP
 
     def _judge(self, p: _Pair, x, outputs, mean, precision) -> int | None:
@@ -160,17 +201,17 @@ class Refinement:
         sensitivities, if one does.
         """
         residual, j = self._linearised(p)
-        step = x - p.x
+        predicted, left = residual - j @ (x - p.x), p.measured - outputs
 
-        def prior(at: np.ndarray) -> float:
-            return float(p.noise**2 * (at - mean) @ precision @ (at - mean))
+        def cost(residual: np.ndarray, at: np.ndarray) -> float:
+            return float(
+                (np.square(residual).sum(axis=1) / p.noise**2).sum() + (at - mean) @ precision @ (at - mean)
+            )
 
-        predicted = residual - j @ step
-        before = _cost(residual) + prior(p.x)
-        hoped = before - _cost(predicted) - prior(x)
-        gained = before - _cost(p.measured - outputs) - prior(x)
-        gain = gained / max(hoped, 1e-300)
-        missed = np.square(p.measured - outputs - predicted).sum(axis=1)
+        before = cost(residual, p.x)
+        gained = before - cost(left, x)
+        gain = gained / max(before - cost(predicted, x), 1e-300)
+        missed = np.square(left - predicted).sum(axis=1) / p.noise**2
         known = ~np.isnan(p.sensitivities[:, 0, 0])
         moves = x - p.points
         length = np.square(moves).sum(axis=1)
@@ -186,22 +227,22 @@ class Refinement:
             p.easing = max(LEAST_EASING, p.easing / 3)
         return int(np.argmax(missed)) if gain < POOR_GAIN else None
 
+    def _settle(self, p: _Pair, mean: np.ndarray, precision: np.ndarray) -> None:
+        """Where nothing is left to explain, directions that no round shows go to the prior."""
+        x, _ = self._step(p, mean, precision, longest=1.0)
+        residual, j = self._linearised(p)
+        if _rms(residual - j @ (x - p.x)) <= max(FLOOR, _rms(residual)):
+            p.x = x
+
     def _linearised(self, p: _Pair) -> tuple[np.ndarray, np.ndarray]:
         """Residuals (round, d) at the estimate, as far as known, and sensitivities, 0 where there are none."""
         j = np.nan_to_num(p.sensitivities, nan=0.0)
         return p.measured - p.outputs - np.einsum("ndp,np->nd", j, p.x - p.points), j
 
-    def _predicted(self, p: _Pair, rows, x: np.ndarray) -> np.ndarray:
-        j = np.nan_to_num(p.sensitivities[rows], nan=0.0)
-        return p.outputs[rows] + np.einsum("ndp,np->nd", j, x - p.points[rows])
-
-    def _noise(self, p: _Pair) -> float:
-        """Standard deviation of what the fit leaves."""
-        return max(FLOOR, self._spread(self._linearised(p)[0]))
-
-    def _spread(self, residual: np.ndarray) -> float:
-        """Standard deviation of the residual (round, d) of a fit."""
-        return float(np.sqrt(np.square(residual).sum() / max(1, residual.size - len(self.signature.space))))
+    def _spread(self, residual: np.ndarray) -> np.ndarray:
+        """Standard deviation of what a fit leaves of each round, (round,), from residuals (round, d)."""
+        free = max(1, residual.size - len(self.signature.space))
+        return np.sqrt(np.square(residual).mean(axis=1) * residual.size / free)
 
     def _covariance(self, p: _Pair, precision: np.ndarray) -> np.ndarray:
         """Of the estimate's error (p, p): widened where rounds disagree by more than independent noise would let them.
@@ -210,12 +251,12 @@ class Refinement:
         spread of the rounds' gradients tells (Liang and Zeger 1986).
         """
         residual, j = self._linearised(p)
-        variance = self._noise(p) ** 2
-        inverse = np.linalg.inv(np.einsum("ndp,ndq->pq", j, j) / variance + precision)
+        noise = np.maximum(FLOOR, self._spread(residual))
+        inverse = np.linalg.inv(_information(j, noise) + precision)
         rounds = len(residual)
         if rounds == 1:
             return inverse
-        gradients = np.einsum("ndp,nd->np", j, residual) / variance
+        gradients = np.einsum("ndp,nd->np", j, residual) / noise[:, None] ** 2
         meat = rounds / (rounds - 1) * gradients.T @ gradients + precision
         wider = np.sqrt(np.maximum(1.0, np.diag(inverse @ meat @ inverse) / np.diag(inverse)))
         return inverse * np.outer(wider, wider)
@@ -258,10 +299,25 @@ class Refinement:
         return trajectories.reshape(len(trajectories), -1) / self._scale
 
 
+def _information(j: np.ndarray, noise: np.ndarray) -> np.ndarray:
+    """Of sensitivities (round, d, p) to outputs with that noise (round,): (p, p)."""
+    return np.einsum("n,ndp,ndq->pq", noise**-2.0, j, j)
+
+
 def _precision(covariance: np.ndarray) -> np.ndarray:
     """Inverse of a covariance (p, p) in the unit cube, its spread in any direction at most LARGEST_SD."""
     values, vectors = np.linalg.eigh(covariance)
     return (vectors / np.clip(values, FLOOR**2, LARGEST_SD**2)) @ vectors.T
+
+
+def _at_distance(precision: np.ndarray, off: np.ndarray) -> np.ndarray:
+    """The precision (p, p) of a Student t where one is `off` its mean (p,): it gives way to what is far from it."""
+    return precision * min(1.0, (TAILS + len(off)) / (TAILS + off @ precision @ off))
+
+
+def _unknown(p: _Pair) -> np.ndarray:
+    """The newest rounds without sensitivities: this one, and those that showed no residual when they were new."""
+    return np.flatnonzero(np.isnan(p.sensitivities[:, 0, 0]))[-MOST_UNKNOWN:]
 
 
 def _cost(residual: np.ndarray) -> float:
