@@ -62,7 +62,7 @@ def test_episodes_start_where_their_action_says(recorded):
     folder, _ = recorded
     task = load_task("air-hockey")
     log = MeasuredLog.read(folder / "log.zarr")
-    prepared = prepare(log, task, window=None, test=None, seed=0)
+    prepared = prepare(log, task, window=2.0, test=None, seed=0)
     known = task.episodes(log.actions).starts
     np.testing.assert_array_equal(prepared.starts.starts.qpos, known.qpos)
     np.testing.assert_array_equal(prepared.starts.starts.qvel, 0)
