@@ -60,10 +60,10 @@ def trained(store, tmp_path_factory):
                 **{
                     **TINY,
                     "width": 32,
-                    "steps": 150,
+                    "steps": 100,
                     "batch": 64,
-                    "learning_rate": 4e-3,
-                    "warmup": 15,
+                    "learning_rate": 5e-3,
+                    "warmup": 10,
                     "patience": 50,
                 },
             )
@@ -95,7 +95,7 @@ def walk(checkpoint: Path, rounds: int = 6, pairs: int = 100):
 def test_it_finds_the_parameters_of_new_targets(trained, name):
     error, done = walk(trained(name))
     at_random, in_the_middle = 1 / 3, 1 / 4  # mean errors of those who do not look
-    assert error[:, -1].mean() < 0.05 < in_the_middle < at_random
+    assert error[:, -1].mean() < 0.08 < in_the_middle < at_random
     assert (done.estimates >= SIGNATURE.space.low).all() and (done.estimates <= SIGNATURE.space.high).all()
     assert (done.simulated_rollouts[:, -1] == 6).all()
 
@@ -230,7 +230,7 @@ def test_a_checkpoint_says_what_it_is(trained, store):
     assert all(0.88 < share < 0.99 for share in document["result"]["coverage"].values())
     assert (folder / "loss.png").stat().st_size > 1000 and (folder / "provenance.json").is_file()
     lines = [json.loads(line) for line in (folder / "metrics.jsonl").read_text().splitlines()]
-    assert [line["step"] for line in lines] == list(range(3, 151, 3))
+    assert [line["step"] for line in lines] == list(range(2, 101, 2))
     assert lines[-1]["validation_loss"] < 0.3 * lines[0]["validation_loss"]
     assert {a.dtype.name for a in load_file(folder / "identifier.safetensors").values()} == {
         "float32",

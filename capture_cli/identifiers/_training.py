@@ -37,6 +37,7 @@ EVALUATED_PAIRS = 4096  # held out at most, so that an evaluation stays cheap
 EVALUATION_BATCH = 512
 COVERED = 0.95  # of the truths, by 1.96 standard deviations
 NORMAL_QUANTILE = 1.959964
+SMALLEST_FACTOR = 0.01  # a few pairs may be hit exactly, which promises nothing
 
 
 @dataclass(frozen=True)
@@ -247,6 +248,7 @@ class Trainer:
         self._load(self.best_network)
         chosen, reported = self._halves()
         factor = np.quantile(np.abs(self._judge(chosen).scaled), COVERED, axis=0) / NORMAL_QUANTILE
+        factor = np.maximum(factor, SMALLEST_FACTOR)
         judged = self._judge(reported)
         error, covered = judged.error, np.abs(judged.scaled / factor) <= NORMAL_QUANTILE
         names = self.signature.space.names
