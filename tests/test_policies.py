@@ -66,9 +66,10 @@ def test_an_action_does_not_depend_on_the_company(seed, count, data):
     policy = network(task, seed)
     generator = np.random.default_rng(seed)
     parameters = task.space.from_unit(generator.random((count, len(task.space))))
-    actions = policy.act(parameters, generator.random((count, len(task.actions))))
+    uniform = generator.random((count, len(task.actions)))
+    actions = policy.act(parameters, uniform)
     some = data.draw(st.lists(st.integers(0, count - 1), min_size=1, max_size=9))
-    assert np.array_equal(policy.act(parameters[some], None), actions[some])
+    assert np.array_equal(policy.act(parameters[some], uniform[some]), actions[some])
     assert np.all((actions >= task.actions.low) & (actions <= task.actions.high))
 
 
@@ -85,8 +86,25 @@ def test_the_actor_is_the_one_that_was_trained():
     coordinates = np.random.default_rng(0).random((20, len(task.space)))
     with torch.no_grad():
         chosen, _ = trainer.sac.predict(coordinates.astype(np.float32), deterministic=True)
-    actions = trainer.policy().act(task.space.from_unit(coordinates), None)
+    as_it_is = np.full((20, len(task.actions)), 0.9)
+    actions = trainer.policy().act(task.space.from_unit(coordinates), as_it_is)
     assert np.allclose(actions, task.actions.from_unit((chosen + 1) / 2), atol=1e-5)
+
+
+def test_half_of_the_actions_are_those_of_a_mirrored_world():
+    task = AirHockey(far_wall=True)
+    policy, generator = network(task, 4), np.random.default_rng(4)
+    parameters = task.space.from_unit(generator.random((40, len(task.space))))
+    straight, turned = (policy.act(parameters, np.full((40, 4), u)) for u in (0.5, 0.49))
+    back = policy.act(task.mirror_parameters(parameters), np.full((40, 4), 0.5))
+    assert np.array_equal(turned, task.mirror_actions(back))
+    assert np.abs(turned - straight).max() > 1e-3
+    mirrored = task.mirror_actions(straight)
+    simulator = Simulator(task, threads=1)
+    one, _ = simulator.trajectories(parameters, straight)
+    other, _ = simulator.trajectories(task.mirror_parameters(parameters), mirrored)
+    assert np.allclose(one, other * [1, -1], atol=1e-6)
+    assert np.allclose(task.reward(straight, one), task.reward(mirrored, other), atol=1e-4)
 
 
 def test_layers_that_do_not_fit_are_refused():

@@ -15,6 +15,10 @@ BLOCK = 1024  # rows at once: bounds memory
 class Sac(Policy):
     """The mean action of the trained actor: a network from the parameters' place in the unit cube to an action.
 
+    Where the task has a mirror, half of the actions are those of a mirrored actor in a mirrored world. They are worth
+    the same; but a Gaussian has one mode, so training settles for one side, and the other's parameters would never
+    show.
+
     layers: (weights (out, in), biases (out,)) of each, with ReLU in between and tanh at the end, which makes it an
     action in [-1, 1] per component.
     """
@@ -27,10 +31,12 @@ class Sac(Policy):
         self.layers = [(np.asarray(w, dtype=float), np.asarray(b, dtype=float)) for w, b in layers]
 
     def act(self, parameters, uniform):
-        coordinates = self.task.space.to_unit(parameters)
-        blocks = range(0, max(1, len(coordinates)), BLOCK)
-        chosen = np.concatenate([self._forward(coordinates[i : i + BLOCK]) for i in blocks])
-        return self.task.actions.from_unit((chosen + 1) / 2)
+        if not self.task.mirrored:
+            return self._best(parameters)
+        turned = np.asarray(uniform)[:, :1] < 0.5
+        seen = np.where(turned, self.task.mirror_parameters(parameters), parameters)
+        actions = self._best(seen)
+        return np.where(turned, self.task.mirror_actions(actions), actions)
 
     def state(self):
         arrays = {}
@@ -53,6 +59,13 @@ class Sac(Policy):
         from capture_cli.policies._sac_training import SacTrainer
 
         return SacTrainer(simulator, settings)
+
+    def _best(self, parameters: np.ndarray) -> np.ndarray:
+        """The actor's most likely actions (row, action)."""
+        coordinates = self.task.space.to_unit(parameters)
+        blocks = range(0, max(1, len(coordinates)), BLOCK)
+        chosen = np.concatenate([self._forward(coordinates[i : i + BLOCK]) for i in blocks])
+        return self.task.actions.from_unit((chosen + 1) / 2)
 
     def _forward(self, values: np.ndarray) -> np.ndarray:
         """Coordinates (row, parameter) to actions (row, action) in [-1, 1]."""

@@ -38,6 +38,7 @@ class AirHockey(ActionTask):
 
     name = "air-hockey"
     trainable = True
+    mirrored = True  # left and right
 
     def __init__(self, *, far_wall: bool = False):
         self.model = mujoco.MjModel.from_xml_path(str(MODEL))
@@ -108,6 +109,13 @@ class AirHockey(ActionTask):
         """The puck's x and y, m."""
         return outputs[..., :2]
 
+    def mirror_parameters(self, parameters):
+        names = list(self.space.names)
+        return np.asarray(parameters)[:, [names.index(_other_side(name)) for name in names]]
+
+    def mirror_actions(self, actions):
+        return np.asarray(actions) * np.array([1.0, -1.0, -1.0, 1.0])
+
     def reward(self, actions, trajectories):
         """1 where the puck ends at the target, falling with its distance."""
         return np.exp(-_miss(trajectories) / TARGET_RADIUS)
@@ -123,6 +131,11 @@ class AirHockey(ActionTask):
 
 def _parameter(name: str, unit: str, bounds: tuple[float, float]) -> Parameter:
     return Parameter(name, unit, *bounds, nominal=sum(bounds) / 2, step=STEP)
+
+
+def _other_side(name: str) -> str:
+    side, _, what = name.partition("_")
+    return f"{({'left': 'right', 'right': 'left'}).get(side, side)}_{what}"
 
 
 def _miss(trajectories: np.ndarray) -> np.ndarray:

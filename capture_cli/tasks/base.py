@@ -90,7 +90,9 @@ class ActionTask(Task):
     actions: the components of an action, with units and ranges. features: those of the trajectory. point_times
     (point,): s after the start of an episode, where the trajectory is read; the last one ends the episode.
     trainable: whether `reward` and `success` are defined, as a policy that is to be trained needs them. entropy: the
-    weight of a policy's entropy that suits the reward, in training (the paper's, by its released code).
+    weight of a policy's entropy that suits the reward, in training (the paper's, by its released code). mirrored:
+    whether an episode seen in a mirror is one of the task's as well, of the same worth: `mirror_parameters` and
+    `mirror_actions` say which.
     """
 
     actions: ParameterSpace
@@ -98,6 +100,7 @@ class ActionTask(Task):
     point_times: np.ndarray
     trainable: bool = False
     entropy: float = 0.005
+    mirrored: bool = False
 
     @abstractmethod
     def episodes(self, actions: np.ndarray) -> Episodes:
@@ -121,6 +124,14 @@ class ActionTask(Task):
     def success(self, actions: np.ndarray, trajectories: np.ndarray) -> np.ndarray:
         """Whether each episode did what the task is about, bool (episode,)."""
         raise NotImplementedError(f"{self.name} defines no success")
+
+    def mirror_parameters(self, parameters: np.ndarray) -> np.ndarray:
+        """Parameters (n, parameter) seen in a mirror; twice gives them back."""
+        raise NotImplementedError(f"{self.name} has no mirror")
+
+    def mirror_actions(self, actions: np.ndarray) -> np.ndarray:
+        """Actions (n, action) seen in a mirror; twice gives them back."""
+        raise NotImplementedError(f"{self.name} has no mirror")
 
     @property
     def grid_steps(self) -> int:
