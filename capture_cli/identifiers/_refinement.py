@@ -21,7 +21,7 @@ from capture_cli.linearization import box_step
 
 SHORTEST_STEP = 1e-3  # of the range, a finite difference; longer where the task says so
 FLOOR = 3e-4  # of a feature's scale: residuals below this are no residuals
-TRIALS = 4  # points at most that are tried in a round, of each pair
+TRIALS = 8  # points at most that are tried in a round, of each pair
 FAILURES = 2  # of these that were no better, at most
 SCREENED, OPEN = 8, 0.05  # points, where a direction is open by more than this share of the range
 MOST_UNKNOWN = 3  # rounds of a pair whose sensitivities are taken at once
@@ -81,7 +81,7 @@ class Refinement:
         means = space.to_unit(prior.mean)
         precisions = [_precision(c / np.outer(space.span, space.span)) for c in prior.covariance]
         self._append(space.to_unit(asked), actions, self._flat(simulated), self._flat(measured))
-        self._begin(means)
+        self._begin(means, precisions)
         opened = self._open()
         self._differentiate([(k, i) for k, p in opened for i in _unknown(p)])
         self._descend(means, precisions)
@@ -108,7 +108,7 @@ class Refinement:
         """Pairs whose newest round leaves a residual."""
         return [(k, p) for k, p in enumerate(self._pairs) if _rms(p.measured[-1] - p.outputs[-1]) > FLOOR]
 
-    def _begin(self, means: np.ndarray) -> None:
+    def _begin(self, means: np.ndarray, precisions: list[np.ndarray]) -> None:
         """Open pairs begin where the newest round is explained best: at what they had, at the prior's mean, or at one
         of a few points that the rounds before have left open.
 
@@ -118,7 +118,8 @@ class Refinement:
         tried = []
         for k, p in self._open():
             newest = len(p.points) - 1
-            points = [means[k], *(self._left_open(p) if newest else [])]
+            open_to = self._left_open(p) if newest else _spread_out(means[k], precisions[k], seed=0)
+            points = [means[k], *open_to]
             tried += [(k, [newest], x) for x in points]
         best: dict[int, tuple[float, np.ndarray, np.ndarray]] = {}
         for (k, _, x), outputs in zip(tried, self._outputs(tried), strict=True):
@@ -144,14 +145,7 @@ class Refinement:
         """Points (p,) about the estimate, as far off in each direction as the rounds before the newest let them."""
         residual, j = self._linearised(p)
         information = _information(j[:-1], np.maximum(FLOOR, self._spread(residual[:-1])))
-        values, directions = np.linalg.eigh(information)
-        reach = np.minimum(2 / np.sqrt(np.maximum(values, 1e-12)), 1.0)
-        if reach.max() < OPEN:
-            return []
-        generator = np.random.default_rng(len(p.points))
-        strata = np.array([generator.permutation(SCREENED) for _ in reach]) + 0.5
-        off = directions @ (reach[:, None] * (2 * strata / SCREENED - 1))
-        return list(np.clip(p.x + off.T, 0, 1))
+        return _spread_out(p.x, information, seed=len(p.points))
 
     # --- the descent ---
 
@@ -308,6 +302,18 @@ def _precision(covariance: np.ndarray) -> np.ndarray:
     """Inverse of a covariance (p, p) in the unit cube, its spread in any direction at most LARGEST_SD."""
     values, vectors = np.linalg.eigh(covariance)
     return (vectors / np.clip(values, FLOOR**2, LARGEST_SD**2)) @ vectors.T
+
+
+def _spread_out(x: np.ndarray, information: np.ndarray, seed: int) -> list[np.ndarray]:
+    """SCREENED points of the unit cube about x (p,), two standard deviations off at most; none where that is near."""
+    values, directions = np.linalg.eigh(information)
+    reach = np.minimum(2 / np.sqrt(np.maximum(values, 1e-12)), 1.0)
+    if reach.max() < OPEN:
+        return []
+    generator = np.random.default_rng(seed)
+    strata = np.array([generator.permutation(SCREENED) for _ in reach]) + 0.5
+    off = directions @ (reach[:, None] * (2 * strata / SCREENED - 1))
+    return list(np.clip(x + off.T, 0, 1))
 
 
 def _at_distance(precision: np.ndarray, off: np.ndarray) -> np.ndarray:
