@@ -81,8 +81,8 @@ class Refinement:
         means = space.to_unit(prior.mean)
         precisions = [_precision(c / np.outer(space.span, space.span)) for c in prior.covariance]
         self._append(space.to_unit(asked), actions, self._flat(simulated), self._flat(measured))
-        self._begin(means, precisions)
         opened = self._open()
+        self._begin(means, precisions)
         self._differentiate([(k, i) for k, p in opened for i in _unknown(p)])
         self._descend(means, precisions)
         for k, p in opened:
