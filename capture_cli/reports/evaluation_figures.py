@@ -1,4 +1,4 @@
-"""PNG figures of an evaluation in the paper's form (its Figures 5 to 7): identifiers against each other, by round."""
+"""PNG figures of an evaluation in the paper's form: identifiers against each other, by round."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from capture_cli.reports.figure_parts import legend, new_figure, restrain, save, title
+from capture_cli.reports.figure_parts import MUTED, new_figure, restrain, save, title
 
 OURS, PAPER = "#1f6391", "#c8430a"
 OTHERS = ("#1b7a4a", "#7546b8", "#b98a1d", "#5c6772", "#b0476a", "#3d8f96", "#8c959e", "#8a6d1f")
@@ -95,7 +95,6 @@ def _looks(document: Mapping[str, Any]):
 
 def _finished(figure: Figure, document: Mapping[str, Any]) -> Figure:
     handles = [Line2D([], [], label=label, **look) for label, _, look in _looks(document)]
-    rows = [handles[i : i + LEGEND_COLUMNS] for i in range(0, len(handles), LEGEND_COLUMNS)]
-    for row in rows:
-        legend(figure, row)
+    look = {"frameon": False, "fontsize": 9, "labelcolor": MUTED}
+    figure.legend(handles=handles, loc="outside upper left", ncols=LEGEND_COLUMNS, **look)
     return figure
