@@ -45,18 +45,26 @@ def cluster(monkeypatch):
     pytest.importorskip("ray")
     monkeypatch.setenv("RAY_AUTH_MODE", "disabled")  # by default it writes a token under the home directory
     monkeypatch.setenv("RAY_USAGE_STATS_ENABLED", "0")
+    monkeypatch.setenv("RAY_worker_niceness", "0")  # 15 by default: workers would starve beside other tests
     from ray.cluster_utils import Cluster
 
     node = {"num_cpus": 1, "object_store_memory": 80 << 20}
-    cluster = Cluster(initialize_head=True, head_node_args={"include_dashboard": False, **node})
-    cluster.add_node(**node)
-    cluster.wait_for_nodes()
+    cluster = Cluster()
+    try:
+        cluster.add_node(include_dashboard=False, **node)
+        cluster.add_node(**node)
+        cluster.wait_for_nodes()
+    except Exception as error:
+        cluster.shutdown()
+        if "timed out" not in str(error).lower():
+            raise
+        pytest.skip(f"the machine is too busy for Ray, which gives a node 30 s to start: {error}")
     yield cluster
     cluster.shutdown()
 
 
 def test_a_node_that_dies_at_work_costs_nothing(cluster, slider_task, tmp_path, monkeypatch):
-    options = {**SMALL, "task": str(slider_task), "pairs": 320}
+    options = {**SMALL, "task": str(slider_task), "pairs": 192}
     gen_histories(**options, out=tmp_path / "here.zarr")
     partial = unfinished(tmp_path / "there.zarr")
     victim = next(iter(cluster.worker_nodes))
@@ -68,5 +76,5 @@ def test_a_node_that_dies_at_work_costs_nothing(cluster, slider_task, tmp_path, 
     monkeypatch.setattr("capture_cli.stages.gen_histories.Progress.step", kill_at_work)
     gen_histories(**options, out=tmp_path / "there.zarr", executor="ray", address=cluster.address)
     assert victim not in cluster.worker_nodes
-    assert len(Histories(tmp_path / "there.zarr")) == 320
+    assert len(Histories(tmp_path / "there.zarr")) == 192
     assert sha256(Path(tmp_path / "there.zarr")) == sha256(tmp_path / "here.zarr")

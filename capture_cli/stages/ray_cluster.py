@@ -94,7 +94,14 @@ def _connected(address: str | None):
         ) from error
     quiet = {"log_to_driver": False, "logging_level": "ERROR", "configure_logging": True}
     if address is None:
-        ray.init(include_dashboard=False, **quiet)
+        os.environ.setdefault("RAY_worker_niceness", "0")  # 15 by default, which is nobody's wish here
+        try:
+            ray.init(include_dashboard=False, **quiet)
+        except Exception as error:  # Ray raises just that where a node does not start within 30 s
+            raise OptionError(
+                f"--executor ray: Ray does not start here: {error}",
+                cure="try again when the machine is less busy, or --executor local",
+            ) from error
         return ray
     _check_reachable(address)
     try:
