@@ -201,14 +201,21 @@ def identify(
         Path | None, typer.Option("--out", help="Estimate directory; default LOG.estimate.")
     ] = None,
     identifier: Annotated[
-        str, typer.Option("--identifier", help="least-squares or cma-es.")
-    ] = "least-squares",
+        str | None,
+        typer.Option(
+            "--identifier",
+            help="A directory of train-sysid, least-squares or cma-es; default the task's own, if one is shipped.",
+        ),
+    ] = None,
     test: Test = None,
     window: Window = None,
     starts: Starts = 3,
     rounds: Annotated[
-        int, typer.Option("--rounds", min=1, help="At most so many rounds of simulations.")
-    ] = 100,
+        int | None,
+        typer.Option(
+            "--rounds", min=1, help="At most so many: of a learned identifier over episodes, or of simulations."
+        ),
+    ] = None,
     fail_on: Annotated[
         str | None,
         typer.Option("--fail-on", help="Exit with 3 on these verdicts: unexplained, not-identifiable."),
@@ -216,6 +223,9 @@ def identify(
     seed: Seed = 0,
     threads: Threads = None,
     force: Force = False,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Take up the estimate at --out: its log has new episodes.")
+    ] = False,
     json_: Json = False,
     quiet: Quiet = False,
     config: Config = None,
@@ -239,6 +249,7 @@ def identify(
         rounds=rounds,
         seed=seed,
         threads=threads,
+        resume=resume,
         force=force,
         quiet=quiet,
     )

@@ -223,7 +223,7 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str]]] = {
             "task": "name of the task",
             "log.path": "the log, as it was named",
             "log.sha256": "hash of its files",
-            "identifier": "who searched: least-squares or cma-es",
+            "identifier": "who searched: least-squares, cma-es, or the learned one that proposed",
             **{f"parameters.NAME.{k}": v for k, v in _PARAMETER.items()},
             **{f"error.fit.{k}": f"{v}; windows that were fitted" for k, v in _ERROR.items()},
             **{f"error.test.{k}": f"{v}; windows held out" for k, v in _ERROR.items()},
@@ -240,8 +240,11 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str]]] = {
             "split.test_windows": "how many were held out",
             "rollouts.measured": "episodes of the log",
             "rollouts.simulated": "windows simulated in all",
-            "rounds[].parameters.NAME": "best point after each round",
+            "rounds[].parameters.NAME": "estimate after each round over the episodes, then best point of the fit",
             "rounds[].error": "its error over the noise floor",
+            "in_context": "null, or what a learned identifier's rounds over the episodes gave: {checkpoint, sha256, "
+            "rounds, episodes, proposal, proposal_sd, share_beyond (of the training histories that lie as far out), "
+            "in_family, contradicted (by the fit), fallback (to a fit from several places), text}",
             "next_command": "null, or the command to run next",
         },
     ),

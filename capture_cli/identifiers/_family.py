@@ -7,7 +7,7 @@ taken from the chi-squared law, which curved surfaces break, but from histories 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -42,6 +42,23 @@ class Family:
         count = np.arange(1, held_out.rounds + 1)
         averages = np.cumsum(distances, axis=1) / count
         return cls(normalisation, mean, family.whitening, np.quantile(averages, QUANTILES, axis=0).T)
+
+    def with_noise(self, noise_sd: np.ndarray) -> Family:
+        """The same where what is measured has noise_sd (feature,), in the features' units, which training had not.
+
+        Directions in which training varied by less than the noise weigh no more than the noise allows, and what it adds
+        to a distance on average is usual.
+        """
+        if not np.any(noise_sd):
+            return self
+        size = self.normalisation.spread.size
+        variance = np.zeros(len(self.mean))
+        variance[-size:] = np.square(noise_sd / self.normalisation.spread).ravel()
+        covariance = np.linalg.inv(self.whitening @ self.whitening.T) + np.diag(variance)
+        values, directions = np.linalg.eigh((covariance + covariance.T) / 2)
+        whitening = directions / np.sqrt(values)
+        added = float((variance @ np.square(whitening)).mean())
+        return replace(self, whitening=whitening, usual=self.usual + added)
 
     def distances(self, rounds: Rounds) -> np.ndarray:
         """Squared Mahalanobis distance over d of every round (pair, round); about 1 for what is usual."""

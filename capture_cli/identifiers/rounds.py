@@ -144,6 +144,12 @@ class Rounds:
             },
         )
 
+    def followed_by(self, later: Rounds) -> Rounds:
+        """With the rounds of `later` after its own."""
+        names = ("parameters", "actions", "simulated", "measured")
+        both = (np.concatenate([getattr(self, n), getattr(later, n)], axis=1) for n in names)
+        return Rounds(*both, self.target)
+
     @classmethod
     def none(cls, pairs: int, signature: Signature) -> Rounds:
         """`pairs` pairs that have had no round yet."""

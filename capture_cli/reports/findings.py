@@ -82,6 +82,7 @@ def notes(document: Mapping[str, Any]) -> list[str]:
         names = [n for n, p in document["parameters"].items() if not p["identifiable"]]
         undetermined = [f"{', '.join(names)}: not determined by this log."] if names else []
     found = [UNTRUSTED] if document["verdict"] == "unexplained" and document["parameters"] else []
+    found += [(document.get("in_context") or {}).get("text") or ""]
     found += undetermined
     found += [_at_bound(n, p) for n, p in document["parameters"].items() if p["at_bound"]]
     recordings = document.get("recordings") or {}

@@ -49,7 +49,8 @@ class ReportedMotion:
 
     jets (window, 3, column): value, slope and curvature, per s and s^2, of each column of sensordata; 0 where it is
     not an output. position, velocity: pairs (column, tangent coordinate) that each was taken from. lag: s, how long
-    before the time of a state its velocity is that of its path.
+    before the time of a state its velocity is that of its path. read (window,): False for starts that somebody knows,
+    which no sensor has to be believed for.
     """
 
     jets: np.ndarray
@@ -57,17 +58,18 @@ class ReportedMotion:
     velocity: tuple[tuple[int, int], ...]
     slope: tuple[tuple[int, int], ...]
     lag: float
+    read: np.ndarray
 
     def rows(self, keep) -> ReportedMotion:
         """That of the windows at `keep`."""
-        return replace(self, jets=self.jets[keep])
+        return replace(self, jets=self.jets[keep], read=self.read[keep])
 
     def start_change(self, true: np.ndarray, states: int) -> np.ndarray:
         """How far starts move, (simulation, state), where the jets (simulation, 3, column) were `true` in truth.
 
         Orientations are left as they were reported.
         """
-        change = true - self.jets
+        change = (true - self.jets) * self.read[:, None, None]
         offsets = np.zeros((len(change), states))
         for values, pairs in (
             (change[:, 0], (*self.position, *self.velocity)),
@@ -160,7 +162,12 @@ def _reported(
             if source.kind == "position" and dof not in measured_velocity:
                 pairs["slope"].append((column, dof + nv))
     return ReportedMotion(
-        jets, tuple(pairs["position"]), tuple(pairs["velocity"]), tuple(pairs["slope"]), lag
+        jets,
+        tuple(pairs["position"]),
+        tuple(pairs["velocity"]),
+        tuple(pairs["slope"]),
+        lag,
+        np.ones(len(jets), dtype=bool),
     )
 
 
@@ -195,6 +202,19 @@ def known_starts(model: mujoco.MjModel, sensors, starts: Starts, noise_sd: np.nd
         if source.kind != "velocity":
             sd[:, list(source.dofs)] = PRIOR_INFLATION * noise_sd[list(source.columns)][: len(source.dofs)]
     return StartEstimate(starts, sd)
+
+
+def with_known(read: StartEstimate, known: StartEstimate, which: np.ndarray) -> StartEstimate:
+    """Starts that were read off a log, but those that are `known` at `which` (window,)."""
+    rows = which[:, None]
+    qpos, qvel, act = (
+        np.where(rows, getattr(known.starts, name), getattr(read.starts, name))
+        for name in ("qpos", "qvel", "act")
+    )
+    reported = None if read.reported is None else replace(read.reported, read=~which)
+    return StartEstimate(
+        Starts(qpos, qvel, act, read.starts.time), np.where(rows, known.sd, read.sd), reported
+    )
 
 
 def measures_every_coordinate(model: mujoco.MjModel, sensors: Sequence[int]) -> bool:

@@ -2,24 +2,28 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from capture_cli.diagnosis.lack_of_fit import LackOfFit, lack_of_fit
-from capture_cli.errors import FitError
-from capture_cli.identifiers import log_identifier
-from capture_cli.identifiers.base import Best, Trial, run
+from capture_cli.identifiers.base import Trial
 from capture_cli.identifiers.intervals import Intervals, intervals
 from capture_cli.identifiers.least_squares import CONVERGED_GAIN
-from capture_cli.stages.model_fits import ModelFits
-from capture_cli.stages.prepared_log import check_parameters_move_outputs, find_task, prepare
+from capture_cli.identifiers.rounds import Rounds
+from capture_cli.stages.chosen_identifier import ChosenIdentifier, choose_identifier
+from capture_cli.stages.earlier_estimate import EarlierEstimate
+from capture_cli.stages.estimation import Found, by_physics, by_rounds
+from capture_cli.stages.model_fits import TOLERANCE, ModelFits
+from capture_cli.stages.prepared_log import PreparedLog, check_parameters_move_outputs, find_task, prepare
 from capture_cli.stages.progress import Progress
-from capture_cli.stores.estimate import FORMAT, VERSION, Estimate
+from capture_cli.stores.estimate import FORMAT, HISTORY, VERSION, Estimate
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.stores.output import new_directory, refuse_existing, sha256
 from capture_cli.stores.provenance import Provenance
 
+ROUNDS = 100  # of simulations, at most, unless told otherwise
 AT_BOUND = 1e-4  # of the range
 DISAGREE_P = 0.01  # of all parameters together, Bonferroni
 
@@ -29,57 +33,101 @@ def identify(
     real_log: Path,
     out: Path,
     task: str | None = None,
-    identifier: str = "least-squares",
+    identifier: str | None = None,
     test: str | None = None,
     window: float | None = None,
     starts: int = 3,
-    rounds: int = 100,
+    rounds: int | None = None,
     seed: int = 0,
     threads: int | None = None,
+    resume: bool = False,
     force: bool = False,
     quiet: bool = False,
 ) -> Estimate:
     """Identify the parameters of `task` from the log at `real_log`; write an estimate directory at `out`.
 
-    test: recordings to hold out, "none", or None for a share of the log. window: s, instead of the task's.
+    identifier: a name, or the directory of a learned one, which works in rounds over the episodes before physics
+    refines it; None takes the one shipped for the task, or least squares. test: recordings to hold out, "none", or None
+    for a share of the log. window: s, instead of the task's. rounds: at most so many, over the episodes or of
+    simulations. resume: `out` is an estimate of the log's first episodes, and is taken up with the others.
     Raises CaptureError for whatever the user can mend, before anything is written.
     """
-    options = {k: v for k, v in locals().items() if k not in ("quiet", "force")}
-    refuse_existing(out, force=force)
-    method = log_identifier(identifier)
+    options = {k: v for k, v in locals().items() if k not in ("quiet", "force", "resume")}
+    refuse_existing(out, force=force or resume)
     log = MeasuredLog.read(real_log)
-    found = find_task(task, log)
-    provenance = Provenance("identify", options, {"real_log": real_log, "task": getattr(found, "path", None)})
-    prepared = prepare(log, found, window=window, test=test, seed=seed)
-    fits = ModelFits(prepared, threads)
-    simulator = fits.simulator([])
-    check_parameters_move_outputs(prepared, simulator, seed)
-    fit = prepared.part(~prepared.split.is_test)
-    history: list[Best] = []
+    earlier = None
+    if resume:
+        earlier = EarlierEstimate.read(out, log)
+        for name in ("task", "identifier", "test", "window"):
+            options[name] = options[name] if options[name] is not None else earlier.options[name]
+        options["seed"] = earlier.options["seed"]
+    found = find_task(options["task"], log)
+    chosen = choose_identifier(options["identifier"], found, log)
+    inputs = {"real_log": real_log, "task": getattr(found, "path", None), "identifier": chosen.path}
+    provenance = Provenance("identify", options, inputs)
+    given = {name: options[name] for name in ("window", "test", "seed")}
+    prepared = prepare(log, found, **given)
+    if earlier is not None:
+        earlier.check(found)
+        prepared = replace(prepared, split=earlier.split(prepared.windows, prepared.split))
     with Progress("identify", "round", quiet=quiet) as progress:
-
-        def on_round(best: Best) -> None:
-            history.append(best)
-            progress.step(f"error {best.error:.3g} x noise floor")
-
-        solver = method(
-            fit.evidence(simulator), start=found.space.nominal, seed=seed, rounds=rounds, starts=starts
-        )
-        best = run(solver, lambda t: fit.evaluate(simulator, t), on_round)
-    if not np.isfinite(best.error):
-        raise FitError(
-            "every simulation tried diverged",
-            cure="tighten the parameters' bounds, shorten the window, or reduce the model's timestep",
-        )
-    fits.rollouts += simulator.rollouts
-    estimate = _Report(fits, identifier, best, history, seed).estimate()
+        search = _Search(prepared, chosen, progress, starts, rounds, options["seed"], threads, earlier)
+        result = search.run()
+    estimate = _Report(result, chosen.name, options["seed"], earlier).estimate()
     if estimate.document["verdict"] == "unexplained":
         estimate.document["next_command"] = f"capture diagnose --real-log {real_log} --estimate {out}"
-    with new_directory(out, force=force) as folder:
+    with new_directory(out, force=force or resume) as folder:
         estimate.write(folder)
         _write_pages(estimate, folder, provenance)
         provenance.write(folder)
     return estimate
+
+
+@dataclass(frozen=True)
+class _Search:
+    """Finds the point, as the identifier that was chosen does."""
+
+    prepared: PreparedLog
+    chosen: ChosenIdentifier
+    progress: Progress
+    starts: int
+    rounds: int | None
+    seed: int
+    threads: int | None
+    earlier: EarlierEstimate | None
+
+    def run(self) -> Found:
+        prepared, earlier = self.prepared, self.earlier
+        start = prepared.task.space.nominal if earlier is None else earlier.parameters
+        fitted = ~prepared.split.is_test
+        new = None if earlier is None else earlier.new(prepared.windows)
+        if self.chosen.checkpoint is not None and (new is None or (new & fitted).any()):
+            return by_rounds(
+                prepared,
+                self.chosen.checkpoint,
+                self.chosen.path,
+                self.progress,
+                start=start,
+                rounds=self.rounds,
+                starts=self.starts,
+                threads=self.threads,
+                seed=self.seed,
+                new=new,
+                earlier=None if earlier is None else earlier.rounds,
+            )
+        fits = ModelFits(prepared, self.threads)
+        simulator = fits.simulator([])
+        check_parameters_move_outputs(prepared, simulator, self.seed)
+        fits.rollouts += simulator.rollouts
+        return by_physics(
+            fits,
+            self.chosen.method,
+            start,
+            self.progress,
+            starts=self.starts if earlier is None else 1,
+            rounds=ROUNDS if self.rounds is None else self.rounds,
+            seed=self.seed,
+        )
 
 
 def _write_pages(estimate: Estimate, folder: Path, provenance: Provenance) -> None:
@@ -93,24 +141,28 @@ def _write_pages(estimate: Estimate, folder: Path, provenance: Provenance) -> No
 class _Report:
     """Turns the best point into an Estimate: errors, intervals, verdict, recordings."""
 
-    def __init__(self, fits: ModelFits, identifier: str, best: Best, history: list[Best], seed: int):
-        self.fits = fits
-        self.prepared = fits.prepared
+    def __init__(self, result: Found, identifier: str, seed: int, earlier: EarlierEstimate | None):
+        self.result = result
+        self.fits = result.fits
+        self.prepared = result.fits.prepared
         self.identifier = identifier
-        self.best = best
-        self.history = history
+        self.best = result.best
+        before = [] if earlier is None else earlier.history
+        self.history = [b for b in (*before, *result.history) if np.isfinite(b.error)]
         self.seed = seed
+        self.earlier = earlier
         self.is_test = self.prepared.split.is_test
         self.space = self.prepared.task.space
 
     def estimate(self) -> Estimate:
-        fit = self.fits.at(self.prepared.part(~self.is_test), [], self.best)
+        fit = self.result.at or self.fits.at(self.prepared.part(~self.is_test), [], self.best)
         found = intervals(fit.at)
         offsets = np.zeros_like(self.prepared.starts.sd)
         offsets[~self.is_test] = fit.offsets
         if self.is_test.any():
             test = self.prepared.part(self.is_test)
-            offsets[self.is_test] = self.fits.on(test, fit, CONVERGED_GAIN).offsets
+            tolerance = CONVERGED_GAIN if self.result.in_context is None else TOLERANCE
+            offsets[self.is_test] = self.fits.on(test, fit, tolerance).offsets
         simulated, nominal = self._curves(offsets)
         recordings = self._recordings(found)
         lacking = lack_of_fit(fit.at)
@@ -187,11 +239,26 @@ class _Report:
             "rounds": [
                 {"parameters": self.space.to_dict(b.parameters), "error": float(b.error)}
                 for b in self.history
-                if np.isfinite(b.error)
             ],
+            "in_context": self._in_context(),
             "next_command": None,
         }
         return document
+
+    def _in_context(self) -> dict | None:
+        """What the rounds over the episodes gave; those of the earlier estimate where there were none now."""
+        result = self.result
+        if result.in_context is None:
+            return None if self.earlier is None else self.earlier.estimate.document["in_context"]
+        return result.in_context.document(contradicted=result.contradicted, fallback=result.fallback)
+
+    def _rounds(self) -> Rounds | None:
+        """All rounds in context so far."""
+        before = None if self.earlier is None else self.earlier.rounds
+        if self.result.in_context is None:
+            return before
+        now = self.result.in_context.walk.rounds
+        return now if before is None else before.followed_by(now)
 
     def _parameters(self, found: Intervals) -> dict:
         x = self.space.to_unit(self.best.parameters)
@@ -245,6 +312,10 @@ class _Report:
             "round/parameters": np.array([b.parameters for b in self.history]).reshape(len(self.history), -1),
             "round/error": np.array([b.error for b in self.history]),
         }
+        rounds = self._rounds()
+        if rounds is not None:
+            values = (rounds.parameters, rounds.actions, rounds.simulated, rounds.measured)
+            arrays |= {name: a[0] for name, a in zip(HISTORY, values, strict=True)}
         if recordings is not None:
             arrays["parameter/recordings"] = recordings["values"]
             arrays["parameter/recordings_sd"] = recordings["sd"]

@@ -159,6 +159,16 @@ class ModelFits:
         at = Linearization.from_columns(evidence, x, best.offsets, outputs, diverged)
         return Fit(tuple(effects), simulator.space, best.parameters, at)
 
+    def errors(self, part: PreparedLog, points: np.ndarray) -> np.ndarray:
+        """RMSE over the noise floor of the task itself at points (candidate, parameter); inf where one diverged."""
+        simulator = self.simulator([])
+        evidence = part.evidence(simulator)
+        trial = Trial(points, np.zeros((len(points), *evidence.start_sd.shape)))
+        outputs, diverged = part.evaluate(simulator, trial)
+        self.rollouts += simulator.rollouts
+        square = np.square(evidence.residual(outputs)).sum(axis=(1, 2)) / evidence.count
+        return np.where(diverged.any(axis=1) | ~np.isfinite(square), np.inf, np.sqrt(square))
+
     def on(self, part: PreparedLog, fit: Fit, tolerance: float = TOLERANCE) -> PartFit:
         """Another part of the log at the fit's parameters, with starts refined by the rule they were fitted by."""
         simulator = self.simulator(fit.effects)

@@ -19,6 +19,7 @@ from capture_cli.sim.starts import (
     known_starts,
     measures_every_coordinate,
     model_starts,
+    with_known,
 )
 from capture_cli.sim.windows import Windows, cut
 from capture_cli.simulator import Simulator
@@ -125,11 +126,13 @@ def prepare(
 def _starts(log: MeasuredLog, task: Task, windows: Windows, noise: NoiseFloor) -> StartEstimate:
     """Where every window starts: where its action says, if it begins an episode of one; else what the outputs say."""
     sensors = [c.sensor for c in task.outputs]
-    begins = windows.first == np.array([e.start for e in log.episodes])[windows.episode]
-    if isinstance(task, ActionTask) and log.actions is not None and begins.all():
+    acted = begins_by_action(log, task, windows)
+    if acted.any():
         starts = task.episodes(log.actions[windows.episode]).starts
-        return known_starts(task.model, sensors, replace(starts, time=windows.time), noise.sd)
-    return estimate_starts(
+        known = known_starts(task.model, sensors, replace(starts, time=windows.time), noise.sd)
+        if acted.all():
+            return known
+    read = estimate_starts(
         task.model,
         sensors,
         time=log.time,
@@ -142,6 +145,14 @@ def _starts(log: MeasuredLog, task: Task, windows: Windows, noise: NoiseFloor) -
         if measures_every_coordinate(task.model, sensors)
         else _simulate_episodes(log, task, windows),
     )
+    return with_known(read, known, acted) if acted.any() else read
+
+
+def begins_by_action(log: MeasuredLog, task: Task, windows: Windows) -> np.ndarray:
+    """Which windows begin an episode whose action says where, (window,)."""
+    if not isinstance(task, ActionTask) or log.actions is None:
+        return np.zeros(len(windows), dtype=bool)
+    return windows.first == np.array([e.start for e in log.episodes])[windows.episode]
 
 
 def _cut(log: MeasuredLog, task: Task, duration: float | None) -> Windows:

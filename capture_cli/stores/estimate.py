@@ -17,6 +17,9 @@ from capture_cli.stores.schema import ArraySpec, Schema
 FORMAT = "capture/estimate"
 VERSION = 1
 _CURE = "make it again with `capture identify`"
+# the rounds in context, as an identifier reads them
+HISTORY = ("history/parameters", "history/actions", "history/simulated", "history/measured")
+_POINTS = ("entry", "point", "feature")
 
 SCHEMA = Schema(
     format="capture/estimate-arrays",
@@ -55,6 +58,19 @@ SCHEMA = Schema(
         ),
         ArraySpec("round/parameters", ("round", "parameter"), "float64", "per parameter", "best so far"),
         ArraySpec("round/error", ("round",), "float64", "1", "normalized fit error of the best so far"),
+        ArraySpec(
+            HISTORY[0],
+            ("entry", "parameter"),
+            "float64",
+            "per parameter",
+            "rounds in context: simulated with",
+            optional=True,
+        ),
+        ArraySpec(
+            HISTORY[1], ("entry", "action"), "float64", "per action", "under this action", optional=True
+        ),
+        ArraySpec(HISTORY[2], _POINTS, "float64", "per feature", "the trajectory simulated", optional=True),
+        ArraySpec(HISTORY[3], _POINTS, "float64", "per feature", "the one measured", optional=True),
     ),
     attributes={
         "parameters": "parameter names",

@@ -19,6 +19,7 @@ MODEL = Path(__file__).with_name("scooping.xml")
 HALF_LENGTH = 0.08  # m
 LIFT = 0.032  # m, that the tines rise; 0.001 m of it until they touch
 LIFT_TIME = 0.4  # s
+COM_STEP = 0.01  # of the range: tilting begins between two steps, which makes outputs a little rough
 OUTPUT_UNITS = {"rod_tilt": "rad"}  # m otherwise
 
 
@@ -31,7 +32,7 @@ class ScoopingPlant(ActionTask):
     def __init__(self, output_sensors: tuple[str, ...]):
         self.model = mujoco.MjModel.from_xml_path(str(MODEL))
         self.model_path = MODEL
-        self.space = ParameterSpace([Parameter("com", "1", -1.0, 1.0, nominal=0.0)])
+        self.space = ParameterSpace([Parameter("com", "1", -1.0, 1.0, nominal=0.0, step=COM_STEP)])
         self.actions = ParameterSpace([Parameter("scoop_point", "1", -1.0, 1.0, nominal=0.0)])
         self.inputs = tuple(
             Channel(f"{name}_target", "m", f"{name}_target", self.model.actuator(name).id, linear=True)

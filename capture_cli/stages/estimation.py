@@ -1,0 +1,184 @@
+"""How `identify` finds its point: by physics alone, or in rounds over the log's episodes and then by physics."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from capture_cli.diagnosis.lack_of_fit import PRACTICAL, lack_of_fit
+from capture_cli.errors import FitError
+from capture_cli.identifiers.base import Best, Identifier, run
+from capture_cli.identifiers.intervals import intervals
+from capture_cli.identifiers.least_squares import LeastSquares
+from capture_cli.identifiers.rounds import Rounds, finite
+from capture_cli.parameters import ParameterSpace
+from capture_cli.simulator import Simulator
+from capture_cli.stages.identifier_checkpoint import IdentifierCheckpoint
+from capture_cli.stages.in_context import InContext, LoggedRounds, logged_rounds, walk_log
+from capture_cli.stages.model_fits import TOLERANCE, Fit, ModelFits
+from capture_cli.stages.prepared_log import PreparedLog, begins_by_action
+from capture_cli.stages.progress import Progress
+
+# Simulated hits make the error a little rough: near the noise a descent can look for ever for what is not there.
+IDLE_ROUNDS = 4
+AROUND, AROUND_POINTS = 0.1, 81  # of the range, about the answer to labels, which leave as much open
+JUDGED_BY = 4  # entries of the log, at most, that the estimates of all rounds are compared on
+
+
+@dataclass(frozen=True)
+class Found:
+    """What was found, with `fits` made ready as it was found.
+
+    history: the best so far (in rounds: each estimate), in order. at: the linearization there, if it is known.
+    contradicted, fallback: as in `InContext.document`.
+    """
+
+    fits: ModelFits
+    best: Best
+    history: list[Best]
+    at: Fit | None = None
+    in_context: InContext | None = None
+    contradicted: bool | None = None
+    fallback: bool = False
+
+
+def by_physics(
+    fits: ModelFits,
+    method: type[Identifier],
+    start: np.ndarray,
+    progress: Progress,
+    *,
+    starts: int,
+    rounds: int,
+    seed: int,
+    until_idle: bool = False,
+) -> Found:
+    """What `method` finds from start (parameter,). Raises FitError where every simulation diverged.
+
+    until_idle: also end where the log is explained and rounds gain nothing more that its noise would not hide.
+    """
+    part = fits.prepared.part(~fits.prepared.split.is_test)
+    simulator = fits.simulator([])
+    history: list[Best] = []
+
+    def on_round(best: Best) -> None:
+        history.append(best)
+        progress.step(f"error {best.error:.3g} x noise floor")
+        if until_idle and _idle(history, part.evidence(simulator).count):
+            solver.rounds_left = 0
+
+    solver = method(part.evidence(simulator), start=start, seed=seed, rounds=rounds, starts=starts)
+    best = run(solver, lambda trial: part.evaluate(simulator, trial), on_round)
+    fits.rollouts += simulator.rollouts
+    if not np.isfinite(best.error):
+        raise FitError(
+            "every simulation tried diverged",
+            cure="tighten the parameters' bounds, shorten the window, or reduce the model's timestep",
+        )
+    return Found(fits, best, history)
+
+
+def by_rounds(
+    prepared: PreparedLog,
+    checkpoint: IdentifierCheckpoint,
+    path: Path,
+    progress: Progress,
+    *,
+    start: np.ndarray,
+    rounds: int | None,
+    starts: int,
+    threads: int | None,
+    seed: int,
+    new: np.ndarray | None = None,
+    earlier: Rounds | None = None,
+) -> Found:
+    """Rounds over the fitted part of the log, then least squares from the best estimate of them.
+
+    The fit begins with starts where the actions say, if there are actions. Where it does not explain the log, the
+    starts are freed and other places are tried, as without an identifier: then it was not for a wrong proposal.
+    new (window,): those to make rounds with, where not all; earlier: the rounds made before.
+    """
+    fits = ModelFits(_as_acted(prepared), threads)
+    fitted = ~prepared.split.is_test
+    part = fits.prepared.part(fitted)
+    logged = logged_rounds(fits.prepared.part(fitted if new is None else fitted & new), checkpoint, path)
+    in_context = walk_log(
+        checkpoint,
+        path,
+        logged,
+        start=start,
+        rounds=rounds,
+        engine=fits.engine,
+        seed=seed,
+        earlier=earlier,
+        on_round=lambda number: progress.step(f"round {number + 1} in context"),
+    )
+    fits.rollouts += in_context.rollouts
+    estimates = in_context.walk.estimates[0]
+    points = np.concatenate([start[None], estimates])
+    if not logged.noise_sd.all():
+        points = np.concatenate([points, _around(part.task.space, estimates[-1])])
+    errors = _errors(fits, part, logged, points)
+    none = np.zeros_like(part.starts.sd)
+    history = [Best(p, none, float(e)) for p, e in zip(estimates, errors[1:], strict=False)]
+    nearest = points[np.argmin(errors)]
+    found = by_physics(
+        fits, LeastSquares, nearest, progress, starts=1, rounds=100, seed=seed, until_idle=True
+    )
+    history += found.history
+    at = fits.at(part, [], found.best)
+    found = replace(found, at=at)
+    contradicted = in_context.contradicted_by(found.best.parameters, intervals(at.at).sd)
+    fallback = lack_of_fit(at.at).lacking
+    if fallback:
+        free = ModelFits(prepared, threads)
+        free.rollouts = fits.rollouts
+        found = by_physics(
+            free, LeastSquares, found.best.parameters, progress, starts=starts, rounds=100, seed=seed
+        )
+        history += found.history
+    return replace(
+        found, history=history, in_context=in_context, contradicted=contradicted, fallback=fallback
+    )
+
+
+def _around(space: ParameterSpace, point: np.ndarray) -> np.ndarray:
+    """Points (candidate, parameter) along each axis about `point` (parameter,)."""
+    x = space.to_unit(point)
+    moves = np.linspace(-AROUND, AROUND, AROUND_POINTS)[:, None, None] * np.eye(len(space))
+    return space.from_unit(np.clip(x + moves.reshape(-1, len(space)), 0, 1))
+
+
+def _idle(history: list[Best], count: int) -> bool:
+    """Whether the error over `count` numbers is that of the noise, and the last rounds lowered it by nothing more."""
+    errors = np.square([best.error for best in history[-1 - IDLE_ROUNDS :]])
+    if len(errors) <= IDLE_ROUNDS or not errors[-1] <= PRACTICAL**2:
+        return False
+    return bool(count * (errors[0] - errors[-1]) < TOLERANCE * max(1.0, errors[-1]))
+
+
+def _errors(fits: ModelFits, part: PreparedLog, logged: LoggedRounds, points: np.ndarray) -> np.ndarray:
+    """RMSE over the noise floor at points (candidate, parameter) where nothing else is fitted; inf where one diverged.
+
+    Of a few trajectories, which begin where the action says; where what is observed has no noise, of the outputs.
+    """
+    if not logged.noise_sd.all():
+        return fits.errors(part, points)
+    simulator = Simulator(logged.task, engine=fits.engine)
+    some = np.unique(np.linspace(0, len(logged) - 1, JUDGED_BY).astype(int))
+    actions = np.tile(logged.actions[some], (len(points), 1))
+    trajectories, diverged = simulator.trajectories(np.repeat(points, len(some), axis=0), actions)
+    fits.rollouts += simulator.rollouts
+    measured = np.tile(logged.measured[some], (len(points), 1, 1))
+    square = np.square((measured - finite(trajectories, diverged)) / logged.noise_sd).mean(axis=(1, 2))
+    square = np.where(diverged, np.inf, square).reshape(len(points), len(some))
+    return np.sqrt(square.mean(axis=1))
+
+
+def _as_acted(prepared: PreparedLog) -> PreparedLog:
+    """With no doubt about starts that an action says."""
+    acted = begins_by_action(prepared.log, prepared.task, prepared.windows)
+    sd = np.where(acted[:, None], 0.0, prepared.starts.sd)
+    return replace(prepared, starts=replace(prepared.starts, sd=sd))

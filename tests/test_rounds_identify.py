@@ -1,0 +1,234 @@
+"""Rounds over a log: what is proposed, what physics makes of it, when it is not believed, and how it goes on."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from capture_cli.errors import LogError, OptionError, StoreError
+from capture_cli.identifiers._family import Family
+from capture_cli.identifiers._normalisation import Normalisation
+from capture_cli.identifiers.rounds import Rounds
+from capture_cli.stages.gen_histories import gen_histories
+from capture_cli.stages.identify import identify
+from capture_cli.stages.record import record
+from capture_cli.stages.train_sysid import train_sysid
+from capture_cli.stores.estimate import HISTORY, Estimate
+from capture_cli.stores.measured_log import MeasuredLog
+
+TINY = {"width": 16, "layers": 1, "heads": 2, "steps": 150, "batch": 32, "warmup": 10}
+
+
+@pytest.fixture(scope="module")
+def scooping(tmp_path_factory) -> Path:
+    """A folder with a checkpoint `c`, trained for a moment, and a log of 8 lifts."""
+    folder = tmp_path_factory.mktemp("scooping")
+    gen_histories(task="scooping", out=folder / "h.zarr", pairs=120, rounds=4, threads=1, quiet=True)
+    train_sysid(histories=folder / "h.zarr", out=folder / "c", identifier="posterior", **TINY)
+    record(
+        task="scooping",
+        out=folder / "log.zarr",
+        parameters={"com": 0.33},
+        noise=3e-4,
+        episodes=8,
+        seed=1,
+        threads=1,
+    )
+    return folder
+
+
+@pytest.fixture(scope="module")
+def found(scooping) -> Estimate:
+    return identify(
+        real_log=scooping / "log.zarr",
+        out=scooping / "e",
+        identifier=str(scooping / "c"),
+        threads=1,
+        quiet=True,
+    )
+
+
+def test_a_learned_identifier_proposes_and_physics_refines(found, scooping):
+    document, com = found.document, found.document["parameters"]["com"]
+    about = document["in_context"]
+    assert abs(com["value"] - 0.33) < 4 * com["sd"] < 0.2
+    assert document["identifier"] == "posterior"
+    assert document["verdict"] == "explained"
+    assert about["rounds"] == about["episodes"] == document["split"]["fit_windows"] == 6
+    assert not about["fallback"]
+    estimates = [r["parameters"]["com"] for r in document["rounds"][: about["rounds"]]]
+    assert estimates[-1] == about["proposal"]["com"]
+    assert found.arrays[HISTORY[0]].shape == (6, 1)
+    # in round i the log's own action drove what was measured, and what was simulated
+    log = MeasuredLog.read(scooping / "log.zarr")
+    assert all(any(np.array_equal(a, b) for b in log.actions) for a in found.arrays[HISTORY[1]])
+    assert set(np.unique(found.arrays[HISTORY[3]])) <= {-1.0, 0.0, 1.0}
+
+
+def test_the_same_again_for_any_number_of_threads(found, scooping, tmp_path):
+    again = identify(
+        real_log=scooping / "log.zarr",
+        out=tmp_path / "e",
+        identifier=str(scooping / "c"),
+        threads=2,
+        quiet=True,
+    )
+    assert again.document == found.document
+    assert all(np.array_equal(again.arrays[name], array) for name, array in found.arrays.items())
+
+
+def test_episodes_are_cycled_where_rounds_are_more_and_it_says_so(scooping, tmp_path):
+    about = identify(
+        real_log=scooping / "log.zarr",
+        out=tmp_path / "e",
+        identifier=str(scooping / "c"),
+        rounds=9,
+        threads=1,
+        quiet=True,
+    ).document["in_context"]
+    assert (about["rounds"], about["episodes"]) == (9, 6)
+    assert "9 rounds were made with 6 episodes" in about["text"]
+
+
+def test_a_log_that_no_parameter_explains_is_not_left_to_the_proposal(scooping, tmp_path):
+    record(
+        task="scooping",
+        out=tmp_path / "log.zarr",
+        parameters={"com": 0.33},
+        effects=["sensor-scale@rod_tilt.change=-0.5"],
+        noise=3e-4,
+        episodes=8,
+        seed=1,
+        threads=1,
+    )
+    document = identify(
+        real_log=tmp_path / "log.zarr",
+        out=tmp_path / "e",
+        identifier=str(scooping / "c"),
+        threads=1,
+        quiet=True,
+    ).document
+    assert document["verdict"] == "unexplained"
+    assert document["in_context"]["fallback"]
+    assert "Physics was asked from several places" in document["in_context"]["text"]
+
+
+def test_an_estimate_is_taken_up_with_the_episodes_that_are_new(scooping, tmp_path):
+    log = MeasuredLog.read(scooping / "log.zarr")
+    log.select_episodes(range(5)).write(tmp_path / "log.zarr")
+    options = {"out": tmp_path / "e", "threads": 1, "quiet": True}
+    first = identify(real_log=tmp_path / "log.zarr", identifier=str(scooping / "c"), **options)
+    with pytest.raises(OptionError, match=r"no episode that .* has not seen"):
+        identify(real_log=tmp_path / "log.zarr", resume=True, **options)
+    shutil.rmtree(tmp_path / "log.zarr")
+    log.write(tmp_path / "log.zarr")
+    second = identify(real_log=tmp_path / "log.zarr", resume=True, **options)
+    assert second.document["identifier"] == "posterior"  # as it was begun
+    assert second.document["rollouts"]["measured"] == 8
+    before = len(first.document["rounds"])
+    assert second.document["rounds"][:before] == first.document["rounds"]
+    old, new = first.arrays[HISTORY[1]], second.arrays[HISTORY[1]]
+    assert np.array_equal(new[: len(old)], old)
+    assert not any(np.array_equal(a, b) for a in new[len(old) :] for b in log.actions[:5])
+    # its rounds begin where the earlier estimate was
+    assert second.arrays[HISTORY[0]][len(old)] == pytest.approx(first.arrays["parameter/estimate"])
+    tests = [e.arrays["window/episode"][e.arrays["window/is_test"]].tolist() for e in (first, second)]
+    assert tests[1][: len(tests[0])] == tests[0]
+    assert abs(second.document["parameters"]["com"]["value"] - 0.33) < 0.05
+
+
+def test_only_the_log_that_was_begun_with_is_gone_on_with(found, scooping, tmp_path):
+    shutil.copytree(scooping / "e", tmp_path / "e")
+    log = MeasuredLog.read(scooping / "log.zarr")
+    log.select_episodes([1, 0, *range(2, 8), 0]).write(tmp_path / "log.zarr")
+    before = (tmp_path / "e" / "estimate.json").read_bytes()
+    with pytest.raises(OptionError, match="made from other episodes"):
+        identify(real_log=tmp_path / "log.zarr", out=tmp_path / "e", resume=True, quiet=True)
+    assert (tmp_path / "e" / "estimate.json").read_bytes() == before
+
+
+def test_checkpoints_that_are_of_no_use_are_refused(scooping, slider_task, tmp_path):
+    options = {"out": tmp_path / "e", "quiet": True}
+    log = scooping / "log.zarr"
+    with pytest.raises(OptionError, match=r"must be trained"):
+        identify(real_log=log, identifier="posterior", **options)
+    with pytest.raises(OptionError, match=r"no identifier\.json"):
+        identify(real_log=log, identifier=str(scooping), **options)
+    damaged = shutil.copytree(scooping / "c", tmp_path / "c")
+    document = json.loads((damaged / "identifier.json").read_text())
+    (damaged / "identifier.json").write_text(json.dumps({**document, "version": 9}))
+    with pytest.raises(StoreError, match="version 9"):
+        identify(real_log=log, identifier=str(damaged), **options)
+    record(task=str(slider_task), out=tmp_path / "s.zarr", duration=2, amplitude={"drive": 5}, threads=1)
+    with pytest.raises(OptionError, match="was trained for the task 'scooping'"):
+        identify(
+            real_log=tmp_path / "s.zarr", task=str(slider_task), identifier=str(scooping / "c"), **options
+        )
+    assert not (tmp_path / "e").exists()
+
+
+def test_episodes_that_end_early_are_refused(scooping, tmp_path):
+    log = MeasuredLog.read(scooping / "log.zarr")
+    keep = np.concatenate([np.arange(e.start, e.stop - 15) for e in log.episodes])
+    ends = np.cumsum([e.stop - 15 - e.start for e in log.episodes])
+    fields = {n: getattr(log, n)[keep] for n in ("time", "inputs", "outputs")}
+    MeasuredLog(**{**vars(log), **fields, "episode_ends": ends}).write(tmp_path / "log.zarr")
+    with pytest.raises(LogError, match="lasts"):
+        identify(
+            real_log=tmp_path / "log.zarr", out=tmp_path / "e", identifier=str(scooping / "c"), quiet=True
+        )
+
+
+def test_a_machine_of_ones_own_from_its_log_to_an_identifier_of_its_own(slider_task, tmp_path):
+    record(
+        task=str(slider_task),
+        out=tmp_path / "log.zarr",
+        parameters={"mass": 2.2, "damping": 3.0},
+        noise=1e-4,
+        duration=6,
+        amplitude={"drive": 8},
+        rate=200,
+        threads=1,
+    )
+    gen_histories(
+        task=str(slider_task),
+        inputs_from=tmp_path / "log.zarr",
+        out=tmp_path / "h.zarr",
+        pairs=100,
+        rounds=4,
+        threads=1,
+        quiet=True,
+    )
+    train_sysid(histories=tmp_path / "h.zarr", out=tmp_path / "c", identifier="capture", **TINY)
+    document = identify(
+        real_log=tmp_path / "log.zarr",
+        task=str(slider_task),
+        out=tmp_path / "e",
+        identifier=str(tmp_path / "c"),
+        threads=1,
+        quiet=True,
+    ).document
+    assert document["verdict"] == "explained"
+    for name, truth in (("mass", 2.2), ("damping", 3.0)):
+        p = document["parameters"][name]
+        assert abs(p["value"] - truth) < 4 * p["sd"]
+    assert document["in_context"]["rounds"] == document["split"]["fit_windows"] == 9
+
+
+def test_noise_that_training_had_not_does_not_put_a_log_outside(scooping):
+    """A family of smooth trajectories: noise alone lies off their surface, and is allowed for."""
+    from toy_rounds import SIGNATURE, histories
+
+    trained, held_out, seen = (histories(600, seed=seed) for seed in range(3))
+    family = Family.fitted(Normalisation.fitted(SIGNATURE, trained), trained, held_out)
+    noise = np.array([2e-3, 2e-3])
+    noisy = seen.measured + noise * np.random.default_rng(0).standard_normal(seen.measured.shape)
+    seen = Rounds(seen.parameters, seen.actions, seen.simulated, noisy)
+    assert np.mean(family.share_beyond(seen) < 0.01) > 0.9
+    assert np.mean(family.with_noise(noise).share_beyond(seen) < 0.01) < 0.05
+    moved = Rounds(seen.parameters, seen.actions, seen.simulated, noisy + 0.1)
+    assert np.mean(family.with_noise(noise).share_beyond(moved) < 0.01) > 0.9
