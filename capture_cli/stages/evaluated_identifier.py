@@ -103,7 +103,9 @@ def _named(name: str) -> Evaluated:
 
 def _label(name: str, kind: type[RoundIdentifier], facts: Mapping[str, Any]) -> str:
     """The name, and in what it is not the paper's."""
-    others = [facts["search"]] if facts["search"] != PAPER["search"] else []
+    # who learns the target, and not the search, has histories of any kind
+    imitates = not kind.any_order
+    others = [facts["search"]] if imitates and facts["search"] != PAPER["search"] else []
     if facts["history_rounds"] != PAPER["history_rounds"]:
         others.append(f"L={facts['history_rounds']}")
     if kind.fixed_window is None and kind.default_window and facts["window"] != PAPER["window"]:
