@@ -394,6 +394,7 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str]]] = {
             "format": '"capture/truth"',
             "version": "1",
             "task": "name of the task",
+            "world": "what stood in for the machine: plant or robosuite",
             "parameters.NAME": "the parameters",
             "effects.EFFECT@SITE.PARAMETER": "the effects",
             "noise_sd.OUTPUT": "standard deviation of the noise added",
