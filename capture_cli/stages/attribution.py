@@ -21,6 +21,7 @@ from capture_cli.diagnosis.split import Folds
 from capture_cli.effects import REGISTRY
 from capture_cli.effects._periodic_force import PeriodicForce
 from capture_cli.effects.base import Effect
+from capture_cli.identifiers.intervals import intervals
 from capture_cli.linearization import autocorrelation_time
 from capture_cli.simulator import placed_name
 from capture_cli.stages.model_fits import Fit, ModelFits, PartFit, Placed
@@ -254,7 +255,8 @@ class Attribution:
     def _implausible(self, current: Fit, fit: Fit, candidate: Candidate) -> str | None:
         """Evidence against an effect that fits: it runs to its bound, or drives a declared parameter to one.
 
-        A declared parameter may fall to zero: then it had been standing in for the effect.
+        A declared parameter may fall to zero: then it had been standing in for the effect. Nor does it count where the
+        log hardly determines it: then it may be anywhere.
         """
         x = fit.space.to_unit(fit.point)
         prefix = candidate.name + "."
@@ -272,8 +274,10 @@ class Attribution:
                 )
         size = len(current.point)
         was = current.at.x
+        determined = intervals(fit.at).identifiable
         for i in range(size):
-            if fit.point[i] != 0 and min(x[i], 1 - x[i]) < AT_BOUND <= min(was[i], 1 - was[i]):
+            at_bound = min(x[i], 1 - x[i]) < AT_BOUND <= min(was[i], 1 - was[i])
+            if determined[i] and fit.point[i] != 0 and at_bound:
                 return f"it drives {fit.space.names[i]} to its bound ({fit.point[i]:.3g})"
         return None
 
