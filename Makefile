@@ -1,4 +1,4 @@
-# make demo | make test | make install: each sets up what it needs; nothing is installed outside .venv
+# make demo | make test | make pipeline | make install: each sets up what it needs; nothing is installed outside .venv
 SUPPORTED := import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 12))
 PYTHON ?= $(shell for p in python3.12 python3.11 python3 python; do \
 	$$p -c '$(SUPPORTED)' >/dev/null 2>&1 && echo $$p && break; done)
@@ -6,7 +6,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: install dev demo test lint bench docs clean
+.PHONY: install dev demo test pipeline lint bench docs clean
 
 install: $(VENV)/installed
 dev: $(VENV)/installed-dev
@@ -38,6 +38,11 @@ demo: install
 
 test: dev
 	$(BIN)/python -m pytest -q -n 2
+
+# every stage once, by shell, on sizes that take minutes
+pipeline: install
+	folder=$$(mktemp -d) && trap 'rm -rf "$$folder"' EXIT && \
+		CAPTURE="$(CURDIR)/$(BIN)/capture" docs/pipeline.sh "$$folder"
 
 lint: dev
 	$(BIN)/ruff check .

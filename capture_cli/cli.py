@@ -213,7 +213,9 @@ def identify(
     rounds: Annotated[
         int | None,
         typer.Option(
-            "--rounds", min=1, help="At most so many: of a learned identifier over episodes, or of simulations."
+            "--rounds",
+            min=1,
+            help="At most so many: of a learned identifier over episodes, or of simulations.",
         ),
     ] = None,
     fail_on: Annotated[
@@ -333,10 +335,15 @@ def _verdicts(text: str | None) -> set[str]:
 
 @app.command(name="import-log")
 def import_log(
-    files: Annotated[list[Path], typer.Argument(help="CSV or Parquet files, one recording each.")],
+    files: Annotated[
+        list[Path], typer.Argument(help="CSV or Parquet files, one recording each, or measured logs.")
+    ],
     task: Annotated[str, typer.Option("--task", help="Path of the task.toml that names the columns.")],
     out: Annotated[Path, typer.Option("--out", help="Measured log to write (.zarr).")],
     drop_nan: Annotated[bool, typer.Option("--drop-nan", help="Drop rows with missing values.")] = False,
+    append: Annotated[
+        bool, typer.Option("--append", help="Add the episodes to the log at --out, which exists.")
+    ] = False,
     force: Force = False,
     json_: Json = False,
     quiet: Quiet = False,
@@ -348,7 +355,7 @@ def import_log(
     """
     from capture_cli.stages.import_log import import_log as stage
 
-    stage(files=files, task=task, out=out, drop_nan=drop_nan, force=force)
+    stage(files=files, task=task, out=out, append=append, drop_nan=drop_nan, force=force)
     _show_inspection(out, task, json_, quiet)
 
 
@@ -398,6 +405,9 @@ def record(
         str | None,
         typer.Option("--policy", help="Who chooses the actions of a task that has some; default random."),
     ] = None,
+    actions_from: Annotated[
+        Path | None, typer.Option("--actions-from", help="Proposal whose action every episode takes.")
+    ] = None,
     duration: Annotated[
         float | None, typer.Option("--duration", help="Seconds per episode; default 10.")
     ] = None,
@@ -440,6 +450,7 @@ def record(
         noise=_sd(noise, "--noise"),
         episodes=episodes,
         policy=policy,
+        actions_from=actions_from,
         duration=duration,
         rate=rate,
         inputs_from=inputs_from,
@@ -780,6 +791,51 @@ def eval_sim2sim(
 
         show = print_suite if suite else print_evaluation
         show(document, _console(), out)
+
+
+@app.command()
+def propose(
+    result: Annotated[Path, typer.Argument(help="Estimate or diagnosis directory.")],
+    task: TaskOption = None,
+    policy: Annotated[
+        str | None, typer.Option("--policy", help="Let this policy choose, rather than what tells most.")
+    ] = None,
+    candidates: Annotated[
+        int, typer.Option("--candidates", min=1, help="Random actions that are compared.")
+    ] = 48,
+    amplitude: Annotated[
+        list[str], typer.Option("--amplitude", help="INPUT=VALUE: how far an input may be driven.")
+    ] = [],  # noqa: B006
+    out: Annotated[Path | None, typer.Option("--out", help="File to write; default stdout.")] = None,
+    seed: Seed = 0,
+    threads: Threads = None,
+    force: Force = False,
+    config: Config = None,
+) -> None:
+    """Propose what to run on the machine next, as JSON.
+
+    Example: capture propose run.estimate > proposal.json
+    """
+    from capture_cli.stages.propose import propose as stage
+    from capture_cli.stores.output import new_file, refuse_existing
+    from capture_cli.stores.provenance import write_json
+
+    if out is not None:
+        refuse_existing(out, force=force)
+    document = stage(
+        result=result,
+        task=task,
+        policy=policy,
+        candidates=candidates,
+        amplitude=_pairs(amplitude, "--amplitude"),
+        seed=seed,
+        threads=threads,
+    )
+    if out is None:
+        _print_json(document)
+        return
+    with new_file(out, force=force) as file:
+        write_json(file, document)
 
 
 @app.command()

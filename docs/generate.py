@@ -22,11 +22,11 @@ NOT_LISTED = {".git", ".venv", ".hypothesis", ".pytest_cache", ".ruff_cache", "_
 BAR = "\\|"  # in a table
 # Captions of what has no docstring, and is no machine; a folder named here is one line of the tree.
 CAPTIONS = {
-    ".ci/run": "what continuous integration runs: lint and tests",
+    ".ci/run": "what continuous integration runs: lint, tests and the pipeline of docs/",
     ".gitignore": "what is not kept",
     "CHANGELOG.md": "what changed, by version",
     "LICENSE": "MIT",
-    "Makefile": "make demo, test, install, lint, bench, docs: each sets up what it needs",
+    "Makefile": "make demo, test, pipeline, install, lint, bench, docs: each sets up what it needs",
     "README.md": "this page",
     "constraints.txt": "the exact versions that are installed",
     "pyproject.toml": "the package, its dependencies, the settings of pytest and ruff",
@@ -44,6 +44,9 @@ CAPTIONS = {
     "docs/effects.md": "every effect, where it sits and its parameters",
     "docs/findings.md": "what was found out on the way, with dates; failures too",
     "docs/images": "the pictures of these pages",
+    "docs/online.md": "the loop with a machine: propose, run, append, take up",
+    "docs/online_loop.sh": "that loop as a script, with a simulated machine",
+    "docs/pipeline.sh": "every stage once, by shell, in minutes",
     "docs/in-context.md": "identifiers that learn from histories: rounds, the transformer, its uncertainty, training",
     "docs/schemas.md": "every file format, array by array and key by key",
     "docs/task-file.md": "every key of a task.toml, and everything a parameter can set",

@@ -15,6 +15,7 @@ from capture_cli.sim.targets import object_names
 from capture_cli.stages.multisine import multisine, peak
 from capture_cli.stages.policy_checkpoint import load_policy
 from capture_cli.stores.measured_log import MeasuredLog
+from capture_cli.stores.proposal import read_action
 from capture_cli.tasks.base import ActionTask, Task
 
 DURATION = 10.0  # s, of an episode unless told otherwise
@@ -39,17 +40,23 @@ def drive_by_actions(
     rate: float | None,
     policy: str | None,
     generator: np.random.Generator,
+    actions_from: Path | None = None,
 ) -> Drive:
     """One action per episode, as the policy (a random one where None) chooses it under the nominal parameters.
+
+    actions_from: a proposal, whose action every episode takes instead.
 
     Inputs are logged at `rate` Hz (`ACTION_RATE` where None): the mean of each over the time until the next sample, so
     that a machine which holds them in between moves as far as the action says.
     """
     rate = ACTION_RATE if rate is None else rate
     _check_positive(episodes=episodes, rate=rate)
-    chooser = load_policy(policy or "random", task)
-    believed = np.repeat(task.space.nominal[None], episodes, axis=0)
-    actions = chooser.act(believed, generator.random((episodes, len(task.actions))))
+    if actions_from is not None:
+        actions = np.repeat(read_action(actions_from, task)[None], episodes, axis=0)
+    else:
+        chooser = load_policy(policy or "random", task)
+        believed = np.repeat(task.space.nominal[None], episodes, axis=0)
+        actions = chooser.act(believed, generator.random((episodes, len(task.actions))))
     driven = task.episodes(actions)
     steps = round(task.point_times[-1] * rate) + 1
     time = np.arange(steps) / rate

@@ -1,20 +1,22 @@
-"""`capture import-log`: CSV or Parquet files in, one measured log out."""
+"""`capture import-log`: CSV or Parquet files in, or other measured logs, one measured log out."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 from pathlib import Path
 
 import numpy as np
 
 from capture_cli.errors import LogError
+from capture_cli.stages.prepared_log import check_fits
 from capture_cli.stages.source_files import SourceFile, open_source
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.stores.output import new_directory, refuse_existing, sha256
 from capture_cli.stores.provenance import Provenance
 from capture_cli.tasks import load_task
-from capture_cli.tasks.base import Task
+from capture_cli.tasks.base import ActionTask, Task
 
 LEAST_STEPS = 2  # of an episode
 # As in the stages that cut windows: an episode a little shorter than a window still is one.
@@ -22,42 +24,70 @@ SHORTEST_EPISODE = 0.9  # of a window
 
 
 def import_log(
-    *, files: Sequence[Path], task: str, out: Path, force: bool = False, drop_nan: bool = False
+    *,
+    files: Sequence[Path],
+    task: str,
+    out: Path,
+    append: bool = False,
+    force: bool = False,
+    drop_nan: bool = False,
 ) -> MeasuredLog:
     """Read `files`, each a recording named by its stem, as channels of `task`; write a measured log at `out`.
 
-    Within a file a new episode begins where the value of the task's episode column changes. drop_nan: leave
+    Within a file a new episode begins where the value of the task's episode column changes. Of a task of actions, the
+    columns action.NAME hold the action of each episode. A file may be a measured log as well. drop_nan: leave
     out rows in which a value is missing, NaN or infinite; each recording's `dropped_rows` says how many were.
-    Raises LogError, TaskError, ModelError or OutputError before anything is written.
+    append: `out` is a log already, and the episodes come after those in it.
+    Raises LogError, TaskError, ModelError, StoreError or OutputError before anything is written.
     """
     options = {**locals(), "files": [str(f) for f in files]}
-    refuse_existing(out, force=force)
+    refuse_existing(out, force=force or append)
     if not files:
         raise LogError("no file is given", cure="name one CSV or Parquet file or more")
     machine = load_task(task)
-    sources = [open_source(Path(f)) for f in files]
-    names = _recording_names([s.path for s in sources])
-    inputs = {"task": getattr(machine, "path", None), **{str(s.path): s.path for s in sources}}
+    logs = [MeasuredLog.read(out)] if append else []
+    inputs = {"task": getattr(machine, "path", None), **{str(f): Path(f) for f in files}}
+    stored = [Path(f) for f in files if Path(f).is_dir()]
+    sources = [open_source(Path(f)) for f in files if not Path(f).is_dir()]
     provenance = Provenance("import-log", options, inputs)
-    recordings = [
-        _read_recording(source, name, machine, drop_nan=drop_nan)
-        for source, name in zip(sources, names, strict=True)
-    ]
-    log = _join(recordings, machine).check()
+    if sources:
+        names = _recording_names([s.path for s in sources])
+        recordings = [
+            _read_recording(source, name, machine, drop_nan=drop_nan)
+            for source, name in zip(sources, names, strict=True)
+        ]
+        logs.append(replace(_join(recordings, machine), path=sources[0].path))
+    logs += [MeasuredLog.read(path) for path in stored]
+    for log in logs:
+        _check_task(log, machine)
+    log = reduce(MeasuredLog.followed_by, logs).check()
     _check_long_enough(log, machine)
-    with new_directory(out, force=force) as folder:
+    with new_directory(out, force=force or append) as folder:
         log.write(folder)
         provenance.write(folder)
     return replace(log, path=Path(out))
 
 
+def _check_task(log: MeasuredLog, task: Task) -> None:
+    if log.task != task.name:
+        raise LogError(
+            f"{log.path} belongs to the task {log.task!r}, and --task is {task.name!r}",
+            cure="give the task it was made with, or another --out",
+        )
+    check_fits(log, task)
+
+
 @dataclass(frozen=True)
 class _Recording:
-    """One file: data (step, channel): time, inputs, outputs in the task's units; episode_ends (episode,)."""
+    """One file: data (step, channel): time, inputs, outputs in the task's units; episode_ends (episode,).
+
+    actions (episode, action), where the file holds them.
+    """
 
     data: np.ndarray
     episode_ends: np.ndarray
     source: dict[str, str | int]
+    actions: np.ndarray | None
 
 
 def _recording_names(files: Sequence[Path]) -> list[str]:
@@ -78,9 +108,11 @@ def _read_recording(source: SourceFile, name: str, task: Task, *, drop_nan: bool
     columns = [task.log.time, *(c.column for c in channels)]
     source.require([*columns, *([task.log.episode] if task.log.episode else [])])
     data = source.numbers(columns)
+    actions = _actions(source, task)
     labels = np.array(source.labels(task.log.episode), dtype=object) if task.log.episode else None
     rows = np.flatnonzero(_usable(source, columns, data, labels, task, drop_nan=drop_nan))
     dropped = len(data) - len(rows)
+    actions = None if actions is None else actions[rows]
     data, labels = data[rows], None if labels is None else labels[rows]
     if not len(data):
         raise LogError(
@@ -100,7 +132,27 @@ def _read_recording(source: SourceFile, name: str, task: Task, *, drop_nan: bool
         "sha256": sha256(source.path),
         "dropped_rows": dropped,
     }
-    return _Recording(data, ends, described)
+    begins = np.array([0, *ends[:-1]])
+    return _Recording(data, ends, described, None if actions is None else actions[begins])
+
+
+def _actions(source: SourceFile, task: Task) -> np.ndarray | None:
+    """The columns action.NAME (row, action); None where there is none of them, or the task has no actions."""
+    if not isinstance(task, ActionTask):
+        return None
+    columns = [f"action.{name}" for name in task.actions.names]
+    if not set(columns) & set(source.columns):
+        return None
+    source.require(columns)
+    values = source.numbers(columns)
+    bad = np.argwhere(~np.isfinite(values))
+    if bad.size:
+        row, k = bad[0]
+        raise LogError(
+            f"{source.path}: column {columns[k]!r} is missing or NaN at {source.place(row)}",
+            cure="write the action of an episode into every row of it",
+        )
+    return values
 
 
 def _usable(source: SourceFile, columns, data, labels, task: Task, *, drop_nan: bool) -> np.ndarray:
@@ -201,7 +253,18 @@ def _join(recordings: Sequence[_Recording], task: Task) -> MeasuredLog:
         output_names=tuple(c.name for c in task.outputs),
         output_units=tuple(c.unit for c in task.outputs),
         recordings=tuple(r.source for r in recordings),
+        actions=_joined_actions(recordings),
     )
+
+
+def _joined_actions(recordings: Sequence[_Recording]) -> np.ndarray | None:
+    given = [r.actions is not None for r in recordings]
+    if any(given) and not all(given):
+        without = recordings[given.index(False)].source["source"]
+        raise LogError(
+            f"{without} has no columns action.NAME, and other files have", cure="give them in all, or in none"
+        )
+    return np.concatenate([r.actions for r in recordings]) if all(given) else None
 
 
 def _check_long_enough(log: MeasuredLog, task: Task) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+import capture_cli
 from capture_cli.errors import LogError, OptionError
 from capture_cli.identifiers.rounds import Rounds, Signature, Walk, run_rounds
 from capture_cli.sim.engine import Engine
@@ -137,7 +138,7 @@ class InContext:
         names = self.checkpoint.model.signature.space.names
         sd = self.sd
         return {
-            "checkpoint": str(self.path),
+            "checkpoint": named(self.path),
             "sha256": sha256(self.path),
             "rounds": len(self.used),
             "episodes": self.entries,
@@ -165,6 +166,12 @@ class InContext:
         elif not self.in_family or contradicted:
             said.append("The fit through the simulator, which explains the log, has the say.")
         return " ".join(said) or None
+
+
+def named(path: Path) -> str:
+    """A checkpoint's path as it was given, or of one that is shipped, in the package."""
+    package = Path(capture_cli.__file__).parent
+    return path.relative_to(package.parent).as_posix() if path.is_relative_to(package) else str(path)
 
 
 def walk_log(

@@ -47,6 +47,7 @@ def record(
     noise: Mapping[str, float] | float = 0.0,
     episodes: int = 1,
     policy: str | None = None,
+    actions_from: Path | None = None,
     duration: float | None = None,
     rate: float | None = None,
     inputs_from: Path | None = None,
@@ -66,9 +67,9 @@ def record(
     where there is only one. noise: standard deviation of white noise per output, or one for all.
 
     A task of actions is driven by one action per episode, chosen by `policy` (a checkpoint, or a name; random where
-    None), and logged at 100 Hz where `rate` is None. Inputs of any other task are multisines in `band` Hz that peak at
-    `amplitude` (the actuator's ctrlrange where not given), or those of the log `inputs_from`. start and
-    start_velocity: JOINT -> (low, high), drawn anew for each episode. Raises CaptureError.
+    None) or proposed in the file `actions_from`, and logged at 100 Hz where `rate` is None. Inputs of any other task
+    are multisines in `band` Hz that peak at `amplitude` (the actuator's ctrlrange where not given), or those of the log
+    `inputs_from`. start and start_velocity: JOINT -> (low, high), drawn anew for each episode. Raises CaptureError.
     """
     options = {k: v for k, v in locals().items() if k != "force"}
     truth = truth or out.with_suffix(".truth.json")
@@ -95,9 +96,16 @@ def record(
     }
     if isinstance(machine, ActionTask):
         _refuse(by_inputs, {"band": BAND}, f"an episode of {machine.name!r} is what its action says")
-        drive = drive_by_actions(machine, episodes=episodes, rate=rate, policy=policy, generator=generator)
+        drive = drive_by_actions(
+            machine,
+            episodes=episodes,
+            rate=rate,
+            policy=policy,
+            actions_from=actions_from,
+            generator=generator,
+        )
     else:
-        _refuse({"policy": policy}, {}, f"{machine.name!r} has no actions")
+        _refuse({"policy": policy, "actions_from": actions_from}, {}, f"{machine.name!r} has no actions")
         drive = drive_by_inputs(machine, episodes=episodes, rate=rate, generator=generator, **by_inputs)
     if world == "plant":
         outputs = _simulate(simulator, drive, np.concatenate([point, effect_values]))

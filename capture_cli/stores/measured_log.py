@@ -7,7 +7,7 @@ The truth, where there is one, is never in it.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -144,6 +144,42 @@ class MeasuredLog:
             path=self.path,
         )
 
+    def followed_by(self, other: MeasuredLog) -> MeasuredLog:
+        """With the episodes of `other` after its own; recordings of the same name are told apart by a number.
+
+        Raises LogError where the task, the channels or their units differ, or one has actions and the other has none.
+        """
+        for what in ("task", "input_names", "input_units", "output_names", "output_units"):
+            mine, theirs = getattr(self, what), getattr(other, what)
+            if mine != theirs:
+                raise LogError(
+                    f"{other.path}: its {what.replace('_', ' ')} {_listed(theirs)}; {self.path} has {_listed(mine)}",
+                    cure="import it with the task of the log that it is to be added to",
+                )
+        if (self.actions is None) != (other.actions is None):
+            without = self.path if self.actions is None else other.path
+            raise LogError(
+                f"{without} has no actions, and the other log has",
+                cure="give the actions of every episode, or of none",
+            )
+        names, recordings = set(self.recording_names), list(self.recordings)
+        for recording in other.recordings:
+            name, number = recording["name"], 2
+            while name in names:
+                name, number = f"{recording['name']}-{number}", number + 1
+            names.add(name)
+            recordings.append({**recording, "name": name})
+        return replace(
+            self,
+            time=np.concatenate([self.time, other.time]),
+            inputs=np.concatenate([self.inputs, other.inputs]),
+            outputs=np.concatenate([self.outputs, other.outputs]),
+            episode_ends=np.concatenate([self.episode_ends, other.episode_ends + len(self.time)]),
+            recording=np.concatenate([self.recording, other.recording + len(self.recordings)]),
+            recordings=tuple(recordings),
+            actions=None if self.actions is None else np.concatenate([self.actions, other.actions]),
+        )
+
     def write(self, path: Path) -> None:
         """Write to `path` (a folder made by `new_directory`)."""
         arrays = {
@@ -218,3 +254,7 @@ def _channel_list(path: Path, attributes: Mapping[str, Any], key: str, size: int
 
 def _named(names: Sequence[str], units: Sequence[str]) -> list[dict[str, str]]:
     return [{"name": n, "unit": u} for n, u in zip(names, units, strict=True)]
+
+
+def _listed(value: str | Sequence[str]) -> str:
+    return repr(value) if isinstance(value, str) else f"({', '.join(value)})"

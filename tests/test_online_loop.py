@@ -1,0 +1,179 @@
+"""propose, record, import-log --append and identify --resume: each alone, and the scripts of docs/ that join them."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from capture_cli.errors import LogError, OptionError, OutputError, StoreError
+from capture_cli.parameters import Parameter, ParameterSpace
+from capture_cli.stages.identify import identify
+from capture_cli.stages.import_log import import_log
+from capture_cli.stages.propose import information, propose, sigma_points
+from capture_cli.stages.record import record
+from capture_cli.stores.estimate import Estimate
+from capture_cli.stores.measured_log import MeasuredLog
+
+DOCS = Path(__file__).parents[1] / "docs"
+CAPTURE = f"{sys.executable} -m capture_cli"
+
+
+@pytest.fixture(scope="module")
+def scooping(tmp_path_factory) -> Path:
+    """A folder with a log of two lifts, and its estimate `e`."""
+    folder = tmp_path_factory.mktemp("scooping")
+    options = {"task": "scooping", "parameters": {"com": 0.4}, "noise": 3e-4, "threads": 1}
+    record(out=folder / "log.zarr", episodes=2, **options)
+    record(out=folder / "other.zarr", seed=5, **options)
+    identify(real_log=folder / "log.zarr", out=folder / "e", test="none", threads=1, quiet=True)
+    return folder
+
+
+@given(
+    noise=st.floats(0.1, 10.0),
+    sd=st.lists(st.floats(0.01, 0.2), min_size=3, max_size=3),
+    correlation=st.floats(-0.9, 0.9),
+)
+@settings(max_examples=50, deadline=None)
+def test_the_gain_of_a_linear_experiment_is_that_of_the_formula(noise, sd, correlation):
+    """log det(1 + C J'J) / 2 for outputs that are linear in the parameters."""
+    space = ParameterSpace([Parameter(n, "1", 0.0, 1.0, 0.5) for n in "abc"])
+    correlated = np.eye(3)
+    correlated[0, 1] = correlated[1, 0] = correlation
+    covariance = correlated * np.outer(sd, sd)
+    jacobian = np.random.default_rng(0).normal(size=(6, 3))
+    values = np.linalg.eigvalsh(covariance)
+    points = sigma_points(space, np.full(3, 0.5), covariance)
+    outputs = points @ jacobian.T / noise
+    gain, left = information(outputs[None])
+    if values.min() > 2e-3**2 and values.max() < 0.3**2:  # elsewhere the axes are cut
+        expected = np.linalg.slogdet(np.eye(3) + covariance @ jacobian.T @ jacobian / noise**2)[1] / 2
+        assert gain[0] == pytest.approx(expected, rel=1e-6)
+    assert np.all(np.linalg.eigvalsh(left[0]) <= 1 + 1e-9)
+
+
+def test_the_action_that_tells_most_is_proposed_again_for_the_same_seed(scooping):
+    first = propose(result=scooping / "e", threads=1, seed=3)
+    assert first == propose(result=scooping / "e", threads=2, seed=3)
+    assert first != propose(result=scooping / "e", threads=1, seed=4)
+    action = first["action"]["scoop_point"]
+    assert -1 <= action["value"] <= 1
+    assert action["unit"] == "1"
+    assert first["information"] > 0
+
+
+def test_a_proposal_is_what_record_runs(scooping, tmp_path):
+    proposal = propose(result=scooping / "e", threads=1)
+    (tmp_path / "p.json").write_text(json.dumps(proposal))
+    made = record(task="scooping", out=tmp_path / "n.zarr", actions_from=tmp_path / "p.json", threads=1)
+    assert made.log.actions.tolist() == [[proposal["action"]["scoop_point"]["value"]]]
+    for bad in ("{", json.dumps({**proposal, "task": "air-hockey"}), json.dumps({**proposal, "action": {}})):
+        (tmp_path / "p.json").write_text(bad)
+        with pytest.raises(OptionError, match="holds no action"):
+            record(task="scooping", out=tmp_path / "m.zarr", actions_from=tmp_path / "p.json")
+    assert not (tmp_path / "m.zarr").exists()
+
+
+def test_of_a_policy_its_own_action_is_proposed(scooping):
+    assert propose(result=scooping / "e", policy="random", seed=1)["kind"] == "action"
+    with pytest.raises(OptionError, match="neither a policy nor"):
+        propose(result=scooping / "e", policy="nobody")
+
+
+def test_a_machine_of_ones_own_is_to_be_driven_by_a_multisine(slider_task, tmp_path):
+    options = {"task": str(slider_task), "threads": 1}
+    record(out=tmp_path / "s.zarr", duration=4, amplitude={"drive": 5}, noise=1e-3, rate=200, **options)
+    identify(real_log=tmp_path / "s.zarr", out=tmp_path / "e", quiet=True, **options)
+    proposal = propose(result=tmp_path / "e", threads=1)
+    tape = np.array(proposal["inputs"]["drive"])
+    assert proposal["kind"] == "inputs"
+    assert len(tape) == len(proposal["time_s"])
+    assert np.abs(tape).max() == pytest.approx(proposal["peaks"]["drive"]) == pytest.approx(5)
+    less = propose(result=tmp_path / "e", amplitude={"drive": 1}, threads=1)
+    assert less["information"] < proposal["information"]
+    with pytest.raises(OptionError, match="has no input 'motor'"):
+        propose(result=tmp_path / "e", amplitude={"motor": 1})
+
+
+def test_episodes_are_added_to_a_log(scooping, tmp_path):
+    log, other = (MeasuredLog.read(scooping / n) for n in ("log.zarr", "other.zarr"))
+    import_log(files=[scooping / "log.zarr"], task="scooping", out=tmp_path / "log.zarr")
+    both = import_log(
+        files=[scooping / "other.zarr"], task="scooping", out=tmp_path / "log.zarr", append=True
+    )
+    again = MeasuredLog.read(tmp_path / "log.zarr")
+    assert np.array_equal(again.outputs, np.concatenate([log.outputs, other.outputs]))
+    assert np.array_equal(again.actions, np.concatenate([log.actions, other.actions]))
+    assert again.recording.tolist() == [0, 0, 1]
+    assert again.recording_names == ("log", "other") == both.recording_names
+    import_log(files=[scooping / "other.zarr"], task="scooping", out=tmp_path / "log.zarr", append=True)
+    assert MeasuredLog.read(tmp_path / "log.zarr").recording_names == ("log", "other", "other-2")
+
+
+def test_actions_are_read_from_their_columns(scooping, tmp_path):
+    log = MeasuredLog.read(scooping / "other.zarr")
+    names = ["time", *log.input_names, *log.output_names, "action.scoop_point"]
+    action = np.full((len(log.time), 1), log.actions[0, 0])
+    rows = np.concatenate([log.time[:, None], log.inputs, log.outputs, action], axis=1)
+    np.savetxt(tmp_path / "run.csv", rows, fmt="%.17g", delimiter=",", header=",".join(names), comments="")
+    read = import_log(files=[tmp_path / "run.csv"], task="scooping", out=tmp_path / "log.zarr")
+    assert np.array_equal(read.actions, log.actions)
+    assert np.array_equal(read.outputs, log.outputs)
+    np.savetxt(
+        tmp_path / "none.csv",
+        rows[:, :-1],
+        fmt="%.17g",
+        delimiter=",",
+        header=",".join(names[:-1]),
+        comments="",
+    )
+    with pytest.raises(LogError, match="has no actions"):
+        import_log(files=[tmp_path / "none.csv"], task="scooping", out=tmp_path / "log.zarr", append=True)
+
+
+def test_what_does_not_belong_to_a_log_is_refused_and_the_log_stays(scooping, slider_task, tmp_path):
+    import_log(files=[scooping / "log.zarr"], task="scooping", out=tmp_path / "log.zarr")
+    before = {f.relative_to(tmp_path): f.read_bytes() for f in tmp_path.rglob("*") if f.is_file()}
+    record(
+        task=str(slider_task), out=tmp_path.parent / "s.zarr", duration=2, amplitude={"drive": 5}, force=True
+    )
+    with pytest.raises(LogError, match="belongs to the task 'slider'"):
+        import_log(
+            files=[tmp_path.parent / "s.zarr"], task="scooping", out=tmp_path / "log.zarr", append=True
+        )
+    with pytest.raises(OutputError, match="exists already"):
+        import_log(files=[scooping / "other.zarr"], task="scooping", out=tmp_path / "log.zarr")
+    with pytest.raises(StoreError):
+        import_log(files=[scooping / "other.zarr"], task="scooping", out=tmp_path / "no.zarr", append=True)
+    after = {f.relative_to(tmp_path): f.read_bytes() for f in tmp_path.rglob("*") if f.is_file()}
+    assert {k: v for k, v in after.items() if k in before} == before
+    assert not (tmp_path / "no.zarr").exists()
+
+
+def test_the_online_loop_of_the_docs(tmp_path):
+    _run("online_loop.sh", tmp_path / "loop", "2", "scooping", TRUTH="--param com=0.4")
+    estimate = Estimate.read(tmp_path / "loop" / "estimate")
+    assert estimate.document["rollouts"]["measured"] == 4
+    com = estimate.document["parameters"]["com"]
+    assert abs(com["value"] - 0.4) < 0.05
+    log = MeasuredLog.read(tmp_path / "loop" / "log.zarr")
+    proposed = json.loads((tmp_path / "loop" / "proposal-2.json").read_text())
+    assert log.actions[-1, 0] == proposed["action"]["scoop_point"]["value"]
+
+
+def _run(script: str, folder: Path, *arguments: str, **environment: str) -> None:
+    result = subprocess.run(
+        ["bash", str(DOCS / script), str(folder), *arguments],
+        env={**os.environ, "CAPTURE": CAPTURE, "OMP_NUM_THREADS": "1", **environment},
+        capture_output=True,
+        text=True,
+    )
+    assert result.returncode == 0, result.stderr
