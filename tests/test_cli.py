@@ -278,8 +278,8 @@ def test_mendable_errors_exit_with_2_and_write_nothing(capture, log, tmp_path, f
         ((*RECORD, "--out", "r.zarr", "--start", "x=1:0"), ["'x=1:0'", "LOW:HIGH"]),
         ((*RECORD, "--out", "r.zarr", "--start", "x=nan"), ["'x=nan'", "LOW:HIGH"]),
         ((*RECORD, "--out", "r.zarr", "--param", "mass=inf"), ["'mass=inf'"]),
-        ((*RECORD, "--out", "r.zarr", "--rate", "-5"), ["rate = -5"]),
-        ((*RECORD, "--out", "r.zarr", "--rate", "inf"), ["rate = inf"]),
+        ((*RECORD, "--out", "r.zarr", "--rate", "-5"), ["--rate -5", "positive"]),
+        ((*RECORD, "--out", "r.zarr", "--rate", "inf"), ["--rate inf", "positive"]),
         ((*RECORD, "--out", "r.zarr", "--duration", "nan"), ["duration = nan"]),
         ((*RECORD, "--out", "r.zarr", "--band", "3", "1"), ["--band 3 1", "lower"]),
         ((*RECORD, "--out", "r.zarr", "--amplitude", "push=5"), ["'push'", "drive"]),
@@ -427,14 +427,14 @@ def test_a_run_killed_while_it_writes(tmp_path, log, capture, without_pages, whe
 FITTING_FOR_EVER = """
 import sys, time
 from capture_cli import cli
-from capture_cli.stages import identify
+from capture_cli.stages import estimation
 
 def run(*_):
     print("fitting", file=sys.stderr, flush=True)
     while True:
         time.sleep(0.01)
 
-identify.run = run
+estimation.run = run
 cli.main()
 """
 
