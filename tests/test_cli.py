@@ -280,7 +280,7 @@ def test_mendable_errors_exit_with_2_and_write_nothing(capture, log, tmp_path, f
         ((*RECORD, "--out", "r.zarr", "--param", "mass=inf"), ["'mass=inf'"]),
         ((*RECORD, "--out", "r.zarr", "--rate", "-5"), ["--rate -5", "positive"]),
         ((*RECORD, "--out", "r.zarr", "--rate", "inf"), ["--rate inf", "positive"]),
-        ((*RECORD, "--out", "r.zarr", "--duration", "nan"), ["duration = nan"]),
+        ((*RECORD, "--out", "r.zarr", "--duration", "nan"), ["--duration nan", "positive"]),
         ((*RECORD, "--out", "r.zarr", "--band", "3", "1"), ["--band 3 1", "lower"]),
         ((*RECORD, "--out", "r.zarr", "--amplitude", "push=5"), ["'push'", "drive"]),
         (("export", existing, "--out", "m.xml"), ["estimate.json"]),
