@@ -814,7 +814,7 @@ def propose(
 ) -> None:
     """Propose what to run on the machine next, as JSON.
 
-    Example: capture propose run.estimate > proposal.json
+    Example: capture propose run.estimate --out proposal.json
     """
     from capture_cli.stages.propose import propose as stage
     from capture_cli.stores.output import new_file, refuse_existing

@@ -52,7 +52,8 @@ def drive_by_actions(
     rate = ACTION_RATE if rate is None else rate
     _check_positive(episodes=episodes, rate=rate)
     if actions_from is not None:
-        actions = np.repeat(read_action(actions_from, task)[None], episodes, axis=0)
+        action = read_action(actions_from, task.name, task.actions.names)
+        actions = np.repeat(action[None], episodes, axis=0)
     else:
         chooser = load_policy(policy or "random", task)
         believed = np.repeat(task.space.nominal[None], episodes, axis=0)

@@ -47,8 +47,8 @@ def import_log(
     machine = load_task(task)
     logs = [MeasuredLog.read(out)] if append else []
     inputs = {"task": getattr(machine, "path", None), **{str(f): Path(f) for f in files}}
-    stored = [Path(f) for f in files if Path(f).is_dir()]
-    sources = [open_source(Path(f)) for f in files if not Path(f).is_dir()]
+    stored = [Path(f) for f in files if _is_store(Path(f))]
+    sources = [open_source(Path(f)) for f in files if not _is_store(Path(f))]
     provenance = Provenance("import-log", options, inputs)
     if sources:
         names = _recording_names([s.path for s in sources])
@@ -66,6 +66,10 @@ def import_log(
         log.write(folder)
         provenance.write(folder)
     return replace(log, path=Path(out))
+
+
+def _is_store(path: Path) -> bool:
+    return any((path / name).is_file() for name in ("zarr.json", ".zgroup"))
 
 
 def _check_task(log: MeasuredLog, task: Task) -> None:
