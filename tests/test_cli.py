@@ -425,7 +425,8 @@ def test_a_run_killed_while_it_writes(tmp_path, log, capture, without_pages, whe
 
 
 FITTING_FOR_EVER = """
-import sys, time
+import signal, sys, time
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs start with it ignored
 from capture_cli import cli
 from capture_cli.stages import estimation
 
