@@ -162,7 +162,9 @@ class InContext:
         elif contradicted:
             said.append("The fit contradicts what the identifier proposed.")
         if fallback:
-            said.append("Physics was asked from several places: the proposal led to no fit that explains the log.")
+            said.append(
+                "Physics was asked from several places: the proposal led to no fit that explains the log."
+            )
         elif not self.in_family or contradicted:
             said.append("The fit through the simulator, which explains the log, has the say.")
         return " ".join(said) or None
