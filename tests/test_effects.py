@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 from machines import ARM, BALL, NAMES, away, build, controls, is_shape, machine, placed, plain, run, start
+from scipy.linalg import expm
 
 from capture_cli import effects
 from capture_cli.effects.base import GLOBAL, PLACES
@@ -327,9 +328,34 @@ def test_controls_arrive_as_the_effects_say():
     assert np.allclose(lag[1:], mean) and (lag[1:] > start_of_step[:-1]).all()
 
 
+@pytest.mark.parametrize("damping_ratio", [0.3, 0.999, 1.0, 1.001, 1.5])
+def test_a_second_order_lag_is_its_differential_equation(damping_ratio):
+    tape = np.array([0.0, 1.0, 1.0, 3.0, 3.0, -2.0])
+    time_constant = 1.3
+    # of (x, x', integral of x, control), over a step of 1 s
+    rates = np.zeros((4, 4))
+    rates[0, 1] = rates[2, 0] = 1
+    rates[1] = np.array([-1, -2 * damping_ratio * time_constant, 0, 1]) / time_constant**2
+    over_step, state, means = expm(rates), np.zeros(4), []
+    for control in tape:
+        state = over_step @ [state[0], state[1], 0.0, control]
+        means.append(state[2])
+    arrived = drive("control-second-order-lag", tape, time_constant, damping_ratio)
+    np.testing.assert_allclose(arrived, means, atol=1e-11)
+    # for a slow control it is a delay
+    ramp = np.arange(200.0)
+    late = ramp - drive("control-second-order-lag", ramp, time_constant, damping_ratio)
+    np.testing.assert_allclose(late[-1], 2 * damping_ratio * time_constant, atol=1e-6)
+
+
 @pytest.mark.parametrize(
     ("name", "value", "tolerance"),
-    [("control-delay", 0.0234, 1e-12), ("control-lag", 0.05, 1e-8), ("control-rate-limit", 0.2, 1e-12)],
+    [
+        ("control-delay", [0.0234], 1e-12),
+        ("control-lag", [0.05], 1e-8),
+        ("control-second-order-lag", [0.05, 0.8], 1e-5),
+        ("control-rate-limit", [0.2], 1e-12),
+    ],
 )
 def test_an_actuator_knows_in_a_window_what_came_before_it(name, value, tolerance):
     """Windows that begin in true states end up where the simulation of the whole episode does."""
@@ -339,7 +365,7 @@ def test_an_actuator_knows_in_a_window_what_came_before_it(name, value, toleranc
     log = {"time": time, "inputs": 30 * np.sign(np.sin(61 * time))[:, None], "outputs": np.zeros((750, 1))}
     options = {"episodes": [slice(0, 750)], "timestep": task.timestep, "linear": np.array([False])}
     whole, windows = (cut(**log, **options, duration=d) for d in (None, 0.5))
-    values = np.array([[value]])
+    values = np.array([value])
     rollout = Engine(task.model, 1).rollout(
         starts=model_starts(task.model, 1).starts,
         controls=effect.drive(task.controls(whole.controls), values, task.timestep),
@@ -348,7 +374,7 @@ def test_an_actuator_knows_in_a_window_what_came_before_it(name, value, toleranc
     )
     at = np.rint(windows.time / task.timestep).astype(int)
     starts = Starts(rollout.qpos[0, at], rollout.qvel[0, at], np.zeros((len(at), 0)), windows.time)
-    point = np.concatenate([task.space.nominal, [value]])
+    point = np.concatenate([task.space.nominal, value])
     simulated = Simulator(task, [(name, effect)], threads=1).simulate(windows, starts, point[None]).outputs[0]
     expected = whole.sample(rollout.sensors[None])[0, 0].reshape(len(at), -1, 1)
     assert len(at) > 4
