@@ -78,7 +78,7 @@ class Simulator:
         starts: one per window. parameters (candidate, parameter). offsets (candidate, window, state): how far each
         start is moved, in the tangent space of the state, and then what the effects' hidden states begin with; None
         moves none. reported: what the starts were read off, where that was the sensors: the measurement effects
-        correct them.
+        correct them. What several candidates share, a window that they do not differ in, is simulated once.
         """
         parameters = np.atleast_2d(np.asarray(parameters, dtype=float))
         candidates = len(parameters)
@@ -88,11 +88,13 @@ class Simulator:
             part = windows.rows(group)
             moved = None if offsets is None else offsets[:, group]
             motion = None if reported is None else reported.rows(group)
-            sensors, bad = self._run(part, starts.rows(group), parameters, moved, motion)
-            samples = part.sample(sensors)
-            outputs[:, group, : samples.shape[2]] = samples
-            diverged[:, group] = bad
-        self.rollouts += candidates * len(windows)
+            candidate, row, which = _distinct(parameters, moved, len(group))
+            own = None if moved is None else moved[candidate, row]
+            rollouts = self._rollout(part, starts.rows(group), row, parameters[candidate], own, motion)
+            samples = part.sample(rollouts.sensors, row)
+            outputs[:, group, : samples.shape[1]] = samples[which]
+            diverged[:, group] = rollouts.diverged[which]
+            self.rollouts += len(row)
         return Simulated(outputs, diverged)
 
     def trajectories(self, parameters: np.ndarray, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -122,33 +124,29 @@ class Simulator:
         reported: ReportedMotion | None = None,
     ) -> Motion:
         """What happens inside every window at one point (parameter,); the rest is as for `simulate`."""
-        rollouts = self._rollout(windows, starts, point[None], offsets[None], reported, states=True)
+        row = np.arange(len(windows))
+        each = np.repeat(point[None], len(windows), axis=0)
+        rollouts = self._rollout(windows, starts, row, each, offsets, reported, states=True)
         self.rollouts += len(windows)
         return Motion(rollouts.qpos, rollouts.contacts)
-
-    def _run(self, windows: Windows, starts: Starts, parameters: np.ndarray, offsets, reported):
-        """Outputs on the grid (candidate, window, grid, output) and diverged (candidate, window)."""
-        rollouts = self._rollout(windows, starts, parameters, offsets, reported)
-        shape = (len(parameters), len(windows))
-        return rollouts.sensors.reshape(*shape, *rollouts.sensors.shape[1:]), rollouts.diverged.reshape(shape)
 
     def _rollout(
         self,
         windows: Windows,
         starts: Starts,
-        parameters: np.ndarray,
-        offsets,
-        reported,
+        row: np.ndarray,
+        each: np.ndarray,
+        offsets: np.ndarray | None,
+        reported: ReportedMotion | None,
         states: bool = False,
     ) -> Rollouts:
-        """Simulation = candidate * windows + window; the sensors are the outputs, as reported."""
-        candidates, count = len(parameters), len(windows)
-        each = np.repeat(parameters, count, axis=0)
-        row = np.tile(np.arange(count), candidates)
+        """Simulations of the windows `row` (simulation,), each (simulation, parameter); the sensors are the outputs.
+
+        offsets (simulation, state); the rest is as for `simulate`.
+        """
         starts = starts.rows(row)
         hidden = None
         if offsets is not None:
-            offsets = offsets.reshape(len(row), -1)
             starts = shift(self.task.model, starts, offsets[:, : self._own_states])
             hidden = offsets[:, self._own_states :]
         if reported is not None and any(effect.place == "measurement" for _, effect in self.effects):
@@ -243,6 +241,24 @@ class Simulator:
 def placed_name(name: str, effect: Effect) -> str:
     """EFFECT@SITE, or EFFECT alone where it concerns the model as a whole."""
     return f"{name}@{effect.site}" if effect.site else name
+
+
+def _distinct(
+    parameters: np.ndarray, offsets: np.ndarray | None, windows: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Candidate and window of the simulations that differ, (simulation,) each, and which of them is meant where,
+    (candidate, window). parameters (candidate, parameter); offsets (candidate, window, state), or None.
+    """
+    number, window = (i.ravel() for i in np.indices((len(parameters), windows)))
+    asked = [window[:, None], parameters[number]]
+    if offsets is not None:
+        asked.append(offsets.reshape(len(number), -1))
+    rows = np.concatenate(asked, axis=1)
+    keys = rows.view(np.dtype((np.void, rows.itemsize * rows.shape[1]))).ravel()
+    _, first, which = np.unique(keys, return_index=True, return_inverse=True)
+    order = np.argsort(first)  # as they were asked for
+    which = np.argsort(order)[which].reshape(len(parameters), windows)
+    return number[first[order]], window[first[order]], which
 
 
 def _by_length(grid_steps: np.ndarray) -> list[np.ndarray]:

@@ -376,7 +376,7 @@ def test_an_actuator_knows_in_a_window_what_came_before_it(name, value, toleranc
     starts = Starts(rollout.qpos[0, at], rollout.qvel[0, at], np.zeros((len(at), 0)), windows.time)
     point = np.concatenate([task.space.nominal, value])
     simulated = Simulator(task, [(name, effect)], threads=1).simulate(windows, starts, point[None]).outputs[0]
-    expected = whole.sample(rollout.sensors[None])[0, 0].reshape(len(at), -1, 1)
+    expected = whole.sample(rollout.sensors, np.array([0]))[0].reshape(len(at), -1, 1)
     assert len(at) > 4
     np.testing.assert_allclose(simulated, expected, rtol=0, atol=tolerance)
     held = Simulator(task, [(name, effect)], threads=1).simulate(

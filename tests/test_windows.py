@@ -127,15 +127,18 @@ def test_the_past_is_no_longer_than_any_actuator_remembers():
 def test_samples_are_interpolated_at_the_logs_times(times, duration):
     windows, log = windows_of(times, duration)
     grid = int(windows.grid_steps.max())
-    sensors = np.random.default_rng(1).standard_normal((2, len(windows), grid, 3))  # candidates first
-    sampled = windows.sample(sensors)
-    assert sampled.shape == (2, *windows.measured.shape)
+    row = np.tile(np.arange(len(windows)), 2)
+    sensors = np.random.default_rng(1).standard_normal((len(row), grid, 3))
+    sampled = windows.sample(sensors, row)
+    assert sampled.shape == (len(row), windows.measured.shape[1], 3)
     for w, steps in enumerate(steps_of(windows)):
         on_grid = windows.time[w] + TIMESTEP * np.arange(grid)
         assert on_grid[windows.grid_steps[w] - 1] >= log["time"][steps[-1]]
         for output in range(3):
-            expected = np.interp(log["time"][steps], on_grid, sensors[1, w, :, output])
-            np.testing.assert_allclose(sampled[1, w, : len(steps), output], expected, rtol=1e-12, atol=1e-12)
+            simulation = len(windows) + w
+            expected = np.interp(log["time"][steps], on_grid, sensors[simulation, :, output])
+            found = sampled[simulation, : len(steps), output]
+            np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
 
 
 @settings(max_examples=30, deadline=None)

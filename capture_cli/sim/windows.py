@@ -70,12 +70,13 @@ class Windows:
             mask=self.mask[keep, :steps],
         )
 
-    def sample(self, sensors: np.ndarray) -> np.ndarray:
-        """Grid values (..., window, grid, output) at the sampling times, (..., window, step, output)."""
-        window = np.arange(len(self))[:, None]
-        before = sensors[..., window, self.index, :]
-        after = sensors[..., window, np.minimum(self.index + 1, sensors.shape[-2] - 1), :]
-        return before + self.weight[..., None] * (after - before)
+    def sample(self, sensors: np.ndarray, row: np.ndarray) -> np.ndarray:
+        """Grid values (simulation, grid, output) of the windows `row` (simulation,) at their sampling times."""
+        index, weight = self.index[row], self.weight[row, :, None]
+        simulation = np.arange(len(row))[:, None]
+        before = sensors[simulation, index]
+        after = sensors[simulation, np.minimum(index + 1, sensors.shape[1] - 1)]
+        return before + weight * (after - before)
 
 
 def cut(

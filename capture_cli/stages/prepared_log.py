@@ -67,13 +67,25 @@ class PreparedLog:
         windows = self.windows
         hidden = np.ones((len(windows), simulator.hidden_states))
         start_sd = np.concatenate([self.starts.sd, hidden], axis=1)
-        return Evidence(simulator.space, windows.measured, windows.mask, self.noise.sd, start_sd)
+        return Evidence(
+            simulator.space,
+            windows.measured,
+            windows.mask,
+            self.noise.sd,
+            start_sd,
+            hidden=simulator.hidden_states,
+        )
 
     def evaluate(self, simulator: Simulator, trial: Trial) -> tuple[np.ndarray, np.ndarray]:
-        """Simulated outputs (candidate, window, step, output) and diverged (candidate, window) of a trial."""
+        """Simulated outputs (candidate, window, step, output) and diverged (candidate, window) of a trial.
+
+        Starts that are known for certain stay where they are.
+        """
         starts = self.starts
+        offsets = trial.offsets.copy()
+        offsets[:, :, : starts.sd.shape[1]] *= starts.sd > 0
         simulated = simulator.simulate(
-            self.windows, starts.starts, trial.parameters, trial.offsets, starts.reported
+            self.windows, starts.starts, trial.parameters, offsets, starts.reported
         )
         return simulated.outputs, simulated.diverged
 

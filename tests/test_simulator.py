@@ -1,0 +1,60 @@
+"""The simulator of windows: what several candidates share is simulated once, and nobody can tell."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from capture_cli.sim.starts import model_starts
+from capture_cli.sim.windows import cut
+from capture_cli.simulator import Simulator
+from capture_cli.tasks import load_task
+
+
+@pytest.fixture
+def slider(slider_task):
+    task = load_task(str(slider_task))
+    time = np.arange(90) / 100
+    windows = cut(
+        time=time,
+        inputs=np.sin(7 * time)[:, None],
+        outputs=np.zeros((90, 1)),
+        episodes=[slice(0, 50), slice(50, 90)],
+        timestep=task.timestep,
+        duration=0.2,
+        linear=np.array([False]),
+    )
+    return task, windows, model_starts(task.model, len(windows)).starts
+
+
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    points=st.lists(st.sampled_from([(1.0, 2.0), (1.0, 3.0), (2.0, 2.0)]), min_size=1, max_size=6),
+    moves=st.lists(st.sampled_from([0.0, 0.01]), min_size=30, max_size=30),
+)
+def test_candidates_that_share_a_window_get_what_each_would_alone(slider, points, moves):
+    task, windows, starts = slider
+    count = len(windows)
+    offsets = np.zeros((len(points), count, 2))
+    offsets[:, :, 0] = np.array(moves[: len(points) * count]).reshape(len(points), count)
+    together = Simulator(task, threads=1)
+    outputs = together.simulate(windows, starts, np.array(points), offsets).outputs
+    alone = Simulator(task, threads=1)
+    for point, moved, found in zip(points, offsets, outputs, strict=True):
+        expected = alone.simulate(windows, starts, np.array([point]), moved[None]).outputs[0]
+        np.testing.assert_array_equal(found, expected)
+    different = {
+        (p, w, x) for p, row in zip(points, offsets[:, :, 0], strict=True) for w, x in enumerate(row)
+    }
+    assert together.rollouts == len(different)
+
+
+def test_without_offsets_too(slider):
+    task, windows, starts = slider
+    simulator = Simulator(task, threads=1)
+    outputs = simulator.simulate(windows, starts, np.array([[1.0, 2.0], [2.0, 2.0], [1.0, 2.0]])).outputs
+    np.testing.assert_array_equal(outputs[0], outputs[2])
+    assert np.abs(outputs[0] - outputs[1]).max() > 1e-4
+    assert simulator.rollouts == 2 * len(windows)
