@@ -44,14 +44,14 @@ def save(figures: Mapping[str, Figure], folder: Path) -> list[Path]:
     written = []
     for name, figure in figures.items():
         path = Path(folder) / f"{name}.png"
-        figure.savefig(path, dpi=DPI, facecolor="white")
+        figure.canvas.print_png(path)  # savefig lays out and draws everything twice
         written.append(path)
     return written
 
 
 def new_figure(height: float) -> Figure:
     """An empty figure, as wide as all of them and `height` inches high."""
-    figure = Figure(figsize=(WIDTH, height), layout="constrained")
+    figure = Figure(figsize=(WIDTH, height), dpi=DPI, layout="constrained", facecolor="white")
     FigureCanvasAgg(figure)
     return figure
 
