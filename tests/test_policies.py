@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import shutil
+import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -177,6 +178,14 @@ def test_another_seed_trains_another_policy(trained, tmp_path):
     stage.train_policy(out=tmp_path / "other", **{**TINY, "steps": 100}, seed=1)
     weights, other = (load_file(path / "policy.safetensors") for path in (trained, tmp_path / "other"))
     assert not np.array_equal(weights["0.weight"], other["0.weight"])
+
+
+def test_training_leaves_nothing_in_the_temporary_directory(tmp_path, monkeypatch):
+    temporary = tmp_path / "temporary"
+    temporary.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(temporary))
+    stage.train_policy(out=tmp_path / "policy", **{**TINY, "steps": 100})
+    assert not list(temporary.iterdir())
 
 
 def test_an_interrupted_training_goes_on_to_the_same_result(trained, tmp_path, monkeypatch):

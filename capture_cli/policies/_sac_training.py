@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import torch
 from stable_baselines3 import SAC
+from stable_baselines3.common.logger import Logger
 
 from capture_cli.policies._episode_env import EpisodeVecEnv
 from capture_cli.policies.base import Trainer, TrainingSettings
@@ -40,6 +41,8 @@ class SacTrainer(Trainer):
             device=settings.device,
             verbose=0,
         )
+        # of its own accord it makes a folder in the temporary directory at every call of `learn`
+        self.sac.set_logger(Logger(folder=None, output_formats=[]))
 
     @property
     def step(self) -> int:
