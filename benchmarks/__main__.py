@@ -21,7 +21,7 @@ def main() -> None:
     parser.add_argument("name", nargs="*", metavar="NAME", help="which ones; all by default")
     parser.add_argument("--logs", type=int, default=40, help="logs per machine, for coverage (default 40)")
     parser.add_argument(
-        "--pairs", type=int, default=10_000, help="most pairs of histories, for histories (default 10000)"
+        "--pairs", type=int, default=10_000, help="most histories, for growth (default 10000)"
     )
     parser.add_argument("--out", type=Path, default=ROOT / "runs" / "benchmarks", help="where results go")
     options = parser.parse_args()

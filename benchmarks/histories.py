@@ -10,10 +10,7 @@ from __future__ import annotations
 
 import importlib
 import itertools
-import json
 import os
-import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -23,7 +20,6 @@ import mujoco
 import numpy as np
 from mujoco import rollout
 
-from benchmarks import ROOT
 from benchmarks.base import Benchmark, Figure, Result
 from capture_cli.stages.gen_histories import ROUNDS, gen_histories
 from capture_cli.tasks import load_task
@@ -32,34 +28,17 @@ TASKS = {"air-hockey": 48, "scooping": 384}  # pairs per repeat: some seconds
 REPEATS, EPISODES, CONTROL_STEPS = 5, 200, 60
 SIMULATED = 2 * ROUNDS - 1  # rollouts per history: the last round's two are one
 OVER_BARE, OVER_ROBOSUITE = 0.75, 15.0
-# Of ten times the pairs. The allocator keeps a block or two that it had freed, of the size of what is simulated at
-# once, and takes some shards to settle; a run that held its pairs would stand at several times this.
-FLAT = 1.25
-GROWING = "scooping"  # the cheaper task, for the runs of many pairs
-RAY_PAIRS = 2560
-
-# Generates histories in a process of its own; prints seconds, CPU seconds and peak memory in bytes.
-_MEASURED = """
-import json, re, sys, time
-from pathlib import Path
-from capture_cli.stages.gen_histories import gen_histories
-began = time.perf_counter()
-gen_histories(task=sys.argv[1], pairs=int(sys.argv[2]), out=sys.argv[3])
-# not ru_maxrss, which begins with the peak of the process that started this one
-peak = re.search(r"VmHWM:\\s+(\\d+) kB", Path("/proc/self/status").read_text()).group(1)
-print(json.dumps([time.perf_counter() - began, time.process_time(), 1024 * int(peak)]))
-"""
+RAY_TASK, RAY_PAIRS = "scooping", 2560
 
 
 class HistoriesSpeed(Benchmark):
-    summary = "gen-histories against bare mj_step and robosuite; memory and time as pairs grow; two Ray nodes"
+    summary = "gen-histories against bare mj_step and robosuite; two Ray nodes"
 
     def run(self) -> Result:
         result = Result()
         with tempfile.TemporaryDirectory() as folder:
             for task, pairs in TASKS.items():
                 self._speed(task, pairs, Path(folder), result)
-            self._growth(Path(folder), result)
             self._ray(Path(folder), result)
         return result
 
@@ -94,22 +73,6 @@ class HistoriesSpeed(Benchmark):
         ]
         result.details[name] = {"steps_per_second": {k: v.tolist() for k, v in speeds.items()}}
 
-    def _growth(self, folder: Path, result: Result) -> None:
-        sizes = [n for n in (1_000, 10_000, 100_000) if n <= self.pairs] or [self.pairs]
-        runs = {n: _measured(GROWING, n, folder / f"{n}.zarr") for n in sizes}
-        for n, (seconds, cpu, peak) in runs.items():
-            result.figures += [
-                Figure(f"  {n} pairs of {GROWING}", seconds, "s"),
-                Figure(f"    CPU, {n} pairs", cpu, "s"),
-                Figure(f"    peak memory, {n} pairs", peak / 2**20, "MiB"),
-            ]
-        if len(sizes) > 1:
-            few, many = runs[sizes[0]][2], runs[sizes[-1]][2]
-            result.figures.append(
-                Figure(f"peak memory, {sizes[-1]} / {sizes[0]} pairs", many / few, target=(None, FLAT))
-            )
-        result.details["growth"] = {str(n): run for n, run in runs.items()}
-
     def _ray(self, folder: Path, result: Result) -> None:
         try:
             seconds = {nodes: _on_ray(nodes, folder / f"ray{nodes}.zarr") for nodes in (1, 2)}
@@ -117,7 +80,7 @@ class HistoriesSpeed(Benchmark):
             result.details["ray"] = f"not measured: {error}"
             return
         result.figures.append(
-            Figure(f"two Ray nodes over one, {RAY_PAIRS} pairs of {GROWING}", seconds[1] / seconds[2])
+            Figure(f"two Ray nodes over one, {RAY_PAIRS} pairs of {RAY_TASK}", seconds[1] / seconds[2])
         )
         result.details["ray"] = {f"{n} nodes": s for n, s in seconds.items()}
 
@@ -196,17 +159,6 @@ def _robosuite_stepper(task: str) -> Callable[[], float] | None:
     return step
 
 
-def _measured(task: str, pairs: int, out: Path) -> list[float]:
-    done = subprocess.run(
-        [sys.executable, "-c", _MEASURED, task, str(pairs), str(out)],
-        check=True,
-        capture_output=True,
-        text=True,
-        cwd=ROOT,
-    )
-    return json.loads(done.stdout)
-
-
 def _on_ray(nodes: int, out: Path) -> float:
     """Seconds that a cluster of `nodes` nodes with one processor each takes, its start not counted."""
     os.environ.setdefault(
@@ -221,7 +173,7 @@ def _on_ray(nodes: int, out: Path) -> float:
         for _ in range(nodes - 1):
             cluster.add_node(**node)
         cluster.wait_for_nodes()
-        options = {"task": GROWING, "executor": "ray", "address": cluster.address, "threads": 1}
+        options = {"task": RAY_TASK, "executor": "ray", "address": cluster.address, "threads": 1}
         gen_histories(**options, pairs=256 * nodes, out=out.with_suffix(".warm"))  # workers start, imports
         began = time.perf_counter()
         gen_histories(**options, pairs=RAY_PAIRS, out=out)

@@ -20,6 +20,7 @@ ROOT = Path(__file__).resolve().parents[1]
 NOT_LISTED = {".git", ".venv", ".hypothesis", ".pytest_cache", ".ruff_cache", "__pycache__", "build", "runs"}
 
 BAR = "\\|"  # in a table
+PAIRS = 10_000  # what `python -m benchmarks` takes where no --pairs is given
 # Captions of what has no docstring, and is no machine; a folder named here is one line of the tree.
 CAPTIONS = {
     ".ci/run": "what continuous integration runs: lint, tests and the pipeline of docs/",
@@ -506,7 +507,7 @@ def measured() -> str:
     for name, document in _results().items():
         made, machine = document["provenance"], document["machine"]
         day = datetime.fromisoformat(made["began"]).strftime("%-d %B %Y")
-        lines += [f"### {name}", "", "```sh", f"python -m benchmarks {name}", "```", ""]
+        lines += [f"### {name}", "", "```sh", _measured_by(name, document), "```", ""]
         lines += ["| figure | measured | target | |", "|---|---|---|---|"]
         for figure in document["figures"]:
             met = {None: "", True: "met", False: "**not met**"}[figure["met"]]
@@ -534,9 +535,14 @@ def headlines() -> str:
             values = [f["value"] for f in figures]
             worst = figures[values.index(min(values) if high is None else max(values))]
             of = f" (the worst of {len(figures)})" if len(figures) > 1 else ""
-            command = f"`python -m benchmarks {name}`"
-            lines.append(f"| {worst['name']}{of} | {_number(worst)} | {_aim(worst)} | {command} |")
+            command = _measured_by(name, document)
+            lines.append(f"| {worst['name']}{of} | {_number(worst)} | {_aim(worst)} | `{command}` |")
     return "\n".join(lines)
+
+
+def _measured_by(name: str, document: dict) -> str:
+    pairs = document["provenance"]["options"].get("pairs", PAIRS)
+    return f"python -m benchmarks {name}" + (f" --pairs {pairs}" if pairs != PAIRS else "")
 
 
 def _results() -> dict[str, dict]:
