@@ -23,6 +23,7 @@ from capture_cli.parameters import ParameterSpace
 
 START_STEP = 0.1  # of the prior sd, within the limits below
 START_STEP_LIMITS = (1e-6, 1e-3)  # m, rad, m/s, rad/s
+BY_WINDOW = ("offsets", "residual", "by_parameter", "by_start")  # arrays of a linearization, (window, ...)
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,8 @@ class Evidence:
 
     measured (window, step, output); mask (window, step), False for padding. noise_sd (output,): the noise floor,
     which weighs outputs against each other. start_sd (window, state): how well each start is known beforehand;
-    0 where it may not be moved.
+    0 where it may not be moved. hidden: how many of the states, the last ones, are effects' own, of which the log says
+    nothing. movable: the states that may be moved, in one window at least.
     """
 
     space: ParameterSpace
@@ -39,6 +41,12 @@ class Evidence:
     mask: np.ndarray
     noise_sd: np.ndarray
     start_sd: np.ndarray
+    hidden: int = 0
+    movable: np.ndarray | None = None
+
+    def __post_init__(self):
+        if self.movable is None:
+            object.__setattr__(self, "movable", np.flatnonzero((self.start_sd > 0).any(axis=0)))
 
     @property
     def count(self) -> int:
@@ -52,7 +60,7 @@ class Evidence:
 
     def rows(self, keep: np.ndarray) -> Evidence:
         """The evidence of the windows at `keep`."""
-        return Evidence(self.space, self.measured[keep], self.mask[keep], self.noise_sd, self.start_sd[keep])
+        return replace(self, measured=self.measured[keep], mask=self.mask[keep], start_sd=self.start_sd[keep])
 
 
 @dataclass(frozen=True)
@@ -71,7 +79,7 @@ def columns(evidence: Evidence, x: np.ndarray, offsets: np.ndarray, *, parameter
     count, states = evidence.start_sd.shape
     moves = np.eye(len(x)) * parameter_steps(evidence.space, x) if parameters else np.zeros((0, len(x)))
     shifts = _start_steps(evidence)
-    movable = _movable(evidence)
+    movable = evidence.movable
     points = np.concatenate([x[None], x + moves, np.repeat(x[None], len(movable), axis=0)])
     moved = np.repeat(offsets[None], len(points), axis=0)
     for row, state in enumerate(movable, start=1 + len(moves)):
@@ -87,10 +95,6 @@ def parameter_steps(space: ParameterSpace, x: np.ndarray) -> np.ndarray:
 
 def _start_steps(evidence: Evidence) -> np.ndarray:
     return np.clip(START_STEP * evidence.start_sd, *START_STEP_LIMITS)
-
-
-def _movable(evidence: Evidence) -> np.ndarray:
-    return np.flatnonzero((evidence.start_sd > 0).any(axis=0))
 
 
 @dataclass(frozen=True)
@@ -111,7 +115,7 @@ class Linearization:
         size = len(x) if parameters else 0
         slopes = (residuals[0] - residuals[1:]) * ~diverged[1:, :, None]
         by_parameter = slopes[:size] / parameter_steps(evidence.space, x)[:size, None, None]
-        movable = _movable(evidence)
+        movable = evidence.movable
         scale = (evidence.start_sd / _start_steps(evidence))[:, movable]
         by_start = slopes[size:] * scale.T[:, :, None]
         return cls(
@@ -124,16 +128,28 @@ class Linearization:
         The sensitivities get the least change that explains the residual (Broyden 1965).
         """
         dx = x - self.x
-        dz = scaled_offsets(self.evidence, offsets - self.offsets)[:, _movable(self.evidence)]
+        dz = scaled_offsets(self.evidence, offsets - self.offsets)[:, self.evidence.movable]
         expected = self.residual - self.by_parameter @ dx - (self.by_start @ dz[..., None])[..., 0]
         square = float(dx @ dx)
         change = (expected - residual)[..., None] * (dx / square) if square > 0 else 0.0
         return replace(self, x=x, offsets=offsets, residual=residual, by_parameter=self.by_parameter + change)
 
+    def windows(self, keep: np.ndarray) -> Linearization:
+        """The linearization of the windows at `keep`."""
+        arrays = {name: getattr(self, name)[keep] for name in BY_WINDOW}
+        return replace(self, evidence=self.evidence.rows(keep), **arrays)
+
+    def with_windows(self, index: np.ndarray, other: Linearization) -> Linearization:
+        """This one with the windows at `index` taken from `other`, which has those windows alone."""
+        arrays = {name: getattr(self, name).copy() for name in BY_WINDOW}
+        for name, values in arrays.items():
+            values[index] = getattr(other, name)
+        return replace(self, **arrays)
+
     @cached_property
     def z(self) -> np.ndarray:
         """Offsets of the movable starts in units of their sd, (window, state)."""
-        movable = _movable(self.evidence)
+        movable = self.evidence.movable
         sd = self.evidence.start_sd[:, movable]
         return np.divide(self.offsets[:, movable], sd, out=np.zeros_like(sd), where=sd > 0)
 
@@ -176,17 +192,21 @@ class Linearization:
         _, jb, _, _, br = self.products
         right = br - (jb.swapaxes(1, 2) @ dx) - k * self.z
         dz = (self.start_gain(k, damping) @ right[..., None])[..., 0]
-        movable = _movable(self.evidence)
+        movable = self.evidence.movable
         offsets = self.offsets.copy()
         offsets[:, movable] = (self.z + dz) * self.evidence.start_sd[:, movable]
         return offsets
 
     def predicted_gain(self, dx: np.ndarray, offsets: np.ndarray, k: float) -> float:
         """How much the objective should fall by the step to `offsets` (window, state) and dx (parameter,)."""
-        z = scaled_offsets(self.evidence, offsets)[:, _movable(self.evidence)]
+        return float(self.predicted_gains(dx, offsets, k).sum())
+
+    def predicted_gains(self, dx: np.ndarray, offsets: np.ndarray, k: float) -> np.ndarray:
+        """Likewise of each window, (window,)."""
+        z = scaled_offsets(self.evidence, offsets)[:, self.evidence.movable]
         dz = z - self.z
         residual = self.residual - self.by_parameter @ dx - (self.by_start @ dz[..., None])[..., 0]
-        return float((self.objectives(k) - objectives(residual, z, k)).sum())
+        return self.objectives(k) - objectives(residual, z, k)
 
     def objectives(self, k: float) -> np.ndarray:
         """The objective of each window, (window,)."""

@@ -24,12 +24,15 @@ SCREENED_PER_PARAMETER = 8
 RADIUS = 0.25  # of the unit cube, the first trust region
 SHRINK = (1.0, 0.25, 0.0625, 0.015625)  # step lengths tried at once after a step that failed
 CONVERGED_GAIN = 3e-3  # decrease of the objective over k: a twentieth of a standard error
-CONVERGED_STEP = 1e-9  # of the unit cube
-HOPELESS = 2.0  # a descent whose error stays this many times the best one's is given up
+CONVERGED_STEP = 1e-7  # of the unit cube
+HOPELESS = 2.0  # a descent whose error stays this many times the best known is given up
 PATIENCE = 5  # rounds before it is
 # Rounds after which k is held. It depends on the residual and the residual on it: where the model is wrong the two
 # can chase each other for ever.
 SETTLED = 15
+COLLAPSED = 1e-3  # of the unit cube: a trust region this small has lost touch with the error's shape
+RESTARTS = 2  # times that a descent begins anew where it is, or looks for windows that got stuck
+HIDDEN_STARTS = (-1.0, 0.0, 1.0)  # of their prior sd: where hidden states are looked for then
 CARRIED = 3  # steps in a row with sensitivities that were carried along rather than measured
 RUNAWAY = 2.0  # a window whose objective grows by this factor in a step that helps the others goes back
 
@@ -37,14 +40,18 @@ RUNAWAY = 2.0  # a window whose objective grows by this factor in a step that he
 class LeastSquares(Identifier):
     """Least squares from `starts` places: the given start, then the best of a screening.
 
-    tolerance: a descent is done when its objective over k falls by less.
+    tolerance: a descent is done when its objective over k falls by less. to_beat: an error that is known to be
+    possible; a descent that stays far above it is given up.
     """
 
     summary = "Gauss-Newton from several places through the simulator"
 
-    def __init__(self, evidence: Evidence, *, tolerance: float = CONVERGED_GAIN, **options):
+    def __init__(
+        self, evidence: Evidence, *, tolerance: float = CONVERGED_GAIN, to_beat: float = np.inf, **options
+    ):
         super().__init__(evidence, **options)
         self.tolerance = tolerance
+        self.to_beat = to_beat
         self._screening = self.starts > 1 and len(self.space) > 0
         self._descents = [] if self._screening else [self._descent(self.space.to_unit(self.start))]
         self._asked: list[tuple[Descent, int]] = []
@@ -108,8 +115,9 @@ class LeastSquares(Identifier):
 
     def _drop_hopeless(self) -> None:
         best = self.best
+        possible = min(best.error, self.to_beat)
         for descent in self._active():
-            beaten = descent.best.error > HOPELESS * best.error and descent.rounds >= PATIENCE
+            beaten = descent.best.error > HOPELESS * possible and descent.rounds >= PATIENCE
             close = np.abs(descent.x - self.space.to_unit(best.parameters)).max(initial=0.0) < 1e-3
             if beaten or (close and descent.best.error > best.error):
                 descent.converged = True
@@ -137,25 +145,27 @@ class Descent:
         self._repairing = False
         self._carry = False
         self._carried = 0
-        self._trials: list[tuple[np.ndarray, np.ndarray]] = [(self.x, self.offsets)]
+        self._restarts = RESTARTS
+        self._try(self.x, self.offsets)
 
     @property
     def best(self) -> Best:
         return Best(self.evidence.space.from_unit(self.x), self.offsets, self.error)
 
     def ask(self) -> Trial:
-        """One candidate, with its finite differences where they are due; after a failure, several shorter steps."""
-        if len(self._trials) == 1 and not self._carry:
+        """One candidate, with its finite differences where they are due; or several without, to choose from."""
+        if self._told == self._tell_candidate and not self._carry:
             return columns(self.evidence, *self._trials[0])
         x, offsets = (np.stack(part) for part in zip(*self._trials, strict=True))
         return Trial(self.evidence.space.from_unit(x), offsets)
 
     def tell(self, outputs, diverged):
         self.rounds += 1
-        if len(self._trials) == 1:
-            self._tell_candidate(outputs, diverged)
-        else:
-            self._tell_shorter(outputs, diverged)
+        self._told(outputs, diverged)
+
+    def _try(self, x: np.ndarray, offsets: np.ndarray) -> None:
+        """Ask next for the point x (parameter,) with starts at `offsets`."""
+        self._trials, self._told = [(x, offsets)], self._tell_candidate
 
     def _tell_candidate(self, outputs, diverged) -> None:
         x, offsets = self._trials[0]
@@ -192,7 +202,7 @@ class Descent:
         if self._repairing:
             self._damping[worse] = np.maximum(10 * self._damping[worse], k)
             self._carry = False
-            self._trials = [(self.x, np.where(worse[:, None], back, self.offsets))]
+            self._try(self.x, np.where(worse[:, None], back, self.offsets))
             return
         self._damping = np.where(self._damping > 1e-3 * k, self._damping / 10, 0.0)
         self._radius = min(2 * self._radius, 1.0)
@@ -205,13 +215,39 @@ class Descent:
         """Nothing more to gain: done, if the sensitivities that say so were measured here."""
         if self._carried:
             self._refresh()
+        elif self._restarts:
+            self._propose_other_starts()
         else:
             self.converged = True
 
     def _refresh(self) -> None:
         """Measure the sensitivities at the point reached."""
         self._at, self._carry = None, False
-        self._trials = [(self.x, self.offsets)]
+        self._try(self.x, self.offsets)
+
+    def _propose_other_starts(self) -> None:
+        """Where each window might have got stuck: its start as it was measured, and hidden states elsewhere."""
+        states = self.evidence.start_sd.shape[1]
+        others = [np.zeros_like(self.offsets)]
+        for state in range(states - self.evidence.hidden, states):
+            for value in HIDDEN_STARTS:
+                moved = self.offsets.copy()
+                moved[:, state] = value
+                others.append(moved)
+        self._trials, self._told = [(self.x, o) for o in others], self._tell_other_starts
+
+    def _tell_other_starts(self, outputs, diverged) -> None:
+        """Go on where some windows have a better start after all."""
+        k = self._k
+        before = self._at.objectives(k)
+        offsets = np.stack([*(offsets for _, offsets in self._trials), self.offsets])
+        values = objectives(self.evidence.residual(outputs), scaled_offsets(self.evidence, offsets[:-1]), k)
+        values = np.concatenate([np.where(diverged | ~np.isfinite(values), np.inf, values), before[None]])
+        pick = np.argmin(values, axis=0)
+        if (before - values.min(axis=0)).sum() < self.tolerance * k:
+            self.converged = True
+        else:
+            self._restart(self.x, offsets[pick, np.arange(len(pick))])
 
     def _move(self, there: Linearization) -> None:
         self._carried = self._carried + 1 if self._carry else 0
@@ -229,14 +265,14 @@ class Descent:
             self._settle()
             return
         self._carry = self.x.size > 0 and self._carried < CARRIED
-        self._trials = [(np.clip(self.x + dx, 0, 1), offsets)]
+        self._try(np.clip(self.x + dx, 0, 1), offsets)
 
     def _propose_shorter(self) -> None:
         """Shorter steps in parameters and starts, and as many in the starts alone, tried at once."""
         k = self._k
         self._carry = False
         still = np.zeros_like(self.x)
-        self._trials = []
+        self._trials, self._told = [], self._tell_shorter
         for factor in SHRINK:
             damping = self._shorter_damping(factor, k)
             dx = self._step(self._radius * factor / 4, damping)
@@ -260,15 +296,28 @@ class Descent:
         factor = SHRINK[chosen] if moved < before.sum() else SHRINK[-1]
         self._radius *= factor / 4
         self._damping = self._shorter_damping(factor, k)
+        better = None
         if moved < min(stayed, before.sum()):
-            self._trials = [self._trials[chosen]]
+            better = self._trials[chosen]
         elif before.sum() - stayed > self.tolerance * k:
             choices = np.concatenate([offsets[len(SHRINK) :], self.offsets[None]])
-            self._trials = [(self.x, choices[pick, np.arange(len(pick))])]
+            better = self.x, choices[pick, np.arange(len(pick))]
+        if self._radius < COLLAPSED and self._restarts:
+            self._restart(*(better or (self.x, self.offsets)))
         elif self._radius < CONVERGED_STEP:
             self.converged = True
+        elif better:
+            self._try(*better)
         else:
             self._propose_shorter()
+
+    def _restart(self, x: np.ndarray, offsets: np.ndarray) -> None:
+        """Go on from x (parameter,) and `offsets` as if begun there: steps that failed elsewhere do not count."""
+        self._restarts -= 1
+        self._radius = RADIUS
+        self._damping[:] = 0.0
+        self.x, self.offsets = x, offsets
+        self._refresh()
 
     def _shorter_damping(self, factor: float, k: float) -> np.ndarray:
         return self._damping + k * (4 / factor - 1) / 3

@@ -117,6 +117,7 @@ class Attribution:
         self.accepted: list[Accepted] = []
         self.stages: list[tuple[str, Fit]] = []
         self._fitted: dict[frozenset[str], Fit | None] = {}
+        self._judged: dict[Fit, PartFit] = {}
 
     def run(self, declared: Fit) -> Fit:
         """Add effects to the declared model until none is accepted or nothing is left; returns the last model."""
@@ -128,7 +129,6 @@ class Attribution:
             if found is None:
                 break
             current = found.fit
-            self._fitted[frozenset(placed_name(*e) for e in current.effects)] = current
             self.stages.append((f"+ {found.name}", current))
             current = self._backward(current, self.accepted[:-1], Support.reason_against_entry)
         current = self._backward(current, self.accepted, Support.reason_against)
@@ -150,10 +150,11 @@ class Attribution:
             candidate.why_rejected = (
                 f"explains less at first sight ({candidate.score.gain:.3g} of {best:.3g})"
             )
-        before = self.judge(current)
+        before, best = self.judge(current), None
         for number, candidate in enumerate(ranked[:REFITTED]):
             self.on_step("refit", number, len(ranked[:REFITTED]))
-            self._refit(current, candidate, before, len(tried))
+            self._refit(current, candidate, before, len(tried), best)
+            best = min((f for f in (best, candidate.fit) if f), key=lambda f: f.squares, default=None)
         supported = [c for c in ranked[:REFITTED] if c.why_rejected is None]
         if not supported:
             return None
@@ -199,11 +200,19 @@ class Attribution:
         elif candidate.score.gain < SMALLEST_GAIN + 2 * np.log(candidate.shapes_tried):
             candidate.why_rejected = f"it explains nothing (score {candidate.score.gain:.2g})"
 
-    def _refit(self, current: Fit, candidate: Candidate, before: PartFit | None, tried: int) -> None:
-        starts = [np.concatenate([self._nudged(current, candidate), candidate.start])]
-        fit = self._best_fit([*current.effects, candidate.effect], starts, current.offsets)
+    def _refit(
+        self, current: Fit, candidate: Candidate, before: PartFit | None, tried: int, rival: Fit | None
+    ) -> None:
+        """Fit the model with the candidate in it, and judge; given up where it stays far behind `rival`."""
+        start = np.concatenate([self._nudged(current, candidate), candidate.start])
+        fit = self._fit([*current.effects, candidate.effect], start, current.offsets, rival)
         if fit is None or fit.squares >= current.squares:
-            candidate.why_rejected = "fitted jointly it explains nothing more"
+            far = fit is not None and not fit.finished
+            candidate.why_rejected = (
+                f"fitted jointly it stays far behind {placed_name(*rival.effects[-1])}"
+                if far
+                else "fitted jointly it explains nothing more"
+            )
             return
         candidate.fit = fit
         candidate.support, candidate.select = self._support(current, fit, candidate.effect, before, tried)
@@ -215,11 +224,20 @@ class Attribution:
         """The current parameters, moved along with the effect's linear step."""
         return current.space.from_unit(current.at.x + candidate.score.parameters)
 
-    def _best_fit(
-        self, effects: Sequence[Placed], starts: list[np.ndarray], offsets: np.ndarray
+    def _fit(
+        self, effects: Sequence[Placed], start: np.ndarray, offsets: np.ndarray, rival: Fit | None = None
     ) -> Fit | None:
-        fits = [self.fits.fit(self.fit_part, effects, s, offsets=offsets, seed=self.seed) for s in starts]
-        return min((f for f in fits if f is not None), key=lambda f: f.squares, default=None)
+        """The fit of the declared model with `effects`: made once, and taken up again where it was given up."""
+        key = frozenset(placed_name(*e) for e in effects)
+        made = self._fitted.get(key)
+        if made is not None and not made.finished and not made.is_far_behind(rival):
+            effects, start, offsets = made.effects, made.point, made.offsets
+            del self._fitted[key]
+        if key not in self._fitted:
+            self._fitted[key] = self.fits.fit(
+                self.fit_part, effects, start, offsets=offsets, seed=self.seed, rival=rival
+            )
+        return self._fitted[key]
 
     def _support(self, before_fit: Fit, fit: Fit, effect: Placed, before: PartFit | None, tried: int):
         """Support for `effect` in `fit` over `before_fit`, and how `fit` does on the select part."""
@@ -239,6 +257,11 @@ class Attribution:
         """The model on windows that it is not fitted to; refitted for each fold where there are several."""
         if not self.folds.folds:
             return None
+        if fit not in self._judged:
+            self._judged[fit] = self._judge(fit)
+        return self._judged[fit]
+
+    def _judge(self, fit: Fit) -> PartFit:
         parts = []
         for fitted, judged in self.folds.folds:
             own = fit
@@ -351,19 +374,13 @@ class Attribution:
     def _without(self, current: Fit, accepted: Accepted) -> Fit | None:
         effects = [e for e in current.effects if placed_name(*e) != accepted.name]
         keep = [i for i, n in enumerate(current.space.names) if not n.startswith(accepted.name + ".")]
-        return self._fit_once(effects, current.point[keep], current.offsets)
-
-    def _fit_once(self, effects: Sequence[Placed], start: np.ndarray, offsets: np.ndarray) -> Fit | None:
-        key = frozenset(placed_name(*e) for e in effects)
-        if key not in self._fitted:
-            self._fitted[key] = self._best_fit(effects, [start], offsets)
-        return self._fitted[key]
+        return self._fit(effects, current.point[keep], current.offsets)
 
     def nested(self, last: Fit, count: int) -> Fit:
         """The fit of the declared model with the first `count` effects of `last`."""
         effects = last.effects[:count]
         size = len(self.fits.prepared.task.space) + sum(len(e.parameters) for _, e in effects)
-        return self._fit_once(effects, last.point[:size], last.offsets) or last
+        return self._fit(effects, last.point[:size], last.offsets) or last
 
     def _candidate(self, name: str) -> Candidate:
         return next(c for c in self.candidates if c.name == name)
@@ -413,8 +430,8 @@ class Attribution:
         if without is None:
             return None
         rest = without.effects
-        fit = self._best_fit(
-            [*rest, rival.effect], [np.concatenate([without.point, rival.start])], without.offsets
+        fit = self._fit(
+            [*rest, rival.effect], np.concatenate([without.point, rival.start]), without.offsets, current
         )
         if fit is None:
             return None

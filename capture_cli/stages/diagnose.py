@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -110,6 +111,21 @@ def _write_pages(diagnosis: Diagnosis, folder: Path, provenance: Provenance) -> 
     write_figures(diagnosis, folder)
 
 
+@dataclass(frozen=True)
+class _Model:
+    """A model with what judges it.
+
+    fit: to the fit part. again: to all that is not test. judged: the fit on what it did not see; None where nothing
+    judges. whole: the refit on every window.
+    """
+
+    name: str
+    fit: Fit
+    again: Fit
+    judged: PartFit | None
+    whole: PartFit
+
+
 class _Work:
     """The protocol, step by step, on a prepared log."""
 
@@ -182,11 +198,8 @@ class _Work:
         keep = np.isin(self.part, parts)
         return self.prepared.part(keep) if keep.any() else None
 
-    def _models(self, attribution: Attribution, last: Fit) -> list[tuple[str, Fit, Fit, PartFit | None]]:
-        """The declared model and each with one more accepted effect.
-
-        (name, fit, refit on all that is not test, the fit on what judged it)
-        """
+    def _models(self, attribution: Attribution, last: Fit) -> list[_Model]:
+        """The declared model and each with one more accepted effect."""
         models = []
         effects = last.effects
         for count in range(len(effects) + 1):
@@ -202,7 +215,7 @@ class _Work:
                 offsets=self._starts_found(fit, judged),
                 tolerance=EXACT,
             )
-            models.append((name, fit, again or fit, judged))
+            models.append(_Model(name, fit, again or fit, judged, self._whole(fit, again)))
         return models
 
     def _starts_found(self, fit: Fit, judged: PartFit | None) -> np.ndarray:
@@ -215,13 +228,13 @@ class _Work:
 
     # --- what is written ---
 
-    def _diagnosis(self, attribution: Attribution, models) -> Diagnosis:
-        before, after = models[0][2], models[-1][2]
-        lacking_before, lacking = lack_of_fit(models[0][1].at), lack_of_fit(models[-1][1].at)
-        stages = [self._stage(*m) for m in models]
+    def _diagnosis(self, attribution: Attribution, models: list[_Model]) -> Diagnosis:
+        before, after = models[0].again, models[-1].again
+        lacking_before, lacking = lack_of_fit(models[0].fit.at), lack_of_fit(models[-1].fit.at)
+        stages = [self._stage(m) for m in models]
         log, task = self.prepared.log, self.prepared.task
         names = [c.name for c in task.outputs]
-        whole = {"before": self._whole(before), "after": self._whole(after)}
+        whole = {"before": models[0].whole, "after": models[-1].whole}
         motion = self.fits.motion(self.prepared, after, whole["after"].offsets)
         curves, bins = self._localise(whole, motion)
         verdict = _verdict(lacking_before, lacking, attribution)
@@ -252,7 +265,7 @@ class _Work:
                 },
             },
             "rollouts": {"measured": len(log.episode_ends), "simulated": self.fits.rollouts},
-            "next_experiment": self._next_experiment(attribution, models[-1][1]),
+            "next_experiment": self._next_experiment(attribution, models[-1].fit),
             "expression": None,
         }
         return Diagnosis(document, self._arrays(whole, bins), self._attributes(curves))
@@ -262,14 +275,14 @@ class _Work:
         tied = next((a.tied for a in attribution.accepted if a.tied), [])
         return next_experiment(self.fits, last, [c.fit for c in tied], self.seed)
 
-    def _stage(self, name: str, fit: Fit, again: Fit, judged: PartFit | None) -> dict[str, Any]:
+    def _stage(self, model: _Model) -> dict[str, Any]:
         """Errors of one model. fit and test are of the refit; select is of fits that did not see what they judge."""
-        windows = self._windows(TEST)
+        test = self.part == TEST
         return {
-            "model": name,
-            "fit": self._error(self.fits.on(self._windows(FIT), again)),
-            "select": None if judged is None else self._error(judged),
-            "test": None if windows is None else self._error(self.fits.on(windows, again)),
+            "model": model.name,
+            "fit": self._error(model.whole.rows(self.part == FIT)),
+            "select": None if model.judged is None else self._error(model.judged),
+            "test": self._error(model.whole.rows(test)) if test.any() else None,
         }
 
     def _error(self, on: PartFit) -> dict[str, Any]:
@@ -310,8 +323,15 @@ class _Work:
             "why_rejected": candidate.why_rejected,
         }
 
-    def _whole(self, fit: Fit) -> PartFit:
-        return self.fits.on(self.prepared, fit)
+    def _whole(self, fit: Fit, again: Fit | None) -> PartFit:
+        """The refit, or the fit where there is none, on every window; what was held out has no say in the others."""
+        seen = self.part != TEST
+        offsets = None if again is None else again.offsets
+        parts = [self.fits.on(self.prepared.part(seen), again or fit, offsets=offsets)]
+        if not seen.all():
+            parts.append(self.fits.on(self.prepared.part(~seen), again or fit))
+        order = np.argsort(np.concatenate([np.flatnonzero(seen), np.flatnonzero(~seen)]))
+        return PartFit.concatenate(parts).rows(order)
 
     def _localise(self, whole: dict[str, PartFit], motion: Motion):
         """Curves of residual acceleration before and after, against everything it could depend on."""

@@ -9,8 +9,9 @@ import numpy as np
 
 from capture_cli.diagnosis.acceptance import block_squares
 from capture_cli.effects.base import Effect
+from capture_cli.identifiers._window_starts import fit_starts
 from capture_cli.identifiers.base import Best, Evidence, Trial, run
-from capture_cli.identifiers.least_squares import LeastSquares
+from capture_cli.identifiers.least_squares import HOPELESS, LeastSquares
 from capture_cli.linearization import Linearization, autocorrelation_time, columns
 from capture_cli.parameters import ParameterSpace
 from capture_cli.sim.engine import Engine
@@ -22,7 +23,6 @@ Placed = tuple[str, Effect]
 FIT_ROUNDS = 60
 TOLERANCE = 0.1  # of the objective over k: a third of a standard error is enough to compare models by
 EXACT = 3e-3  # for what is reported
-START_ROUNDS = 12
 
 
 @dataclass(frozen=True)
@@ -53,6 +53,10 @@ class PartFit:
         residual = [padded(p.residual.reshape(p.evidence.measured.shape)) for p in parts]
         residual = np.concatenate(residual).reshape(len(evidence.measured), steps * outputs)
         return cls(evidence, np.concatenate([p.offsets for p in parts]), residual)
+
+    def rows(self, keep: np.ndarray) -> PartFit:
+        """The windows at `keep`."""
+        return PartFit(self.evidence.rows(keep), self.offsets[keep], self.residual[keep])
 
     @property
     def squares(self) -> np.ndarray:
@@ -92,14 +96,22 @@ class PartFit:
         return values.sum(axis=(0, 1)) / max(int(self.evidence.mask.sum()), 1)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Fit:
-    """A fitted model: its effects, space and point (parameter,), and its linearization on the part it was fitted to."""
+    """A fitted model: its effects, space and point (parameter,), and its linearization on the part it was fitted to.
+
+    finished: False where it was given up, far behind a rival.
+    """
 
     effects: tuple[Placed, ...]
     space: ParameterSpace
     point: np.ndarray
     at: Linearization
+    finished: bool = True
+
+    def is_far_behind(self, rival: Fit | None) -> bool:
+        """Whether there is no hope of doing as well as `rival`."""
+        return rival is not None and self.error > HOPELESS * rival.error
 
     @property
     def offsets(self) -> np.ndarray:
@@ -108,6 +120,11 @@ class Fit:
     @property
     def squares(self) -> float:
         return float(np.square(self.at.residual).sum())
+
+    @property
+    def error(self) -> float:
+        """RMSE over the noise floor, over all outputs."""
+        return float(np.sqrt(self.squares / self.at.evidence.count))
 
 
 class ModelFits:
@@ -129,8 +146,12 @@ class ModelFits:
         rounds: int = FIT_ROUNDS,
         tolerance: float = TOLERANCE,
         seed: int = 0,
+        rival: Fit | None = None,
     ) -> Fit | None:
-        """Fit from `start` (parameter,); None where every trial diverged. Other options are those of LeastSquares."""
+        """Fit from `start` (parameter,); None where every trial diverged. Other options are those of LeastSquares.
+
+        rival: a fit of the same part; this one is given up where it stays far behind.
+        """
         simulator = self.simulator(effects)
         evidence = part.evidence(simulator)
         solver = LeastSquares(
@@ -141,13 +162,15 @@ class ModelFits:
             rounds=rounds,
             tolerance=tolerance,
             seed=seed,
+            to_beat=np.inf if rival is None else rival.error,
         )
         best = run(solver, lambda trial: part.evaluate(simulator, trial))
         if not np.isfinite(best.error):
             self.rollouts += simulator.rollouts
             return None
         self.rollouts += simulator.rollouts
-        return self.at(part, effects, best)
+        fit = self.at(part, effects, best)
+        return replace(fit, finished=not fit.is_far_behind(rival))
 
     def at(self, part: PreparedLog, effects: Sequence[Placed], best: Best) -> Fit:
         """What an identifier found on `part`, with the linearization there."""
@@ -169,22 +192,30 @@ class ModelFits:
         square = np.square(evidence.residual(outputs)).sum(axis=(1, 2)) / evidence.count
         return np.where(diverged.any(axis=1) | ~np.isfinite(square), np.inf, np.sqrt(square))
 
-    def on(self, part: PreparedLog, fit: Fit, tolerance: float = TOLERANCE) -> PartFit:
-        """Another part of the log at the fit's parameters, with starts refined by the rule they were fitted by."""
+    def on(
+        self,
+        part: PreparedLog,
+        fit: Fit,
+        tolerance: float = TOLERANCE,
+        offsets: np.ndarray | None = None,
+    ) -> PartFit:
+        """A part of the log at the fit's parameters, with starts refined by the rule they were fitted by.
+
+        offsets (window, state): where they begin; as the log has them where None.
+        """
         simulator = self.simulator(fit.effects)
         evidence = replace(part.evidence(simulator), space=ParameterSpace([]))
 
-        def evaluate(trial: Trial):
+        def evaluate(keep: np.ndarray, trial: Trial):
             points = np.repeat(fit.point[None], len(trial), axis=0)
-            return part.evaluate(simulator, Trial(points, trial.offsets))
+            outputs, diverged = part.part(keep).evaluate(simulator, Trial(points, trial.offsets))
+            padding = evidence.measured.shape[1] - outputs.shape[2]
+            return np.pad(outputs, ((0, 0), (0, 0), (0, padding), (0, 0))), diverged
 
-        best = run(
-            LeastSquares(evidence, start=np.zeros(0), starts=1, rounds=START_ROUNDS, tolerance=tolerance),
-            evaluate,
-        )
-        outputs, _ = evaluate(Trial(np.zeros((1, 0)), best.offsets[None]))
+        begin = np.zeros_like(evidence.start_sd) if offsets is None else offsets
+        found, residual = fit_starts(evidence, evaluate, begin, tolerance=tolerance)
         self.rollouts += simulator.rollouts
-        return PartFit(evidence, best.offsets, evidence.residual(outputs[0]))
+        return PartFit(evidence, found, residual)
 
     def probe(
         self, part: PreparedLog, fit: Fit, effect: Placed, probes: np.ndarray

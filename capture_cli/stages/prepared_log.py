@@ -67,7 +67,14 @@ class PreparedLog:
         windows = self.windows
         hidden = np.ones((len(windows), simulator.hidden_states))
         start_sd = np.concatenate([self.starts.sd, hidden], axis=1)
-        return Evidence(simulator.space, windows.measured, windows.mask, self.noise.sd, start_sd)
+        return Evidence(
+            simulator.space,
+            windows.measured,
+            windows.mask,
+            self.noise.sd,
+            start_sd,
+            hidden=simulator.hidden_states,
+        )
 
     def evaluate(self, simulator: Simulator, trial: Trial) -> tuple[np.ndarray, np.ndarray]:
         """Simulated outputs (candidate, window, step, output) and diverged (candidate, window) of a trial.
