@@ -248,7 +248,7 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str]]] = {
             "rounds[].error": "its error over the noise floor",
             "in_context": "null, or what a learned identifier's rounds over the episodes gave: {checkpoint, sha256, "
             "rounds, episodes, proposal, proposal_sd, share_beyond (of the training histories that lie as far out), "
-            "in_family, contradicted (by the fit), fallback (to a fit from several places), text}",
+            "in_family, contradicted (by the fit), fallback (to a fit with the starts freed), text}",
             "next_command": "null, or the command to run next",
         },
     ),

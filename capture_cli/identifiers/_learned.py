@@ -111,7 +111,8 @@ class LearnedIdentifier(RoundIdentifier):
     residual: the transformer predicts a change of the last round's parameters. fixed_window: rounds it reads; None
     where that is an option, with default_window (None: whole histories). likelihood: trained by the Gaussian
     likelihood; otherwise by the squared error of the mean, the uncertainty beside it. any_order: the answer does not
-    depend on the order of the rounds, so that training may shuffle them.
+    depend on the order of the rounds, so that training may shuffle them. rough: a fit of all rounds follows, so that
+    simulations may be spared.
     """
 
     needs_checkpoint = True
@@ -121,9 +122,10 @@ class LearnedIdentifier(RoundIdentifier):
     likelihood = False
     any_order = False
 
-    def __init__(self, signature, start, *, model: TrainedModel, **options):
+    def __init__(self, signature, start, *, model: TrainedModel, rough: bool = False, **options):
         super().__init__(signature, start, **options)
         self.model = model
+        self.rough = rough
         self.history = Rounds.none(len(self.start), signature)
         self._best = self.start
         self.prediction: Prediction | None = None

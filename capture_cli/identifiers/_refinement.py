@@ -20,8 +20,11 @@ from capture_cli.identifiers.rounds import Signature, Simulate, finite
 from capture_cli.linearization import box_step
 
 SHORTEST_STEP = 1e-3  # of the range, a finite difference; longer where the task says so
+NO_SENSITIVITY = 1e-9  # of a feature's scale over the range: rounding
 FLOOR = 3e-4  # of a feature's scale: residuals below this are no residuals
 TRIALS = 8  # points at most that are tried in a round, of each pair
+ROUGH_TRIALS = 2  # where an exact fit follows the rounds
+SURPRISE = 2.0  # times what is left of the rounds before, is more than they would lead to expect
 FAILURES = 2  # of these that were no better, at most
 SCREENED, OPEN = 8, 0.05  # points, where a direction is open by more than this share of the range
 MOST_UNKNOWN = 3  # rounds of a pair whose sensitivities are taken at once
@@ -53,11 +56,16 @@ class _Pair:
 
 
 class Refinement:
-    """Refines the estimates of `pairs` pairs, round by round. rollouts (pair,): what it has simulated for each."""
+    """Refines the estimates of `pairs` pairs, round by round. rollouts (pair,): what it has simulated for each.
 
-    def __init__(self, signature: Signature, pairs: int, simulate: Simulate):
+    rough: a fit of all rounds follows, so that fewer points are tried, and a round that is no surprise is not looked
+    around from.
+    """
+
+    def __init__(self, signature: Signature, pairs: int, simulate: Simulate, *, rough: bool = False):
         self.signature = signature
         self.simulate = simulate
+        self.rough = rough
         self.rollouts = np.zeros(pairs, dtype=np.int64)
         points, features = signature.trajectory_shape
         self._steps = np.maximum(SHORTEST_STEP, signature.space.steps)
@@ -117,6 +125,8 @@ class Refinement:
         """
         tried = []
         for k, p in self._open():
+            if self.rough and not self._is_surprise(p):
+                continue
             newest = len(p.points) - 1
             open_to = self._left_open(p) if newest else _spread_out(means[k], precisions[k], seed=0)
             points = [means[k], *open_to]
@@ -141,6 +151,11 @@ class Refinement:
                 p.points = np.repeat(x[None], len(outputs), axis=0)
                 p.easing = FIRST_EASING
 
+    def _is_surprise(self, p: _Pair) -> bool:
+        """Whether the newest round leaves more than the rounds before it do."""
+        residual, _ = self._linearised(p)
+        return len(residual) == 1 or _rms(residual[-1]) > SURPRISE * _rms(residual[:-1])
+
     def _left_open(self, p: _Pair) -> list[np.ndarray]:
         """Points (p,) about the estimate, as far off in each direction as the rounds before the newest let them."""
         residual, j = self._linearised(p)
@@ -152,7 +167,7 @@ class Refinement:
     def _descend(self, means: np.ndarray, precisions: list[np.ndarray]) -> None:
         """Try Gauss-Newton steps of all open pairs at once, until each is done or has had its trials."""
         running = {k: FAILURES for k, _ in self._open()}
-        for _ in range(TRIALS):
+        for _ in range(ROUGH_TRIALS if self.rough else TRIALS):
             trials = []
             for k in running:
                 p = self._pairs[k]
@@ -207,11 +222,8 @@ class Refinement:
         gain = gained / max(before - cost(predicted, x), 1e-300)
         missed = np.square(left - predicted).sum(axis=1) / p.noise**2
         known = ~np.isnan(p.sensitivities[:, 0, 0])
-        moves = x - p.points
-        length = np.square(moves).sum(axis=1)
-        for i in np.flatnonzero(known & (length > SHORTEST_STEP**2)):
-            off = outputs[i] - p.outputs[i] - p.sensitivities[i] @ moves[i]
-            p.sensitivities[i] += np.outer(off, moves[i]) / length[i]
+        for i in np.flatnonzero(known):
+            p.sensitivities[i] = _corrected(p.sensitivities[i], x - p.points[i], outputs[i] - p.outputs[i])
         if gained > 0:
             p.x, p.outputs = x, outputs
             p.points = np.repeat(x[None], len(outputs), axis=0)
@@ -291,6 +303,18 @@ class Refinement:
     def _flat(self, trajectories: np.ndarray) -> np.ndarray:
         """(n, point, feature) over the scales, (n, d)."""
         return trajectories.reshape(len(trajectories), -1) / self._scale
+
+
+def _corrected(j: np.ndarray, move: np.ndarray, change: np.ndarray) -> np.ndarray:
+    """Sensitivities (d, p) that give the change (d,) of the outputs over the move (p,): Broyden's update.
+
+    What an output did not depend on at all it is not said to depend on now (Schubert 1970): a wall that was not hit
+    would else seem to be known.
+    """
+    moved = np.where(np.abs(j) > NO_SENSITIVITY, move, 0.0)
+    length = np.square(moved).sum(axis=1)
+    off = np.where(length > SHORTEST_STEP**2, change - j @ move, 0.0)
+    return j + off[:, None] * moved / np.maximum(length, SHORTEST_STEP**2)[:, None]
 
 
 def _information(j: np.ndarray, noise: np.ndarray) -> np.ndarray:

@@ -9,10 +9,11 @@ import numpy as np
 
 from capture_cli.diagnosis.lack_of_fit import PRACTICAL, lack_of_fit
 from capture_cli.errors import FitError
-from capture_cli.identifiers.base import Best, Identifier, run
+from capture_cli.identifiers.base import Best, Identifier, Trial, run
 from capture_cli.identifiers.intervals import intervals
 from capture_cli.identifiers.least_squares import LeastSquares
 from capture_cli.identifiers.rounds import Rounds, finite
+from capture_cli.linearization import Linearization, columns
 from capture_cli.parameters import ParameterSpace
 from capture_cli.simulator import Simulator
 from capture_cli.stages.identifier_checkpoint import IdentifierCheckpoint
@@ -23,6 +24,10 @@ from capture_cli.stages.progress import Progress
 
 # Simulated hits make the error a little rough: near the noise a descent can look for ever for what is not there.
 IDLE_ROUNDS = 4
+# Far from the noise nothing is exact: the model is wrong. Rounds as few, and a gain as small, end a descent there.
+IDLE_AS_ACTED, IDLE_FREE = 2, 3
+LEAST_GAIN = 2e-3  # of the squared error
+FAR = 3.0  # noise floors: a log this far from explained may be explained from somewhere else
 AROUND, AROUND_POINTS = 0.1, 81  # of the range, about the answer to labels, which leave as much open
 JUDGED_BY = 4  # entries of the log, at most, that the estimates of all rounds are compared on
 
@@ -31,17 +36,18 @@ JUDGED_BY = 4  # entries of the log, at most, that the estimates of all rounds a
 class Found:
     """What was found, with `fits` made ready as it was found.
 
-    history: the best so far (in rounds: each estimate), in order. at: the linearization there, if it is known.
-    contradicted, fallback: as in `InContext.document`.
+    history: the best so far (in rounds: each estimate), in order. at: the linearization at the best.
+    contradicted, fallback, elsewhere: as in `InContext.document`.
     """
 
     fits: ModelFits
     best: Best
     history: list[Best]
-    at: Fit | None = None
+    at: Fit
     in_context: InContext | None = None
     contradicted: bool | None = None
     fallback: bool = False
+    elsewhere: bool = False
 
 
 def by_physics(
@@ -53,31 +59,62 @@ def by_physics(
     starts: int,
     rounds: int,
     seed: int,
-    until_idle: bool = False,
+    offsets: np.ndarray | None = None,
+    idle_rounds: int | None = None,
 ) -> Found:
-    """What `method` finds from start (parameter,). Raises FitError where every simulation diverged.
+    """What `method` finds from start (parameter,) and offsets (window, state) of the starts.
 
-    until_idle: also end where the log is explained and rounds gain nothing more that its noise would not hide.
+    idle_rounds: also end when so many rounds gained next to nothing, of a log that is not explained; of one that is,
+    when rounds gain nothing more that its noise would not hide. Raises FitError where every simulation diverged.
     """
     part = fits.prepared.part(~fits.prepared.split.is_test)
     simulator = fits.simulator([])
+    evidence = part.evidence(simulator)
     history: list[Best] = []
+    asked, at_best = [], []  # the last trial with what it gave; the one that linearizes at the best point
+
+    def evaluate(trial: Trial):
+        asked[:] = [(trial, *part.evaluate(simulator, trial))]
+        return asked[0][1:]
 
     def on_round(best: Best) -> None:
         history.append(best)
+        if _same(asked[0][0], columns(evidence, evidence.space.to_unit(best.parameters), best.offsets)):
+            at_best[:] = asked
         progress.step(f"error {best.error:.3g} x noise floor")
-        if until_idle and _idle(history, part.evidence(simulator).count):
+        if idle_rounds is not None and _idle(history, evidence.count, idle_rounds):
             solver.rounds_left = 0
 
-    solver = method(part.evidence(simulator), start=start, seed=seed, rounds=rounds, starts=starts)
-    best = run(solver, lambda trial: part.evaluate(simulator, trial), on_round)
+    solver = method(evidence, start=start, seed=seed, rounds=rounds, starts=starts, offsets=offsets)
+    best = run(solver, evaluate, on_round)
     fits.rollouts += simulator.rollouts
     if not np.isfinite(best.error):
         raise FitError(
             "every simulation tried diverged",
             cure="tighten the parameters' bounds, shorten the window, or reduce the model's timestep",
         )
-    return Found(fits, best, history)
+    return Found(fits, best, history, _linearized(fits, part, best, at_best))
+
+
+def _linearized(fits: ModelFits, part: PreparedLog, best: Best, at_best: list) -> Fit:
+    """The linearization at `best`: of the trial in `at_best` where it was made there, otherwise a new one."""
+    evidence = part.evidence(fits.simulator([]))
+    x = evidence.space.to_unit(best.parameters)
+    if not at_best or not _same(at_best[0][0], columns(evidence, x, best.offsets)):
+        return fits.at(part, [], best)
+    at = Linearization.from_columns(evidence, x, best.offsets, *at_best[0][1:])
+    return Fit((), evidence.space, best.parameters, at)
+
+
+def _same(one: Trial, other: Trial) -> bool:
+    """Whether two trials ask for the same, but for rounding."""
+    if len(one) != len(other):
+        return False
+    close = [
+        np.allclose(getattr(one, n), getattr(other, n), rtol=1e-12, atol=1e-15)
+        for n in ("parameters", "offsets")
+    ]
+    return all(close)
 
 
 def by_rounds(
@@ -97,7 +134,8 @@ def by_rounds(
     """Rounds over the fitted part of the log, then least squares from the best estimate of them.
 
     The fit begins with starts where the actions say, if there are actions. Where it does not explain the log, the
-    starts are freed and other places are tried, as without an identifier: then it was not for a wrong proposal.
+    starts are freed. Where that is far from explaining it, or the identifier has seen nothing like the log, other
+    places are tried, as without an identifier: then it was not for a wrong proposal.
     new (window,): those to make rounds with, where not all; earlier: the rounds made before.
     """
     fits = ModelFits(_as_acted(prepared), threads)
@@ -125,22 +163,44 @@ def by_rounds(
     history = [Best(p, none, float(e)) for p, e in zip(estimates, errors[1:], strict=False)]
     nearest = points[np.argmin(errors)]
     found = by_physics(
-        fits, LeastSquares, nearest, progress, starts=1, rounds=100, seed=seed, until_idle=True
+        fits, LeastSquares, nearest, progress, starts=1, rounds=100, seed=seed, idle_rounds=IDLE_AS_ACTED
     )
     history += found.history
-    at = fits.at(part, [], found.best)
-    found = replace(found, at=at)
-    contradicted = in_context.contradicted_by(found.best.parameters, intervals(at.at).sd)
-    fallback = lack_of_fit(at.at).lacking
+    contradicted = in_context.contradicted_by(found.best.parameters, intervals(found.at.at).sd)
+    fallback = lack_of_fit(found.at.at).lacking
     if fallback:
-        free = ModelFits(prepared, threads)
-        free.rollouts = fits.rollouts
-        found = by_physics(
-            free, LeastSquares, found.best.parameters, progress, starts=starts, rounds=100, seed=seed
-        )
+        found = _freed(ModelFits(prepared, threads), found, progress, seed=seed)
+        history += found.history
+    elsewhere = (
+        fallback and lack_of_fit(found.at.at).lacking and (not in_context.in_family or found.best.error > FAR)
+    )
+    if elsewhere:
+        found = _freed(found.fits, found, progress, seed=seed, starts=starts)
         history += found.history
     return replace(
-        found, history=history, in_context=in_context, contradicted=contradicted, fallback=fallback
+        found,
+        history=history,
+        in_context=in_context,
+        contradicted=contradicted,
+        fallback=fallback,
+        elsewhere=elsewhere,
+    )
+
+
+def _freed(fits: ModelFits, found: Found, progress: Progress, *, seed: int, starts: int = 1) -> Found:
+    """What least squares finds from there with the starts as free as the log leaves them."""
+    fits.rollouts = found.fits.rollouts
+    best = found.best
+    return by_physics(
+        fits,
+        LeastSquares,
+        best.parameters,
+        progress,
+        starts=starts,
+        rounds=100,
+        seed=seed,
+        offsets=best.offsets,
+        idle_rounds=IDLE_FREE,
     )
 
 
@@ -151,12 +211,18 @@ def _around(space: ParameterSpace, point: np.ndarray) -> np.ndarray:
     return space.from_unit(np.clip(x + moves.reshape(-1, len(space)), 0, 1))
 
 
-def _idle(history: list[Best], count: int) -> bool:
-    """Whether the error over `count` numbers is that of the noise, and the last rounds lowered it by nothing more."""
-    errors = np.square([best.error for best in history[-1 - IDLE_ROUNDS :]])
-    if len(errors) <= IDLE_ROUNDS or not errors[-1] <= PRACTICAL**2:
+def _idle(history: list[Best], count: int, unexplained_rounds: int) -> bool:
+    """Whether the last rounds lowered the error over `count` numbers by nothing that counts.
+
+    Near the noise, by less than it would hide; otherwise, in the last `unexplained_rounds`, by a share of it.
+    """
+    errors = np.square([best.error for best in history])
+    explained = errors[-1] <= PRACTICAL**2
+    rounds = IDLE_ROUNDS if explained else unexplained_rounds
+    if len(errors) <= rounds:
         return False
-    return bool(count * (errors[0] - errors[-1]) < TOLERANCE * max(1.0, errors[-1]))
+    least = TOLERANCE * max(1.0, errors[-1]) / count if explained else LEAST_GAIN * errors[-1]
+    return bool(errors[-1 - rounds] - errors[-1] < least)
 
 
 def _errors(fits: ModelFits, part: PreparedLog, logged: LoggedRounds, points: np.ndarray) -> np.ndarray:

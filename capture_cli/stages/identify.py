@@ -155,7 +155,7 @@ class _Report:
         self.space = self.prepared.task.space
 
     def estimate(self) -> Estimate:
-        fit = self.result.at or self.fits.at(self.prepared.part(~self.is_test), [], self.best)
+        fit = self.result.at
         found = intervals(fit.at)
         offsets = np.zeros_like(self.prepared.starts.sd)
         offsets[~self.is_test] = fit.offsets
@@ -250,7 +250,9 @@ class _Report:
         result = self.result
         if result.in_context is None:
             return None if self.earlier is None else self.earlier.estimate.document["in_context"]
-        return result.in_context.document(contradicted=result.contradicted, fallback=result.fallback)
+        return result.in_context.document(
+            contradicted=result.contradicted, fallback=result.fallback, elsewhere=result.elsewhere
+        )
 
     def _rounds(self) -> Rounds | None:
         """All rounds in context so far."""

@@ -133,8 +133,12 @@ class InContext:
         z = np.abs(value - self.proposal) / np.sqrt(np.square(self.sd) + np.square(sd))
         return bool(2 * ndtr(-z.max()) * len(z) < CONTRADICTS_P)
 
-    def document(self, *, contradicted: bool | None, fallback: bool) -> dict[str, Any]:
-        """`in_context` of estimate.json."""
+    def document(self, *, contradicted: bool | None, fallback: bool, elsewhere: bool) -> dict[str, Any]:
+        """`in_context` of estimate.json.
+
+        contradicted: by the fit. fallback: the fit from the proposal did not explain the log, and the starts of its
+        windows were freed. elsewhere: that did not either, and fits were begun in other places.
+        """
         names = self.checkpoint.model.signature.space.names
         sd = self.sd
         return {
@@ -148,10 +152,10 @@ class InContext:
             "in_family": self.in_family,
             "contradicted": contradicted,
             "fallback": fallback,
-            "text": self._text(contradicted, fallback),
+            "text": self._text(contradicted, fallback, elsewhere),
         }
 
-    def _text(self, contradicted: bool | None, fallback: bool) -> str | None:
+    def _text(self, contradicted: bool | None, fallback: bool, elsewhere: bool) -> str | None:
         said = []
         if len(self.used) > self.entries:
             said.append(
@@ -161,10 +165,12 @@ class InContext:
             said.append("The log lies outside of what the identifier was trained on.")
         elif contradicted:
             said.append("The fit contradicts what the identifier proposed.")
-        if fallback:
+        if elsewhere:
             said.append(
                 "Physics was asked from several places: the proposal led to no fit that explains the log."
             )
+        elif fallback:
+            said.append("Physics began there once more with the starts of all windows free.")
         elif not self.in_family or contradicted:
             said.append("The fit through the simulator, which explains the log, has the say.")
         return " ".join(said) or None
@@ -197,7 +203,7 @@ def walk_log(
     simulator = Simulator(logged.task, engine=engine)
     signature = Signature.of(logged.task)
     identifier = checkpoint.kind(
-        signature, start[None], model=checkpoint.model, simulate=simulator.trajectories, seed=seed
+        signature, start[None], model=checkpoint.model, rough=True, simulate=simulator.trajectories, seed=seed
     )
     if earlier is not None:
         identifier.history = earlier

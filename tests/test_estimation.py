@@ -1,0 +1,88 @@
+"""How `identify` finds its point: when a descent is over, and what is not simulated twice."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from capture_cli.identifiers.base import Best, Trial
+from capture_cli.identifiers.least_squares import LeastSquares
+from capture_cli.stages import estimation
+from capture_cli.stages.estimation import by_physics
+from capture_cli.stages.model_fits import ModelFits
+from capture_cli.stages.prepared_log import PreparedLog, prepare
+from capture_cli.stages.progress import Progress
+from capture_cli.stages.record import record
+from capture_cli.tasks import load_task
+
+
+@pytest.fixture
+def prepared(slider_task, tmp_path) -> PreparedLog:
+    options = {"duration": 4, "rate": 100, "amplitude": {"drive": 8}, "noise": 1e-3, "threads": 1}
+    made = record(
+        task=str(slider_task), out=tmp_path / "log.zarr", parameters={"mass": 2.0, "damping": 3.0}, **options
+    )
+    return prepare(made.log, load_task(str(slider_task)), window=None, test=None, seed=0)
+
+
+def found_in(prepared: PreparedLog, **options):
+    start = prepared.task.space.nominal
+    with Progress("identify", "round", quiet=True) as progress:
+        return by_physics(
+            ModelFits(prepared, 1),
+            LeastSquares,
+            start,
+            progress,
+            starts=1,
+            seed=0,
+            **{"rounds": 50, **options},
+        )
+
+
+def test_a_descent_that_converged_is_not_linearized_again(prepared, monkeypatch):
+    part = prepared.part(~prepared.split.is_test)
+    fresh = ModelFits(prepared, 1)
+    expected = fresh.at(part, [], found_in(prepared).best)
+    monkeypatch.setattr(ModelFits, "at", lambda *_: pytest.fail("simulated again"))
+    at = found_in(prepared).at
+    np.testing.assert_allclose(at.at.residual, expected.at.residual, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(at.at.by_parameter, expected.at.by_parameter, rtol=1e-5, atol=1e-5)
+    np.testing.assert_array_equal(at.point, expected.point)
+
+
+def test_one_that_was_stopped_early_is(prepared):
+    found = found_in(prepared, rounds=2)
+    part = prepared.part(~prepared.split.is_test)
+    expected = ModelFits(prepared, 1).at(part, [], found.best)
+    np.testing.assert_allclose(found.at.at.residual, expected.at.residual, rtol=1e-9, atol=1e-9)
+
+
+def test_offsets_of_the_starts_are_gone_on_from(prepared):
+    found = found_in(prepared)
+    again = found_in(prepared, offsets=found.best.offsets)
+    with_offsets, without = again.history[0].error, found.history[0].error
+    assert with_offsets != without
+
+
+@pytest.mark.parametrize(
+    ("errors", "over"),
+    [
+        ([3.0, 2.0, 1.5, 1.499, 1.499], True),  # unexplained, and two rounds gained nothing to speak of
+        ([3.0, 2.0, 1.5, 1.5, 1.4], False),
+        ([1.5, 1.5], False),  # too few to tell
+        ([1.2, 1.0, 1.0, 1.0], False),  # near the noise four rounds are waited for
+        ([1.2, 1.0, 1.0, 1.0, 1.0, 1.0], True),
+        ([1.2, 1.002, 1.002, 1.001, 1.001, 1.0], False),
+    ],
+)
+def test_when_a_descent_is_over(errors, over):
+    history = [Best(np.zeros(1), np.zeros((1, 1)), e) for e in errors]
+    assert estimation._idle(history, count=1000, unexplained_rounds=2) == over
+
+
+def test_trials_are_the_same_but_for_rounding():
+    trial = Trial(np.array([[1.0, 2.0]]), np.array([[[0.0, 1e-3]]]))
+    near = Trial(trial.parameters * (1 + 1e-15), trial.offsets)
+    assert estimation._same(trial, near)
+    assert not estimation._same(trial, Trial(trial.parameters * (1 + 1e-9), trial.offsets))
+    assert not estimation._same(trial, Trial(trial.parameters, trial.offsets + 1e-6))
