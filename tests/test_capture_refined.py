@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from capture_cli.identifiers._learned import Prediction
+from capture_cli.identifiers._refinement import _corrected
 from capture_cli.identifiers.capture_refined import CaptureRefined
 from capture_cli.identifiers.rounds import Signature, run_rounds
 from capture_cli.parameters import Parameter, ParameterSpace
@@ -45,7 +46,9 @@ def label(parameters: np.ndarray, actions: np.ndarray) -> tuple[np.ndarray, np.n
     return np.where(np.abs(off) < 0.05, 0.0, np.sign(off))[:, None, None], np.zeros(len(off), dtype=bool)
 
 
-def identified(signature, simulate, act, sd=0.1, rounds=6, noise=None, seed=0, pairs=PAIRS, rough=False):
+def identified(
+    signature, simulate, act, sd=0.1, rounds=6, noise=None, seed=0, pairs=PAIRS, rough=False, **options
+):
     """(walk, target, identifier) of pairs at random."""
     generator = np.random.default_rng(seed)
     source, target = signature.space.from_unit(generator.random((2, pairs, len(signature.space))))
@@ -62,7 +65,7 @@ def identified(signature, simulate, act, sd=0.1, rounds=6, noise=None, seed=0, p
         return measured if noise is None else noise(number, measured, generator)
 
     model = Proposal(signature, target, sd, seed)
-    made = CaptureRefined(signature, source, model=model, rough=rough, simulate=counted)
+    made = CaptureRefined(signature, source, model=model, rough=rough, simulate=counted, **options)
     walk = run_rounds(made, rounds, act=act, simulate=simulate, measure=measure)
     assert made.simulated_rollouts.sum() == sum(calls)
     return walk, target, made
@@ -135,6 +138,18 @@ def test_a_direction_that_nothing_shows_is_left_to_the_proposal():
     np.testing.assert_allclose(walk.sd[:, -1, 1], 0.1 * space.span[1], rtol=0.35)
 
 
+@settings(max_examples=50, deadline=None)
+@given(seed=st.integers(0, 10_000))
+def test_what_an_output_did_not_depend_on_a_step_does_not_tell(seed):
+    generator = np.random.default_rng(seed)
+    j = generator.standard_normal((6, 3)) * (generator.random((6, 3)) < 0.5)
+    move, change = 0.1 * generator.standard_normal(3), generator.standard_normal(6)
+    corrected = _corrected(j, move, change)
+    assert (corrected[j == 0] == 0).all()
+    depends = (np.square(move) * (j != 0)).sum(axis=1) > 1e-4
+    np.testing.assert_allclose((corrected @ move)[depends], change[depends])
+
+
 def test_it_does_the_same_again():
     one, two = toy()[0], toy()[0]
     np.testing.assert_array_equal(one.estimates, two.estimates)
@@ -147,13 +162,41 @@ def test_labels_are_bracketed():
     assert walk.simulated_rollouts[:, -1].max() < 200
 
 
-def test_wrong_labels_are_outvoted():
-    def noise(number, measured, generator):
-        wrong = generator.integers(-1, 2, measured.shape)
-        return wrong if number % 3 == 2 else measured
+def every_third(number, measured, generator):
+    wrong = generator.integers(-1, 2, measured.shape)
+    return wrong if number % 3 == 2 else measured
 
-    walk, target, _ = identified(LABELLED, label, lambda n, p: p, sd=0.3, rounds=30, noise=noise, pairs=60)
+
+def test_wrong_labels_are_outvoted():
+    walk, target, _ = identified(
+        LABELLED, label, lambda n, p: p, sd=0.3, rounds=12, noise=every_third, pairs=60
+    )
     assert (np.abs(walk.estimates[:, -1, 0] - target[:, 0]) < 0.05).mean() > 0.9
+
+
+def test_labels_that_are_known_to_be_random_do_not_mislead():
+    walk, target, _ = identified(
+        LABELLED,
+        label,
+        lambda n, p: p,
+        rounds=6,
+        noise=every_third,
+        pairs=60,
+        error_rate=lambda number: 2 / 3 if number % 3 == 2 else 1e-3,
+    )
+    assert (np.abs(walk.estimates[:, 4, 0] - target[:, 0]) < 0.05).mean() > 0.85
+
+
+@pytest.mark.parametrize("noise", [None, every_third])
+def test_intervals_of_labels_hold_the_truth(noise):
+    walk, target, _ = identified(LABELLED, label, lambda n, p: p, rounds=8, noise=noise, pairs=100)
+    covered = np.abs(walk.estimates - target[:, None]) <= 1.96 * walk.sd
+    assert 0.88 < covered[:, 4:].mean() < 0.995
+
+
+def test_a_proposal_does_not_count_labels_twice():
+    one, two = (identified(LABELLED, label, lambda n, p: p, sd=sd, rounds=4)[0] for sd in (0.02, 0.5))
+    np.testing.assert_array_equal(one.estimates, two.estimates)
 
 
 def test_it_needs_a_simulator():

@@ -1,11 +1,16 @@
-"""Refinement where a round shows a label, which has no slope: the likelihood of every value of the one parameter.
+"""Refinement where a round shows a label, which has no slope: the posterior of every value of the one parameter.
 
 What label an action gives is a piecewise constant function of the parameter. Its changes are found by bisection with
 the simulator, over the values that are still possible; between two values with the same label it is taken to be the
 same. How often a measured label is wrong is estimated with the parameter.
+
+What the transformer says is made of the same labels. They are read once, off the simulator: a prior that has seen
+them too would count them twice, and be as sure of a wrong one as of a right one.
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import numpy as np
 
@@ -13,46 +18,88 @@ from capture_cli.identifiers._learned import Prediction
 from capture_cli.identifiers.rounds import Signature, Simulate, finite
 
 VALUES = 257  # of the parameter, in all its range
-ERROR_RATES = np.array([1e-3, 0.03, 0.1, 0.2, 0.3])  # of measured labels, equally likely beforehand
+# how often a measured label is wrong, and how likely that is beforehand: as like as not, never
+ERROR_RATES = np.array([1e-3, 0.03, 0.1, 0.2, 0.3])
+RATE_PRIOR = np.array([0.5, 0.125, 0.125, 0.125, 0.125])
 LABELS = 3
 NEGLIGIBLE = 1e-3  # share of the posterior, in all, that is not looked at
-PRIOR_SHARE = 0.5  # of the transformer; the rest is uniform, for where it is wrong
+AS_GOOD = 1 - 1e-9  # stretches that hold this much of the most are as good
+COVERED, NORMAL_QUANTILE = 0.95, 1.959964
+HALVINGS = 20  # of the range, until an interval is known
 
 
 class LabelRefinement:
-    """Refines the estimates of `pairs` pairs of one parameter; used like `Refinement`."""
+    """Refines the estimates of `pairs` pairs of one parameter; used like `Refinement`.
 
-    def __init__(self, signature: Signature, pairs: int, simulate: Simulate):
+    error_rate: how often a label of round n (0, 1, ...) is wrong, where that is known; estimated otherwise.
+    """
+
+    def __init__(
+        self,
+        signature: Signature,
+        pairs: int,
+        simulate: Simulate,
+        error_rate: Callable[[int], float] | None = None,
+    ):
         self.signature = signature
         self.simulate = simulate
+        self.error_rate = error_rate
         self.rollouts = np.zeros(pairs, dtype=np.int64)
+        self._round = 0
         self._values = np.linspace(0, 1, VALUES)
-        self._log_likelihood = np.zeros((pairs, len(ERROR_RATES), VALUES))
+        self._resolution = np.full(pairs, VALUES)  # as long as it is not known
+        prior = RATE_PRIOR if error_rate is None else np.ones(1)
+        self._log = np.tile(np.log(prior)[None, :, None], (pairs, 1, VALUES))
 
     def refine(self, prior: Prediction, asked, actions, simulated, measured) -> Prediction:
-        """The estimate after one more round (the posterior's median) and its variance, in the task's units."""
-        space = self.signature.space
-        mean = space.to_unit(prior.mean)
-        variance = prior.covariance[:, 0] / space.span**2
-        before = self._posterior(mean, variance)
-        labels = self._labels(before, actions)
-        right = (labels == measured[:, -1])[:, None]
-        rate = ERROR_RATES[:, None]
-        self._log_likelihood += np.log(np.where(right, 1 - rate, rate / (LABELS - 1)))
-        posterior = self._posterior(mean, variance)
-        cumulative = np.cumsum(posterior, axis=1)
-        median = self._values[np.argmax(cumulative >= 0.5, axis=1)]
-        spread = posterior @ np.square(self._values) - np.square(posterior @ self._values)
-        return Prediction(space.from_unit(median[:, None]), (spread[:, None] * space.span**2)[..., None])
+        """The estimate after one more round and its variance, in the task's units.
 
-    def _posterior(self, mean: np.ndarray, variance: np.ndarray) -> np.ndarray:
+        The estimate is the middle of the stretch of values that holds most of the posterior, as long as the shortest
+        that no label was seen to tell apart. Its standard deviation is that of a Gaussian whose 95 % interval is as
+        wide as the one about the estimate that holds 95 %. prior: not used, it is made of the same labels.
+        """
+        space = self.signature.space
+        labels = self._labels(self._posterior(), actions)
+        self._resolve(labels, space.to_unit(asked)[:, 0])
+        right = (labels == measured[:, -1])[:, None]
+        rate = (ERROR_RATES if self.error_rate is None else np.array([self.error_rate(self._round)]))[:, None]
+        self._log += np.log(np.where(right, 1 - rate, rate / (LABELS - 1)))
+        self._round += 1
+        cumulative = np.cumsum(self._posterior(), axis=1)
+        estimate = self._fullest(cumulative)
+        sd = _half_width(cumulative, estimate) / NORMAL_QUANTILE * space.span
+        return Prediction(space.from_unit(estimate[:, None]), np.square(sd)[:, None, None])
+
+    def _posterior(self) -> np.ndarray:
         """Of each value (pair, value), over all error rates."""
-        log = self._log_likelihood
-        likelihood = np.exp(log - log.max(axis=(1, 2), keepdims=True)).sum(axis=1)
-        gaussian = np.exp(-np.square(self._values - mean) / (2 * np.maximum(variance, 1 / VALUES**2)))
-        gaussian /= np.maximum(gaussian.sum(axis=1, keepdims=True), 1e-300)
-        product = likelihood * (PRIOR_SHARE * gaussian + (1 - PRIOR_SHARE) / VALUES)
-        return product / product.sum(axis=1, keepdims=True)
+        posterior = np.exp(self._log - self._log.max(axis=(1, 2), keepdims=True)).sum(axis=1)
+        return posterior / posterior.sum(axis=1, keepdims=True)
+
+    def _resolve(self, labels: np.ndarray, asked: np.ndarray) -> None:
+        """How many values about the one `asked` for (pair,) an action did not tell apart, the fewest so far: those
+        between two changes of the label.
+        """
+        at = np.rint(asked * (VALUES - 1)).astype(int)
+        other = labels != np.take_along_axis(labels, at[:, None], axis=1)
+        index = np.arange(VALUES)
+        below = np.where(other & (index < at[:, None]), index, -1).max(axis=1)
+        above = np.where(other & (index > at[:, None]), index, VALUES).min(axis=1)
+        between = (below >= 0) & (above < VALUES)
+        self._resolution = np.where(
+            between, np.minimum(self._resolution, above - below - 1), self._resolution
+        )
+
+    def _fullest(self, cumulative: np.ndarray) -> np.ndarray:
+        """The middle (pair,) of the stretch of `resolution` values that holds most; of several side by side, of all."""
+        index = np.arange(VALUES)
+        reach = (np.where(self._resolution < VALUES, self._resolution, 1) - 1)[:, None] // 2
+        padded = np.pad(cumulative, ((0, 0), (1, 0)))
+        last = np.take_along_axis(padded, np.minimum(index + reach + 1, VALUES), axis=1)
+        held = last - np.take_along_axis(padded, np.maximum(index - reach, 0), axis=1)
+        best = held >= AS_GOOD * held.max(axis=1, keepdims=True)
+        first = np.argmax(best, axis=1)
+        after = np.where(~best & (index > first[:, None]), index, VALUES).min(axis=1)
+        return (self._values[first] + self._values[after - 1]) / 2
 
     def _labels(self, posterior: np.ndarray, actions: np.ndarray) -> np.ndarray:
         """The label that each value would give under the action (pair, value); NaN where it does not matter."""
@@ -81,6 +128,22 @@ class LabelRefinement:
         parameters = self.signature.space.from_unit(self._values[value][:, None])
         labels[pair, value] = finite(*self.simulate(parameters, actions[pair]))[:, -1, 0]
         np.add.at(self.rollouts, pair, 1)
+
+
+def _half_width(cumulative: np.ndarray, middle: np.ndarray) -> np.ndarray:
+    """Half the width (pair,) of the interval about `middle` (pair,) that holds 95 % of a posterior.
+
+    Each value stands for the cell of values that are nearest to it.
+    """
+    edges = np.concatenate([[0], (np.arange(VALUES - 1) + 0.5) / (VALUES - 1), [1]])
+    below = np.pad(cumulative, ((0, 0), (1, 0)))
+    low, high = np.zeros(len(middle)), np.ones(len(middle))
+    for _ in range(HALVINGS):
+        half = (low + high) / 2
+        ends = zip(below, middle - half, middle + half, strict=True)
+        held = np.array([np.interp(right, edges, f) - np.interp(left, edges, f) for f, left, right in ends])
+        low, high = np.where(held < COVERED, half, low), np.where(held < COVERED, high, half)
+    return high
 
 
 def _extended(labels: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:

@@ -15,8 +15,8 @@ class CaptureRefined(LearnedIdentifier):
 
     The transformer reads the whole history, as `posterior` does, and its mean and covariance are a Gaussian prior: a
     start near the target where a descent from anywhere else may end in a wrong valley, and an answer about what no
-    round has shown. Gauss-Newton then makes the rounds agree (`_refinement`); where they show a label, which has no
-    slope, the likelihood of every value does (`_label_refinement`).
+    round has shown. Gauss-Newton then makes the rounds agree (`_refinement`). Where they show a label, which has no
+    slope, the posterior of every value takes the place of both (`_label_refinement`).
     """
 
     summary = (
@@ -33,7 +33,7 @@ class CaptureRefined(LearnedIdentifier):
             raise TypeError("capture-refined needs `simulate`")
         labels = [f.name for f in signature.features] == ["label"] and len(signature.space) == 1
         self._refinement = (
-            LabelRefinement(signature, len(self.start), self.simulate)
+            LabelRefinement(signature, len(self.start), self.simulate, self.error_rate)
             if labels
             else Refinement(signature, len(self.start), self.simulate, rough=self.rough)
         )

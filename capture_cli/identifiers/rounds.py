@@ -166,7 +166,8 @@ class RoundIdentifier(AskTell):
     """Proposes the parameters of the next round, for many pairs at once; pairs know nothing of each other.
 
     start (pair, parameter): what each pair begins with (the paper draws it at random). simulate: for identifiers
-    that run simulations of their own; what they run is counted in `simulated_rollouts`.
+    that run simulations of their own; what they run is counted in `simulated_rollouts`. error_rate: how often the
+    measured label of round n (0, 1, ...) is wrong, where that is known; for identifiers that read labels.
 
     The loop, which `run_rounds` is: `asked = ask()`; actions for `asked[:, 0]`; simulate every candidate, and
     measure, under these actions; `tell(actions, simulated, measured)`; `best` is the estimate after the round.
@@ -181,8 +182,15 @@ class RoundIdentifier(AskTell):
     simulates = False
 
     def __init__(
-        self, signature: Signature, start: np.ndarray, *, simulate: Simulate | None = None, seed: int = 0
+        self,
+        signature: Signature,
+        start: np.ndarray,
+        *,
+        simulate: Simulate | None = None,
+        seed: int = 0,
+        error_rate: Callable[[int], float] | None = None,
     ):
+        self.error_rate = error_rate
         self.signature = signature
         self.space = signature.space
         self.start = np.clip(np.asarray(start, dtype=float), self.space.low, self.space.high)
