@@ -24,14 +24,18 @@ SCREENED_PER_PARAMETER = 8
 RADIUS = 0.25  # of the unit cube, the first trust region
 SHRINK = (1.0, 0.25, 0.0625, 0.015625)  # step lengths tried at once after a step that failed
 CONVERGED_GAIN = 3e-3  # decrease of the objective over k: a twentieth of a standard error
-CONVERGED_STEP = 1e-7  # of the unit cube
+ROUGH = (
+    0.1  # of the objective over k: less that is promised and not kept is lost in the roughness of contacts
+)
 HOPELESS = 2.0  # a descent whose error stays this many times the best known is given up
 PATIENCE = 5  # rounds before it is
 # Rounds after which k is held. It depends on the residual and the residual on it: where the model is wrong the two
 # can chase each other for ever.
 SETTLED = 15
+MOST_VAIN = 2  # rounds of shorter steps, one after the other, that bring less than that
 COLLAPSED = 1e-3  # of the unit cube: a trust region this small has lost touch with the error's shape
 RESTARTS = 2  # times that a descent begins anew where it is, or looks for windows that got stuck
+STUCK = 0.999  # share of the error at the last restart above which another would end in the same place
 HIDDEN_STARTS = (-1.0, 0.0, 1.0)  # of their prior sd: where hidden states are looked for then
 CARRIED = 3  # steps in a row with sensitivities that were carried along rather than measured
 RUNAWAY = 2.0  # a window whose objective grows by this factor in a step that helps the others goes back
@@ -143,9 +147,12 @@ class Descent:
         self._radius = RADIUS
         self._damping = np.zeros(len(evidence.start_sd))
         self._repairing = False
+        self._promised = np.inf
         self._carry = False
         self._carried = 0
         self._restarts = RESTARTS
+        self._vain = 0
+        self._restarted_with = np.inf
         self._try(self.x, self.offsets)
 
     @property
@@ -189,6 +196,8 @@ class Descent:
                 self._refresh()
             elif self._repairing:
                 self._propose()
+            elif self._promised < ROUGH * k:
+                self.converged = True
             else:
                 self._propose_shorter()
             return
@@ -261,52 +270,57 @@ class Descent:
         self._repairing = False
         dx = self._step(self._radius, self._damping)
         offsets = self._at.start_offsets(dx, k, self._damping)
-        if self._at.predicted_gain(dx, offsets, k) < self.tolerance * k:
+        self._promised = self._at.predicted_gain(dx, offsets, k)
+        if self._promised < self.tolerance * k:
             self._settle()
             return
         self._carry = self.x.size > 0 and self._carried < CARRIED
         self._try(np.clip(self.x + dx, 0, 1), offsets)
 
     def _propose_shorter(self) -> None:
-        """Shorter steps in parameters and starts, and as many in the starts alone, tried at once."""
+        """Shorter steps in parameters and starts, in parameters alone and in starts alone, tried at once."""
         k = self._k
         self._carry = False
         still = np.zeros_like(self.x)
-        self._trials, self._told = [], self._tell_shorter
+        together, held, alone = [], [], []
         for factor in SHRINK:
             damping = self._shorter_damping(factor, k)
             dx = self._step(self._radius * factor / 4, damping)
-            self._trials.append((np.clip(self.x + dx, 0, 1), self._at.start_offsets(dx, k, damping)))
-        for factor in SHRINK:
-            damping = self._shorter_damping(factor, k) - k
-            self._trials.append((self.x, self._at.start_offsets(still, k, damping)))
+            x = np.clip(self.x + dx, 0, 1)
+            together.append((x, self._at.start_offsets(dx, k, damping)))
+            held.append((x, self.offsets))
+            alone.append((self.x, self._at.start_offsets(still, k, damping - k)))
+        self._trials, self._told = [*together, *held, *alone], self._tell_shorter
 
     def _tell_shorter(self, outputs, diverged) -> None:
+        """Given the parameters, each window takes the start that is best for it; those that keep theirs are damped."""
         k = self._k
         before = self._at.objectives(k)
-        residuals = self.evidence.residual(outputs)
         offsets = np.stack([offsets for _, offsets in self._trials])
-        values = objectives(residuals, scaled_offsets(self.evidence, offsets), k)
+        values = objectives(self.evidence.residual(outputs), scaled_offsets(self.evidence, offsets), k)
         values = np.where(diverged | ~np.isfinite(values), np.inf, values)
-        chosen = int(np.argmin(values[: len(SHRINK)].sum(axis=1)))
-        # with the parameters as they are, each window takes the start that is best for it
-        alone = np.concatenate([values[len(SHRINK) :], before[None]])
+        together, held, alone = values.reshape(3, len(SHRINK), -1)
+        chosen = int(np.argmin(np.minimum(together, held).sum(axis=1)))
+        moved = np.minimum(together[chosen], held[chosen]).sum()
         pick = np.argmin(alone, axis=0)
-        moved, stayed = values[chosen].sum(), alone.min(axis=0).sum()
+        stayed = np.minimum(alone.min(axis=0), before).sum()
         factor = SHRINK[chosen] if moved < before.sum() else SHRINK[-1]
         self._radius *= factor / 4
-        self._damping = self._shorter_damping(factor, k)
-        better = None
         if moved < min(stayed, before.sum()):
-            better = self._trials[chosen]
-        elif before.sum() - stayed > self.tolerance * k:
-            choices = np.concatenate([offsets[len(SHRINK) :], self.offsets[None]])
-            better = self.x, choices[pick, np.arange(len(pick))]
-        if self._radius < COLLAPSED and self._restarts:
-            self._restart(*(better or (self.x, self.offsets)))
-        elif self._radius < CONVERGED_STEP:
+            keeps = held[chosen] < together[chosen]
+            better = self._trials[chosen][0], np.where(keeps[:, None], self.offsets, offsets[chosen])
+        else:
+            keeps = before <= alone.min(axis=0)
+            moves = offsets[2 * len(SHRINK) + pick, np.arange(len(pick))]
+            better = self.x, np.where(keeps[:, None], self.offsets, moves)
+        self._damping[keeps] = self._shorter_damping(factor, k)[keeps]
+        gained = before.sum() - min(moved, stayed)
+        self._vain = self._vain + 1 if gained < ROUGH * k else 0
+        if self._vain == MOST_VAIN:
             self.converged = True
-        elif better:
+        elif self._radius < COLLAPSED and self._restarts and self.error < STUCK * self._restarted_with:
+            self._restart(*better)
+        elif gained > self.tolerance * k:
             self._try(*better)
         else:
             self._propose_shorter()
@@ -314,6 +328,7 @@ class Descent:
     def _restart(self, x: np.ndarray, offsets: np.ndarray) -> None:
         """Go on from x (parameter,) and `offsets` as if begun there: steps that failed elsewhere do not count."""
         self._restarts -= 1
+        self._restarted_with = self.error
         self._radius = RADIUS
         self._damping[:] = 0.0
         self.x, self.offsets = x, offsets
