@@ -405,6 +405,12 @@ def record(
         str | None,
         typer.Option("--policy", help="Who chooses the actions of a task that has some; default random."),
     ] = None,
+    belief: Annotated[
+        str,
+        typer.Option(
+            "--belief", help="What the policy takes the parameters for: nominal, or random each time."
+        ),
+    ] = "nominal",
     actions_from: Annotated[
         Path | None, typer.Option("--actions-from", help="Proposal whose action every episode takes.")
     ] = None,
@@ -450,6 +456,7 @@ def record(
         noise=_sd(noise, "--noise"),
         episodes=episodes,
         policy=policy,
+        belief=belief,
         actions_from=actions_from,
         duration=duration,
         rate=rate,

@@ -429,6 +429,15 @@ def test_terminal_tells_the_size_of_a_single_effect_and_the_runner_up():
     assert len(lines) == 5
 
 
+def test_terminal_names_the_outputs_that_had_been_farthest_from_their_floor():
+    outputs = {name: ("m", 1e-3) for name in "abcd"}
+    diagnosis = make(outputs, effects=(COULOMB,))
+    first, last = (stage["test"]["rmse"] for stage in diagnosis.document["stages"])
+    first.update(a=1.1e-3, b=1.2e-3, c=5e-3, d=4e-3)
+    last.update(a=1.02e-3, b=1.03e-3, c=1.01e-3, d=1e-3)
+    assert "(c 5.00 → 1.01 mm, d 4.00 → 1.00 mm)" in printed(diagnosis, 140)
+
+
 def test_terminal_says_that_none_of_these_explains_it():
     text = printed(nothing_found(), 140)
     assert "None of these: not one of 1 candidates explains what is left, 14.1 times the noise floor." in text

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -13,6 +15,8 @@ from capture_cli.stages.prepared_log import prepare
 from capture_cli.stages.record import record
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.tasks import load_task
+
+ROOT = Path(__file__).resolve().parents[1]
 
 
 @pytest.fixture(scope="module")
@@ -39,6 +43,30 @@ def test_actions_are_random_within_their_ranges_and_in_the_log(recorded):
     assert np.all((log.actions >= task.actions.low) & (log.actions <= task.actions.high))
     assert len(np.unique(log.actions[:, 0])) == 4
     assert made.truth["world"] == "plant"
+
+
+@pytest.mark.parametrize("policy", [None, str(ROOT / "runs" / "policies" / "air-hockey")])
+def test_a_policy_that_believes_something_else_each_time_acts_differently(tmp_path, policy):
+    options = {"task": "air-hockey", "policy": policy, "episodes": 3, "seed": 2, "threads": 1}
+    same = record(out=tmp_path / "a.zarr", **options).log.actions
+    other = record(out=tmp_path / "b.zarr", belief="random", **options).log.actions
+    task = load_task("air-hockey")
+    assert np.all((other >= task.actions.low) & (other <= task.actions.high))
+    assert len(np.unique(other[:, 0])) == 3
+    assert (len(np.unique(same[:, 0])) == 3) == (policy is None)
+
+
+def test_a_log_does_not_say_what_is_true(tmp_path):
+    record(
+        task="air-hockey",
+        out=tmp_path / "log.zarr",
+        parameters={"left_friction": 0.0431},
+        effects=["gravity-tilt.tilt_x=0.0217"],
+        threads=1,
+    )
+    inside = [f.read_bytes() for f in (tmp_path / "log.zarr").rglob("*") if f.is_file()]
+    assert not any(word in content for content in inside for word in (b"tilt", b"0.0217", b"0.0431"))
+    assert b"0.0217" in (tmp_path / "log.truth.json").read_bytes()
 
 
 def test_the_log_is_sampled_at_its_rate_to_the_end_of_the_action(recorded):
@@ -103,6 +131,7 @@ def test_identify_recovers_the_planted_parameters(recorded, tmp_path):
         ({"amplitude": {"mallet_vx": 1.0}}, "--amplitude means nothing"),
         ({"rate": -5.0}, "--rate -5"),
         ({"policy": "nobody"}, "neither a policy nor a checkpoint"),
+        ({"belief": "certain"}, "unknown --belief 'certain'"),
         ({"world": "moon"}, "unknown --world 'moon'"),
         ({"world": "robosuite", "effects": ["control-lag@mallet_vx=0.1"]}, "--effect means nothing"),
     ],

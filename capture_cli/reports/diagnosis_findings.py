@@ -28,7 +28,8 @@ ACCEPTED, TIED, NOT_TRIED = "accepted", "tied", "not tried"
 class Change:
     """RMSE of one output before and after, by part of the log (None: an empty part), all in `unit`.
 
-    ratio: after over before, over: after over the noise floor; both on held-out data, or on what there is.
+    ratio: after over before; over, over_before: after and before over the noise floor; all on held-out data, or on
+    what there is.
     """
 
     name: str
@@ -40,6 +41,7 @@ class Change:
     floor_source: str
     ratio: float | None
     over: float | None
+    over_before: float | None
 
 
 @dataclass(frozen=True)
@@ -220,6 +222,7 @@ def _change(document: Mapping[str, Any], name: str, unit: str) -> Change:
         floor_source=(document.get("noise_floor_source") or {}).get(name, ""),
         ratio=shown / before[part] if before[part] else None,
         over=shown / floor if floor else None,
+        over_before=before[part] / floor if floor else None,
     )
 
 

@@ -185,7 +185,7 @@ def _error_line(diagnosis: Diagnosis) -> str:
     document, rows = diagnosis.document, diagnosis_findings.changes(diagnosis)
     part = diagnosis_findings.best_part(document)
     on = diagnosis_findings.where(part)
-    farthest = sorted(rows, key=lambda row: -(row.over or 0.0))[:MOST_NAMED]
+    farthest = sorted(rows, key=lambda row: -(row.over_before or 0.0))[:MOST_NAMED]
     each = ", ".join(_change(row, part, document) for row in rows if row in farthest)
     if len(rows) == 1:
         return f"{each} {on}; noise floor {with_unit(significant(rows[0].floor), rows[0].floor_unit)}"

@@ -41,9 +41,11 @@ def drive_by_actions(
     policy: str | None,
     generator: np.random.Generator,
     actions_from: Path | None = None,
+    belief: str = "nominal",
 ) -> Drive:
-    """One action per episode, as the policy (a random one where None) chooses it under the nominal parameters.
+    """One action per episode, as the policy (a random one where None) chooses it under the parameters it believes in.
 
+    belief: "nominal", or "random": drawn anew for each episode, as in the course of an identification.
     actions_from: a proposal, whose action every episode takes instead.
 
     Inputs are logged at `rate` Hz (`ACTION_RATE` where None): the mean of each over the time until the next sample, so
@@ -57,6 +59,8 @@ def drive_by_actions(
     else:
         chooser = load_policy(policy or "random", task)
         believed = np.repeat(task.space.nominal[None], episodes, axis=0)
+        if belief == "random":
+            believed = task.space.from_unit(generator.random(believed.shape))
         actions = chooser.act(believed, generator.random((episodes, len(task.actions))))
     driven = task.episodes(actions)
     steps = round(task.point_times[-1] * rate) + 1

@@ -25,6 +25,8 @@ from capture_cli.tasks import load_task
 from capture_cli.tasks.base import ActionTask, Channel, Task
 
 WORLDS = ("plant", "robosuite")
+BELIEFS = ("nominal", "random")
+TRUTH = ("parameters", "effects")  # options that a log's provenance keeps to itself
 _EFFECT = re.compile(r"^(?P<name>[a-z-]+)(@(?P<site>[^.=]*))?(\.(?P<parameter>\w+))?=(?P<value>.+)$")
 
 
@@ -47,6 +49,7 @@ def record(
     noise: Mapping[str, float] | float = 0.0,
     episodes: int = 1,
     policy: str | None = None,
+    belief: str = "nominal",
     actions_from: Path | None = None,
     duration: float | None = None,
     rate: float | None = None,
@@ -67,11 +70,12 @@ def record(
     where there is only one. noise: standard deviation of white noise per output, or one for all.
 
     A task of actions is driven by one action per episode, chosen by `policy` (a checkpoint, or a name; random where
-    None) or proposed in the file `actions_from`, and logged at 100 Hz where `rate` is None. Inputs of any other task
-    are multisines in `band` Hz that peak at `amplitude` (the actuator's ctrlrange where not given), or those of the log
-    `inputs_from`. start and start_velocity: JOINT -> (low, high), drawn anew for each episode. Raises CaptureError.
+    None) for parameters that are nominal or drawn anew for each episode (`belief`), or proposed in the file
+    `actions_from`, and logged at 100 Hz where `rate` is None. Inputs of any other task are multisines in `band` Hz that
+    peak at `amplitude` (the actuator's ctrlrange where not given), or those of the log `inputs_from`. start and
+    start_velocity: JOINT -> (low, high), drawn anew for each episode. Raises CaptureError.
     """
-    options = {k: v for k, v in locals().items() if k != "force"}
+    options = {k: v for k, v in locals().items() if k not in ("force", *TRUTH)}
     truth = truth or out.with_suffix(".truth.json")
     refuse_existing(out, force=force)
     refuse_existing(truth, force=force)
@@ -94,6 +98,8 @@ def record(
         "start": start or {},
         "start_velocity": start_velocity or {},
     }
+    if belief not in BELIEFS:
+        raise OptionError(f"unknown --belief {belief!r}", cure=did_you_mean(belief, BELIEFS))
     if isinstance(machine, ActionTask):
         _refuse(by_inputs, {"band": BAND}, f"an episode of {machine.name!r} is what its action says")
         drive = drive_by_actions(
@@ -102,10 +108,12 @@ def record(
             rate=rate,
             policy=policy,
             actions_from=actions_from,
+            belief=belief,
             generator=generator,
         )
     else:
-        _refuse({"policy": policy, "actions_from": actions_from}, {}, f"{machine.name!r} has no actions")
+        of_actions = {"policy": policy, "belief": belief, "actions_from": actions_from}
+        _refuse(of_actions, {"belief": "nominal"}, f"{machine.name!r} has no actions")
         drive = drive_by_inputs(machine, episodes=episodes, rate=rate, generator=generator, **by_inputs)
     if world == "plant":
         outputs = _simulate(simulator, drive, np.concatenate([point, effect_values]))
