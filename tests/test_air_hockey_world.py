@@ -11,6 +11,7 @@ pytest.importorskip("gymnasium")
 import gymnasium
 import robosuite
 
+from capture_cli.effects import REGISTRY
 from capture_cli.errors import OptionError
 from capture_cli.sim.engine import Engine, ModelFields
 from capture_cli.stages.record import record
@@ -64,6 +65,23 @@ def test_the_arm_strikes_late_and_as_far(environment):
     puck_start = outputs[:, 0] > PLANT.puck_start[0] + 0.002
     assert 0.1 < time[puck_start.argmax()] < 0.5
     assert outputs[-1, 0] > PLANT.puck_start[0] + 0.1
+
+
+def test_the_arm_follows_like_a_damped_spring(environment):
+    """With what a diagnosis of other strokes found (docs/worlds.md), the plant's mallet is where the arm's is."""
+    action = ACTIONS[1]
+    environment.place({"right_friction": 0.05, **PARAMETERS}, action[:2])
+    environment.reset()
+    _, inputs, outputs = air_hockey.strike(environment, action)
+    lag = REGISTRY.get("control-second-order-lag")
+    arrived = inputs[None]
+    for site, found in (("mallet_vx", (0.1058, 0.772)), ("mallet_vy", (0.1178, 0.633))):
+        arrived = lag(PLANT.model, site).drive(arrived, np.array([found]), 0.01)
+    moved = outputs[1:, 2:] - action[:2]
+    error, error_of_servos = (
+        np.abs(np.cumsum(sent[:-1], axis=0) * 0.01 - moved).max() for sent in (arrived[0], inputs)
+    )
+    assert error < 0.004 < 0.03 < error_of_servos
 
 
 def test_recordings_are_those_of_fresh_scenes():
