@@ -761,6 +761,9 @@ def eval_sim2sim(
     noise: Annotated[
         str, typer.Option("--noise", help="On what is measured: none, scale or label, as in the paper.")
     ] = "none",
+    known_noise: Annotated[
+        bool, typer.Option("--known-noise", help="Tell identifiers which labels are random.")
+    ] = False,
     seed: Seed = 0,
     threads: Threads = None,
     force: Force = False,
@@ -778,6 +781,7 @@ def eval_sim2sim(
     document = stage(
         suite=suite,
         noise=noise,
+        known_noise=known_noise,
         task=task,
         identifiers=identifier,
         out=out,

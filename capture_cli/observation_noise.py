@@ -13,6 +13,8 @@ import numpy as np
 from capture_cli.errors import OptionError, did_you_mean
 
 LABEL_EVERY = 3  # rounds; the last of three is random
+LABELS = 3
+LEAST_ERROR_RATE = 1e-3  # of labels that are right: nobody is that sure
 SCALE_SPREAD = 0.1
 
 
@@ -27,6 +29,16 @@ def apply(
     noise = _find(name)
     uniform = [generator.random(measured.shape[1:]) for generator in generators]
     return noise(measured, np.reshape(uniform, measured.shape), first_round)
+
+
+def error_rate(name: str) -> Callable[[int], float]:
+    """How often the label of round n (0, 1, ...) is wrong. Raises OptionError where `name` is no noise of labels."""
+    if _find(name) is not _label:
+        raise OptionError(
+            f"--known-noise with the noise {name!r}",
+            cure="it is for labels: take the noise 'label', or leave it out",
+        )
+    return lambda number: 1 - 1 / LABELS if _is_random(number) else LEAST_ERROR_RATE
 
 
 def check(name: str, features: Iterable[str]) -> None:
@@ -46,8 +58,11 @@ def _none(measured: np.ndarray, uniform: np.ndarray, first_round: int) -> np.nda
 def _label(measured: np.ndarray, uniform: np.ndarray, first_round: int) -> np.ndarray:
     """Every third label is drawn from -1, 0, 1."""
     number = first_round + np.arange(measured.shape[1])
-    is_random = (number % LABEL_EVERY == LABEL_EVERY - 1)[:, None, None]
-    return np.where(is_random, np.floor(3 * uniform) - 1, measured)
+    return np.where(_is_random(number)[:, None, None], np.floor(LABELS * uniform) - 1, measured)
+
+
+def _is_random(number):
+    return number % LABEL_EVERY == LABEL_EVERY - 1
 
 
 def _scale(measured: np.ndarray, uniform: np.ndarray, first_round: int) -> np.ndarray:

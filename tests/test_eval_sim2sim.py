@@ -142,6 +142,15 @@ def test_a_checkpoint_and_another_name_for_it(folder, trained):
     )
     assert plain[-1] == 4 < refined[-1]
     assert e.document["identifiers"]["posterior"]["coverage"] is not None
+    told = evaluate(out=folder / "told", identifiers=identifiers, noise="label", known_noise=True, **SMALL)
+    assert told.document["noise"] == "label (known)"
+    same = (told.arrays["estimates"] == e.arrays["estimates"]).all(axis=(1, 2, 3, 4))
+    assert same.tolist() == [True, True, False]
+
+
+def test_noise_that_cannot_be_told_is_refused(folder):
+    with pytest.raises(OptionError, match="known-noise"):
+        evaluate(out=folder / "told", identifiers=["domain-randomization"], known_noise=True, **SMALL)
 
 
 @pytest.mark.parametrize(

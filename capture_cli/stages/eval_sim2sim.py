@@ -9,13 +9,16 @@ from capture_cli.stages.evaluation_run import evaluate
 from capture_cli.stages.evaluation_suite import evaluate_suite
 
 
-def eval_sim2sim(*, suite: str | None = None, noise: str = "none", **options) -> dict[str, Any]:
+def eval_sim2sim(
+    *, suite: str | None = None, noise: str = "none", known_noise: bool = False, **options
+) -> dict[str, Any]:
     """One evaluation, or those of a `suite`; returns evaluation.json or suite.json.
 
     options: as of `evaluate` and `evaluate_suite`. Raises CaptureError.
     """
     if suite is None:
-        return evaluate(noise=noise, **options).document
-    if noise != "none":
-        raise OptionError(f"--noise {noise} with --suite", cure="leave it out: a suite has its own")
+        return evaluate(noise=noise, known_noise=known_noise, **options).document
+    if noise != "none" or known_noise:
+        option = "--known-noise" if known_noise else f"--noise {noise}"
+        raise OptionError(f"{option} with --suite", cure="leave it out: a suite has its own")
     return evaluate_suite(suite=suite, **options)

@@ -46,15 +46,16 @@ def evaluate(
     noise: str = "none",
     seed: int = 0,
     threads: int | None = None,
+    known_noise: bool = False,
     force: bool = False,
     resume: bool = False,
     quiet: bool = True,
 ) -> Evaluation:
     """Evaluate `identifiers` on `pairs` pairs of `task`, `seeds` times; write the evaluation directory at `out`.
 
-    identifiers: as `load_evaluated` takes them. noise: one of `observation_noise.NOISES`, on what is measured. With
-    `resume` a run that was killed goes on after the identifier and seed it last completed, and one that is complete is
-    read. The arrays do not depend on `threads`. Raises CaptureError before any work.
+    identifiers: as `load_evaluated` takes them. noise: one of `observation_noise.NOISES`, on what is measured.
+    known_noise: identifiers are told which labels are random. With `resume` a run that was killed goes on after the
+    identifier and seed it last completed, and one that is complete is read. The arrays do not depend on `threads`. Raises CaptureError before any work.
     """
     options = {k: v for k, v in locals().items() if k not in ("force", "resume", "quiet")}
     _check(pairs, seeds, rounds)
@@ -62,13 +63,18 @@ def evaluate(
     observation_noise.check(noise, [f.name for f in machine.features])
     chosen = load_policy(policy, machine)
     evaluated = load_evaluated(identifiers, Signature.of(machine))
-    attributes = _attributes(machine, policy, noise, seed, evaluated)
+    if known_noise:
+        observation_noise.error_rate(noise)
+    attributes = _attributes(machine, policy, f"{noise} (known)" if known_noise else noise, seed, evaluated)
     recipe = {"pairs": pairs, "seeds": seeds, "rounds": rounds, **attributes}
     if resume and not force and Path(out).exists():
         return _completed(Path(out), recipe)
     refuse_existing(out, force=force)
     provenance = Provenance("eval-sim2sim", options, {})
-    draws = [Sim2Sim(machine, chosen, pairs, rounds, noise, seed, number, threads) for number in range(seeds)]
+    draws = [
+        Sim2Sim(machine, chosen, pairs, rounds, noise, seed, number, threads, known_noise)
+        for number in range(seeds)
+    ]
     with resumable_directory(out, force=force, resume=resume) as folder:
         _begin(folder, recipe)
         _run(evaluated, draws, folder, attributes, quiet)

@@ -27,7 +27,7 @@ class Sim2Sim:
     """`pairs` pairs of `task`, identified for `rounds` rounds.
 
     number: which of several draws of the pairs this is (a "seed" of the paper); the first pairs and rounds of a draw do
-    not depend on how many there are.
+    not depend on how many there are. known_noise: identifiers are told which labels are random.
     """
 
     task: ActionTask
@@ -38,6 +38,7 @@ class Sim2Sim:
     seed: int = 0
     number: int = 0
     threads: int | None = None
+    known_noise: bool = False
 
     def ends(self) -> tuple[np.ndarray, np.ndarray]:
         """Sources and targets, both (pair, parameter)."""
@@ -50,7 +51,8 @@ class Sim2Sim:
         source, target = self.ends()
         signature = Signature.of(self.task)
         simulate = batched(Simulator(self.task, threads=self.threads))
-        identifier = make(signature, source, simulate=simulate, seed=self._own_seed())
+        told = {"error_rate": observation_noise.error_rate(self.noise)} if self.known_noise else {}
+        identifier = make(signature, source, simulate=simulate, seed=self._own_seed(), **told)
         uniform = self._uniform()
         noise = [self._generator(pair, 2) for pair in range(self.pairs)]
         measured = np.zeros((self.pairs, self.rounds, *signature.trajectory_shape))
