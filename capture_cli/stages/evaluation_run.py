@@ -55,7 +55,8 @@ def evaluate(
 
     identifiers: as `load_evaluated` takes them. noise: one of `observation_noise.NOISES`, on what is measured.
     known_noise: identifiers are told which labels are random. With `resume` a run that was killed goes on after the
-    identifier and seed it last completed, and one that is complete is read. The arrays do not depend on `threads`. Raises CaptureError before any work.
+    identifier and seed it last completed, and one that is complete is read. The arrays do not depend on
+    `threads`. Raises CaptureError before any work.
     """
     options = {k: v for k, v in locals().items() if k not in ("force", "resume", "quiet")}
     _check(pairs, seeds, rounds)
