@@ -1,0 +1,250 @@
+"""A Gauss-Newton descent in the unit cube with a trust region, the starts of all windows eliminated as nuisances.
+
+Nocedal & Wright, Numerical Optimization, 2nd ed., sections 10.3 and 4.1.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from capture_cli.identifiers.base import Best
+from capture_cli.linearization import (
+    Evidence,
+    Linearization,
+    Trial,
+    box_step,
+    columns,
+    objectives,
+    scaled_offsets,
+)
+
+RADIUS = 0.25  # of the unit cube, the first trust region
+SHRINK = (1.0, 0.25, 0.0625, 0.015625)  # step lengths tried at once after a step that failed
+# Of the objective over k: less that is promised and not kept is lost in the roughness of contacts.
+ROUGH = 0.1
+MOST_VAIN = 2  # rounds of shorter steps, one after the other, that bring less than that
+# Rounds after which k is held. It depends on the residual and the residual on it: where the model is wrong the two
+# can chase each other for ever.
+SETTLED = 15
+COLLAPSED = 1e-3  # of the unit cube: a trust region this small has lost touch with the error's shape
+RESTARTS = 2  # times that a descent begins anew where it is, or looks for windows that got stuck
+STUCK = 0.999  # share of the error at the last restart above which another would end in the same place
+HIDDEN_STARTS = (-1.0, 0.0, 1.0)  # of their prior sd: where hidden states are looked for then
+CARRIED = 3  # steps in a row with sensitivities that were carried along rather than measured
+RUNAWAY = 2.0  # a window whose objective grows by this factor in a step that helps the others goes back
+
+
+class Descent:
+    """One Gauss-Newton descent in the unit cube, from x (parameter,).
+
+    Given the parameters the objective is a sum over windows, so the starts of each have a damping of their own: a
+    window whose start ran away (a contact lost, a joint that sticks) goes back alone, the others keep their step.
+    """
+
+    def __init__(self, evidence: Evidence, x: np.ndarray, offsets: np.ndarray, tolerance: float):
+        self.evidence = evidence
+        self.tolerance = tolerance
+        self.x = np.clip(x, 0.0, 1.0)
+        self.offsets = offsets
+        self.error = np.inf
+        self.converged = False
+        self.rounds = 0
+        self._at: Linearization | None = None
+        self._k = np.inf
+        self._radius = RADIUS
+        self._damping = np.zeros(len(evidence.start_sd))
+        self._repairing = False
+        self._promised = np.inf
+        self._carry = False
+        self._carried = 0
+        self._restarts = RESTARTS
+        self._vain = 0
+        self._restarted_with = np.inf
+        self._try(self.x, self.offsets)
+
+    @property
+    def best(self) -> Best:
+        return Best(self.evidence.space.from_unit(self.x), self.offsets, self.error)
+
+    def ask(self) -> Trial:
+        """One candidate, with its finite differences where they are due; or several without, to choose from."""
+        if self._told == self._tell_candidate and not self._carry:
+            return columns(self.evidence, *self._trials[0])
+        x, offsets = (np.stack(part) for part in zip(*self._trials, strict=True))
+        return Trial(self.evidence.space.from_unit(x), offsets)
+
+    def tell(self, outputs, diverged):
+        self.rounds += 1
+        self._told(outputs, diverged)
+
+    def _try(self, x: np.ndarray, offsets: np.ndarray) -> None:
+        """Ask next for the point x (parameter,) with starts at `offsets`."""
+        self._trials, self._told = [(x, offsets)], self._tell_candidate
+
+    def _tell_candidate(self, outputs, diverged) -> None:
+        x, offsets = self._trials[0]
+        if self._carry:
+            there = self._at.moved(x, offsets, self.evidence.residual(outputs[0]))
+        else:
+            there = Linearization.from_columns(self.evidence, x, offsets, outputs, diverged)
+        lost = bool(diverged[0].any()) or not np.isfinite(there.residual).all()
+        if self._at is None:
+            if lost:
+                self.converged = True
+            else:
+                self._move(there)
+                self._propose()
+            return
+        k = self._k
+        before = self._at.objectives(k)
+        after = np.where(diverged[0], np.inf, there.objectives(k))
+        if lost or after.sum() >= before.sum():
+            if self._carried:
+                self._refresh()
+            elif self._repairing:
+                self._propose()
+            elif self._promised < ROUGH * k:
+                self.converged = True
+            else:
+                self._propose_shorter()
+            return
+        self._accept(there, before, after, k)
+
+    def _accept(self, there: Linearization, before: np.ndarray, after: np.ndarray, k: float) -> None:
+        back, worse = self.offsets, after > RUNAWAY * before + 9 * k
+        gained = float((before - after).sum())
+        self._move(there)
+        self._repairing = bool(worse.any())
+        if self._repairing:
+            self._damping[worse] = np.maximum(10 * self._damping[worse], k)
+            self._carry = False
+            self._try(self.x, np.where(worse[:, None], back, self.offsets))
+            return
+        self._damping = np.where(self._damping > 1e-3 * k, self._damping / 10, 0.0)
+        self._radius = min(2 * self._radius, 1.0)
+        if gained < self.tolerance * k:
+            self._settle()
+        else:
+            self._propose()
+
+    def _settle(self) -> None:
+        """Nothing more to gain: done, if the sensitivities that say so were measured here."""
+        if self._carried:
+            self._refresh()
+        elif self._restarts:
+            self._propose_other_starts()
+        else:
+            self.converged = True
+
+    def _refresh(self) -> None:
+        """Measure the sensitivities at the point reached."""
+        self._at, self._carry = None, False
+        self._try(self.x, self.offsets)
+
+    def _propose_other_starts(self) -> None:
+        """Where each window might have got stuck: its start as it was measured, and hidden states elsewhere."""
+        states = self.evidence.start_sd.shape[1]
+        others = [np.zeros_like(self.offsets)]
+        for state in range(states - self.evidence.hidden, states):
+            for value in HIDDEN_STARTS:
+                moved = self.offsets.copy()
+                moved[:, state] = value
+                others.append(moved)
+        self._trials, self._told = [(self.x, o) for o in others], self._tell_other_starts
+
+    def _tell_other_starts(self, outputs, diverged) -> None:
+        """Go on where some windows have a better start after all."""
+        k = self._k
+        before = self._at.objectives(k)
+        offsets = np.stack([*(offsets for _, offsets in self._trials), self.offsets])
+        values = objectives(self.evidence.residual(outputs), scaled_offsets(self.evidence, offsets[:-1]), k)
+        values = np.concatenate([np.where(diverged | ~np.isfinite(values), np.inf, values), before[None]])
+        pick = np.argmin(values, axis=0)
+        if (before - values.min(axis=0)).sum() < self.tolerance * k:
+            self.converged = True
+        else:
+            self._restart(self.x, offsets[pick, np.arange(len(pick))])
+
+    def _move(self, there: Linearization) -> None:
+        self._carried = self._carried + 1 if self._carry else 0
+        self._at, self.x, self.offsets = there, there.x, there.offsets
+        if self.rounds <= SETTLED:
+            self._k = there.scatter
+        self.error = float(np.sqrt(np.square(there.residual).sum() / self.evidence.count))
+
+    def _propose(self) -> None:
+        k = self._k
+        self._repairing = False
+        dx = self._step(self._radius, self._damping)
+        offsets = self._at.start_offsets(dx, k, self._damping)
+        self._promised = self._at.predicted_gain(dx, offsets, k)
+        if self._promised < self.tolerance * k:
+            self._settle()
+            return
+        self._carry = self.x.size > 0 and self._carried < CARRIED
+        self._try(np.clip(self.x + dx, 0, 1), offsets)
+
+    def _propose_shorter(self) -> None:
+        """Shorter steps in parameters and starts, in parameters alone and in starts alone, tried at once."""
+        k = self._k
+        self._carry = False
+        still = np.zeros_like(self.x)
+        together, held, alone = [], [], []
+        for factor in SHRINK:
+            damping = self._shorter_damping(factor, k)
+            dx = self._step(self._radius * factor / 4, damping)
+            x = np.clip(self.x + dx, 0, 1)
+            together.append((x, self._at.start_offsets(dx, k, damping)))
+            held.append((x, self.offsets))
+            alone.append((self.x, self._at.start_offsets(still, k, damping - k)))
+        self._trials, self._told = [*together, *held, *alone], self._tell_shorter
+
+    def _tell_shorter(self, outputs, diverged) -> None:
+        """Given the parameters, each window takes the start that is best for it; those that keep theirs are damped."""
+        k = self._k
+        before = self._at.objectives(k)
+        offsets = np.stack([offsets for _, offsets in self._trials])
+        values = objectives(self.evidence.residual(outputs), scaled_offsets(self.evidence, offsets), k)
+        values = np.where(diverged | ~np.isfinite(values), np.inf, values)
+        together, held, alone = values.reshape(3, len(SHRINK), -1)
+        chosen = int(np.argmin(np.minimum(together, held).sum(axis=1)))
+        moved = np.minimum(together[chosen], held[chosen]).sum()
+        pick = np.argmin(alone, axis=0)
+        stayed = np.minimum(alone.min(axis=0), before).sum()
+        factor = SHRINK[chosen] if moved < before.sum() else SHRINK[-1]
+        self._radius *= factor / 4
+        if moved < min(stayed, before.sum()):
+            keeps = held[chosen] < together[chosen]
+            better = self._trials[chosen][0], np.where(keeps[:, None], self.offsets, offsets[chosen])
+        else:
+            keeps = before <= alone.min(axis=0)
+            moves = offsets[2 * len(SHRINK) + pick, np.arange(len(pick))]
+            better = self.x, np.where(keeps[:, None], self.offsets, moves)
+        self._damping[keeps] = self._shorter_damping(factor, k)[keeps]
+        gained = before.sum() - min(moved, stayed)
+        self._vain = self._vain + 1 if gained < ROUGH * k else 0
+        if self._vain == MOST_VAIN:
+            self.converged = True
+        elif self._radius < COLLAPSED and self._restarts and self.error < STUCK * self._restarted_with:
+            self._restart(*better)
+        elif gained > self.tolerance * k:
+            self._try(*better)
+        else:
+            self._propose_shorter()
+
+    def _restart(self, x: np.ndarray, offsets: np.ndarray) -> None:
+        """Go on from x (parameter,) and `offsets` as if begun there: steps that failed elsewhere do not count."""
+        self._restarts -= 1
+        self._restarted_with = self.error
+        self._radius = RADIUS
+        self._damping[:] = 0.0
+        self.x, self.offsets = x, offsets
+        self._refresh()
+
+    def _shorter_damping(self, factor: float, k: float) -> np.ndarray:
+        return self._damping + k * (4 / factor - 1) / 3
+
+    def _step(self, radius: float, damping: np.ndarray) -> np.ndarray:
+        """The Gauss-Newton step (parameter,) within the trust region and the unit cube."""
+        hessian, gradient = self._at.normal(self._k, damping)
+        return box_step(hessian, gradient, np.maximum(-radius, -self.x), np.minimum(radius, 1 - self.x))
