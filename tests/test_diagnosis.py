@@ -9,7 +9,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from capture_cli.diagnosis.acceptance import bic_gain, block_squares, paired_p_value, ratio_p_value
+from capture_cli.diagnosis.acceptance import (
+    bic_gain,
+    block_squares,
+    correlation_steps,
+    paired_p_value,
+    ratio_p_value,
+)
 from capture_cli.diagnosis.localisation import accelerations, curve
 from capture_cli.diagnosis.noise_floor import from_differences, noise_floor
 from capture_cli.diagnosis.score import score
@@ -121,16 +127,37 @@ def test_two_episodes_hold_out_the_last():
     assert split.is_test.tolist() == [False, False, True, True]
 
 
-def test_paired_test_has_its_level_and_its_power():
+@pytest.mark.parametrize("blocks", [3, 4, 16])
+def test_paired_test_has_its_level_and_its_power(blocks):
     generator = np.random.default_rng(0)
     p = np.array(
-        [paired_p_value(*generator.chisquare(20, (2, 16)), seed=s) for s in range(400)]
+        [paired_p_value(*generator.chisquare(20, (2, blocks)), seed=s) for s in range(400)]
     )  # nothing happened
     rejected = (p < 0.05).sum()
     assert rejected <= 38  # binomial(400, 0.05) exceeds 38 with probability 2e-4
-    before = generator.chisquare(20, 16)
+    before = generator.chisquare(20, blocks)
     assert paired_p_value(before, 0.5 * before, seed=0) < 0.01
-    assert paired_p_value(before[:3], 0.5 * before[:3], seed=0) == pytest.approx(1 / 8)
+
+
+def test_one_block_proves_nothing_and_no_change_is_none():
+    assert paired_p_value(np.array([100.0]), np.array([1.0]), seed=0) == 1.0
+    assert paired_p_value(np.ones(4), np.ones(4), seed=0) == 0.5
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.6, 0.85])
+def test_correlation_is_seen_where_starts_were_fitted(memory):
+    """Of an autoregressive error in windows of 45 steps, parabolas taken out: (1 + memory) / (1 - memory) steps."""
+    generator = np.random.default_rng(3)
+    error = generator.standard_normal((40, 145))
+    for step in range(1, error.shape[1]):
+        error[:, step] += memory * error[:, step - 1]
+    error = error[:, 100:]
+    time = np.linspace(-1, 1, error.shape[1])
+    basis, _ = np.linalg.qr(time[:, None] ** np.arange(3))
+    residual = error - error @ basis @ basis.T
+    truth = (1 + memory) / (1 - memory)
+    found = correlation_steps(residual[..., None], np.ones(residual.shape, dtype=bool))
+    assert 0.25 * truth < found < 1.15 * truth  # without the care: 0.12, of the longest memory
 
 
 def test_blocks_hold_every_square_once():

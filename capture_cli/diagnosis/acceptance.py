@@ -6,12 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from capture_cli.linearization import autocovariance
+
 LEVEL = 0.01  # chance of accepting anything where nothing is missing, over all candidates together
 SELECT_LEVEL = 0.05  # one-sided, of the paired test on data that was not fitted, with all other effects in
 # While other effects are still missing the right one need not help everywhere: it may enter, and is judged at the end.
 ENTRY_LEVEL = 0.25
 ENTRY_RATIO = 0.9  # of squared errors: or it lowers the whole, if not window by window
 RESAMPLES = 4000
+FEW_BLOCKS = 12  # a bootstrap of so few is too sure of itself
 BLOCK_TIMES = 2  # a block lasts so many autocorrelation times of the residual
 TINY = 1e-300  # a sum of squares that is nothing
 
@@ -67,15 +70,43 @@ def paired_p_value(before: np.ndarray, after: np.ndarray, seed: int) -> float:
     """That errors fell from before to after (block,), sums of squares, only by chance: paired, one-sided.
 
     The statistic is the mean logarithm of their ratio over blocks, so that one bad block does not decide alone.
-    Blocks are resampled with replacement; with twelve or fewer all flips of sign are counted instead (a bootstrap of
-    few blocks is too sure of itself).
+    Blocks are resampled with replacement; few are put to Student's test, which any number of blocks can pass (of four,
+    flips of sign make no more than 1 in 16).
     """
     fall = np.log(np.maximum(before, TINY)) - np.log(np.maximum(after, TINY))
-    if len(fall) <= 12:
-        signs = 1 - 2 * ((np.arange(2 ** len(fall))[:, None] >> np.arange(len(fall))) & 1)
-        return float(np.mean(signs @ fall >= fall.sum() - 1e-12 * np.abs(fall).sum()))
+    if len(fall) <= FEW_BLOCKS:
+        return _student_p_value(fall)
     drawn = np.random.default_rng(seed).integers(len(fall), size=(RESAMPLES, len(fall)))
     return float((np.sum(fall[drawn].sum(axis=1) <= 0) + 1) / (RESAMPLES + 1))
+
+
+def _student_p_value(fall: np.ndarray) -> float:
+    """That the mean of `fall` (block,) is above zero only by chance; 1 where there is one block."""
+    from scipy.special import stdtr
+
+    if len(fall) < 2:
+        return 1.0
+    error = max(float(np.std(fall, ddof=1)) / np.sqrt(len(fall)), TINY)
+    return float(stdtr(len(fall) - 1, -fall.mean() / error))
+
+
+def correlation_steps(residual: np.ndarray, mask: np.ndarray) -> float:
+    """How many steps of a fit's residual (window, step, output) are worth one that is independent; 1: white.
+
+    An autocorrelation time, averaged over outputs by their variance. What starts and parameters could take is gone from
+    the residual, so that over a window its autocovariance sums to nothing: the negative lags of a slow error cancel the
+    positive ones. Summed are those before the first that is not positive (Geyer 1992, section 3.3).
+    """
+    covariance = autocovariance(residual, mask)
+    total = covariance[0].sum()
+    steps = np.array([_positive_sum(c) for c in covariance.T])
+    return float((steps * covariance[0]).sum() / total) if total > 0 else 1.0
+
+
+def _positive_sum(covariance: np.ndarray) -> float:
+    ends = np.flatnonzero(covariance <= 0)
+    positive = covariance[: ends[0]] if ends.size else covariance
+    return float(2 * positive.sum() / covariance[0] - 1) if positive.size else 1.0
 
 
 def block_squares(squares: np.ndarray, mask: np.ndarray, length: int) -> np.ndarray:

@@ -13,6 +13,7 @@ from capture_cli.diagnosis.acceptance import (
     TINY,
     Support,
     bic_gain,
+    correlation_steps,
     paired_p_value,
     ratio_p_value,
 )
@@ -22,7 +23,6 @@ from capture_cli.effects import REGISTRY
 from capture_cli.effects._periodic_force import PeriodicForce
 from capture_cli.effects.base import Effect
 from capture_cli.identifiers.intervals import intervals
-from capture_cli.linearization import autocorrelation_time
 from capture_cli.simulator import placed_name
 from capture_cli.stages.model_fits import Fit, ModelFits, PartFit, Placed
 from capture_cli.stages.narrow_shapes import NarrowShapes
@@ -41,7 +41,8 @@ INDISTINCT = 0.05  # two models are tied where the paired test between them is n
 AT_BOUND = 1e-3  # of an amplitude's range
 RIVALS = 4  # other candidates that an accepted effect is compared with once everything else is in the model
 CLEARLY_BETTER = 10.0  # of BIC: "very strong" (Kass & Raftery 1995)
-BETTER, TIED = "{other} explains more", "tied with {mine}: this log cannot tell them apart"
+BARE_MENTION = 2.0  # of BIC: less is "not worth more than a bare mention", however steadily it comes
+BETTER, TIED = "better", "tied with {mine}: this log cannot tell them apart"
 WORSE, NOT_WORTH_IT = "{mine} explains more", "no better than {mine}, with more parameters"
 SIMILAR = 0.97  # cosine of responses beyond which a candidate that was not fitted may still be a rival
 SAME_RESPONSE = 0.9999  # cosine of two effects' responses beyond which no parameter value tells them apart
@@ -272,7 +273,7 @@ class Attribution:
         return parts[0] if len(parts) == 1 else PartFit.concatenate(parts)
 
     def _paired(self, before: PartFit, after: PartFit) -> float:
-        length = int(np.ceil(BLOCK_TIMES * after.autocorrelation_time))
+        length = int(np.ceil(BLOCK_TIMES * after.correlation_steps))
         return paired_p_value(before.blocks(length), after.blocks(length), self.seed)
 
     def _implausible(self, current: Fit, fit: Fit, candidate: Candidate) -> str | None:
@@ -323,7 +324,7 @@ class Attribution:
         """Mean logarithm of the squared error per step over blocks: what the paired test compares."""
         if candidate.select is None:
             return float(np.log(candidate.fit.squares))
-        length = int(np.ceil(BLOCK_TIMES * candidate.select.autocorrelation_time))
+        length = int(np.ceil(BLOCK_TIMES * candidate.select.correlation_steps))
         return float(np.log(np.maximum(candidate.select.blocks(length), TINY)).mean() - np.log(length))
 
     def _indistinct(self, best: Candidate, other: Candidate) -> bool:
@@ -339,7 +340,7 @@ class Attribution:
     def _effective_samples(fit: Fit) -> float:
         evidence = fit.at.evidence
         residual = fit.at.residual.reshape(evidence.measured.shape)
-        return evidence.count / autocorrelation_time(residual, evidence.mask)
+        return evidence.count / correlation_steps(residual, evidence.mask)
 
     # --- backward ---
 
@@ -391,23 +392,30 @@ class Attribution:
         """Put each accepted effect's rivals in its place: swap where one is better, tie where none can tell."""
         for accepted in list(self.accepted):
             inside = {a.name for a in self.accepted}
-            mine = self._candidate_of(current, accepted)
+            others = []
             for number, rival in enumerate(r for r in accepted.rivals if r.name not in inside):
                 self.on_step("compare", number, len(accepted.rivals))
                 other = self._swapped(current, accepted, rival)
-                if other is None:
-                    continue
-                verdict = self._compare(mine, other)
-                self._candidate(rival.name).why_rejected = verdict.format(mine=mine.name, other=other.name)
+                if other is not None:
+                    others.append(other)
+            best, others = self._best(self._candidate_of(current, accepted), others)
+            for other in others:
+                verdict = self._compare(best, other)
+                self._candidate(other.name).why_rejected = verdict.format(mine=best.name)
                 if verdict == TIED:
                     accepted.tied.append(other)
-                elif verdict == BETTER:
-                    self._candidate(mine.name).why_rejected = f"{other.name} explains more"
-                    self._candidate(other.name).why_rejected = None
-                    accepted.effect, accepted.support, accepted.tied = rival.effect, other.support, []
-                    mine, current = other, other.fit
-                    self.stages.append((f"{other.name} instead", current))
+            if best.name != accepted.name:
+                self._candidate(best.name).why_rejected = None
+                accepted.effect, accepted.support, current = best.effect, best.support, best.fit
+                self.stages.append((f"{best.name} instead", current))
         return current
+
+    def _best(self, mine: Candidate, others: list[Candidate]) -> tuple[Candidate, list[Candidate]]:
+        """The candidate that no other is better than, and the others. It ends: what is better has less loss."""
+        better = next((c for c in others if self._compare(mine, c) == BETTER), None)
+        if better is None:
+            return mine, others
+        return self._best(better, [mine, *(c for c in others if c is not better)])
 
     def _compare(self, mine: Candidate, other: Candidate) -> str:
         """BETTER, TIED or why not, of `other` in the place of `mine`."""
@@ -415,7 +423,7 @@ class Attribution:
         gain = bic_gain(mine.fit.squares, other.fit.squares, self._effective_samples(other.fit), more)
         if more > 0 and gain < CLEARLY_BETTER:
             return NOT_WORTH_IT
-        if not self._indistinct(mine, other):
+        if abs(gain) > BARE_MENTION and not self._indistinct(mine, other):
             return WORSE if self._loss(mine) <= self._loss(other) else BETTER
         return TIED if gain > -CLEARLY_BETTER else WORSE
 

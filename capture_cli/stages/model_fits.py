@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from capture_cli.diagnosis.acceptance import block_squares
+from capture_cli.diagnosis.acceptance import block_squares, correlation_steps
 from capture_cli.effects.base import Effect
 from capture_cli.identifiers._window_starts import fit_starts
 from capture_cli.identifiers.base import Best, Evidence, Trial, run
 from capture_cli.identifiers.least_squares import HOPELESS, LeastSquares
-from capture_cli.linearization import Linearization, autocorrelation_time, columns
+from capture_cli.linearization import Linearization, columns
 from capture_cli.parameters import ParameterSpace
 from capture_cli.sim.engine import Engine
 from capture_cli.simulator import Motion, Simulator
@@ -64,9 +64,9 @@ class PartFit:
         return np.square(self.residual).sum(axis=1)
 
     @property
-    def autocorrelation_time(self) -> float:
-        """Of the residual, in steps."""
-        return autocorrelation_time(self.residual.reshape(self.evidence.measured.shape), self.evidence.mask)
+    def correlation_steps(self) -> float:
+        """How many steps are worth one that is independent."""
+        return correlation_steps(self.residual.reshape(self.evidence.measured.shape), self.evidence.mask)
 
     def blocks(self, length: int) -> np.ndarray:
         """Sums of squares over blocks of about `length` steps, (block,)."""
