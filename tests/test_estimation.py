@@ -68,7 +68,10 @@ def test_offsets_of_the_starts_are_gone_on_from(prepared):
     ("errors", "over"),
     [
         ([3.0, 2.0, 1.5, 1.499, 1.499], True),  # unexplained, and two rounds gained nothing to speak of
-        ([3.0, 2.0, 1.5, 1.5, 1.4], False),
+        ([2.9, 2.6, 2.4], True),  # twice as much would not do
+        ([2.9, 2.6, 1.5], False),
+        ([40.0, 35.0, 30.0], False),  # far off a descent is slow at first
+        ([40.0, 39.8, 39.5], True),
         ([1.5, 1.5], False),  # too few to tell
         ([1.2, 1.0, 1.0, 1.0], False),  # near the noise four rounds are waited for
         ([1.2, 1.0, 1.0, 1.0, 1.0, 1.0], True),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -24,9 +25,11 @@ from capture_cli.stages.progress import Progress
 
 # Simulated hits make the error a little rough: near the noise a descent can look for ever for what is not there.
 IDLE_ROUNDS = 4
-# Far from the noise nothing is exact: the model is wrong. Rounds as few, and a gain as small, end a descent there.
+# Away from the noise nothing is exact: the model is wrong. A descent is given up there where as many rounds as these
+# gained a small share of the squared error, or so little that as much again would not bring it to the noise.
 IDLE_AS_ACTED, IDLE_FREE = 2, 3
-LEAST_GAIN = 2e-3  # of the squared error
+LEAST_GAIN = 0.05
+CLEARLY = 2.0  # noise floors: beyond what chance allows of any log worth the name
 FAR = 3.0  # noise floors: a log this far from explained may be explained from somewhere else
 AROUND, AROUND_POINTS = 0.1, 81  # of the range, about the answer to labels, which leave as much open
 JUDGED_BY = 4  # entries of the log, at most, that the estimates of all rounds are compared on
@@ -36,18 +39,42 @@ JUDGED_BY = 4  # entries of the log, at most, that the estimates of all rounds a
 class Found:
     """What was found, with `fits` made ready as it was found.
 
-    history: the best so far (in rounds: each estimate), in order. at: the linearization at the best.
-    contradicted, fallback, elsewhere: as in `InContext.document`.
+    history: the best so far (in rounds: each estimate), in order. tried: trials with what they gave, among them perhaps
+    the one that linearizes at the best. fallback, elsewhere: as in `InContext.document`.
     """
 
     fits: ModelFits
     best: Best
     history: list[Best]
-    at: Fit
+    tried: tuple[tuple[Trial, np.ndarray, np.ndarray], ...] = ()
     in_context: InContext | None = None
-    contradicted: bool | None = None
     fallback: bool = False
     elsewhere: bool = False
+
+    @cached_property
+    def at(self) -> Fit:
+        """The linearization at the best, on the fitted part of the log."""
+        part = self.fits.prepared.part(~self.fits.prepared.split.is_test)
+        evidence = part.evidence(self.fits.simulator([]))
+        x = evidence.space.to_unit(self.best.parameters)
+        needed = columns(evidence, x, self.best.offsets)
+        for trial, outputs, diverged in self.tried:
+            if _same(trial, needed):
+                at = Linearization.from_columns(evidence, x, self.best.offsets, outputs, diverged)
+                return Fit((), evidence.space, self.best.parameters, at)
+        return self.fits.at(part, [], self.best)
+
+    @property
+    def lacking(self) -> bool:
+        """Whether something is left that the noise does not explain."""
+        return self.best.error > CLEARLY or lack_of_fit(self.at.at).lacking
+
+    @property
+    def contradicted(self) -> bool | None:
+        """Whether it differs from what rounds in context proposed, beyond chance; None: not known."""
+        if self.in_context is None:
+            return None
+        return self.in_context.contradicted_by(self.best.parameters, intervals(self.at.at).sd)
 
 
 def by_physics(
@@ -71,16 +98,17 @@ def by_physics(
     simulator = fits.simulator([])
     evidence = part.evidence(simulator)
     history: list[Best] = []
-    asked, at_best = [], []  # the last trial with what it gave; the one that linearizes at the best point
+    asked, tried = [], ()  # the last trial with what it gave; that one if it linearizes at the best point
 
     def evaluate(trial: Trial):
         asked[:] = [(trial, *part.evaluate(simulator, trial))]
         return asked[0][1:]
 
     def on_round(best: Best) -> None:
+        nonlocal tried
         history.append(best)
         if _same(asked[0][0], columns(evidence, evidence.space.to_unit(best.parameters), best.offsets)):
-            at_best[:] = asked
+            tried = tuple(asked)
         progress.step(f"error {best.error:.3g} x noise floor")
         if idle_rounds is not None and _idle(history, evidence.count, idle_rounds):
             solver.rounds_left = 0
@@ -93,17 +121,7 @@ def by_physics(
             "every simulation tried diverged",
             cure="tighten the parameters' bounds, shorten the window, or reduce the model's timestep",
         )
-    return Found(fits, best, history, _linearized(fits, part, best, at_best))
-
-
-def _linearized(fits: ModelFits, part: PreparedLog, best: Best, at_best: list) -> Fit:
-    """The linearization at `best`: of the trial in `at_best` where it was made there, otherwise a new one."""
-    evidence = part.evidence(fits.simulator([]))
-    x = evidence.space.to_unit(best.parameters)
-    if not at_best or not _same(at_best[0][0], columns(evidence, x, best.offsets)):
-        return fits.at(part, [], best)
-    at = Linearization.from_columns(evidence, x, best.offsets, *at_best[0][1:])
-    return Fit((), evidence.space, best.parameters, at)
+    return Found(fits, best, history, tried)
 
 
 def _same(one: Trial, other: Trial) -> bool:
@@ -166,41 +184,32 @@ def by_rounds(
         fits, LeastSquares, nearest, progress, starts=1, rounds=100, seed=seed, idle_rounds=IDLE_AS_ACTED
     )
     history += found.history
-    contradicted = in_context.contradicted_by(found.best.parameters, intervals(found.at.at).sd)
-    fallback = lack_of_fit(found.at.at).lacking
+    fallback = found.lacking
     if fallback:
-        found = _freed(ModelFits(prepared, threads), found, progress, seed=seed)
+        found = _freed(ModelFits(prepared, threads), found, progress, seed=seed, idle_rounds=IDLE_FREE)
         history += found.history
-    elsewhere = (
-        fallback and lack_of_fit(found.at.at).lacking and (not in_context.in_family or found.best.error > FAR)
-    )
+    elsewhere = fallback and found.lacking and (not in_context.in_family or found.best.error > FAR)
     if elsewhere:
-        found = _freed(found.fits, found, progress, seed=seed, starts=starts)
+        found = _freed(found.fits, found, progress, seed=seed, starts=starts, idle_rounds=None)
         history += found.history
-    return replace(
-        found,
-        history=history,
-        in_context=in_context,
-        contradicted=contradicted,
-        fallback=fallback,
-        elsewhere=elsewhere,
-    )
+    return replace(found, history=history, in_context=in_context, fallback=fallback, elsewhere=elsewhere)
 
 
-def _freed(fits: ModelFits, found: Found, progress: Progress, *, seed: int, starts: int = 1) -> Found:
+def _freed(
+    fits: ModelFits, found: Found, progress: Progress, *, seed: int, idle_rounds: int | None, starts: int = 1
+) -> Found:
     """What least squares finds from there with the starts as free as the log leaves them."""
     fits.rollouts = found.fits.rollouts
-    best = found.best
     return by_physics(
         fits,
         LeastSquares,
-        best.parameters,
+        found.best.parameters,
         progress,
         starts=starts,
         rounds=100,
         seed=seed,
-        offsets=best.offsets,
-        idle_rounds=IDLE_FREE,
+        offsets=found.best.offsets,
+        idle_rounds=idle_rounds,
     )
 
 
@@ -212,17 +221,17 @@ def _around(space: ParameterSpace, point: np.ndarray) -> np.ndarray:
 
 
 def _idle(history: list[Best], count: int, unexplained_rounds: int) -> bool:
-    """Whether the last rounds lowered the error over `count` numbers by nothing that counts.
-
-    Near the noise, by less than it would hide; otherwise, in the last `unexplained_rounds`, by a share of it.
-    """
+    """Whether a descent is over: the last rounds lowered the error over `count` numbers by nothing that counts."""
     errors = np.square([best.error for best in history])
-    explained = errors[-1] <= PRACTICAL**2
+    now = errors[-1]
+    explained = now <= PRACTICAL**2
     rounds = IDLE_ROUNDS if explained else unexplained_rounds
     if len(errors) <= rounds:
         return False
-    least = TOLERANCE * max(1.0, errors[-1]) / count if explained else LEAST_GAIN * errors[-1]
-    return bool(errors[-1 - rounds] - errors[-1] < least)
+    gain = errors[-1 - rounds] - now
+    if explained:
+        return bool(count * gain < TOLERANCE * max(1.0, now))
+    return bool(gain < (now - 1 if now < FAR**2 else LEAST_GAIN * now))
 
 
 def _errors(fits: ModelFits, part: PreparedLog, logged: LoggedRounds, points: np.ndarray) -> np.ndarray:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import importlib
+import threading
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -24,7 +26,9 @@ from capture_cli.stores.output import new_directory, refuse_existing, sha256
 from capture_cli.stores.provenance import Provenance
 
 ROUNDS = 100  # of simulations, at most, unless told otherwise
+ROUGH = 1.0  # of the objective over k: a standard error
 AT_BOUND = 1e-4  # of the range
+FIGURES = "capture_cli.reports.figures"
 DISAGREE_P = 0.01  # of all parameters together, Bonferroni
 
 
@@ -70,6 +74,7 @@ def identify(
     if earlier is not None:
         earlier.check(found)
         prepared = replace(prepared, split=earlier.split(prepared.windows, prepared.split))
+    _import_meanwhile(FIGURES)
     with Progress("identify", "round", quiet=quiet) as progress:
         search = _Search(prepared, chosen, progress, starts, rounds, options["seed"], threads, earlier)
         result = search.run()
@@ -130,6 +135,11 @@ class _Search:
         )
 
 
+def _import_meanwhile(module: str) -> None:
+    """Import in a thread what is slow to import and needed last: while the simulator steps, the interpreter is free."""
+    threading.Thread(target=importlib.import_module, args=(module,), daemon=True).start()
+
+
 def _write_pages(estimate: Estimate, folder: Path, provenance: Provenance) -> None:
     from capture_cli.reports.estimate_page import render
     from capture_cli.reports.figures import write_figures
@@ -156,20 +166,24 @@ class _Report:
 
     def estimate(self) -> Estimate:
         fit = self.result.at
-        found = intervals(fit.at)
+        found, lacking = intervals(fit.at), lack_of_fit(fit.at)
         offsets = np.zeros_like(self.prepared.starts.sd)
         offsets[~self.is_test] = fit.offsets
         if self.is_test.any():
             test = self.prepared.part(self.is_test)
-            tolerance = CONVERGED_GAIN if self.result.in_context is None else TOLERANCE
-            offsets[self.is_test] = self.fits.on(test, fit, tolerance).offsets
+            offsets[self.is_test] = self.fits.on(test, fit, self._start_tolerance(lacking.lacking)).offsets
         simulated, nominal = self._curves(offsets)
         recordings = self._recordings(found)
-        lacking = lack_of_fit(fit.at)
         document = self._document(found, lacking, simulated, recordings)
         return Estimate(
             document, self._arrays(found, offsets, simulated, nominal, recordings), self._attributes()
         )
+
+    def _start_tolerance(self, lacking: bool) -> float:
+        """Of held-out starts, over k: as exact as the fit was."""
+        if self.result.in_context is None:
+            return CONVERGED_GAIN
+        return ROUGH if lacking and not self.result.elsewhere else TOLERANCE
 
     def _curves(self, offsets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Simulated at the estimate and at the nominal values, (window, step, output)."""
