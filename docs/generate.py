@@ -388,6 +388,9 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str]]] = {
                     "success_sd[]": "standard deviation of the seeds' means; or null",
                     "coverage": "share of the truths in the 95 % intervals, by round from the first; or null",
                     "simulated_rollouts[]": "mean over the pairs, summed up to the round",
+                    "paired": "null, or against this one, by round: `nearer`, `as_near` (within 0.001 of the range) "
+                    "and `further`, pairs in which capture-refined is so; `gained` and `gained_se`, the mean by which "
+                    "its parameter difference is smaller and its standard error; `p` of the sign test",
                 }.items()
             },
         },

@@ -19,6 +19,7 @@ from capture_cli.stages.evaluated_identifier import PAPER
 from capture_cli.stages.evaluation_run import evaluate
 from capture_cli.stages.evaluation_suite import SUITES, _members, evaluate_suite
 from capture_cli.stages.gen_histories import gen_histories
+from capture_cli.stages.paired_comparison import paired_comparison
 from capture_cli.stages.sim2sim import Sim2Sim
 from capture_cli.stages.train_sysid import train_sysid
 from capture_cli.stores.evaluation import Evaluation
@@ -72,6 +73,10 @@ def test_the_arrays_are_what_the_document_sums_up(evaluated):
         np.testing.assert_allclose(entry["success"], arrays["success"][k].mean(axis=(0, 1)), rtol=1e-5)
     assert document["identifiers"]["domain-randomization"]["simulated_rollouts"] == [0, 1, 2, 3, 4]
     assert document["identifiers"]["capture-refined"]["simulated_rollouts"][-1] > 4
+    assert document["identifiers"]["capture-refined"]["paired"] is None
+    paired = document["identifiers"]["domain-randomization"]["paired"]
+    assert [sum(c) for c in zip(*(paired[k] for k in ("nearer", "as_near", "further")), strict=True)] == [12] * 5
+    assert any(rows.title == "Pair by pair" for rows in tables(document))
 
 
 def test_it_is_written_and_read(evaluated, folder):
@@ -148,6 +153,23 @@ def test_a_checkpoint_and_another_name_for_it(folder, trained):
     assert same.tolist() == [True, True, False]
 
 
+def test_pairs_are_compared_one_by_one():
+    generator = np.random.default_rng(0)
+    ours = 0.1 * generator.random((1, 2, 50, 3, 4))
+    better, same, worse = ours / 2, ours + 1e-5, ours + 0.1 * generator.random(ours.shape)
+    compared = paired_comparison(
+        ["better", "same", "worse", "capture-refined"], np.concatenate([better, same, worse, ours])
+    )
+    assert compared["capture-refined"] is None
+    assert compared["same"]["as_near"] == [100] * 3 and compared["same"]["p"] == [1.0] * 3
+    assert min(compared["worse"]["nearer"]) > 90 and max(compared["worse"]["p"]) < 1e-6
+    assert min(compared["better"]["further"]) > 90
+    for label, sign in (("worse", 1), ("better", -1)):
+        gained, se = (np.array(compared[label][name]) for name in ("gained", "gained_se"))
+        assert (sign * gained > 3 * se).all()
+    assert paired_comparison(["better"], better) == {"better": None}
+
+
 def test_noise_that_cannot_be_told_is_refused(folder):
     with pytest.raises(OptionError, match="known-noise"):
         evaluate(out=folder / "told", identifiers=["domain-randomization"], known_noise=True, **SMALL)
@@ -192,6 +214,7 @@ def test_tables_set_the_papers_numbers_beside_ours(evaluated):
     document = json.loads(json.dumps(evaluated.document))
     document["task"], document["rounds"], document["table_rounds"] = "air-hockey", 10, [5, 10]
     for entry in document["identifiers"].values():
+        entry["paired"] = None
         for key in (
             "trajectory_difference",
             "trajectory_difference_sd",

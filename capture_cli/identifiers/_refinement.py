@@ -21,7 +21,8 @@ from capture_cli.linearization import box_step
 
 SHORTEST_STEP = 1e-3  # of the range, a finite difference; longer where the task says so
 NO_SENSITIVITY = 1e-9  # of a feature's scale over the range: rounding
-FLOOR = 3e-4  # of a feature's scale: residuals below this are no residuals
+FLOOR = 3e-5  # of a feature's scale: residuals below this are no residuals
+ROUGHNESS = 2e-4  # likewise: what intervals take for noise at least, for a simulation is not smooth below
 TRIALS = 8  # points at most that are tried in a round, of each pair
 ROUGH_TRIALS = 2  # where an exact fit follows the rounds
 SURPRISE = 2.0  # times what is left of the rounds before, is more than they would lead to expect
@@ -257,7 +258,7 @@ class Refinement:
         spread of the rounds' gradients tells (Liang and Zeger 1986).
         """
         residual, j = self._linearised(p)
-        noise = np.maximum(FLOOR, self._spread(residual))
+        noise = np.maximum(ROUGHNESS, self._spread(residual))
         inverse = np.linalg.inv(_information(j, noise) + precision)
         rounds = len(residual)
         if rounds == 1:

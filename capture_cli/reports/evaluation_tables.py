@@ -32,6 +32,8 @@ def tables(document: Mapping[str, Any]) -> list[Rows]:
     found = [_trajectories(document), _parameters(document)]
     if all(e["success"] is not None for e in document["identifiers"].values()):
         found.append(_success(document))
+    if any(e.get("paired") for e in document["identifiers"].values()):
+        found.append(_paired(document))
     return [*found, _cost(document)]
 
 
@@ -132,6 +134,21 @@ def _success(document: Mapping[str, Any]) -> Rows:
     note = "Share of the pairs in which the action chosen for the estimate succeeds, after so many rounds"
     lowest = f"lowest from {_at(document, 5)}"
     return Rows("Success", note, ("identifier", *map(str, shown), lowest), cells)
+
+
+def _paired(document: Mapping[str, Any]) -> Rows:
+    shown = sorted({r for r in (1, 2, 3, *document["table_rounds"]) if r <= document["rounds"]})
+    compared = {label: e["paired"] for label, e in document["identifiers"].items() if e.get("paired")}
+    cells = []
+    for label, c in compared.items():
+        counts = [f"{c['nearer'][r]} / {c['as_near'][r]} / {c['further'][r]}" for r in shown]
+        gained = [_spread(c["gained"][r], c["gained_se"][r]) for r in shown]
+        cells += [(label, *counts), ("  nearer by", *gained)]
+    note = (
+        "Pairs in which capture-refined is nearer / as near (within 0.001 of the range) / further, and the mean "
+        "by which its parameter difference is smaller ± its standard error"
+    )
+    return Rows("Pair by pair", note, ("capture-refined against", *map(str, shown)), cells)
 
 
 def _cost(document: Mapping[str, Any]) -> Rows:

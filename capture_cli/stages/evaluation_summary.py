@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from capture_cli.stages.paired_comparison import paired_comparison
+
 TABLE_ROUNDS = (5, 10, 15, 20, 30)  # the paper's, Table II
 YARDSTICK = "domain-randomization"
 NORMAL_QUANTILE = 1.959964  # of a 95 % interval
@@ -22,6 +24,8 @@ def summary(
     span = np.array([p["high"] - p["low"] for p in attributes["parameters"]])
     difference = np.abs(arrays["estimates"] - arrays["target"][None, :, :, None]) / span
     yardstick = _yardstick(arrays, attributes)
+    labels = [about["label"] for about in attributes["identifiers"]]
+    paired = paired_comparison(labels, difference)
     identifiers = {}
     for k, about in enumerate(attributes["identifiers"]):
         trajectory = arrays["trajectory_difference"][k]
@@ -39,6 +43,7 @@ def summary(
             "success": None,
             "success_sd": None,
             "coverage": _coverage(arrays["sd"][k], difference[k] * span),
+            "paired": paired[about["label"]],
             "simulated_rollouts": _list(arrays["simulated_rollouts"][k].mean(axis=(0, 1))),
         }
         if trainable:
