@@ -38,6 +38,8 @@ CAPTIONS = {
     "capture_cli/tasks/scooping.xml": "the model of object scooping",
     "capture_cli/worlds/scooping_scene.xml": "what the scene of object scooping has beyond that model",
     "datasets/README.md": "how the logs shipped here were made",
+    "datasets/air_hockey.truth.json": "what that log was made with",
+    "datasets/air_hockey.zarr": "ten strokes on a table that leans, which the task air-hockey knows nothing of",
     "docs/benchmarks.md": "figures measured, each with its command",
     "docs/commands.md": "every command and option",
     "docs/concepts.md": "windows, starts, noise floor, intervals, verdicts, and their limits",

@@ -303,16 +303,38 @@ def test_every_key_of_the_task_file_is_documented():
 # --- the demo ---
 
 
-def test_the_demo_log_is_what_its_readme_says(tmp_path, monkeypatch):
+@pytest.mark.parametrize("log", ["air_hockey", "cart/cart"])
+def test_a_shipped_log_is_what_its_readme_says(tmp_path, monkeypatch, log):
     monkeypatch.chdir(ROOT)
-    (command,) = commands_of(ROOT / "datasets" / "README.md")[:1]
+    shipped = ROOT / "datasets" / f"{log}.zarr"
+    (command,) = [
+        c for c in commands_of(ROOT / "datasets" / "README.md") if f"--out datasets/{log}.zarr" in c
+    ]
     words = shlex.split(command)[1:]
-    words[words.index("--out") + 1] = str(tmp_path / "cart.zarr")
+    made = tmp_path / shipped.name
+    words[words.index("--out") + 1] = str(made)
     result = CliRunner().invoke(app, words, catch_exceptions=False)
     assert result.exit_code == 0, result.output
-    for file in ("data/outputs/c/0/0", "data/inputs/c/0/0", "data/time/c/0"):
-        made, shipped = (folder / "cart.zarr" / file for folder in (tmp_path, ROOT / "datasets" / "cart"))
-        assert made.read_bytes() == shipped.read_bytes(), file
-    assert (tmp_path / "cart.truth.json").read_text() == (
-        ROOT / "datasets" / "cart" / "cart.truth.json"
-    ).read_text()
+    files = {p.relative_to(made) for p in made.rglob("*") if p.is_file()} - {Path("provenance.json")}
+    assert len(files) > 10
+    for file in files:
+        assert (made / file).read_bytes() == (shipped / file).read_bytes(), file
+    truth = shipped.with_suffix(".truth.json")
+    assert (tmp_path / truth.name).read_text() == truth.read_text()
+    # and what is true does not stand in the log
+    hidden = [*json.loads(truth.read_text())["effects"], "effects"]
+    text = [p.read_text() for p in shipped.rglob("*.json")]
+    assert not any(word.split("@")[0].split(".")[0] in t for word in hidden for t in text)
+
+
+def test_identify_needs_nothing_but_the_shipped_log(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    log = str(ROOT / "datasets" / "air_hockey.zarr")
+    result = CliRunner().invoke(app, ["identify", "--real-log", log, "--json", "--threads", "2"])
+    assert result.exit_code == 0, result.output
+    found = json.loads(result.stdout)
+    assert found["in_context"]["checkpoint"] == "capture_cli/checkpoints/air-hockey"
+    assert found["in_context"]["rounds"] == 8
+    assert found["verdict"] == "unexplained"
+    assert found["error"]["test"]["normalized"] > 2
+    assert 0.9e-3 < min(found["noise_floor"].values()) <= max(found["noise_floor"].values()) < 1.1e-3

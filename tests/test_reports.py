@@ -335,6 +335,13 @@ def test_many_outputs_are_folded():
     assert "details" not in Page(render(make(), None)).tags
 
 
+def test_what_was_done_round_by_round_is_said():
+    estimate = make()
+    assert "The best so far, round by round;" in Page(render(estimate, None)).text
+    estimate.document["in_context"] = {"rounds": 4, "text": None, "share_beyond": 0.5}
+    assert "What each round over the episodes proposed" in Page(render(estimate, None)).text
+
+
 # ---- long logs ----
 
 

@@ -46,7 +46,7 @@ def render(estimate: Estimate, provenance: Mapping[str, Any] | None) -> str:
         _parameters(document),
         _errors(estimate),
         _curves(estimate, curves),
-        _search(plots),
+        _search(document, plots),
         _recordings(document, plots),
         how_it_was_made(_facts(document), provenance),
         "<footer>Written by <code>capture identify</code>. "
@@ -152,7 +152,10 @@ def _output(name: str, k: int) -> str:
     )
 
 
-def _search(plots: Mapping[str, Any]) -> str:
+def _search(document: Mapping[str, Any], plots: Mapping[str, Any]) -> str:
+    walked = "The best so far, round by round"
+    if document.get("in_context"):
+        walked = "What each round over the episodes proposed, judged on a few of them, then the best so far of the fit"
     captions = {
         "correlation": (
             "Correlation of the estimates",
@@ -160,7 +163,7 @@ def _search(plots: Mapping[str, Any]) -> str:
         ),
         "convergence": (
             "Convergence",
-            "The best so far, round by round, and where in its range each parameter stands.",
+            f"{walked}; and where in its range each parameter stands.",
         ),
     }
     parts = [
