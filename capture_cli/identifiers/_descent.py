@@ -66,6 +66,13 @@ class Descent:
     def best(self) -> Best:
         return Best(self.evidence.space.from_unit(self.x), self.offsets, self.error)
 
+    @property
+    def expected(self) -> float:
+        """The error that its next step promises by sensitivities that were measured; 0 where they were not."""
+        if self._carried or not np.isfinite(self._promised):
+            return 0.0
+        return float(np.sqrt(max(self.error**2 - self._promised / self.evidence.count, 0.0)))
+
     def ask(self) -> Trial:
         """One candidate, with its finite differences where they are due; or several without, to choose from."""
         if self._told == self._tell_candidate and not self._carry:

@@ -15,7 +15,8 @@ from capture_cli.linearization import Evidence, Trial
 SCREENED_PER_PARAMETER = 8
 CONVERGED_GAIN = 3e-3  # decrease of the objective over k: a twentieth of a standard error
 HOPELESS = 2.0  # a descent whose error stays this many times the best known is given up
-PATIENCE = 5  # rounds before it is
+PATIENCE = 5  # rounds before it is, where it does not even promise better
+LONG_PATIENCE = 15  # and where it does
 
 
 class LeastSquares(Identifier):
@@ -98,7 +99,8 @@ class LeastSquares(Identifier):
         best = self.best
         possible = min(best.error, self.to_beat)
         for descent in self._active():
-            beaten = descent.best.error > HOPELESS * possible and descent.rounds >= PATIENCE
+            beaten = descent.rounds >= PATIENCE and descent.expected > HOPELESS * possible
+            beaten |= descent.rounds >= LONG_PATIENCE and descent.error > HOPELESS * possible
             close = np.abs(descent.x - self.space.to_unit(best.parameters)).max(initial=0.0) < 1e-3
             if beaten or (close and descent.best.error > best.error):
                 descent.converged = True
