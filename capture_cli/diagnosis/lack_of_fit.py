@@ -33,7 +33,12 @@ def lack_of_fit(at: Linearization) -> LackOfFit:
     evidence = at.evidence
     degrees = max(evidence.count - len(at.x) - at.fitted_starts, 1.0)
     normalized = float(np.sqrt(np.square(at.residual).sum() / degrees))
-    spread = np.sqrt(2 / degrees * 3 + (2 * FLOOR_UNCERTAINTY) ** 2)
-    threshold = float(max(np.sqrt(1 + Z * spread), PRACTICAL))
+    threshold = max(by_chance(degrees), PRACTICAL)
     time = autocorrelation_time(at.residual.reshape(evidence.measured.shape), evidence.mask)
     return LackOfFit(normalized, threshold, time, normalized > threshold)
+
+
+def by_chance(degrees: float) -> float:
+    """What an error over the noise floor may come to where only noise is left, with so many degrees of freedom."""
+    spread = np.sqrt(2 / degrees * 3 + (2 * FLOOR_UNCERTAINTY) ** 2)
+    return float(np.sqrt(1 + Z * spread))

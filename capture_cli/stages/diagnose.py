@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from capture_cli.diagnosis.expression import expression_terms, formula
-from capture_cli.diagnosis.lack_of_fit import LackOfFit, lack_of_fit
+from capture_cli.diagnosis.lack_of_fit import LackOfFit, by_chance, lack_of_fit
 from capture_cli.diagnosis.localisation import accelerations, curve, largest_around
 from capture_cli.diagnosis.split import select_folds
 from capture_cli.errors import FitError, OptionError, StoreError
@@ -237,7 +237,8 @@ class _Work:
         whole = {"before": models[0].whole, "after": models[-1].whole}
         motion = self.fits.motion(self.prepared, after, whole["after"].offsets)
         curves, bins = self._localise(whole, motion)
-        verdict = _verdict(lacking_before, lacking, attribution)
+        held_out = models[-1].whole.rows(self.part == TEST)
+        verdict = _verdict(lacking_before, lacking, held_out, attribution)
         last = "test" if stages[-1]["test"] else "fit"
         document = {
             "format": FORMAT,
@@ -401,7 +402,11 @@ def _in_units(part: PartFit) -> np.ndarray:
     return part.residual.reshape(part.evidence.measured.shape) * part.evidence.noise_sd
 
 
-def _verdict(before: LackOfFit, after: LackOfFit, attribution: Attribution) -> str:
+def _verdict(before: LackOfFit, after: LackOfFit, held_out: PartFit, attribution: Attribution) -> str:
+    """A model that does not hold on what was held out explains nothing, however well it fits the rest."""
+    count = held_out.evidence.count
+    if count and held_out.normalized > max(NEAR_FLOOR, by_chance(count)):
+        return "unexplained"
     if not before.lacking:
         return "explained"
     if not attribution.accepted or (after.lacking and after.normalized > NEAR_FLOOR):
@@ -456,6 +461,11 @@ def _summary(verdict: str, stages, attribution: Attribution, lacking: LackOfFit,
         return f"Nothing is missing: the error is {lacking.normalized:.3g} times the noise floor."
     first, last = (s[part]["normalized"] for s in (stages[0], stages[-1]))
     where = "held-out" if part == "test" else "fit"
+    if not attribution.accepted and not lacking.lacking:
+        return (
+            f"The model fits what it was fitted to, but not what was held out: there the error is {last:.3g} times the "
+            "noise floor. The two parts of the log are not alike."
+        )
     if not attribution.accepted:
         return (
             f"None of these: the {where} error is {last:.3g} times the noise floor, and no effect of the catalogue "
@@ -466,5 +476,5 @@ def _summary(verdict: str, stages, attribution: Attribution, lacking: LackOfFit,
     )
     text = f"The model lacks {found}: with it the {where} error falls to {last / first:.2g} of what it was."
     if verdict == "unexplained":
-        text += f" What is left is still {lacking.normalized:.3g} times the noise floor: this is not all."
+        text += f" What is left is still {max(last, lacking.normalized):.3g} times the noise floor: this is not all."
     return text
