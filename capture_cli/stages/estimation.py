@@ -35,7 +35,7 @@ AROUND, AROUND_POINTS = 0.1, 81  # of the range, about the answer to labels, whi
 JUDGED_BY = 4  # entries of the log, at most, that the estimates of all rounds are compared on
 
 
-@dataclass(frozen=True)
+@dataclass
 class Found:
     """What was found, with `fits` made ready as it was found.
 
@@ -188,11 +188,13 @@ def by_rounds(
     if fallback:
         found = _freed(ModelFits(prepared, threads), found, progress, seed=seed, idle_rounds=IDLE_FREE)
         history += found.history
-    elsewhere = fallback and found.lacking and (not in_context.in_family or found.best.error > FAR)
+    elsewhere = fallback and (not in_context.in_family or found.best.error > FAR) and found.lacking
     if elsewhere:
         found = _freed(found.fits, found, progress, seed=seed, starts=starts, idle_rounds=None)
         history += found.history
-    return replace(found, history=history, in_context=in_context, fallback=fallback, elsewhere=elsewhere)
+    found.history, found.in_context = history, in_context
+    found.fallback, found.elsewhere = fallback, elsewhere
+    return found
 
 
 def _freed(
