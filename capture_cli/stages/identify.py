@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import threading
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -28,7 +29,7 @@ from capture_cli.stores.provenance import Provenance
 ROUNDS = 100  # of simulations, at most, unless told otherwise
 ROUGH = 1.0  # of the objective over k: a standard error
 AT_BOUND = 1e-4  # of the range
-FIGURES = "capture_cli.reports.figures"
+NEEDED_LAST = ("scipy.special", "capture_cli.reports.figures")
 DISAGREE_P = 0.01  # of all parameters together, Bonferroni
 
 
@@ -74,7 +75,7 @@ def identify(
     if earlier is not None:
         earlier.check(found)
         prepared = replace(prepared, split=earlier.split(prepared.windows, prepared.split))
-    _import_meanwhile(FIGURES)
+    _import_meanwhile(NEEDED_LAST)
     with Progress("identify", "round", quiet=quiet) as progress:
         search = _Search(prepared, chosen, progress, starts, rounds, options["seed"], threads, earlier)
         result = search.run()
@@ -135,9 +136,9 @@ class _Search:
         )
 
 
-def _import_meanwhile(module: str) -> None:
+def _import_meanwhile(modules: Sequence[str]) -> None:
     """Import in a thread what is slow to import and needed last: while the simulator steps, the interpreter is free."""
-    threading.Thread(target=importlib.import_module, args=(module,), daemon=True).start()
+    threading.Thread(target=lambda: [importlib.import_module(m) for m in modules], daemon=True).start()
 
 
 def _write_pages(estimate: Estimate, folder: Path, provenance: Provenance) -> None:
