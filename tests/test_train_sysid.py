@@ -154,7 +154,7 @@ def test_an_interrupted_run_goes_on_to_the_same_bytes(small, tmp_path, monkeypat
     whole, resumed = tmp_path / "whole", tmp_path / "resumed"
     options = {"histories": small, "dropout": 0.1, "identifier": "posterior", **TINY}
     train_sysid(out=whole, **options)
-    save, saved = stage._save_state, []
+    save, saved = stage.save_state, []
 
     def save_then_stop(*arguments):
         save(*arguments)
@@ -162,11 +162,11 @@ def test_an_interrupted_run_goes_on_to_the_same_bytes(small, tmp_path, monkeypat
         if len(saved) == 5:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(stage, "_save_state", save_then_stop)
+    monkeypatch.setattr(stage, "save_state", save_then_stop)
     with pytest.raises(OutputError, match="--resume"):
         train_sysid(out=resumed, **options)
     assert not resumed.exists() and unfinished(resumed).is_dir()
-    monkeypatch.setattr(stage, "_save_state", save)
+    monkeypatch.setattr(stage, "save_state", save)
     with pytest.raises(OutputError, match="unfinished"):
         train_sysid(out=resumed, **options)
     with pytest.raises(OptionError, match=r"training.seed was 0, now 1"):

@@ -19,6 +19,7 @@ from capture_cli.identifiers.rounds import Rounds, Signature
 from capture_cli.parameters import Parameter, ParameterSpace
 from capture_cli.stages.identifier_checkpoint import save_identifier
 from capture_cli.stages.progress import Progress
+from capture_cli.stages.training_state import STATE, load_state, save_state
 from capture_cli.stores.histories import SCHEMA, Histories, is_url
 from capture_cli.stores.output import refuse_existing, resumable_directory, unfinished
 from capture_cli.stores.provenance import Provenance
@@ -30,7 +31,6 @@ if TYPE_CHECKING:
 
 DEVICES = ("auto", "cpu", "cuda")
 PRECISIONS = ("auto", "float32", "bfloat16")
-STATE = "state.safetensors"  # what --resume goes on from
 METRICS = "metrics.jsonl"
 # attributes of a store that the signature holds, or that do not change what is in it
 NOT_OF_HISTORIES = {"complete", "shard_pairs", "task", "parameters", "actions", "features", "point_times"}
@@ -125,8 +125,9 @@ def train_sysid(
         "training": asdict(settings),
         "histories": _described(store.attributes),
     }
-    if resume:
-        _restore(trainer, unfinished(out) / STATE, recipe)
+    state = load_state(unfinished(out), recipe) if resume else None
+    if state is not None:
+        trainer.restore(*state)
     with resumable_directory(out, force=force, resume=resume) as folder:
         _train(trainer, folder, recipe, quiet)
         model, report = trainer.finish()
@@ -247,7 +248,7 @@ def _train(trainer: Trainer, folder: Path, recipe: Mapping[str, Any], quiet: boo
             for metrics in trainer.run():
                 with (folder / METRICS).open("a", encoding="utf-8") as file:
                     file.write(json.dumps(metrics, allow_nan=False) + "\n")
-                _save_state(trainer, folder / STATE, recipe)
+                save_state(folder, *trainer.state(), recipe)
                 step, loss = metrics["step"], metrics["validation_loss"]
                 rate = (step - begun) / (time.monotonic() - clock)
                 progress.step(
@@ -259,46 +260,6 @@ def _train(trainer: Trainer, folder: Path, recipe: Mapping[str, Any], quiet: boo
             f"interrupted after step {trainer.step}: what was learned up to the last evaluation is kept",
             cure="go on with the same command and --resume",
         ) from None
-
-
-def _save_state(trainer: Trainer, path: Path, recipe: Mapping[str, Any]) -> None:
-    from safetensors.numpy import save_file
-
-    counters, arrays = trainer.state()
-    beside = path.with_suffix(".new")
-    save_file(arrays, beside, {"counters": json.dumps(counters), "recipe": json.dumps(recipe)})
-    beside.replace(path)
-
-
-def _restore(trainer: Trainer, path: Path, recipe: Mapping[str, Any]) -> None:
-    """Go on from the state at `path`, if there is one. Raises CaptureError where it is of another run or damaged."""
-    if not path.is_file():
-        return
-    from safetensors import SafetensorError, safe_open
-
-    try:
-        with safe_open(path, framework="numpy") as file:
-            metadata = file.metadata()
-            arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-        begun, counters = json.loads(metadata["recipe"]), json.loads(metadata["counters"])
-    except (OSError, SafetensorError, KeyError, TypeError, json.JSONDecodeError) as error:
-        raise StoreError(f"{path} cannot be read: {error}", cure="begin anew with --force") from error
-    wanted = json.loads(json.dumps(recipe))
-    if begun != wanted:
-        raise OptionError(
-            f"--resume: the run was begun otherwise: {'; '.join(_differences(begun, wanted))}",
-            cure="give the options it was begun with, or begin anew with --force",
-        )
-    trainer.restore(counters, arrays)
-
-
-def _differences(before: Any, now: Any, path: str = "") -> list[str]:
-    if isinstance(before, dict) and isinstance(now, dict):
-        keys = sorted(before.keys() | now.keys())
-        return [
-            line for k in keys for line in _differences(before.get(k), now.get(k), f"{path}.{k}".lstrip("."))
-        ]
-    return [] if before == now else [f"{path} was {before}, now {now}"]
 
 
 def _write_metrics(metrics: list[dict[str, Any]], folder: Path) -> None:
