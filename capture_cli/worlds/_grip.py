@@ -48,6 +48,22 @@ def reach(model, data, site: int, goal: np.ndarray, joints, dofs) -> np.ndarray:
     )
 
 
+def take_hold(robot, arm: str, model, data, handle: str, servos) -> None:
+    """Move the robot's hand to the site `handle` and fix it there; the tool's own `servos` let go."""
+    joints = robot._ref_joint_pos_indexes
+    # the arm has a joint to spare: from the last episode's posture it would reach the handle in another one
+    data.qpos[joints] = robot.robot_model.init_qpos
+    goal = data.site(handle).xpos.copy()
+    site, dofs = robot.eef_site_id[arm], robot._ref_joint_vel_indexes
+    robot.init_qpos = reach(model, data, site, goal, joints, dofs)
+    robot.reset(deterministic=True)  # its controllers take the new posture for their own
+    data.qpos[joints] = robot.init_qpos
+    mujoco.mj_forward(model, data)
+    fix(model, data, model.equality("grip").id)
+    model.actuator_gainprm[servos] = 0.0
+    model.actuator_biasprm[servos] = 0.0
+
+
 def fix(model, data, weld: int) -> None:
     """Make `weld` hold its two bodies as they are now."""
     hand, held = model.eq_obj1id[weld], model.eq_obj2id[weld]

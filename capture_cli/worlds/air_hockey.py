@@ -29,7 +29,7 @@ from robosuite.utils.observables import Observable, sensor
 from capture_cli.errors import OptionError, did_you_mean
 from capture_cli.sim.engine import ModelFields
 from capture_cli.tasks.air_hockey import MODEL, AirHockey
-from capture_cli.worlds._grip import fix, grip, reach, take_options
+from capture_cli.worlds._grip import grip, take_hold, take_options
 from capture_cli.worlds._gymnasium import GymnasiumEnvironment
 
 TABLE_SIZE = (1.0, 0.8, 0.05)  # m
@@ -154,7 +154,7 @@ class TableAirHockey(ManipulationEnv):
         self.mallet_velocity = np.zeros(2)
         mujoco.mj_forward(model, data)
         if self.driven_by == "arm":
-            self._hold_mallet(model, data)
+            take_hold(self.robots[0], self._arm, model, data, "knob", self._servos)
 
     def _write(self, model: mujoco.MjModel, parameters: np.ndarray) -> None:
         fields = ModelFields(self.plant.model, 1)
@@ -162,28 +162,6 @@ class TableAirHockey(ManipulationEnv):
         for name, values in fields.values.items():
             for own, geom in self._geoms.items():
                 getattr(model, name)[geom] = values[0, own]
-
-    def _hold_mallet(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        """Move the hand to the mallet's knob and fix it there; the mallet's own servos let go."""
-        robot = self.robots[0]
-        joints = robot._ref_joint_pos_indexes
-        data.qpos[joints] = (
-            robot.robot_model.init_qpos
-        )  # not the last episode's: the arm has a joint to spare
-        robot.init_qpos = reach(
-            model,
-            data,
-            robot.eef_site_id[self._arm],
-            data.site("knob").xpos.copy(),
-            joints,
-            robot._ref_joint_vel_indexes,
-        )
-        robot.reset(deterministic=True)  # its controllers take the new posture for their own
-        data.qpos[joints] = robot.init_qpos
-        mujoco.mj_forward(model, data)
-        fix(model, data, model.equality("grip").id)
-        model.actuator_gainprm[self._servos] = 0.0
-        model.actuator_biasprm[self._servos] = 0.0
 
     def _pre_action(self, action, policy_step=False):
         super()._pre_action(action, policy_step)

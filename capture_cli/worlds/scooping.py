@@ -28,7 +28,7 @@ from robosuite.utils.observables import Observable, sensor
 from capture_cli.errors import OptionError, did_you_mean
 from capture_cli.tasks._scooping import HALF_LENGTH, lift_height
 from capture_cli.tasks.scooping import Scooping
-from capture_cli.worlds._grip import fix, grip, reach, take_options
+from capture_cli.worlds._grip import grip, take_hold, take_options
 from capture_cli.worlds._gymnasium import GymnasiumEnvironment
 
 SCENE = Path(__file__).with_name("scooping_scene.xml")
@@ -145,28 +145,7 @@ class ObjectScooping(ManipulationEnv):
         self.spatula_target = self.outputs[3:]
         mujoco.mj_forward(model, data)
         if self.driven_by == "arm":
-            self._hold_spatula(model, data)
-
-    def _hold_spatula(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        """Move the hand to the handle and fix it there; the spatula's own servos let go."""
-        robot = self.robots[0]
-        joints = robot._ref_joint_pos_indexes
-        # the arm has a joint to spare: from the last episode's posture it would reach the handle in another one
-        data.qpos[joints] = robot.robot_model.init_qpos
-        robot.init_qpos = reach(
-            model,
-            data,
-            robot.eef_site_id[self._arm],
-            data.site("handle").xpos.copy(),
-            joints,
-            robot._ref_joint_vel_indexes,
-        )
-        robot.reset(deterministic=True)  # its controllers take the new posture for their own
-        data.qpos[joints] = robot.init_qpos
-        mujoco.mj_forward(model, data)
-        fix(model, data, model.equality("grip").id)
-        model.actuator_gainprm[self._servos] = 0.0
-        model.actuator_biasprm[self._servos] = 0.0
+            take_hold(self.robots[0], self._arm, model, data, "handle", self._servos)
 
     def _pre_action(self, action, policy_step=False):
         super()._pre_action(action, policy_step)
