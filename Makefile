@@ -33,8 +33,8 @@ $(VENV)/installed-benchmarks: $(VENV)/installed-dev
 
 # the two commands of the README, on the log shipped in datasets/
 demo: install
-	$(BIN)/capture identify --real-log datasets/cart/cart.zarr --task datasets/cart/task.toml --out runs/demo/estimate --force
-	$(BIN)/capture diagnose --real-log datasets/cart/cart.zarr --estimate runs/demo/estimate --out runs/demo/diagnosis --force
+	$(BIN)/capture identify --real-log datasets/air_hockey.zarr --out runs/demo/estimate --force
+	$(BIN)/capture diagnose --real-log datasets/air_hockey.zarr --estimate runs/demo/estimate --out runs/demo/diagnosis --force
 
 test: dev
 	$(BIN)/python -m pytest -q -n 2
