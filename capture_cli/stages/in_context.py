@@ -170,7 +170,9 @@ class InContext:
                 "Physics was asked from several places: the proposal led to no fit that explains the log."
             )
         elif fallback:
-            said.append("No fit with the starts that the actions say explained the log, so all starts were freed.")
+            said.append(
+                "No fit with the starts that the actions say explained the log, so all starts were freed."
+            )
         elif not self.in_family or contradicted:
             said.append("The fit through the simulator, which explains the log, has the say.")
         return " ".join(said) or None
