@@ -210,10 +210,8 @@ def _step(
         runner.rollout(steps, tape if tape.shape[-1] else None, record=tuple(names), out=dict(recorded))
     except batch.SimulationError as error:
         bad[error.ids] = True
-    for (
-        name,
-        first,
-    ) in start.items():  # states are recorded after each step, sensors describe the state before it
+    # States are recorded after each step, sensors describe the state before it.
+    for name, first in start.items():
         recorded[name] = np.concatenate([first[:, None], recorded[name][:, :-1]], axis=1)
     return recorded, bad | _warned(runner)
 

@@ -116,9 +116,7 @@ def cut(
         weight[w, : b - a] = np.maximum(position - index[w, : b - a], 0.0)
         measured[w, : b - a] = outputs[a:b]
         mask[w, : b - a] = True
-        stop = episodes[
-            number
-        ].stop  # the input after the last sample of a window is known, if not of an episode
+        stop = episodes[number].stop  # the input after a window's last sample is known, if not an episode's
         on_grid = time[a] + timestep * np.arange(-lead, grid)
         controls[w] = inputs_at(on_grid, time[known:stop], inputs[known:stop], timestep, linear)
     return Windows(

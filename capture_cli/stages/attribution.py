@@ -29,7 +29,8 @@ from capture_cli.stages.narrow_shapes import NarrowShapes
 from capture_cli.stages.prepared_log import PreparedLog
 
 REFITTED = 5  # best-scoring candidates that are fitted jointly, each time round
-PROBES = (0.01, 0.1)  # of an amplitude's range: a slope near null, and a secant further out
+# Of an amplitude's range: a slope near null, and a secant further out to either side. Friction and stops act one way.
+PROBES = (0.01, 0.1, -0.1)
 SHAPES, SHAPES_OF_SEVERAL = 5, 3  # values tried of an effect's one shape, or of each of several
 SCORED_WINDOWS = 40  # evenly spread: a score needs no more
 # Of the objective, over the variance that would be left: less is no reason to fit. The best of n shapes has 2 log(n)
@@ -463,12 +464,13 @@ def _probes(effect: Effect, amplitudes: list[int], shapes: np.ndarray) -> tuple[
     """Probe points (probe, parameter), one per amplitude after the other, and their steps in ranges (probe,)."""
     space = effect.space
     points, steps = [], []
+    above, below = (space.high - space.nominal) / space.span, (space.nominal - space.low) / space.span
+    two_sided = any(min(above[i], below[i]) >= max(PROBES) for i in amplitudes)
     for shape in shapes:
-        for share in PROBES:
+        for share in PROBES if two_sided else PROBES[:2]:
             for i in amplitudes:
                 point = shape.copy()
-                room_above = (space.high[i] - space.nominal[i]) / space.span[i]
-                step = share if room_above >= share else -share
+                step = share if (above if share > 0 else below)[i] >= abs(share) else -share
                 point[i] = space.nominal[i] + step * space.span[i]
                 points.append(point)
                 steps.append(step)
