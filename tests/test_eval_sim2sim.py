@@ -75,7 +75,9 @@ def test_the_arrays_are_what_the_document_sums_up(evaluated):
     assert document["identifiers"]["capture-refined"]["simulated_rollouts"][-1] > 4
     assert document["identifiers"]["capture-refined"]["paired"] is None
     paired = document["identifiers"]["domain-randomization"]["paired"]
-    assert [sum(c) for c in zip(*(paired[k] for k in ("nearer", "as_near", "further")), strict=True)] == [12] * 5
+    assert [sum(c) for c in zip(*(paired[k] for k in ("nearer", "as_near", "further")), strict=True)] == [
+        12
+    ] * 5
     assert any(rows.title == "Pair by pair" for rows in tables(document))
 
 
