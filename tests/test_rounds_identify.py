@@ -43,13 +43,13 @@ def scooping(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def found(scooping) -> Estimate:
-    return identify(
-        real_log=scooping / "log.zarr",
-        out=scooping / "e",
-        identifier=str(scooping / "c"),
-        threads=1,
-        quiet=True,
-    )
+    return proposed_and_refined(scooping, scooping / "log.zarr", scooping / "e")
+
+
+def proposed_and_refined(scooping: Path, log: Path, out: Path, **options) -> Estimate:
+    """The estimate of `log` by the checkpoint, on one thread unless told otherwise."""
+    options = {"threads": 1, "quiet": True, **options}
+    return identify(real_log=log, out=out, identifier=str(scooping / "c"), **options)
 
 
 def test_a_learned_identifier_proposes_and_physics_refines(found, scooping):
@@ -70,26 +70,14 @@ def test_a_learned_identifier_proposes_and_physics_refines(found, scooping):
 
 
 def test_the_same_again_for_any_number_of_threads(found, scooping, tmp_path):
-    again = identify(
-        real_log=scooping / "log.zarr",
-        out=tmp_path / "e",
-        identifier=str(scooping / "c"),
-        threads=2,
-        quiet=True,
-    )
+    again = proposed_and_refined(scooping, scooping / "log.zarr", tmp_path / "e", threads=2)
     assert again.document == found.document
     assert all(np.array_equal(again.arrays[name], array) for name, array in found.arrays.items())
 
 
 def test_episodes_are_cycled_where_rounds_are_more_and_it_says_so(scooping, tmp_path):
-    about = identify(
-        real_log=scooping / "log.zarr",
-        out=tmp_path / "e",
-        identifier=str(scooping / "c"),
-        rounds=9,
-        threads=1,
-        quiet=True,
-    ).document["in_context"]
+    estimate = proposed_and_refined(scooping, scooping / "log.zarr", tmp_path / "e", rounds=9)
+    about = estimate.document["in_context"]
     assert (about["rounds"], about["episodes"]) == (9, 6)
     assert "9 rounds were made with 6 episodes" in about["text"]
 
@@ -105,13 +93,7 @@ def test_a_log_that_no_parameter_explains_is_not_left_to_the_proposal(scooping, 
         seed=1,
         threads=1,
     )
-    document = identify(
-        real_log=tmp_path / "log.zarr",
-        out=tmp_path / "e",
-        identifier=str(scooping / "c"),
-        threads=1,
-        quiet=True,
-    ).document
+    document = proposed_and_refined(scooping, tmp_path / "log.zarr", tmp_path / "e").document
     assert document["verdict"] == "unexplained"
     assert document["in_context"]["fallback"]
     assert "Physics was asked from several places" in document["in_context"]["text"]
