@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from capture_cli.errors import CaptureError, OptionError, OutputError, TaskError
 from capture_cli.identifiers import round_identifier
 from capture_cli.policies.random import Random
 from capture_cli.reports import paper_numbers
-from capture_cli.reports.evaluation_tables import markdown, tables
+from capture_cli.reports.evaluation_tables import markdown, print_evaluation, tables
 from capture_cli.stages.evaluated_identifier import PAPER
 from capture_cli.stages.evaluation_run import evaluate
 from capture_cli.stages.evaluation_suite import SUITES, _members, evaluate_suite
@@ -235,10 +236,24 @@ def test_tables_set_the_papers_numbers_beside_ours(evaluated):
         "1.0",
     )
     assert "Table II" in markdown(document)
+    document["rounds"], document["table_rounds"] = 3, [3]
+    assert tables(document)[0].cells[1] == ("  in the paper", "–", "–")
     about = {"identifier": "capture", "search": "randomized-binary", "window": 4, "history_rounds": 7}
     assert paper_numbers.trajectory_difference("air-hockey", "none", about)[10] == (0.16, 0.01)
     assert paper_numbers.trajectory_difference("air-hockey", "scale", about) is None
     assert paper_numbers.trajectory_difference("air-hockey", "none", {**about, "window": 2}) is None
+
+
+def test_a_narrow_terminal_cuts_nothing_off(evaluated):
+    from rich.console import Console
+
+    console = Console(width=50, record=True, file=io.StringIO())
+    print_evaluation(evaluated.document, console, Path("out"))
+    text = console.export_text()
+    assert "Success, continued" in text and "…" not in text
+    for rows in tables(evaluated.document):
+        assert all(cell in text for cells in rows.cells for cell in cells)
+    assert max(map(len, text.splitlines())) <= 50
 
 
 # --- the suite ---
@@ -283,7 +298,58 @@ def test_ablations_vary_one_thing():
     path = {k: str(found[k][0]) for k in range(len(found))}
     assert members["scooping-L"] == [path[1], path[0]]
     assert members["scooping-k"] == [path[0], path[2]]
-    assert members["scooping"] == ["compass", path[0], path[4], path[5], path[6], f"posterior={path[6]}"]
+    posterior = f"posterior={path[6]}"
+    assert members["scooping"] == ["compass", path[5], path[4], path[0], posterior, path[6]]
+
+
+def test_an_ablation_spells_out_what_it_varies(folder, trained):
+    """Two checkpoints that differ in L alone: the one that is as in the paper says so too."""
+    for rounds in (5, 7):
+        gen_histories(
+            task="scooping",
+            out=folder / f"L{rounds}.zarr",
+            pairs=32,
+            rounds=rounds,
+            threads=1,
+            shard_pairs=32,
+        )
+        train_sysid(
+            histories=folder / f"L{rounds}.zarr",
+            out=folder / "ablation" / f"L{rounds}",
+            identifier="capture",
+            width=8,
+            layers=1,
+            heads=1,
+            steps=2,
+            batch=16,
+        )
+    options = {"pairs": 2, "seeds": 1, "rounds": 2, "threads": 1, "task": "scooping"}
+    given = [str(folder / "ablation")]
+    done = evaluate_suite(suite="paper", identifiers=given, out=folder / "ablated", **options)
+    assert list(done["cells"]["scooping-L"]["identifiers"]) == ["capture (L=5)", "capture (L=7)"]
+    assert "capture" in done["cells"]["scooping"]["identifiers"]
+    provenance = json.loads((folder / "ablated" / "scooping-L" / "provenance.json").read_text())
+    assert provenance["options"]["out"] == str(folder / "ablated" / "scooping-L")
+    with pytest.raises(OptionError, match="other rounds"):
+        evaluate_suite(
+            suite="paper", identifiers=given, out=folder / "ablated", resume=True, **{**options, "rounds": 3}
+        )
+    with pytest.raises(OptionError, match="asked for are scooping, scooping-noise"):
+        evaluate_suite(
+            suite="paper", identifiers=[str(trained)], out=folder / "ablated", resume=True, **options
+        )
+
+
+def test_a_suite_says_first_how_long_it_will_take(folder, trained, capsys):
+    options = {"pairs": 25, "seeds": 2, "rounds": 1, "threads": 1, "task": "scooping"}
+    evaluate_suite(
+        suite="paper", identifiers=[str(trained)], out=folder / "announced", quiet=False, **options
+    )
+    said = capsys.readouterr().err
+    assert said.index("in all about") < said.index("[1/2] scooping")
+    # in each of two cells 50 pairs of one round: measured once, simulated once, by COMPASS ten times
+    assert "about 750 rollouts" in said and "in all about 1.5e+03 rollouts" in said
+    assert "for want of checkpoints: scooping-L, scooping-k" in said
 
 
 def test_a_suite_with_nothing_to_run_is_refused(folder):

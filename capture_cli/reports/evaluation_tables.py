@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,8 @@ from capture_cli.reports import paper_numbers
 from capture_cli.reports.quantities import MISSING, significant
 
 PARAMETER_ROUND = 7  # where the paper's text compares parameter differences
+RATIO_ROUND = 10
+COLUMN_GAP = 3  # characters between two columns at the terminal
 
 
 @dataclass(frozen=True)
@@ -30,6 +32,8 @@ class Rows:
 def tables(document: Mapping[str, Any]) -> list[Rows]:
     """The tables of evaluation.json `document`."""
     found = [_trajectories(document), _parameters(document)]
+    if len(document["parameters"]) > 1:
+        found.append(_each_parameter(document))
     if all(e["success"] is not None for e in document["identifiers"].values()):
         found.append(_success(document))
     if any(e.get("paired") for e in document["identifiers"].values()):
@@ -41,14 +45,31 @@ def print_evaluation(document: Mapping[str, Any], console: Console, out_path: Pa
     """Print the tables of evaluation.json `document`, written to the directory `out_path`."""
     console.print(_heading(document), style="dim")
     for rows in tables(document):
-        table = Table(box=box.SIMPLE_HEAD, title=rows.title, title_justify="left", caption=rows.note)
-        table.caption_justify = "left"
-        for k, name in enumerate(rows.header):
-            table.add_column(name, justify="right" if k else "left", no_wrap=bool(k))
-        for cells in rows.cells:
-            table.add_row(*cells)
-        console.print(table)
+        blocks = list(_blocks(rows, console.width))
+        for number, columns in enumerate(blocks):
+            title = rows.title if number == 0 else f"{rows.title}, continued"
+            caption = rows.note if number == len(blocks) - 1 else None
+            table = Table(box=box.SIMPLE_HEAD, title=title, title_justify="left", caption=caption)
+            table.caption_justify = "left"
+            for k in columns:
+                table.add_column(rows.header[k], justify="right" if k else "left", no_wrap=bool(k))
+            for cells in rows.cells:
+                table.add_row(*(cells[k] for k in columns))
+            console.print(table)
     console.print(f"written to {out_path}: tables.md, figures, evaluation.json, evaluation.zarr", style="dim")
+
+
+def _blocks(rows: Rows, width: int) -> Iterator[list[int]]:
+    """Columns that have room beside each other in `width` characters, after the first one, which all begin with."""
+    widths = [max(map(len, column)) + COLUMN_GAP for column in zip(rows.header, *rows.cells, strict=True)]
+    block, used = [0], widths[0]
+    for k in range(1, len(widths)):
+        if used + widths[k] >= width and len(block) > 1:
+            yield block
+            block, used = [0], widths[0]
+        block.append(k)
+        used += widths[k]
+    yield block
 
 
 def print_suite(document: Mapping[str, Any], console: Console, out_path: Path) -> None:
@@ -82,17 +103,19 @@ def _line(cells: Sequence[str]) -> str:
 
 
 def _trajectories(document: Mapping[str, Any]) -> Rows:
-    rounds = document["table_rounds"]
+    rounds, at = document["table_rounds"], _at(document, RATIO_ROUND)
     cells = []
     for label, e in document["identifiers"].items():
-        ours = [_spread(e["trajectory_difference"][r], e["trajectory_difference_sd"][r]) for r in rounds]
-        cells.append((label, *ours, *([significant(e["ratio"][_at(document, 10)], 2)] if e["ratio"] else [])))
+        ours = [_of_seeds(e["trajectory_difference"][r], e["trajectory_difference_sd"][r]) for r in rounds]
+        cells.append((label, *ours, *([significant(e["ratio"][at], 2)] if e["ratio"] else [])))
         paper = paper_numbers.trajectory_difference(document["task"], document["noise"], e)
         if paper:
             theirs = [_spread(*paper[r], digits=2) if r in paper else MISSING for r in rounds]
-            cells.append(("  in the paper", *theirs, *([_paper_ratio(paper)] if e["ratio"] else [])))
-    ratio = [f"ratio at {_at(document, 10)}"] if document["yardstick"] else []
-    note = "Sum over the points of the distance, after so many rounds; mean ± sd of the seeds"
+            cells.append(("  in the paper", *theirs, *([_paper_ratio(paper, at)] if e["ratio"] else [])))
+    ratio = [f"ratio at {at}"] if document["yardstick"] else []
+    note = "Sum over the points of the distance, after so many rounds"
+    if document["seeds"] > 1:
+        note += "; mean ± sd of the seeds"
     if ratio:
         note += f". Ratio: to {document['yardstick']}"
     if any(c[0] == "  in the paper" for c in cells):
@@ -100,29 +123,32 @@ def _trajectories(document: Mapping[str, Any]) -> Rows:
     return Rows("Trajectory difference", note, ("identifier", *map(str, rounds), *ratio), cells)
 
 
-def _paper_ratio(paper: Mapping[int, tuple[float, float]]) -> str:
+def _paper_ratio(paper: Mapping[int, tuple[float, float]], at: int) -> str:
     yardstick = paper_numbers.trajectory_difference(
         "air-hockey", "none", {"identifier": "domain-randomization"}
     )
-    return significant(paper[10][0] / yardstick[10][0], 2)
+    return significant(paper[at][0] / yardstick[at][0], 2) if at in paper else MISSING
 
 
 def _parameters(document: Mapping[str, Any]) -> Rows:
-    at = _at(document, PARAMETER_ROUND)
-    shown = list(dict.fromkeys([0, 1, 2, 3, 5, at, *document["table_rounds"]]))
-    shown = sorted(r for r in shown if r <= document["rounds"])
-    each = document["parameters"] if len(document["parameters"]) > 1 else []
+    shown = [0, 1, 2, 3, 5, _at(document, PARAMETER_ROUND), *document["table_rounds"]]
+    shown = sorted(r for r in set(shown) if r <= document["rounds"])
     cells = [
-        (
-            label,
-            *(significant(e["parameter_difference"]["mean"][r], 2) for r in shown),
-            *(significant(e["parameter_difference"][name][at], 2) for name in each),
-        )
+        (label, *(significant(e["parameter_difference"]["mean"][r], 2) for r in shown))
         for label, e in document["identifiers"].items()
     ]
-    header = ("identifier", *map(str, shown), *(f"{name} at {at}" for name in each))
     note = "Mean of |estimate - truth| over the parameter's range, after so many rounds"
-    return Rows("Parameter difference", note, header, cells)
+    return Rows("Parameter difference", note, ("identifier", *map(str, shown)), cells)
+
+
+def _each_parameter(document: Mapping[str, Any]) -> Rows:
+    at, names = _at(document, PARAMETER_ROUND), document["parameters"]
+    cells = [
+        (label, *(significant(e["parameter_difference"][name][at], 2) for name in names))
+        for label, e in document["identifiers"].items()
+    ]
+    note = f"|estimate - truth| over the parameter's range, after {at} rounds"
+    return Rows("Parameter by parameter", note, ("identifier", *names), cells)
 
 
 def _success(document: Mapping[str, Any]) -> Rows:
@@ -165,6 +191,11 @@ def _cost(document: Mapping[str, Any]) -> Rows:
     if with_coverage:
         note += ". Cover: share of the truths in the 95 % intervals"
     return Rows("Cost", note, header, cells)
+
+
+def _of_seeds(mean: float, sd: float) -> str:
+    """sd is 0 where there is one seed, and then says nothing."""
+    return _spread(mean, sd) if sd else significant(mean, 3)
 
 
 def _spread(mean: float, sd: float, digits: int | None = None) -> str:

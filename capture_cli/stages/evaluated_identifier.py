@@ -36,15 +36,18 @@ class Evaluated:
         return kind(signature, start, **options)
 
 
-def load_evaluated(given: Sequence[str], signature: Signature) -> list[Evaluated]:
+def load_evaluated(
+    given: Sequence[str], signature: Signature, spelled_out: Sequence[str] = ()
+) -> list[Evaluated]:
     """The identifiers of `--identifier`: each a name, a checkpoint directory, or NAME=DIRECTORY.
 
     NAME=DIRECTORY: the identifier NAME with what was trained for another (`posterior` with what `capture-refined` was
-    trained to). Labels are made different. Raises CaptureError.
+    trained to). Labels are made different. spelled_out: facts that labels give where they are the paper's, too.
+    Raises CaptureError.
     """
     if not given:
         raise OptionError("no --identifier", cure=f"give a checkpoint directory, or {', '.join(by_name())}")
-    return _distinct([_load(text, signature) for text in given])
+    return _distinct([_load(text, signature, spelled_out) for text in given])
 
 
 def checkpoints_in(folder: str | Path) -> list[Path]:
@@ -57,7 +60,7 @@ def by_name() -> list[str]:
     return [n for n, c in REGISTRY.items() if not getattr(c, "needs_checkpoint", False)]
 
 
-def _load(text: str, signature: Signature) -> Evaluated:
+def _load(text: str, signature: Signature, spelled_out: Sequence[str]) -> Evaluated:
     name, _, folder = text.rpartition("=") if not Path(text).exists() else ("", "", text)
     path = Path(folder)
     if not name and not path.is_dir():
@@ -88,7 +91,7 @@ def _load(text: str, signature: Signature) -> Evaluated:
         "window": found.model.window,
         "tokens": document["architecture"]["tokens"],
     }
-    return Evaluated(_label(name, kind, facts), kind, found.model, facts)
+    return Evaluated(_label(name, kind, facts, spelled_out), kind, found.model, facts)
 
 
 def _named(name: str) -> Evaluated:
@@ -101,16 +104,18 @@ def _named(name: str) -> Evaluated:
     return Evaluated(name, kind, None, {"identifier": name, "checkpoint": None, "sha256": None})
 
 
-def _label(name: str, kind: type[RoundIdentifier], facts: Mapping[str, Any]) -> str:
-    """The name, and in what it is not the paper's."""
+def _label(
+    name: str, kind: type[RoundIdentifier], facts: Mapping[str, Any], spelled_out: Sequence[str]
+) -> str:
+    """The name, and in what it is not the paper's; and what is to be spelled out."""
+    said = {name for name, value in PAPER.items() if facts[name] != value or name in spelled_out}
     # who learns the target, and not the search, has histories of any kind
-    imitates = not kind.any_order
-    others = [facts["search"]] if imitates and facts["search"] != PAPER["search"] else []
-    if facts["history_rounds"] != PAPER["history_rounds"]:
+    others = [facts["search"]] if "search" in said and not kind.any_order else []
+    if "history_rounds" in said:
         others.append(f"L={facts['history_rounds']}")
-    if kind.fixed_window is None and kind.default_window and facts["window"] != PAPER["window"]:
+    if "window" in said and kind.fixed_window is None and kind.default_window:
         others.append(f"k={facts['window']}")
-    if facts["tokens"] != PAPER["tokens"]:
+    if "tokens" in said:
         others.append(f"token per {facts['tokens']}")
     if facts["history_noise"] != "none":
         others.append(f"trained with noise: {facts['history_noise']}")

@@ -16,7 +16,9 @@ from typing import Any
 from capture_cli.errors import OptionError, StoreError, did_you_mean
 from capture_cli.identifiers import REGISTRY
 from capture_cli.stages.evaluated_identifier import PAPER, checkpoints_in
-from capture_cli.stages.evaluation_run import evaluate
+from capture_cli.stages.evaluation_plan import EvaluationPlan, evaluation_plan
+from capture_cli.stages.evaluation_run import carry_out, completed, time_left
+from capture_cli.stages.evaluation_time import Expected
 from capture_cli.stages.identifier_checkpoint import DOCUMENT
 from capture_cli.stages.policy_checkpoint import SETTINGS
 from capture_cli.stores.output import refuse_existing, resumable_directory
@@ -24,6 +26,12 @@ from capture_cli.stores.provenance import Provenance, write_json
 
 FORMAT, VERSION = "capture/evaluation-suite", 1
 WITHOUT_CHECKPOINT = ("domain-randomization", "compass")  # the paper's; others are named by --identifier
+ORDER = (
+    "expert-distillation",
+    "tunenet",
+    "capture",
+)  # the paper's, Table II, and of the searches of `capture`
+SEARCHES = ("linear-interpolation", "binary", "randomized-binary")
 REFINED, UNREFINED = "capture-refined", "posterior"
 
 
@@ -72,53 +80,92 @@ def evaluate_suite(
 
     identifiers: names, checkpoint directories, and folders that hold some. task: cells of this task alone. policy: a
     name, a checkpoint directory, or a folder with one for each task; random where there is none for a task. With
-    `resume` a run that was killed goes on within the cell it was at. Raises CaptureError.
+    `resume` a run that was killed goes on within the cell it was at, and one that is complete is read. Raises
+    CaptureError before any work.
     """
     options = {k: v for k, v in locals().items() if k not in ("force", "resume", "quiet")}
     cells = [c for c in _suite(suite) if task in (None, c.task)]
     names, checkpoints = _found(identifiers)
     if not resume:
         refuse_existing(out, force=force)
-    plan = {c: _members(c, names, checkpoints) for c in cells}
-    if not any(plan.values()):
+    shared = {"pairs": pairs, "seeds": seeds, "rounds": rounds, "seed": seed, "threads": threads}
+    asked = {
+        c: {
+            "task": c.task,
+            "identifiers": members,
+            "policy": _policy(policy, c.task),
+            "noise": c.noise,
+            **shared,
+        }
+        for c in cells
+        if (members := _members(c, names, checkpoints))
+    }
+    without = [c.name for c in cells if c not in asked]
+    if not asked:
         raise OptionError(
             f"--suite {suite}: no checkpoint for {', '.join(sorted({c.task for c in cells})) or task}",
             cure="give --identifier a folder with checkpoints that `capture train-sysid` wrote",
         )
-    if resume and not force and (Path(out) / "suite.json").is_file():
-        return _read(Path(out))
+    plans = {c: evaluation_plan(**o, spelled_out=[c.varied] if c.varied else []) for c, o in asked.items()}
+    if resume and not force and Path(out).exists():
+        return _completed(Path(out), plans)
     provenance = Provenance("eval-sim2sim", options, {})
     documents = {}
     with resumable_directory(out, force=force, resume=resume) as folder:
-        for number, (cell, members) in enumerate(plan.items(), 1):
+        if not quiet:
+            _announce(plans, without, folder)
+        for number, (cell, plan) in enumerate(plans.items(), 1):
             if not quiet:
-                what = ", ".join(members) if members else "nothing to run: no checkpoint for it"
-                print(f"[{number}/{len(plan)}] {cell.name}: {what}", file=sys.stderr, flush=True)
-            if members:
-                documents[cell.name] = evaluate(
-                    task=cell.task,
-                    identifiers=members,
-                    out=folder / cell.name,
-                    policy=_policy(policy, cell.task),
-                    pairs=pairs,
-                    seeds=seeds,
-                    rounds=rounds,
-                    noise=cell.noise,
-                    seed=seed,
-                    threads=threads,
-                    resume=True,
-                    quiet=quiet,
-                ).document
+                print(f"[{number}/{len(plans)}] {cell.name}", file=sys.stderr, flush=True)
+            about = {**asked[cell], "out": Path(out) / cell.name}
+            documents[cell.name] = _evaluated(plan, about, folder / cell.name, quiet)
         document = {
             "format": FORMAT,
             "version": VERSION,
             "suite": suite,
             "cells": documents,
-            "without": [c.name for c, members in plan.items() if not members],
+            "without": without,
         }
         write_json(folder / "suite.json", document)
         _write_tables(documents, folder)
         provenance.write(folder)
+    return document
+
+
+def _announce(plans: dict[Cell, EvaluationPlan], without: list[str], folder: Path) -> None:
+    """On stderr: what every cell is about, and how long it will all take."""
+    in_all = Expected()
+    for cell, plan in plans.items():
+        labels = ", ".join(e.label for e in plan.evaluated)
+        print(f"{cell.name}: {labels}; policy {plan.attributes['policy']['name']}", file=sys.stderr)
+        left = None if (folder / cell.name).exists() else time_left(plan, folder / cell.name, resume=True)
+        if left:
+            print(f"  {left}", file=sys.stderr, flush=True)
+            in_all += left
+    if without:
+        print(f"nothing to run, for want of checkpoints: {', '.join(without)}", file=sys.stderr)
+    if in_all.rollouts:
+        print(f"in all {in_all}", file=sys.stderr, flush=True)
+
+
+def _evaluated(plan: EvaluationPlan, options: dict[str, Any], out: Path, quiet: bool) -> dict[str, Any]:
+    """evaluation.json of a cell, which an earlier run may have completed or begun."""
+    if out.exists():
+        return completed(out, plan).document
+    return carry_out(plan, options, out, resume=True, quiet=quiet).document
+
+
+def _completed(out: Path, plans: dict[Cell, EvaluationPlan]) -> dict[str, Any]:
+    """The suite at `out`, if it is the one that is planned. Raises CaptureError otherwise."""
+    document = _read(out)
+    names = [cell.name for cell in plans]
+    if list(document["cells"]) != names:
+        raise OptionError(
+            f"--resume: {out} holds {', '.join(document['cells'])}; asked for are {', '.join(names)}",
+            cure="give the options it was begun with, or begin anew with --force",
+        )
+    for cell, plan in plans.items():
+        completed(out / cell.name, plan)
     return document
 
 
@@ -156,10 +203,21 @@ def _members(cell: Cell, names: list[str], checkpoints: list[tuple[Path, dict[st
         chosen.sort(key=lambda found: _facts(found[1])[cell.varied])
         return [str(p) for p, _ in chosen] if len(chosen) > 1 else []
     chosen = [(p, d) for p, d in own if _others(d, "search") <= _own_window(d)]
+    chosen.sort(key=lambda found: _place(found[1]))
     refined = [str(p) for p, d in chosen if d["identifier"] == REFINED]
     trained_so = any(d["identifier"] == UNREFINED for _, d in chosen)
-    without = [] if trained_so else [f"{UNREFINED}={path}" for path in refined[:1]]
-    return [*names, *(str(p) for p, _ in chosen), *without] if chosen else []
+    unrefined = [] if trained_so else [f"{UNREFINED}={path}" for path in refined[:1]]
+    others = [str(p) for p, _ in chosen if str(p) not in refined]
+    return [*names, *others, *unrefined, *refined] if chosen else []
+
+
+def _place(document: dict[str, Any]) -> tuple[int, int]:
+    """Where in a table: as in the paper's, what is ours below."""
+    name, search = document["identifier"], document["histories"]["search"]
+    return (
+        ORDER.index(name) if name in ORDER else len(ORDER),
+        SEARCHES.index(search) if search in SEARCHES else len(SEARCHES),
+    )
 
 
 def _facts(document: dict[str, Any]) -> dict[str, Any]:
