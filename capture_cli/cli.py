@@ -753,6 +753,10 @@ def eval_sim2sim(
             help="paper: all its comparisons; --identifier and --policy take folders of checkpoints.",
         ),
     ] = None,
+    cell: Annotated[
+        list[str] | None,
+        typer.Option("--cell", help="Of the suite, this comparison alone; may be given several times."),
+    ] = None,
     pairs: Annotated[
         int, typer.Option("--pairs", min=1, help="Pairs of a source and a hidden target.")
     ] = 100,
@@ -780,6 +784,7 @@ def eval_sim2sim(
 
     document = stage(
         suite=suite,
+        cells=cell or [],
         noise=noise,
         known_noise=known_noise,
         task=task,

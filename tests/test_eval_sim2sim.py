@@ -16,6 +16,7 @@ from capture_cli.identifiers import round_identifier
 from capture_cli.policies.random import Random
 from capture_cli.reports import paper_numbers
 from capture_cli.reports.evaluation_tables import markdown, print_evaluation, tables
+from capture_cli.stages.eval_sim2sim import eval_sim2sim
 from capture_cli.stages.evaluated_identifier import PAPER
 from capture_cli.stages.evaluation_run import evaluate
 from capture_cli.stages.evaluation_suite import SUITES, _members, evaluate_suite
@@ -350,6 +351,26 @@ def test_a_suite_says_first_how_long_it_will_take(folder, trained, capsys):
     # in each of two cells 50 pairs of one round: measured once, simulated once, by COMPASS ten times
     assert "about 750 rollouts" in said and "in all about 1.5e+03 rollouts" in said
     assert "for want of checkpoints: scooping-L, scooping-k" in said
+
+
+def test_cells_of_a_suite_are_run_alone(folder, trained):
+    options = {
+        "suite": "paper",
+        "identifiers": [str(trained)],
+        "pairs": 2,
+        "seeds": 1,
+        "rounds": 1,
+        "threads": 1,
+    }
+    done = eval_sim2sim(out=folder / "cell", cells=["scooping-noise"], **options)
+    assert list(done["cells"]) == ["scooping-noise"] and done["without"] == []
+    with pytest.raises(OptionError, match="--cell 'scooping-nois'") as error:
+        eval_sim2sim(out=folder / "no-cell", cells=["scooping-nois"], **options)
+    assert "scooping-noise" in error.value.cure
+    with pytest.raises(OptionError, match="without --suite"):
+        eval_sim2sim(
+            out=folder / "no-cell", cells=["scooping"], **{**options, "suite": None, "task": "scooping"}
+        )
 
 
 def test_a_suite_with_nothing_to_run_is_refused(folder):

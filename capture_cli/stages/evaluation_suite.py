@@ -66,6 +66,7 @@ def evaluate_suite(
     identifiers: Sequence[str],
     out: Path,
     task: str | None = None,
+    only: Sequence[str] = (),
     policy: str = "random",
     pairs: int = 100,
     seeds: int = 3,
@@ -78,13 +79,13 @@ def evaluate_suite(
 ) -> dict[str, Any]:
     """Run every cell of `suite` that there is something for; write them below `out`; returns suite.json.
 
-    identifiers: names, checkpoint directories, and folders that hold some. task: cells of this task alone. policy: a
-    name, a checkpoint directory, or a folder with one for each task; random where there is none for a task. With
-    `resume` a run that was killed goes on within the cell it was at, and one that is complete is read. Raises
-    CaptureError before any work.
+    identifiers: names, checkpoint directories, and folders that hold some. task: cells of this task alone. only: these
+    cells alone, by name. policy: a name, a checkpoint directory, or a folder with one for each task; random where there
+    is none for a task. With `resume` a run that was killed goes on within the cell it was at, and one that is complete
+    is read. Raises CaptureError before any work.
     """
     options = {k: v for k, v in locals().items() if k not in ("force", "resume", "quiet")}
-    cells = [c for c in _suite(suite) if task in (None, c.task)]
+    cells = _cells(suite, task, only)
     names, checkpoints = _found(identifiers)
     if not resume:
         refuse_existing(out, force=force)
@@ -169,10 +170,14 @@ def _completed(out: Path, plans: dict[Cell, EvaluationPlan]) -> dict[str, Any]:
     return document
 
 
-def _suite(name: str) -> tuple[Cell, ...]:
-    if name not in SUITES:
-        raise OptionError(f"--suite {name!r}", cure=did_you_mean(name, SUITES))
-    return SUITES[name]
+def _cells(suite: str, task: str | None, only: Sequence[str]) -> list[Cell]:
+    if suite not in SUITES:
+        raise OptionError(f"--suite {suite!r}", cure=did_you_mean(suite, SUITES))
+    cells = {c.name: c for c in SUITES[suite] if task in (None, c.task)}
+    for name in only:
+        if name not in cells:
+            raise OptionError(f"--cell {name!r}", cure=did_you_mean(name, cells))
+    return [c for c in cells.values() if not only or c.name in only]
 
 
 def _found(given: Sequence[str]) -> tuple[list[str], list[tuple[Path, dict[str, Any]]]]:
