@@ -149,15 +149,18 @@ class Simulator:
         if offsets is not None:
             starts = shift(self.task.model, starts, offsets[:, : self._own_states])
             hidden = offsets[:, self._own_states :]
-        if reported is not None and any(effect.place == "measurement" for _, effect in self.effects):
+        if reported is not None and self._measures:
             starts = shift(self.task.model, starts, self._start_change(reported.rows(row), each))
+        drift = self._drift(each, windows.elapsed[row])
+        more = self._drift(each, np.full(len(row), windows.grid * windows.timestep)).max(initial=0.0)
         return self._step(
-            starts,
-            self.task.controls(windows.controls),
+            replace(starts, time=starts.time + drift),
+            self.task.controls(windows.tape),
             row,
-            int(windows.grid_steps.max()),
+            windows.grid + int(np.ceil(more / windows.timestep)),
             each,
-            past=self.task.controls(windows.past),
+            lead=windows.lead,
+            drift=drift,
             hidden=hidden,
             states=states,
         )
@@ -170,17 +173,20 @@ class Simulator:
         steps: int,
         each: np.ndarray,
         *,
-        past: np.ndarray | None = None,
+        lead: int = 0,
+        drift: np.ndarray | None = None,
         hidden: np.ndarray | None = None,
         states: bool = False,
     ) -> Rollouts:
         """Rollouts whose sensors are the outputs on the grid; each (simulation, parameter).
 
-        past (row, lead, nu): what came before `controls` (row, grid, nu); their first values where None.
-        hidden (simulation, state): what the effects' own states begin with; 0 where None.
+        controls (row, lead + steps, nu), of which `lead` come before the first step; where there are fewer the
+        last are held. drift (simulation,): how many s later than the first step a simulation begins; None begins
+        none later. hidden (simulation, state): what the effects' own states begin with; 0 where None.
         """
-        controls, row = self._drive(controls, row, each, past)
-        measures = any(effect.place == "measurement" for _, effect in self.effects)
+        drift = np.zeros(len(row)) if drift is None else drift
+        controls, row = self._drive(controls, row, each, lead, steps, drift)
+        measures = self._measures
         rollouts = self.engine.rollout(
             starts=starts,
             controls=controls,
@@ -221,21 +227,41 @@ class Simulator:
             first += len(effect.states)
         return [f for f in forces if f is not None]
 
-    def _drive(self, controls: np.ndarray, row: np.ndarray, each: np.ndarray, past: np.ndarray | None):
-        if not any(effect.place == "control" for _, effect in self.effects):
-            return controls, row
+    @property
+    def _measures(self) -> bool:
+        return any(effect.place == "measurement" for _, effect in self.effects)
+
+    def _drift(self, each: np.ndarray, elapsed: np.ndarray) -> np.ndarray:
+        """How far the sensors' clock is behind that of the controls, s, (simulation,)."""
+        own = zip(self.effects, self._columns, strict=True)
+        return sum(
+            (effect.drift(each[:, columns], elapsed) for (_, effect), columns in own), np.zeros(len(each))
+        )
+
+    def _drive(
+        self,
+        controls: np.ndarray,
+        row: np.ndarray,
+        each: np.ndarray,
+        lead: int,
+        steps: int,
+        drift: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Controls (simulation or row, steps, nu) as the actuators receive them, and which of them are whose."""
         own = [
             (effect, each[:, columns])
             for (_, effect), columns in zip(self.effects, self._columns, strict=True)
+            if effect.place == "control"
         ]
+        if not own and not drift.any() and lead + steps <= controls.shape[1]:
+            return controls[:, lead : lead + steps], row
         memory = sum(effect.memory(values) for effect, values in own)
-        lead = 0 if past is None else min(int(np.ceil(memory / self.task.timestep)), past.shape[1])
-        if lead:
-            controls = np.concatenate([past[:, -lead:], controls], axis=1)
-        controls = controls[row]
+        past = min(int(np.ceil(memory / self.task.timestep)), lead)
+        at = drift[:, None] / self.task.timestep + np.arange(lead - past, lead + steps)
+        controls = _between(controls, row, at)
         for effect, values in own:
             controls = effect.drive(controls, values, self.task.timestep)
-        return controls[:, lead:], np.arange(len(row))
+        return controls[:, past:], np.arange(len(row))
 
 
 def placed_name(name: str, effect: Effect) -> str:
@@ -259,6 +285,18 @@ def _distinct(
     order = np.argsort(first)  # as they were asked for
     which = np.argsort(order)[which].reshape(len(parameters), windows)
     return number[first[order]], window[first[order]], which
+
+
+def _between(controls: np.ndarray, row: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Controls (row, grid, nu) of `row` (simulation,) at fractional grid points (simulation, step).
+
+    Of a part of a step it is the mean over the step. Beyond either end the last value is held.
+    """
+    at = np.clip(at, 0, controls.shape[1] - 1)
+    before = np.floor(at).astype(int)
+    left = controls[row[:, None], before]
+    right = controls[row[:, None], np.minimum(before + 1, controls.shape[1] - 1)]
+    return left + (at - before)[..., None] * (right - left)
 
 
 def _by_length(grid_steps: np.ndarray) -> list[np.ndarray]:

@@ -380,9 +380,39 @@ def test_an_actuator_knows_in_a_window_what_came_before_it(name, value, toleranc
     assert len(at) > 4
     np.testing.assert_allclose(simulated, expected, rtol=0, atol=tolerance)
     held = Simulator(task, [(name, effect)], threads=1).simulate(
-        replace(windows, past=windows.past[:, :0]), starts, point[None]
+        replace(windows, tape=windows.tape[:, windows.lead :], lead=0), starts, point[None]
     )
     assert np.abs(held.outputs[0] - expected)[1:].max() > 1e-4
+
+
+@pytest.mark.parametrize("error", [-0.008, 0.03])
+def test_a_clock_drifts_from_the_start_of_the_episode(error):
+    """Windows that begin where the sensors say agree with the sensors of the whole episode."""
+    task = load_task(str(SLIDER))
+    effect = effects.REGISTRY.get("sensor-clock-rate")(task.model, GLOBAL)
+    time = 0.004 * np.arange(750)
+    log = {"time": time, "inputs": 30 * np.sin(11 * time)[:, None], "outputs": np.zeros((750, 1))}
+    options = {"episodes": [slice(0, 750)], "timestep": task.timestep, "linear": np.array([True])}
+    whole, windows = (cut(**log, **options, duration=d) for d in (None, 0.5))
+    rollout = Engine(task.model, 1).rollout(
+        starts=model_starts(task.model, 1).starts,
+        controls=task.controls(whole.controls),
+        steps=int(whole.grid_steps[0]),
+        states=True,
+    )
+    told = effect.measure(rollout.sensors, np.array([[error]]), task.timestep)
+    truly = windows.time[:-1] * (1 + error) / task.timestep  # the last one needs what comes after the episode
+    grid = np.arange(rollout.qpos.shape[1])
+    qpos, qvel = (np.interp(truly, grid, v[0, :, 0])[:, None] for v in (rollout.qpos, rollout.qvel))
+    inside = windows.rows(slice(0, len(truly)))
+    starts = Starts(qpos, qvel, np.zeros((len(truly), 0)), inside.time)
+    point = np.array([*task.space.nominal, error])
+    simulator = Simulator(task, [("sensor-clock-rate", effect)], threads=1)
+    simulated = simulator.simulate(inside, starts, point[None]).outputs[0]
+    expected = whole.sample(told, np.array([0]))[0, : simulated.size].reshape(simulated.shape)
+    np.testing.assert_allclose(simulated, expected, rtol=0, atol=5e-5)
+    unaware = replace(inside, elapsed=np.zeros(len(truly)))
+    assert np.abs(simulator.simulate(unaware, starts, point[None]).outputs[0] - expected).max() > 5e-4
 
 
 def test_no_actuator_remembers_longer_than_windows_know():

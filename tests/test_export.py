@@ -17,7 +17,7 @@ from capture_cli import effects
 from capture_cli.effects.base import Effect
 from capture_cli.effects.companion import companion_module
 from capture_cli.errors import ModelError, OutputError, StoreError
-from capture_cli.sim.windows import cut
+from capture_cli.sim.windows import MOST_DRIFT, cut
 from capture_cli.simulator import Simulator, placed_name
 from capture_cli.stages.export import Exported, export
 from capture_cli.stores.diagnosis import FORMAT, VERSION, Diagnosis
@@ -144,7 +144,8 @@ def played(written: Exported, task: Path) -> np.ndarray:
     begin = start(model, 1)
     data.qpos[:], data.qvel[:], data.time = begin.qpos[0], begin.qvel[0], begin.time[0]
     tape = controls(model, 1)[0]
-    tape = np.concatenate([tape, tape[-1:]])  # sensors that look ahead see one step more
+    ahead = 1 + int(np.ceil(MOST_DRIFT * len(tape)))  # so much more is seen by sensors that look ahead
+    tape = np.concatenate([tape, np.repeat(tape[-1:], ahead, axis=0)])
     beside = imported(written.companion).Effects(model) if written.companion else None
     recorded = []
     for ctrl in tape:
@@ -155,7 +156,7 @@ def played(written: Exported, task: Path) -> np.ndarray:
             mujoco.mj_step(model, data)
         recorded.append(data.sensordata.copy())
     sensors = beside.sense(model, np.array(recorded)) if beside else np.array(recorded)
-    return sensors[:-1, [c.index for c in load_task(str(task)).outputs]]
+    return sensors[:-ahead, [c.index for c in load_task(str(task)).outputs]]
 
 
 def found_at(*names: str, where: str, part: float = 0.4) -> Found:

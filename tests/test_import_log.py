@@ -394,6 +394,14 @@ def test_a_corrupt_parquet_is_read_or_refused_never_a_crash(tmp_path, any_length
         assert log.check() is log
 
 
+def test_a_parquet_whose_names_are_no_text_is_refused(tmp_path, any_length):
+    file = tmp_path / "run.parquet"
+    parquet.write_table(pa.table({"time_stamp": [0.0, 0.1]}), file)
+    file.write_bytes(file.read_bytes().replace(b"time_stamp", b"time_stam\xff"))
+    with pytest.raises(LogError, match="not a readable Parquet file"):
+        import_log(files=[file], task=str(any_length), out=tmp_path / "o.zarr")
+
+
 def test_place_counts_lines_as_an_editor_does(tmp_path):
     file = tmp_path / "run.csv"
     file.write_text("\n" + HEADER + "\n\n" + ROWS[0] + "\n\n" + ROWS[1] + "\n")

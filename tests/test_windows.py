@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from capture_cli.sim.windows import GAP_FACTOR, LEAD, Windows, cut
+from capture_cli.sim.windows import GAP_FACTOR, LEAD, MOST_DRIFT, Windows, cut
 
 TIMESTEP = 1 / 512  # s; this and all times are dyadic, so that sums of them are exact
 TICK = TIMESTEP / 4
@@ -122,6 +122,17 @@ def test_the_past_is_no_longer_than_any_actuator_remembers():
     assert whole.past.shape[1] == 0
 
 
+def test_inputs_are_known_after_a_window_as_far_as_a_clock_may_drift():
+    time = np.arange(4000) / 256
+    windows, log = windows_of([time], 0.5)
+    ahead = windows.tape.shape[1] - windows.lead - windows.grid
+    assert ahead == np.ceil(MOST_DRIFT * windows.time[-1] / TIMESTEP)
+    np.testing.assert_array_equal(windows.elapsed, windows.time - time[0])
+    after = windows.time[0] + TIMESTEP * (windows.grid + np.arange(ahead))
+    held = log["inputs"][np.searchsorted(time, after + 1e-9, side="right") - 1, 0]
+    np.testing.assert_array_equal(windows.tape[0, windows.lead + windows.grid :, 0], held)
+
+
 @settings(max_examples=60, deadline=None)
 @given(episodes(), st.sampled_from(DURATIONS))
 def test_samples_are_interpolated_at_the_logs_times(times, duration):
@@ -171,6 +182,7 @@ def test_rows_keep_windows_and_trim_padding(times, duration, random):
             np.testing.assert_array_equal(getattr(some, name)[row, :n], getattr(windows, name)[w, :n])
         np.testing.assert_array_equal(some.controls[row, :g], windows.controls[w, :g])
         np.testing.assert_array_equal(some.past[row], windows.past[w])
+        assert some.elapsed[row] == windows.elapsed[w]
     by_mask = windows.rows(np.isin(np.arange(len(windows)), keep))
     np.testing.assert_array_equal(by_mask.measured, some.measured)
 

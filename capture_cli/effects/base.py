@@ -115,6 +115,13 @@ class Effect(ABC):
         """Place "measurement": sensordata (simulation, grid, column), on that grid, as it is reported."""
         return sensors
 
+    def drift(self, values: np.ndarray, elapsed: np.ndarray) -> np.ndarray:
+        """Place "measurement": how far in s, (simulation,), the sensors' clock is behind that of the controls.
+
+        elapsed (simulation,): s, since the episode began, by the sensors' clock.
+        """
+        return np.zeros(len(values))
+
     def true_motion(self, jets: np.ndarray, values: np.ndarray) -> np.ndarray:
         """Place "measurement": how the sensors' numbers moved in truth where they were reported to move as `jets`.
 

@@ -7,6 +7,7 @@ import numpy as np
 from capture_cli.effects._sensor_effect import TimeEffect, at_times
 from capture_cli.effects.base import GLOBAL
 from capture_cli.parameters import Parameter
+from capture_cli.sim.windows import MOST_DRIFT
 
 
 def off_clock(series, *, error):
@@ -15,10 +16,10 @@ def off_clock(series, *, error):
 
 
 class SensorClockRate(TimeEffect):
-    """In one second of the log (1 + `error`) s went by, for all sensors, counted from the start of the
-    simulation.
+    """In one second of the sensors' clock (1 + `error`) s went by, counted from the start of the episode.
 
-    The controls keep the model's time.
+    The controls keep the model's time. A simulation that begins inside an episode begins with the controls of the
+    moment that the sensors show, and goes on from there.
     """
 
     summary = "the sensors' clock runs slow or fast"
@@ -31,7 +32,10 @@ class SensorClockRate(TimeEffect):
 
     @property
     def parameters(self):
-        return (Parameter("error", "1", -0.05, 0.05, 0.0),)
+        return (Parameter("error", "1", -MOST_DRIFT, MOST_DRIFT, 0.0),)
+
+    def drift(self, values, elapsed):
+        return values[:, 0] * elapsed
 
     def undone(self, jets, values):
         rate = 1 + values

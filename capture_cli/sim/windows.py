@@ -17,6 +17,8 @@ GRID_TOLERANCE = 1e-3
 GAP_FACTOR = 20.0
 # s of inputs kept from before each window: what a late or sluggish actuator still answers to at its start
 LEAD = 4.0
+# of the time since an episode began: how far off a clock may be, and inputs are kept from after each window
+MOST_DRIFT = 0.05
 
 
 @dataclass(frozen=True)
@@ -24,9 +26,10 @@ class Windows:
     """Windows of a log, padded to one shape.
 
     episode (window,): which episode each comes from. first (window,): its first step in the log.
-    time (window,): s, the log's time at its start. grid_steps (window,): model steps needed.
-    controls (window, grid, input): ctrl at each model step. past (window, lead, input): likewise at the steps before,
-    up to the one before the window; where the log does not reach back so far, its first values.
+    time (window,): s, the log's time at its start. elapsed (window,): s, since its episode began.
+    grid_steps (window,): model steps needed.
+    tape (window, lead + grid + ahead, input): inputs at the model's steps, from `lead` steps before the window to some
+    after it; where the log does not reach so far, its first and last values.
     index (window, step), weight (window, step): a sample lies between grid points index and index + 1, at weight.
     measured (window, step, output). mask (window, step): False for padding.
     """
@@ -34,9 +37,10 @@ class Windows:
     episode: np.ndarray
     first: np.ndarray
     time: np.ndarray
+    elapsed: np.ndarray
     grid_steps: np.ndarray
-    controls: np.ndarray
-    past: np.ndarray
+    tape: np.ndarray
+    lead: int
     index: np.ndarray
     weight: np.ndarray
     measured: np.ndarray
@@ -47,6 +51,21 @@ class Windows:
         return len(self.episode)
 
     @property
+    def grid(self) -> int:
+        """Model steps of the longest window."""
+        return int(self.grid_steps.max(initial=0))
+
+    @property
+    def controls(self) -> np.ndarray:
+        """Inputs inside the windows, (window, grid, input)."""
+        return self.tape[:, self.lead : self.lead + self.grid]
+
+    @property
+    def past(self) -> np.ndarray:
+        """Inputs before the windows, (window, lead, input)."""
+        return self.tape[:, : self.lead]
+
+    @property
     def samples(self) -> np.ndarray:
         """How many samples each window has, (window,)."""
         return self.mask.sum(axis=1)
@@ -55,15 +74,15 @@ class Windows:
         """The windows at `keep` (indices or a mask), with no more padding than they need."""
         keep = np.arange(len(self))[keep]
         steps = int(self.samples[keep].max(initial=0))
-        grid = int(self.grid_steps[keep].max(initial=0))
+        spare = self.grid - int(self.grid_steps[keep].max(initial=0))
         return replace(
             self,
             episode=self.episode[keep],
             first=self.first[keep],
             time=self.time[keep],
+            elapsed=self.elapsed[keep],
             grid_steps=self.grid_steps[keep],
-            controls=self.controls[keep, :grid],
-            past=self.past[keep],
+            tape=self.tape[keep, : self.tape.shape[1] - spare],
             index=self.index[keep, :steps],
             weight=self.weight[keep, :steps],
             measured=self.measured[keep, :steps],
@@ -103,9 +122,10 @@ def cut(
     steps = max(b - a for _, _, a, b in spans)
     grids = np.array([_grid_steps(time[a:b], timestep) for _, _, a, b in spans])
     count, grid = len(spans), int(grids.max())
-    reach = max(time[a] - time[known] for _, known, a, _ in spans)
-    lead = int(np.ceil(min(reach, LEAD) / timestep - GRID_TOLERANCE))
-    controls = np.zeros((count, lead + grid, inputs.shape[1]))
+    elapsed = np.array([time[a] - time[episodes[number].start] for number, _, a, _ in spans])
+    lead = _steps(max(time[a] - time[known] for _, known, a, _ in spans), timestep)
+    ahead = _steps(MOST_DRIFT * elapsed.max(), timestep)
+    tape = np.zeros((count, lead + grid + ahead, inputs.shape[1]))
     index = np.zeros((count, steps), dtype=np.int64)
     weight = np.zeros((count, steps))
     measured = np.zeros((count, steps, outputs.shape[1]))
@@ -117,15 +137,16 @@ def cut(
         measured[w, : b - a] = outputs[a:b]
         mask[w, : b - a] = True
         stop = episodes[number].stop  # the input after a window's last sample is known, if not an episode's
-        on_grid = time[a] + timestep * np.arange(-lead, grid)
-        controls[w] = inputs_at(on_grid, time[known:stop], inputs[known:stop], timestep, linear)
+        on_grid = time[a] + timestep * np.arange(-lead, grid + ahead)
+        tape[w] = inputs_at(on_grid, time[known:stop], inputs[known:stop], timestep, linear)
     return Windows(
         episode=np.array([n for n, _, _, _ in spans]),
         first=np.array([a for _, _, a, _ in spans]),
         time=np.array([time[a] for _, _, a, _ in spans]),
+        elapsed=elapsed,
         grid_steps=grids,
-        controls=controls[:, lead:],
-        past=controls[:, :lead],
+        tape=tape,
+        lead=lead,
         index=index,
         weight=weight,
         measured=measured,
@@ -163,6 +184,11 @@ def _without_gaps(time: np.ndarray) -> list[tuple[int, int]]:
     interval = np.diff(time)
     breaks = np.flatnonzero(interval > GAP_FACTOR * np.median(interval)) + 1
     return list(zip([0, *breaks], [*breaks, len(time)], strict=True))
+
+
+def _steps(duration: float, timestep: float) -> int:
+    """Model steps that cover `duration` s, or LEAD where that is shorter."""
+    return int(np.ceil(min(duration, LEAD) / timestep - GRID_TOLERANCE))
 
 
 def _grid_steps(time: np.ndarray, timestep: float) -> int:

@@ -215,11 +215,11 @@ class ParquetFile(SourceFile):
 
         try:
             self._file = parquet.ParquetFile(self.path)
-        except (pa.ArrowException, OSError) as error:
+            return tuple(self._file.schema_arrow.names)
+        except (pa.ArrowException, OSError, UnicodeDecodeError) as error:  # names are text, too
             raise LogError(
                 f"{self.path} is not a readable Parquet file: {error}", cure="write it again"
             ) from error
-        return tuple(self._file.schema_arrow.names)
 
     def numbers(self, names):
         table = self._read(list(dict.fromkeys(names)))
@@ -239,7 +239,7 @@ class ParquetFile(SourceFile):
 
         try:
             return self._file.read(columns=names, use_threads=False).select(names)
-        except (pa.ArrowException, OSError) as error:
+        except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
             raise LogError(
                 f"{self.path} cannot be read: {error}", cure="the file is damaged: copy or write it again"
             ) from error
