@@ -161,16 +161,20 @@ class Descent:
 
     def _tell_other_starts(self, outputs, diverged) -> None:
         """Go on where some windows have a better start after all."""
-        k = self._k
-        before = self._at.objectives(k)
-        offsets = np.stack([*(offsets for _, offsets in self._trials), self.offsets])
-        values = objectives(self.evidence.residual(outputs), scaled_offsets(self.evidence, offsets[:-1]), k)
-        values = np.concatenate([np.where(diverged | ~np.isfinite(values), np.inf, values), before[None]])
-        pick = np.argmin(values, axis=0)
-        if (before - values.min(axis=0)).sum() < self.tolerance * k:
+        offsets, values = self._trials_judged(outputs, diverged)
+        best, found = _best_of(offsets, values)
+        before = self._at.objectives(self._k)
+        keeps = before <= found
+        if (before - found)[~keeps].sum() < self.tolerance * self._k:
             self.converged = True
         else:
-            self._restart(self.x, offsets[pick, np.arange(len(pick))])
+            self._restart(self.x, np.where(keeps[:, None], self.offsets, best))
+
+    def _trials_judged(self, outputs, diverged) -> tuple[np.ndarray, np.ndarray]:
+        """Offsets (trial, window, state) of what was asked for, and objectives (trial, window): inf where lost."""
+        offsets = np.stack([offsets for _, offsets in self._trials])
+        values = objectives(self.evidence.residual(outputs), scaled_offsets(self.evidence, offsets), self._k)
+        return offsets, np.where(diverged | ~np.isfinite(values), np.inf, values)
 
     def _move(self, there: Linearization) -> None:
         self._carried = self._carried + 1 if self._carry else 0
@@ -210,22 +214,19 @@ class Descent:
         """Given the parameters, each window takes the start that is best for it; those that keep theirs are damped."""
         k = self._k
         before = self._at.objectives(k)
-        offsets = np.stack([offsets for _, offsets in self._trials])
-        values = objectives(self.evidence.residual(outputs), scaled_offsets(self.evidence, offsets), k)
-        values = np.where(diverged | ~np.isfinite(values), np.inf, values)
+        offsets, values = self._trials_judged(outputs, diverged)
         together, held, alone = values.reshape(3, len(SHRINK), -1)
         chosen = int(np.argmin(np.minimum(together, held).sum(axis=1)))
         moved = np.minimum(together[chosen], held[chosen]).sum()
-        pick = np.argmin(alone, axis=0)
-        stayed = np.minimum(alone.min(axis=0), before).sum()
+        moves, found = _best_of(offsets[2 * len(SHRINK) :], alone)
+        stayed = np.minimum(found, before).sum()
         factor = SHRINK[chosen] if moved < before.sum() else SHRINK[-1]
         self._radius *= factor / 4
         if moved < min(stayed, before.sum()):
             keeps = held[chosen] < together[chosen]
             better = self._trials[chosen][0], np.where(keeps[:, None], self.offsets, offsets[chosen])
         else:
-            keeps = before <= alone.min(axis=0)
-            moves = offsets[2 * len(SHRINK) + pick, np.arange(len(pick))]
+            keeps = before <= found
             better = self.x, np.where(keeps[:, None], self.offsets, moves)
         self._damping[keeps] = self._shorter_damping(factor, k)[keeps]
         gained = before.sum() - min(moved, stayed)
@@ -255,3 +256,12 @@ class Descent:
         """The Gauss-Newton step (parameter,) within the trust region and the unit cube."""
         hessian, gradient = self._at.normal(self._k, damping)
         return box_step(hessian, gradient, np.maximum(-radius, -self.x), np.minimum(radius, 1 - self.x))
+
+
+def _best_of(offsets: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The best trial of each window: its offsets (window, state) and its value (window,).
+
+    offsets (trial, window, state), values (trial, window).
+    """
+    pick, window = np.argmin(values, axis=0), np.arange(values.shape[1])
+    return offsets[pick, window], values[pick, window]

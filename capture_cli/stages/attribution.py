@@ -467,7 +467,7 @@ def _probes(effect: Effect, amplitudes: list[int], shapes: np.ndarray) -> tuple[
     above, below = (space.high - space.nominal) / space.span, (space.nominal - space.low) / space.span
     two_sided = any(min(above[i], below[i]) >= max(PROBES) for i in amplitudes)
     for shape in shapes:
-        for share in PROBES if two_sided else PROBES[:2]:
+        for share in PROBES if two_sided else [p for p in PROBES if p > 0]:
             for i in amplitudes:
                 point = shape.copy()
                 step = share if (above if share > 0 else below)[i] >= abs(share) else -share
