@@ -24,6 +24,7 @@ from capture_cli.errors import OptionError, OutputError
 from capture_cli.linearization import Evidence, Linearization
 from capture_cli.parameters import Parameter, ParameterSpace
 from capture_cli.stages import diagnose as diagnose_stage
+from capture_cli.stages.attribution import _slight
 from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.identify import identify
 from capture_cli.stages.model_fits import ModelFits, PartFit
@@ -113,6 +114,15 @@ def test_folds_judge_only_what_was_not_fitted():
             assert not (fitted & judged).any()
             assert not (is_test & (fitted | judged)).any()
         assert len(found.folds) == (1 if count - 1 >= ENOUGH_WINDOWS else min(3, count - 1) * (count > 2))
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "is_slight"),
+    [(10.0, 9.6, True), (10.0, 9.3, False), (1.12, 1.0, False), (1.12, 1.11, True), (3.0, 1.0, False)],
+)
+def test_an_effect_has_to_take_a_tenth_of_what_is_above_the_floor(before, after, is_slight):
+    why = _slight(SimpleNamespace(error=before), SimpleNamespace(error=after))
+    assert (why is not None) == is_slight
 
 
 def test_few_windows_are_all_judged_once():

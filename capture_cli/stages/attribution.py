@@ -38,6 +38,8 @@ SCORED_WINDOWS = 40  # evenly spread: a score needs no more
 SMALLEST_GAIN = 12.0
 ABSORBED = 0.02  # share of a sensitivity that must be left once the declared parameters have imitated it
 MOST_EFFECTS = 6
+# Of the squared error above the noise floor: an effect that takes less away corrects a model that is wrong otherwise
+MATERIAL = 0.1
 INDISTINCT = 0.05  # two models are tied where the paired test between them is not below this
 AT_BOUND = 1e-3  # of an amplitude's range
 RIVALS = 4  # other candidates that an accepted effect is compared with once everything else is in the model
@@ -219,7 +221,7 @@ class Attribution:
         candidate.fit = fit
         candidate.support, candidate.select = self._support(current, fit, candidate.effect, before, tried)
         reason = candidate.support.reason_against_entry()
-        candidate.why_rejected = reason or self._implausible(current, fit, candidate)
+        candidate.why_rejected = reason or self._implausible(current, fit, candidate) or _slight(current, fit)
 
     @staticmethod
     def _nudged(current: Fit, candidate: Candidate) -> np.ndarray:
@@ -450,6 +452,15 @@ class Attribution:
         if support.reason_against() or self._implausible(without, fit, found):
             return None
         return found
+
+
+def _slight(current: Fit, fit: Fit) -> str | None:
+    """Why `fit` is no explanation of what `current` leaves above the noise, or None."""
+    excess = current.error**2 - 1
+    taken = current.error**2 - fit.error**2
+    if taken >= MATERIAL * excess:
+        return None
+    return f"it takes {taken / excess:.1%} of what is above the noise floor: that is no explanation of it"
 
 
 def _shapes(narrow: NarrowShapes, effect: Effect) -> tuple[np.ndarray, int]:

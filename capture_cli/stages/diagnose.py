@@ -475,7 +475,9 @@ def _summary(verdict: str, stages, attribution: Attribution, lacking: LackOfFit,
         a.name + (f" (or {', '.join(a.tied_with)})" if a.tied_with else "") for a in attribution.accepted
     )
     them = "it" if len(attribution.accepted) == 1 else "them"
-    text = f"The model lacks {found}: with {them} the {where} error falls to {last / first:.2g} of what it was."
+    text = (
+        f"The model lacks {found}: with {them} the {where} error falls to {last / first:.2g} of what it was."
+    )
     if verdict == "unexplained":
         text += f" What is left is still {max(last, lacking.normalized):.3g} times the noise floor: this is not all."
     return text
