@@ -53,11 +53,15 @@ SAME_RESPONSE = 0.9999  # cosine of two effects' responses beyond which no param
 
 @dataclass
 class Candidate:
-    """An effect at a site, and what became of it in the last round that it was tried in."""
+    """An effect at a site, and what became of it in the last round that it was tried in.
+
+    start: where a refit begins; start_elsewhere: at another peak, of an effect that repeats.
+    """
 
     effect: Placed
     score: Score | None = None
     start: np.ndarray | None = None
+    start_elsewhere: np.ndarray | None = None
     fit: Fit | None = None
     select: PartFit | None = None
     support: Support | None = None
@@ -158,7 +162,7 @@ class Attribution:
         for number, candidate in enumerate(ranked[:REFITTED]):
             self.on_step("refit", number, len(ranked[:REFITTED]))
             self._refit(current, candidate, before, len(tried), best)
-            best = min((f for f in (best, candidate.fit) if f), key=lambda f: f.squares, default=None)
+            best = _least([best, candidate.fit])
         supported = [c for c in ranked[:REFITTED] if c.why_rejected is None]
         if not supported:
             return None
@@ -167,7 +171,7 @@ class Attribution:
     def _score(self, narrow: NarrowShapes, candidate: Candidate) -> None:
         """Fill in the candidate's score and where a refit should start, or why it is out."""
         candidate.fit = candidate.select = candidate.support = candidate.score = None
-        candidate.why_rejected = None
+        candidate.why_rejected = candidate.start_elsewhere = None
         part, current = narrow.part, narrow.fit
         at = current.at
         effect = candidate.effect[1]
@@ -181,6 +185,7 @@ class Attribution:
             return
         change = at.residual - residuals  # what the probe adds to the outputs
         size = len(amplitudes)
+        scored = []
         for first in range(0, len(probes), size):
             block = slice(first, first + size)
             if diverged[block].any():
@@ -190,11 +195,13 @@ class Attribution:
             low = (space.low - space.nominal)[amplitudes] / space.span[amplitudes]
             high = (space.high - space.nominal)[amplitudes] / space.span[amplitudes]
             found = score(at, sensitivity, low, high)
-            if candidate.score is None or found.gain > candidate.score.gain:
-                candidate.score = found
-                start = probes[first].copy()
-                start[amplitudes] = space.nominal[amplitudes] + found.amplitudes * space.span[amplitudes]
-                candidate.start = np.clip(start, space.low, space.high)
+            start = probes[first].copy()
+            start[amplitudes] = space.nominal[amplitudes] + found.amplitudes * space.span[amplitudes]
+            scored.append((found, np.clip(start, space.low, space.high)))
+        scored.sort(key=lambda s: -s[0].gain)
+        if scored:
+            candidate.score, candidate.start = scored[0]
+            candidate.start_elsewhere = _at_another_peak(effect, [start for _, start in scored])
         if candidate.score is None or not np.any(change):
             candidate.why_rejected = "it moves no output of this log"
         elif candidate.score.unabsorbed < ABSORBED:
@@ -208,8 +215,10 @@ class Attribution:
         self, current: Fit, candidate: Candidate, before: PartFit | None, tried: int, rival: Fit | None
     ) -> None:
         """Fit the model with the candidate in it, and judge; given up where it stays far behind `rival`."""
-        start = np.concatenate([self._nudged(current, candidate), candidate.start])
-        fit = self._fit([*current.effects, candidate.effect], start, current.offsets, rival)
+        declared = self._nudged(current, candidate)
+        starts = [s for s in (candidate.start, candidate.start_elsewhere) if s is not None]
+        starts = [np.concatenate([declared, s]) for s in starts]
+        fit = self._fit([*current.effects, candidate.effect], starts[0], current.offsets, rival, starts[1:])
         if fit is None or fit.squares >= current.squares:
             far = fit is not None and not fit.finished
             candidate.why_rejected = (
@@ -229,18 +238,37 @@ class Attribution:
         return current.space.from_unit(current.at.x + candidate.score.parameters)
 
     def _fit(
-        self, effects: Sequence[Placed], start: np.ndarray, offsets: np.ndarray, rival: Fit | None = None
+        self,
+        effects: Sequence[Placed],
+        start: np.ndarray,
+        offsets: np.ndarray,
+        rival: Fit | None = None,
+        elsewhere: Sequence[np.ndarray] = (),
     ) -> Fit | None:
-        """The fit of the declared model with `effects`: made once, and taken up again where it was given up."""
+        """The fit of the declared model with `effects`: made once, and taken up again where it was given up.
+
+        elsewhere: other points to begin at where the fit from `start` (parameter,) leaves something.
+        """
         key = frozenset(placed_name(*e) for e in effects)
         made = self._fitted.get(key)
         if made is not None and not made.finished and not made.is_far_behind(rival):
             effects, start, offsets = made.effects, made.point, made.offsets
             del self._fitted[key]
         if key not in self._fitted:
-            self._fitted[key] = self.fits.fit(
-                self.fit_part, effects, start, offsets=offsets, seed=self.seed, rival=rival
-            )
+            found = None
+            for begin in (start, *elsewhere):
+                if found is not None and self.is_explained(found):
+                    break
+                again = self.fits.fit(
+                    self.fit_part,
+                    effects,
+                    begin,
+                    offsets=offsets,
+                    seed=self.seed,
+                    rival=_least([found, rival]),
+                )
+                found = _least([found, again])
+            self._fitted[key] = found
         return self._fitted[key]
 
     def _support(self, before_fit: Fit, fit: Fit, effect: Placed, before: PartFit | None, tried: int):
@@ -452,6 +480,19 @@ class Attribution:
         if support.reason_against() or self._implausible(without, fit, found):
             return None
         return found
+
+
+def _least(fits: Sequence[Fit | None]) -> Fit | None:
+    """The fit that leaves least, the first of those that leave as much."""
+    return min((f for f in fits if f is not None), key=lambda f: f.squares, default=None)
+
+
+def _at_another_peak(effect: Effect, starts: Sequence[np.ndarray]) -> np.ndarray | None:
+    """The first of `starts`, best first, with another period than the first: a fit goes no further than one peak."""
+    if not isinstance(effect, PeriodicForce):
+        return None
+    shapes = [i for i, n in enumerate(effect.space.names) if n in effect.shapes]
+    return next((s for s in starts[1:] if not np.array_equal(s[shapes], starts[0][shapes])), None)
 
 
 def _slight(current: Fit, fit: Fit) -> str | None:
