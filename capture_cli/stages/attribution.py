@@ -61,12 +61,12 @@ class Candidate:
     effect: Placed
     score: Score | None = None
     start: np.ndarray | None = None
-    start_elsewhere: np.ndarray | None = None
     fit: Fit | None = None
     select: PartFit | None = None
     support: Support | None = None
     why_rejected: str | None = None
     shapes_tried: int = 1
+    start_elsewhere: np.ndarray | None = None
 
     @property
     def name(self) -> str:
