@@ -21,6 +21,7 @@ from capture_cli.diagnosis.noise_floor import from_differences, noise_floor
 from capture_cli.diagnosis.score import score
 from capture_cli.diagnosis.split import ENOUGH_WINDOWS, Folds, select_folds, split_windows
 from capture_cli.errors import OptionError, OutputError
+from capture_cli.identifiers.intervals import intervals
 from capture_cli.linearization import Evidence, Linearization
 from capture_cli.parameters import Parameter, ParameterSpace
 from capture_cli.stages import diagnose as diagnose_stage
@@ -123,6 +124,26 @@ def test_folds_judge_only_what_was_not_fitted():
 def test_an_effect_has_to_take_a_tenth_of_what_is_above_the_floor(before, after, is_slight):
     why = _slight(SimpleNamespace(error=before), SimpleNamespace(error=after))
     assert (why is not None) == is_slight
+
+
+def test_intervals_reach_to_minima_that_are_nearly_as_good():
+    """Of a residual that grows with x from either of two places, the descent has found one."""
+    space = ParameterSpace([Parameter("a", "1", 0.0, 1.0, 0.5)])
+    evidence = Evidence(space, np.zeros((1, 50, 1)), np.ones((1, 50), bool), np.ones(1), np.zeros((1, 0)))
+    slope = np.full((1, 50, 1), 20.0)
+    noise = np.random.default_rng(0).standard_normal((1, 50))
+    noise -= noise.mean()
+
+    def minimum(x: float, more: float) -> Linearization:
+        residual = noise * np.sqrt(1 + more / np.square(noise).sum())
+        return Linearization(evidence, np.array([x]), np.zeros((1, 0)), residual, slope, np.zeros((1, 50, 0)))
+
+    alone = intervals(minimum(0.5, 0.0)).sd[0]
+    beside = intervals(minimum(0.5, 0.0), [minimum(0.6, 0.5)]).sd[0]
+    assert alone < 0.02
+    weight = np.exp(-0.25 / minimum(0.5, 0.0).scatter)
+    assert beside == pytest.approx(np.sqrt(alone**2 + 0.01 * weight / (1 + weight)), rel=1e-6)
+    assert intervals(minimum(0.5, 0.0), [minimum(0.6, 80.0)]).sd[0] == pytest.approx(alone, rel=1e-3)
 
 
 def test_few_windows_are_all_judged_once():

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from capture_cli.effects import REGISTRY
-from capture_cli.stages.model_fits import ModelFits
+from capture_cli.identifiers.intervals import unit_covariance
+from capture_cli.stages.model_fits import EXACT, RETURNED, ModelFits
 from capture_cli.stages.prepared_log import PreparedLog, prepare
 from capture_cli.stages.record import record
 from capture_cli.stores.measured_log import MeasuredLog
@@ -77,3 +78,15 @@ def test_offsets_of_the_machine_are_carried_to_another_model_and_hidden_ones_are
     assert back.squares == pytest.approx(declared.squares, rel=1e-2)
     residuals, diverged = fits.probe(prepared, declared, ("compliance", effect), truth[None, size:])
     assert residuals.shape[0] == 1 and not diverged.any()
+
+
+def test_where_the_error_is_smooth_a_descent_comes_back(tmp_path):
+    prepared, _ = planted(tmp_path, "coulomb-friction@x.friction=0.5")
+    fits = ModelFits(prepared, 1)
+    effect = ("coulomb-friction", REGISTRY.get("coulomb-friction")(prepared.task.model, "x"))
+    fit = fits.fit(prepared, [effect], np.append(prepared.task.space.nominal, 0.3), tolerance=EXACT)
+    found = fits.minima(prepared, fit, seed=0)
+    assert len(found) == 2
+    sd = np.sqrt(np.diag(unit_covariance(fit.at)[0]))
+    np.testing.assert_array_less(np.abs(found[0].at.x - found[1].at.x), RETURNED * sd)
+    assert found[0].at.objectives(1.0).sum() <= found[1].at.objectives(1.0).sum()

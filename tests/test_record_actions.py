@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from capture_cli.errors import OptionError
 from capture_cli.simulator import Simulator
 from capture_cli.stages.drive import ACTION_RATE
 from capture_cli.stages.identify import identify
-from capture_cli.stages.prepared_log import prepare
+from capture_cli.stages.prepared_log import as_acted, begins_as_acted, prepare
 from capture_cli.stages.record import record
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.tasks import load_task
@@ -54,6 +55,23 @@ def test_a_policy_that_believes_something_else_each_time_acts_differently(tmp_pa
     assert np.all((other >= task.actions.low) & (other <= task.actions.high))
     assert len(np.unique(other[:, 0])) == 3
     assert (len(np.unique(same[:, 0])) == 3) == (policy is None)
+
+
+def test_a_log_says_whether_episodes_begin_as_acted(recorded):
+    _, made = recorded
+    task = load_task("air-hockey")
+    prepared = prepare(made.log, task, window=None, test=None, seed=0)
+    assert begins_as_acted(prepared)
+    first = [e.start for e in made.log.episodes]
+    elsewhere = made.log.outputs.copy()
+    elsewhere[first, 0] += 0.005  # m, five times the noise
+    assert not begins_as_acted(
+        prepare(replace(made.log, outputs=elsewhere), task, window=None, test=None, seed=0)
+    )
+    acted = as_acted(prepared)
+    begins = prepared.windows.elapsed == 0
+    assert (acted.starts.sd[begins] == 0).all()
+    np.testing.assert_array_equal(acted.starts.sd[~begins], prepared.starts.sd[~begins])
 
 
 def test_a_log_does_not_say_what_is_true(tmp_path):

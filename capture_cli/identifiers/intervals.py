@@ -8,6 +8,7 @@ A^-1 [J'M (G + B B') M J] A^-1 with G the residual's autocovariance, pooled over
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,12 +43,17 @@ class Intervals:
     degrees: float
 
 
-def intervals(at: Linearization) -> Intervals:
-    """Intervals of the parameters at the linearization `at`, which must be at the estimate."""
+def intervals(at: Linearization, minima: Sequence[Linearization] = ()) -> Intervals:
+    """Intervals of the parameters at the linearization `at`, which must be at the estimate.
+
+    minima: other places where descents ended on the same data, of an error that is rough: the intervals reach to those
+    that are nearly as good.
+    """
     from scipy.special import stdtrit
 
     evidence, space = at.evidence, at.evidence.space
     covariance, degrees = unit_covariance(at)
+    covariance = covariance + _scatter_of_minima(at, minima)
     sd_unit = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     values, directions = np.linalg.eigh(covariance)
     loose = np.sqrt(np.maximum(values, 0)) > UNDETERMINED_SD
@@ -85,6 +91,16 @@ def unit_covariance(at: Linearization) -> tuple[np.ndarray, float]:
     # sensitivities are finite differences, wrong by about their step: columns more alike than that are the same
     floor = max(at.evidence.space.steps, default=0.0) ** 2
     return _sandwich(hessian, meat, np.einsum("wrp,wrp->p", j, j), floor), degrees
+
+
+def _scatter_of_minima(at: Linearization, minima: Sequence[Linearization]) -> np.ndarray:
+    """Second moment (p, p), in the unit cube, of minima about the best one, each with its likelihood for a weight."""
+    k = at.scatter
+    least = at.objectives(k).sum()
+    x = np.array([m.x for m in (at, *minima)]) - at.x
+    behind = np.array([m.objectives(k).sum() for m in (at, *minima)]) - least
+    weights = np.exp(-np.maximum(behind, 0.0) / (2 * k))
+    return np.einsum("m,mp,mq->pq", weights / weights.sum(), x, x)
 
 
 def _filtered_product(at: Linearization, projected: np.ndarray) -> tuple[np.ndarray, float]:

@@ -18,7 +18,14 @@ from capture_cli.simulator import Motion, placed_name
 from capture_cli.stages.attribution import Attribution, Candidate
 from capture_cli.stages.model_fits import EXACT, Fit, ModelFits, PartFit
 from capture_cli.stages.next_experiment import next_experiment
-from capture_cli.stages.prepared_log import PreparedLog, check_parameters_move_outputs, find_task, prepare
+from capture_cli.stages.prepared_log import (
+    PreparedLog,
+    as_acted,
+    begins_as_acted,
+    check_parameters_move_outputs,
+    find_task,
+    prepare,
+)
 from capture_cli.stages.progress import Progress
 from capture_cli.stores.diagnosis import FORMAT, VERSION, Diagnosis
 from capture_cli.stores.estimate import Estimate, read_result
@@ -67,16 +74,46 @@ def diagnose(
         {"real_log": real_log, "task": getattr(found, "path", None), "estimate": estimate},
     )
     prepared = prepare(log, found, window=window, test=test, seed=seed)
-    fits = ModelFits(prepared, threads)
-    check_parameters_move_outputs(prepared, fits.simulator(()), seed)
+    check_parameters_move_outputs(prepared, ModelFits(prepared, threads).simulator(()), seed)
     with Progress("diagnose", "model", quiet=quiet) as progress:
-        work = _Work(prepared, fits, progress, seed)
-        diagnosis = work.run(_nominal(found, begin), starts, with_expression=expression)
+        diagnosis = _diagnose(
+            prepared,
+            _nominal(found, begin),
+            progress,
+            starts=starts,
+            expression=expression,
+            seed=seed,
+            threads=threads,
+        )
     with new_directory(out, force=force) as folder:
         diagnosis.write(folder)
         _write_pages(diagnosis, folder, provenance)
         provenance.write(folder)
     return diagnosis
+
+
+def _diagnose(
+    prepared: PreparedLog,
+    nominal: np.ndarray,
+    progress: Progress,
+    *,
+    starts: int,
+    expression: bool,
+    seed: int,
+    threads: int | None,
+) -> Diagnosis:
+    """With the starts that the actions say, where episodes begin there and that is explained; else with free starts.
+
+    Where contacts follow, free starts are worse: they make the error rough, and hide what moves them.
+    """
+    free = ModelFits(prepared, threads)
+    if begins_as_acted(prepared):
+        acted = ModelFits(as_acted(prepared), threads)
+        diagnosis = _Work(acted.prepared, acted, progress, seed).run(nominal, starts)
+        if diagnosis.document["verdict"] != "unexplained":
+            return diagnosis
+        free.rollouts = acted.rollouts
+    return _Work(prepared, free, progress, seed).run(nominal, starts, with_expression=expression)
 
 
 def _check_estimate(folder: Path, real_log: Path) -> tuple[Estimate, dict[str, Any]]:
@@ -115,15 +152,20 @@ def _write_pages(diagnosis: Diagnosis, folder: Path, provenance: Provenance) -> 
 class _Model:
     """A model with what judges it.
 
-    fit: to the fit part. again: to all that is not test. judged: the fit on what it did not see; None where nothing
-    judges. whole: the refit on every window.
+    fit: to the fit part. again: to all that is not test. minima: others of the same, nearly as good. judged: the fit on
+    what it did not see; None where nothing judges. whole: the refit on every window.
     """
 
     name: str
     fit: Fit
     again: Fit
+    minima: list[Fit]
     judged: PartFit | None
     whole: PartFit
+
+    @property
+    def intervals(self) -> Intervals:
+        return intervals(self.again.at, [m.at for m in self.minima])
 
 
 class _Work:
@@ -215,7 +257,10 @@ class _Work:
                 offsets=self._starts_found(fit, judged),
                 tolerance=EXACT,
             )
-            models.append(_Model(name, fit, again or fit, judged, self._whole(fit, again)))
+            minima = []
+            if again is not None and count == len(effects):
+                again, *minima = self.fits.minima(self._windows(FIT, SELECT), again, self.seed)
+            models.append(_Model(name, fit, again or fit, minima, judged, self._whole(fit, again)))
         return models
 
     def _starts_found(self, fit: Fit, judged: PartFit | None) -> np.ndarray:
@@ -247,15 +292,15 @@ class _Work:
             "log": {"path": str(log.path), "sha256": sha256(log.path)},
             "verdict": verdict,
             "summary": _summary(verdict, stages, attribution, lacking, last),
-            "effects": self._effects(attribution, after),
-            "parameters": _parameters(after, intervals(after.at), range(len(task.space))),
+            "effects": self._effects(attribution, after, models[-1].intervals),
+            "parameters": _parameters(after, models[-1].intervals, range(len(task.space))),
             "stages": stages,
             "before": {"test": stages[0]["test"]},
             "after": {"test": stages[-1]["test"]},
             "noise_floor": dict(zip(names, self.prepared.noise.sd.tolist(), strict=True)),
             "noise_floor_source": dict(zip(names, self.prepared.noise.source, strict=True)),
             "lack_of_fit": {"before": vars(lacking_before), "after": vars(lacking)},
-            "absorbed": _absorbed(before, after),
+            "absorbed": _absorbed(before, after, models[-1].intervals),
             "candidates": [self._candidate(c) for c in _ranked(attribution)],
             "localisation": curves,
             "split": {
@@ -294,8 +339,7 @@ class _Work:
             "normalized": on.normalized,
         }
 
-    def _effects(self, attribution: Attribution, after: Fit) -> list[dict[str, Any]]:
-        found = intervals(after.at)
+    def _effects(self, attribution: Attribution, after: Fit, found: Intervals) -> list[dict[str, Any]]:
         rows = []
         for accepted in attribution.accepted:
             prefix = accepted.name + "."
@@ -431,11 +475,11 @@ def _parameters(fit: Fit, found: Intervals, which) -> dict[str, Any]:
     }
 
 
-def _absorbed(before: Fit, after: Fit) -> dict[str, Any]:
+def _absorbed(before: Fit, after: Fit, found: Intervals) -> dict[str, Any]:
     """How far each declared parameter moved when the effects came in, in standard deviations of the later one."""
     if len(after.space) == len(before.space):
         return {}
-    sd = intervals(after.at).sd
+    sd = found.sd
     return {
         name: {
             "before": float(before.point[i]),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
@@ -20,7 +20,7 @@ from capture_cli.simulator import Simulator
 from capture_cli.stages.identifier_checkpoint import IdentifierCheckpoint
 from capture_cli.stages.in_context import InContext, LoggedRounds, logged_rounds, walk_log
 from capture_cli.stages.model_fits import TOLERANCE, Fit, ModelFits
-from capture_cli.stages.prepared_log import PreparedLog, begins_by_action
+from capture_cli.stages.prepared_log import PreparedLog, as_acted
 from capture_cli.stages.progress import Progress
 
 # Simulated hits make the error a little rough: near the noise a descent can look for ever for what is not there.
@@ -156,7 +156,7 @@ def by_rounds(
     places are tried, as without an identifier: then it was not for a wrong proposal.
     new (window,): those to make rounds with, where not all; earlier: the rounds made before.
     """
-    fits = ModelFits(_as_acted(prepared), threads)
+    fits = ModelFits(as_acted(prepared), threads)
     fitted = ~prepared.split.is_test
     part = fits.prepared.part(fitted)
     logged = logged_rounds(fits.prepared.part(fitted if new is None else fitted & new), checkpoint, path)
@@ -252,10 +252,3 @@ def _errors(fits: ModelFits, part: PreparedLog, logged: LoggedRounds, points: np
     square = np.square((measured - finite(trajectories, diverged)) / logged.noise_sd).mean(axis=(1, 2))
     square = np.where(diverged, np.inf, square).reshape(len(points), len(some))
     return np.sqrt(square.mean(axis=1))
-
-
-def _as_acted(prepared: PreparedLog) -> PreparedLog:
-    """With no doubt about starts that an action says."""
-    acted = begins_by_action(prepared.log, prepared.task, prepared.windows)
-    sd = np.where(acted[:, None], 0.0, prepared.starts.sd)
-    return replace(prepared, starts=replace(prepared.starts, sd=sd))

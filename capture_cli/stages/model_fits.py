@@ -11,6 +11,7 @@ from capture_cli.diagnosis.acceptance import block_squares, correlation_steps
 from capture_cli.effects.base import Effect
 from capture_cli.identifiers._window_starts import fit_starts
 from capture_cli.identifiers.base import Best, Evidence, Trial, run
+from capture_cli.identifiers.intervals import unit_covariance
 from capture_cli.identifiers.least_squares import HOPELESS, LeastSquares
 from capture_cli.linearization import Linearization, columns
 from capture_cli.parameters import ParameterSpace
@@ -23,6 +24,9 @@ Placed = tuple[str, Effect]
 FIT_ROUNDS = 60
 TOLERANCE = 0.1  # of the objective over k: a third of a standard error is enough to compare models by
 EXACT = 3e-3  # for what is reported
+BEGUN_ANEW, BEGUN_AWAY = 4, 3.0  # descents to see whether there are other minima, and how far off, in sd
+RETURNED = 0.3  # sd: a descent that ends as near as this to where another ended has come back to it
+TINY = 1e-300
 
 
 @dataclass(frozen=True)
@@ -171,6 +175,30 @@ class ModelFits:
         self.rollouts += simulator.rollouts
         fit = self.at(part, effects, best)
         return replace(fit, finished=not fit.is_far_behind(rival))
+
+    def minima(self, part: PreparedLog, fit: Fit, seed: int) -> list[Fit]:
+        """`fit` and where descents end that begin within its reach, best first; `fit` alone where the first returns.
+
+        Where contacts make the error rough it has many minima, and one descent finds one of them.
+        """
+        if not len(fit.space):
+            return [fit]
+        covariance, _ = unit_covariance(fit.at)
+        values, vectors = np.linalg.eigh(covariance)
+        spread = vectors * np.sqrt(np.maximum(values, 0.0))
+        sd = np.sqrt(np.maximum(np.diag(covariance), TINY))
+        generator = np.random.default_rng(seed)
+        found = [fit]
+        for _ in range(BEGUN_ANEW):
+            begin = fit.at.x + BEGUN_AWAY * spread @ generator.standard_normal(len(sd))
+            point = fit.space.from_unit(np.clip(begin, 0, 1))
+            other = self.fit(part, fit.effects, point, offsets=fit.offsets, tolerance=EXACT)
+            if other is None:
+                continue
+            found.append(other)
+            if len(found) == 2 and np.abs((other.at.x - fit.at.x) / sd).max() < RETURNED:
+                break
+        return sorted(found, key=lambda f: f.at.objectives(1.0).sum())
 
     def at(self, part: PreparedLog, effects: Sequence[Placed], best: Best) -> Fit:
         """What an identifier found on `part`, with the linearization there."""

@@ -29,6 +29,7 @@ from capture_cli.tasks.base import ActionTask, Task
 
 MOVES_SHARE = 0.05  # of the range: the step with which a parameter must move some output
 MOVES_LEAST = 1e-4  # of the noise floor: less is nothing
+AGREES = 1e-3  # p of the first samples of episodes below which they do not begin where their actions say
 FEWEST_SAMPLES = 8  # of the longest episode
 FEWEST_IN_WINDOW = 4  # samples: with fewer, the start of a window explains all of it
 REPEATED_SAMPLES = (16, 100)  # half a window within these: over how long repeats are compared
@@ -165,6 +166,34 @@ def begins_by_action(log: MeasuredLog, task: Task, windows: Windows) -> np.ndarr
     if not isinstance(task, ActionTask) or log.actions is None:
         return np.zeros(len(windows), dtype=bool)
     return windows.first == np.array([e.start for e in log.episodes])[windows.episode]
+
+
+def as_acted(prepared: PreparedLog) -> PreparedLog:
+    """With no doubt about starts that an action says."""
+    acted = begins_by_action(prepared.log, prepared.task, prepared.windows)
+    sd = np.where(acted[:, None], 0.0, prepared.starts.sd)
+    return replace(prepared, starts=replace(prepared.starts, sd=sd))
+
+
+def begins_as_acted(prepared: PreparedLog) -> bool:
+    """Whether episodes begin where their actions say, as far as the noise lets their first samples tell.
+
+    False where no action says it.
+    """
+    from scipy.special import chdtrc
+
+    task, windows = prepared.task, prepared.windows
+    acted = begins_by_action(prepared.log, task, windows)
+    if not acted.any():
+        return False
+    said = Engine(task.model).rollout(
+        starts=prepared.starts.starts.rows(acted),
+        controls=task.controls(windows.rows(acted).controls),
+        steps=1,
+        columns=np.array([c.index for c in task.outputs]),
+    )
+    apart = (windows.measured[acted, 0] - said.sensors[:, 0]) / prepared.noise.sd
+    return bool(chdtrc(apart.size, np.square(apart).sum()) > AGREES)
 
 
 def _cut(log: MeasuredLog, task: Task, duration: float | None) -> Windows:
