@@ -319,7 +319,7 @@ class Attribution:
         log = self.fits.prepared.log
         duration = max(log.time[e.stop - 1] - log.time[e.start] for e in log.episodes)
         doubt = candidate.effect[1].doubt(fit.point[own], float(duration))
-        if doubt:
+        if doubt and not self.is_explained(fit):
             return doubt
         for i in own:
             null = (fit.space.nominal[i] - fit.space.low[i]) / fit.space.span[i]
@@ -342,7 +342,7 @@ class Attribution:
         The others are its rivals, and so are those not fitted whose response is nearly its own.
         """
         best = min(supported, key=self._loss)
-        alike = [c for c in supported if c is best or self._indistinct(best, c)]
+        alike = [c for c in supported if c is best or self._as_good(best, c)]
         chosen = min(alike, key=lambda c: (len(c.effect[1].parameters), self._loss(c)))
         rivals = sorted((c for c in supported if c is not chosen), key=self._loss)
         for candidate in rivals:
@@ -350,6 +350,12 @@ class Attribution:
         alike = [c for c in unfitted if abs(similarity(chosen.score.response, c.score.response)) > SIMILAR]
         self.accepted.append(Accepted(chosen.effect, [*rivals[:RIVALS], *alike[:RIVALS]], chosen.support))
         return chosen
+
+    def _as_good(self, best: Candidate, other: Candidate) -> bool:
+        """Whether neither the fitted windows nor those that judge tell `other` from `best`."""
+        more = len(other.effect[1].parameters) - len(best.effect[1].parameters)
+        gain = bic_gain(best.fit.squares, other.fit.squares, self._effective_samples(other.fit), more)
+        return gain > -CLEARLY_BETTER and self._indistinct(best, other)
 
     def _loss(self, candidate: Candidate) -> float:
         """Mean logarithm of the squared error per step over blocks: what the paired test compares."""

@@ -24,8 +24,8 @@ Placed = tuple[str, Effect]
 FIT_ROUNDS = 60
 TOLERANCE = 0.1  # of the objective over k: a third of a standard error is enough to compare models by
 EXACT = 3e-3  # for what is reported
-BEGUN_ANEW, BEGUN_AWAY = 4, 3.0  # descents to see whether there are other minima, and how far off, in sd
-RETURNED = 0.3  # sd: a descent that ends as near as this to where another ended has come back to it
+BEGUN_ANEW, BEGUN_AWAY = 3, 3.0  # descents to see whether there are other minima, and how far off, in sd
+RETURNED = 0.5  # sd: a descent that ends as near as this to where another ended has come back to it
 TINY = 1e-300
 
 
@@ -192,7 +192,7 @@ class ModelFits:
         for _ in range(BEGUN_ANEW):
             begin = fit.at.x + BEGUN_AWAY * spread @ generator.standard_normal(len(sd))
             point = fit.space.from_unit(np.clip(begin, 0, 1))
-            other = self.fit(part, fit.effects, point, offsets=fit.offsets, tolerance=EXACT)
+            other = self.fit(part, fit.effects, point, offsets=fit.offsets)
             if other is None:
                 continue
             found.append(other)
