@@ -49,18 +49,16 @@ def evaluated(folder, names) -> Evaluation:
 @pytest.fixture(scope="module")
 def trained(folder):
     """A checkpoint that has learned next to nothing."""
-    gen_histories(task="scooping", out=folder / "h.zarr", pairs=64, threads=1, shard_pairs=64)
-    train_sysid(
-        histories=folder / "h.zarr",
-        out=folder / "posterior",
-        identifier="posterior",
-        width=8,
-        layers=1,
-        heads=1,
-        steps=3,
-        batch=16,
-    )
-    return folder / "posterior"
+    return checkpoint(folder, "posterior", "posterior")
+
+
+def checkpoint(folder: Path, name: str, identifier: str, **of_histories) -> Path:
+    """What `identifier` learns in three steps from 64 histories of scooping."""
+    histories = folder / f"{name}.zarr"
+    gen_histories(task="scooping", out=histories, pairs=64, threads=1, shard_pairs=64, **of_histories)
+    small = {"width": 8, "layers": 1, "heads": 1, "steps": 3, "batch": 16}
+    train_sysid(histories=histories, out=folder / name, identifier=identifier, **small)
+    return folder / name
 
 
 def test_the_arrays_are_what_the_document_sums_up(evaluated):
@@ -306,24 +304,7 @@ def test_ablations_vary_one_thing():
 def test_an_ablation_spells_out_what_it_varies(folder, trained):
     """Two checkpoints that differ in L alone: the one that is as in the paper says so too."""
     for rounds in (5, 7):
-        gen_histories(
-            task="scooping",
-            out=folder / f"L{rounds}.zarr",
-            pairs=32,
-            rounds=rounds,
-            threads=1,
-            shard_pairs=32,
-        )
-        train_sysid(
-            histories=folder / f"L{rounds}.zarr",
-            out=folder / "ablation" / f"L{rounds}",
-            identifier="capture",
-            width=8,
-            layers=1,
-            heads=1,
-            steps=2,
-            batch=16,
-        )
+        checkpoint(folder / "ablation", f"L{rounds}", "capture", rounds=rounds)
     options = {"pairs": 2, "seeds": 1, "rounds": 2, "threads": 1, "task": "scooping"}
     given = [str(folder / "ablation")]
     done = evaluate_suite(suite="paper", identifiers=given, out=folder / "ablated", **options)

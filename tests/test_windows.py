@@ -101,7 +101,7 @@ def test_inputs_are_held_or_interpolated_on_the_grid(times, duration, linear):
 @given(episodes(), st.sampled_from(DURATIONS), st.booleans())
 def test_the_past_of_a_window_is_that_of_its_log_back_to_a_gap(times, duration, linear):
     windows, log = windows_of(times, duration, linear)
-    lead = windows.past.shape[1]
+    lead = windows.lead
     for w, steps in enumerate(steps_of(windows)):
         begin = np.cumsum([len(t) for t in times])[windows.episode[w]] - len(times[windows.episode[w]])
         before = is_gap(times[windows.episode[w]])[: steps[0] - begin]
@@ -112,14 +112,14 @@ def test_the_past_of_a_window_is_that_of_its_log_back_to_a_gap(times, duration, 
             t = windows.time[w] - (lead - g) * TIMESTEP
             held = inputs[max(np.sum(time <= t) - 1, 0)]
             expected = [held[0], np.interp(t, time, inputs[:, 1]) if linear else held[1]]
-            np.testing.assert_allclose(windows.past[w, g], expected, rtol=1e-12, atol=1e-12)
+            np.testing.assert_allclose(windows.tape[w, g], expected, rtol=1e-12, atol=1e-12)
 
 
 def test_the_past_is_no_longer_than_any_actuator_remembers():
     windows, _ = windows_of([np.arange(4000) / 256], 0.5)
-    assert windows.past.shape[1] == LEAD / TIMESTEP
+    assert windows.lead == LEAD / TIMESTEP
     whole, _ = windows_of([np.arange(400) / 256], None)
-    assert whole.past.shape[1] == 0
+    assert whole.lead == 0
 
 
 def test_inputs_are_known_after_a_window_as_far_as_a_clock_may_drift():
@@ -181,7 +181,7 @@ def test_rows_keep_windows_and_trim_padding(times, duration, random):
         for name in ("index", "weight", "measured", "mask"):
             np.testing.assert_array_equal(getattr(some, name)[row, :n], getattr(windows, name)[w, :n])
         np.testing.assert_array_equal(some.controls[row, :g], windows.controls[w, :g])
-        np.testing.assert_array_equal(some.past[row], windows.past[w])
+        np.testing.assert_array_equal(some.tape[row, : some.lead], windows.tape[w, : windows.lead])
         assert some.elapsed[row] == windows.elapsed[w]
     by_mask = windows.rows(np.isin(np.arange(len(windows)), keep))
     np.testing.assert_array_equal(by_mask.measured, some.measured)

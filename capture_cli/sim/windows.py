@@ -61,11 +61,6 @@ class Windows:
         return self.tape[:, self.lead : self.lead + self.grid]
 
     @property
-    def past(self) -> np.ndarray:
-        """Inputs before the windows, (window, lead, input)."""
-        return self.tape[:, : self.lead]
-
-    @property
     def samples(self) -> np.ndarray:
         """How many samples each window has, (window,)."""
         return self.mask.sum(axis=1)

@@ -353,9 +353,14 @@ class Attribution:
 
     def _as_good(self, best: Candidate, other: Candidate) -> bool:
         """Whether neither the fitted windows nor those that judge tell `other` from `best`."""
-        more = len(other.effect[1].parameters) - len(best.effect[1].parameters)
-        gain = bic_gain(best.fit.squares, other.fit.squares, self._effective_samples(other.fit), more)
+        _, gain = self._more_and_gain(best, other)
         return gain > -CLEARLY_BETTER and self._indistinct(best, other)
+
+    def _more_and_gain(self, mine: Candidate, other: Candidate) -> tuple[int, float]:
+        """How many parameters `other` has more than `mine`, and what its fit gains by BIC."""
+        more = len(other.effect[1].parameters) - len(mine.effect[1].parameters)
+        samples = self._effective_samples(other.fit)
+        return more, bic_gain(mine.fit.squares, other.fit.squares, samples, more)
 
     def _loss(self, candidate: Candidate) -> float:
         """Mean logarithm of the squared error per step over blocks: what the paired test compares."""
@@ -456,8 +461,7 @@ class Attribution:
 
     def _compare(self, mine: Candidate, other: Candidate) -> str:
         """BETTER, TIED or why not, of `other` in the place of `mine`."""
-        more = len(other.effect[1].parameters) - len(mine.effect[1].parameters)
-        gain = bic_gain(mine.fit.squares, other.fit.squares, self._effective_samples(other.fit), more)
+        more, gain = self._more_and_gain(mine, other)
         if more > 0 and gain < CLEARLY_BETTER:
             return NOT_WORTH_IT
         if abs(gain) > BARE_MENTION and not self._indistinct(mine, other):

@@ -274,7 +274,7 @@ class _Work:
     # --- what is written ---
 
     def _diagnosis(self, attribution: Attribution, models: list[_Model]) -> Diagnosis:
-        before, after = models[0].again, models[-1].again
+        before, after, found = models[0].again, models[-1].again, models[-1].intervals
         lacking_before, lacking = lack_of_fit(models[0].fit.at), lack_of_fit(models[-1].fit.at)
         stages = [self._stage(m) for m in models]
         log, task = self.prepared.log, self.prepared.task
@@ -292,15 +292,15 @@ class _Work:
             "log": {"path": str(log.path), "sha256": sha256(log.path)},
             "verdict": verdict,
             "summary": _summary(verdict, stages, attribution, lacking, last),
-            "effects": self._effects(attribution, after, models[-1].intervals),
-            "parameters": _parameters(after, models[-1].intervals, range(len(task.space))),
+            "effects": self._effects(attribution, after, found),
+            "parameters": _parameters(after, found, range(len(task.space))),
             "stages": stages,
             "before": {"test": stages[0]["test"]},
             "after": {"test": stages[-1]["test"]},
             "noise_floor": dict(zip(names, self.prepared.noise.sd.tolist(), strict=True)),
             "noise_floor_source": dict(zip(names, self.prepared.noise.source, strict=True)),
             "lack_of_fit": {"before": vars(lacking_before), "after": vars(lacking)},
-            "absorbed": _absorbed(before, after, models[-1].intervals),
+            "absorbed": _absorbed(before, after, found.sd),
             "candidates": [self._candidate(c) for c in _ranked(attribution)],
             "localisation": curves,
             "split": {
@@ -475,11 +475,10 @@ def _parameters(fit: Fit, found: Intervals, which) -> dict[str, Any]:
     }
 
 
-def _absorbed(before: Fit, after: Fit, found: Intervals) -> dict[str, Any]:
-    """How far each declared parameter moved when the effects came in, in standard deviations of the later one."""
+def _absorbed(before: Fit, after: Fit, sd: np.ndarray) -> dict[str, Any]:
+    """How far each declared parameter moved when the effects came in, in sd (parameter,) of the later one."""
     if len(after.space) == len(before.space):
         return {}
-    sd = found.sd
     return {
         name: {
             "before": float(before.point[i]),

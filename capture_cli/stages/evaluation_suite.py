@@ -26,11 +26,8 @@ from capture_cli.stores.provenance import Provenance, write_json
 
 FORMAT, VERSION = "capture/evaluation-suite", 1
 WITHOUT_CHECKPOINT = ("domain-randomization", "compass")  # the paper's; others are named by --identifier
-ORDER = (
-    "expert-distillation",
-    "tunenet",
-    "capture",
-)  # the paper's, Table II, and of the searches of `capture`
+# Rows in the order of the paper's Table II, and within `capture` those of its searches
+ORDER = ("expert-distillation", "tunenet", "capture")
 SEARCHES = ("linear-interpolation", "binary", "randomized-binary")
 REFINED, UNREFINED = "capture-refined", "posterior"
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from capture_cli.diagnosis.acceptance import block_squares, correlation_steps
+from capture_cli.diagnosis.acceptance import TINY, block_squares, correlation_steps
 from capture_cli.effects.base import Effect
 from capture_cli.identifiers._window_starts import fit_starts
 from capture_cli.identifiers.base import Best, Evidence, Trial, run
@@ -26,7 +26,6 @@ TOLERANCE = 0.1  # of the objective over k: a third of a standard error is enoug
 EXACT = 3e-3  # for what is reported
 BEGUN_ANEW, BEGUN_AWAY = 3, 3.0  # descents to see whether there are other minima, and how far off, in sd
 RETURNED = 0.5  # sd: a descent that ends as near as this to where another ended has come back to it
-TINY = 1e-300
 
 
 @dataclass(frozen=True)
@@ -177,9 +176,10 @@ class ModelFits:
         return replace(fit, finished=not fit.is_far_behind(rival))
 
     def minima(self, part: PreparedLog, fit: Fit, seed: int) -> list[Fit]:
-        """`fit` and where descents end that begin within its reach, best first; `fit` alone where the first returns.
+        """`fit` and where descents end that begin within its reach, best first.
 
-        Where contacts make the error rough it has many minima, and one descent finds one of them.
+        Where contacts make the error rough it has many minima, and one descent finds one of them. Where the first of
+        them comes back to `fit`, the error is taken to be smooth, and no more are begun.
         """
         if not len(fit.space):
             return [fit]
