@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -63,6 +64,7 @@ class Simulator:
             )
         self._sensors = np.array([c.index for c in task.outputs])
         self._own_states = 2 * task.model.nv + task.model.na
+        self.substeps = math.prod(effect.substeps for _, effect in self.effects)
         self.hidden_states = sum(len(effect.states) for _, effect in self.effects)
 
     def simulate(
@@ -196,6 +198,7 @@ class Simulator:
             forces=self._forces(each, hidden),
             columns=None if measures else self._sensors,
             states=states,
+            substeps=self.substeps,
         )
         if not measures:
             return rollouts
@@ -220,10 +223,11 @@ class Simulator:
 
     def _forces(self, each: np.ndarray, hidden: np.ndarray | None) -> list[Force]:
         hidden = np.zeros((len(each), self.hidden_states)) if hidden is None else hidden
+        timestep = self.task.timestep / self.substeps
         forces, first = [], 0
         for (_, effect), columns in zip(self.effects, self._columns, strict=True):
             own = hidden[:, first : first + len(effect.states)]
-            forces.append(effect.force_from(each[:, columns], self.task.timestep, own))
+            forces.append(effect.force_from(each[:, columns], timestep, own))
             first += len(effect.states)
         return [f for f in forces if f is not None]
 

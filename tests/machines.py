@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import cache
 
 import mujoco
@@ -160,13 +161,15 @@ def run(model: mujoco.MjModel, *effect_values, count: int = 1, starts=None, tape
     for effect, values in effect_values:
         effect.write(fields, values)
         tape = effect.drive(tape, values, step)
-        forces += [f for f in [effect.force(values, step)] if f]
+        forces += [f for f in [effect.force(values, step)] if f]  # substeps belong to effects without a force
+    substeps = math.prod(effect.substeps for effect, _ in effect_values)
     rollouts = Engine(model, 1).rollout(
         starts=starts or start(model, count),
         controls=tape,
         steps=tape.shape[1],
         fields=fields,
         forces=forces,
+        substeps=substeps,
     )
     sensors = rollouts.sensors
     for effect, values in effect_values:

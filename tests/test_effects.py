@@ -8,7 +8,21 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from machines import ARM, BALL, NAMES, away, build, controls, is_shape, machine, placed, plain, run, start
+from machines import (
+    ARM,
+    BALL,
+    MACHINES,
+    NAMES,
+    away,
+    build,
+    controls,
+    is_shape,
+    machine,
+    placed,
+    plain,
+    run,
+    start,
+)
 from scipy.linalg import expm
 
 from capture_cli import effects
@@ -23,6 +37,9 @@ from capture_cli.tasks import load_task
 
 SLIDER = Path(__file__).parents[1] / "benchmarks" / "machines" / "slider" / "task.toml"
 
+# Effects that have a size; the others are there, or they are not.
+SIZED = [n for n in NAMES if placed(n)[0][1].parameters]
+
 # -- the contract, for every effect
 
 
@@ -33,13 +50,13 @@ def test_an_effect_says_what_it_is_and_where_it_sits(name):
     assert placed(name), "no test machine has a site for it"
     for _, instance in placed(name):
         names = [p.name for p in instance.parameters]
-        assert len(set(names)) == len(names) > 0
-        assert set(names) - set(effect.shapes), "no amplitude"
+        assert len(set(names)) == len(names)
+        assert not names or set(names) - set(effect.shapes), "no amplitude"
         for parameter in instance.parameters:
             assert parameter.unit and parameter.low <= parameter.nominal <= parameter.high
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", SIZED)
 def test_at_null_it_is_exactly_the_plain_model_whatever_the_shapes(name):
     rng = np.random.default_rng(0)
     for where, effect in placed(name):
@@ -50,7 +67,7 @@ def test_at_null_it_is_exactly_the_plain_model_whatever_the_shapes(name):
         assert np.array_equal(sensors, np.repeat(plain(where), 3, axis=0)), (where, effect.site)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", SIZED)
 def test_away_from_null_every_parameter_moves_outputs_somewhere(name):
     unmoved = {p.name for _, effect in placed(name) for p in effect.parameters}
     for where, effect in placed(name):
@@ -118,6 +135,37 @@ def test_what_it_is_given_stays_as_it_is(name):
     effect.drive(tape, values, 0.002)
     effect.measure(sensors, values, 0.002)
     assert np.array_equal(tape, before[0]) and np.array_equal(sensors, before[1])
+
+
+@pytest.mark.parametrize("where", MACHINES)
+@pytest.mark.parametrize("forced", [False, True])
+def test_a_finer_step_is_that_of_a_model_with_it(where, forced):
+    model = machine(where)
+    for site, substeps in (("half", 2), ("eighth", 8)):
+        finer = build(MACHINES[where])
+        finer.opt.timestep /= substeps
+        effect = effects.REGISTRY.get("finer-time-step")(model, site)
+        tape = controls(model, 1)
+
+        def outputs(model, tape, effect=None):
+            fields = ModelFields(model, 1)
+            if effect:
+                effect.write(fields, np.zeros((1, 0)))
+            rollouts = Engine(model, 1).rollout(
+                starts=start(model, 1),
+                controls=tape,
+                steps=tape.shape[1],
+                fields=fields,
+                forces=[lambda world: None] if forced else [],
+                states=True,
+                substeps=effect.substeps if effect else 1,
+            )
+            return np.concatenate([rollouts.sensors, rollouts.qpos, rollouts.qvel], axis=2)
+
+        expected = outputs(finer, np.repeat(tape, substeps, axis=1))[:, ::substeps]
+        found = outputs(model, tape, effect)
+        assert np.array_equal(found, expected)
+        assert where == "ball" or not np.array_equal(found, outputs(model, tape))
 
 
 def test_the_page_in_docs_is_the_one_made_from_the_effects():

@@ -143,12 +143,14 @@ def played(written: Exported, task: Path) -> np.ndarray:
     data = mujoco.MjData(model)
     begin = start(model, 1)
     data.qpos[:], data.qvel[:], data.time = begin.qpos[0], begin.qvel[0], begin.time[0]
-    tape = controls(model, 1)[0]
+    machine_ = load_task(str(task))
+    tape = controls(machine_.model, 1)[0]
     ahead = 1 + int(np.ceil(MOST_DRIFT * len(tape)))  # so much more is seen by sensors that look ahead
     tape = np.concatenate([tape, np.repeat(tape[-1:], ahead, axis=0)])
+    substeps = round(machine_.timestep / model.opt.timestep)
     beside = imported(written.companion).Effects(model) if written.companion else None
     recorded = []
-    for ctrl in tape:
+    for ctrl in np.repeat(tape, substeps, axis=0):
         if beside:
             beside.step(model, data, ctrl)
         else:
@@ -156,7 +158,7 @@ def played(written: Exported, task: Path) -> np.ndarray:
             mujoco.mj_step(model, data)
         recorded.append(data.sensordata.copy())
     sensors = beside.sense(model, np.array(recorded)) if beside else np.array(recorded)
-    return sensors[:-ahead, [c.index for c in load_task(str(task)).outputs]]
+    return sensors[::substeps][:-ahead, [c.index for c in machine_.outputs]]
 
 
 def found_at(*names: str, where: str, part: float = 0.4) -> Found:

@@ -12,6 +12,7 @@ from benchmarks._planted import pages, results
 from benchmarks._planted.cases import (
     LEFT,
     MAGNITUDES,
+    NO_SIZE,
     NOISE,
     NOTHING,
     PLANTED,
@@ -21,11 +22,13 @@ from benchmarks._planted.cases import (
     direction,
     size,
 )
-from benchmarks._planted.diagnosing import line
+from benchmarks._planted.diagnosing import diagnose, line
+from benchmarks._planted.machines import MACHINE, Experiment
 from benchmarks._planted.outcomes import EQUIVALENTS, judge
 from benchmarks._planted.outside import OUTSIDE
 from benchmarks._planted.summary import confusion, share, summary
 from capture_cli.effects import REGISTRY
+from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.tasks import load_task
 
 EPISODES = 6  # rather than twelve, for the time it takes
@@ -45,6 +48,16 @@ def test_an_obvious_effect_is_found_and_nothing_else(case):
     assert row["after"]["test"] < 1.2
 
 
+def test_steps_that_are_too_long_are_found(tmp_path):
+    made = Experiment(MACHINE["arm"], np.random.default_rng(0), episodes=3)
+    effect = REGISTRY.get("finer-time-step")(made.task.model, "quarter")
+    made.log(effect, np.zeros(0)).write(tmp_path / "log.zarr")
+    document = diagnose(MeasuredLog.read(tmp_path / "log.zarr"), made.task, seed=0)
+    assert [(e["name"], e["site"]) for e in document["effects"]] == [("finer-time-step", "quarter")]
+    assert document["verdict"] == "effect-found"
+    assert document["before"]["test"]["normalized"] > 10 > 1.2 > document["after"]["test"]["normalized"]
+
+
 @pytest.mark.parametrize("machine", ["slider", "cart_pole"])
 def test_nothing_is_found_where_nothing_is_missing(machine):
     row = line(Case(NOTHING, machine, "", "", 1.0, 0), episodes=EPISODES)
@@ -62,7 +75,7 @@ def test_cases_cover_catalogue_and_machines():
     assert len(set(every)) == len(every)
     assert len([c for c in every if c.kind == NOTHING]) == 8
     planted = {c.effect for c in every if c.kind == PLANTED}
-    assert planted == {n for n in REGISTRY.names() if n not in (*NO_PLACE, *NOISE)}
+    assert planted == {n for n in REGISTRY.names() if n not in (*NO_PLACE, *NO_SIZE, *NOISE)}
     assert {c.effect for c in every if c.kind == UNKNOWN} == set(OUTSIDE)
     assert {c.machine for c in every if c.kind == LEFT} == {c.machine for c in every}
     assert {c.magnitude for c in every if c.kind == PLANTED} == set(MAGNITUDES)
@@ -72,7 +85,7 @@ def test_cases_cover_catalogue_and_machines():
 def test_directions_stay_within_ranges(machine):
     model = load_task(str(MACHINES / machine / "task.toml")).model
     for name, cls in REGISTRY.items():
-        for site in cls.sites(model):
+        for site in cls.sites(model) if name not in NO_SIZE else []:
             effect = cls(model, site)
             values = direction(effect, np.random.default_rng(0))
             shapes = [effect.space.names.index(n) for n in effect.shapes if n in effect.space.names]

@@ -17,6 +17,7 @@ PLANTED, NOTHING, UNKNOWN, LEFT = "planted", "nothing", "outside", "left-out"
 MAGNITUDES = (1.5, 3.0, 10.0)  # error of the declared model, refitted, over the noise
 # Joints along which nothing can be seen.
 UNSEEN = {"puck": ("z",)}
+NO_SIZE = ("finer-time-step",)  # that could be fitted to a magnitude
 NOISE = ("sensor-quantisation",)  # coarse steps raise the noise floor: nothing is missing (docs/concepts.md)
 SHAPE_SHARE = (0.3, 0.7)  # of a shape's range: where it is drawn from
 CLOSE_ENOUGH = 0.15  # of what is to be left
@@ -78,7 +79,7 @@ def _effects(machine: str) -> Iterator[tuple[str, str, str]]:
     unseen = UNSEEN.get(machine, ())
     for name, cls in REGISTRY.items():
         for site in cls.sites(model):
-            if site not in unseen and name not in NOISE:
+            if site not in unseen and name not in (*NOISE, *NO_SIZE):
                 yield PLANTED, name, site
     for name, cls in OUTSIDE.items():
         for site in cls.sites(model):

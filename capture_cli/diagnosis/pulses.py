@@ -54,7 +54,7 @@ class Pulses(JointEffect):
         return RESOLVED / (self.spacing * float(self.model.opt.timestep))
 
     def force(self, values, timestep) -> Force:
-        return _Force(self, values)
+        return _Force(self, values, round(float(self.model.opt.timestep) / timestep))
 
     def shares(self, steps: np.ndarray) -> np.ndarray:
         """Height of each pulse at `steps` (step,) after the start, (step, pulse)."""
@@ -62,17 +62,18 @@ class Pulses(JointEffect):
 
 
 class _Force:
-    """Pulses over a batch, chunk after chunk."""
+    """Pulses over a batch, chunk after chunk; in each model step it is called `substeps` times."""
 
-    def __init__(self, pulses: Pulses, values: np.ndarray):
+    def __init__(self, pulses: Pulses, values: np.ndarray, substeps: int):
         self.pulses, self.values = pulses, values
+        self.spacing = substeps * pulses.spacing
         self.world: World | None = None
 
     def __call__(self, world: World) -> None:
         if world is not self.world:
             self.world, self.step = world, 0
-        first, into = divmod(self.step, self.pulses.spacing)
-        rising = into / self.pulses.spacing
+        first, into = divmod(self.step, self.spacing)
+        rising = into / self.spacing
         own = self.values[world.rows, first : first + 2]
         force = (1 - rising) * own[:, 0] + (rising * own[:, 1] if own.shape[1] > 1 else 0.0)
         world.qfrc_applied[:, self.pulses.dof] += force

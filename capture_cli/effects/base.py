@@ -8,7 +8,7 @@ An effect acts in one of four places, and overrides the one method of that place
     measurement  `measure`  changes what the sensors report
 
 Its parameters are amplitudes and shapes. At the null values of the amplitudes the simulation is exactly the
-one without the effect, bit by bit, whatever the shapes are.
+one without the effect, bit by bit, whatever the shapes are. An effect without parameters is there or is not.
 """
 
 from __future__ import annotations
@@ -37,6 +37,7 @@ class Effect(ABC):
         several of their values.
     smooth: whether the outputs have a useful slope in the amplitudes at null. Where not (a saturation that is
         not reached yet, a rounding), an amplitude has to be tried at several of its values, too.
+    substeps: steps that the model takes, where the effect is in it, for each of its own.
     states: names of what the effect keeps from step to step that no sensor shows: how far a spring is wound up. At
         the start of a simulation each is 0 where nothing else is said, and commonly within 1.
     """
@@ -47,6 +48,7 @@ class Effect(ABC):
     shapes: ClassVar[tuple[str, ...]] = ()
     smooth: ClassVar[bool] = True
     states: ClassVar[tuple[str, ...]] = ()
+    substeps: int = 1
 
     def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
         """Raises ModelError, naming those there are, where `site` is no site of this effect."""
@@ -82,6 +84,8 @@ class Effect(ABC):
 
         Values of a shape that is positive are spread evenly in its logarithm.
         """
+        if not self.parameters:
+            return np.zeros((1, 0))
         axes = [_spread(p, count) if p.name in self.shapes else [p.nominal] for p in self.parameters]
         return np.stack([a.ravel() for a in np.meshgrid(*axes, indexing="ij")], axis=-1)
 

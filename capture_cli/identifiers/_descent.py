@@ -27,6 +27,8 @@ MOST_VAIN = 2  # rounds of shorter steps, one after the other, that bring less t
 # can chase each other for ever.
 SETTLED = 15
 COLLAPSED = 1e-3  # of the unit cube: a trust region this small has lost touch with the error's shape
+# Beyond FAR noise floors there is no exact fit to be had: a tolerance of 1 is this share of the objective, at least
+FAR, SHARE = 2.0, 0.1
 RESTARTS = 2  # times that a descent begins anew where it is, or looks for windows that got stuck
 STUCK = 0.999  # share of the error at the last restart above which another would end in the same place
 HIDDEN_STARTS = (-1.0, 0.0, 1.0)  # of their prior sd: where hidden states are looked for then
@@ -73,6 +75,17 @@ class Descent:
             return 0.0
         return float(np.sqrt(max(self.error**2 - self._promised / self.evidence.count, 0.0)))
 
+    @property
+    def _little(self) -> float:
+        """Of the objective: a gain that is not worth another round."""
+        far = self.error > FAR
+        return self.tolerance * max(self._k, SHARE * self.error**2 * self.evidence.count * far)
+
+    @property
+    def _lost(self) -> float:
+        """Of the objective: what is promised, and not kept, for roughness alone."""
+        return max(ROUGH * self._k, self._little)
+
     def ask(self) -> Trial:
         """One candidate, with its finite differences where they are due; or several without, to choose from."""
         if self._told == self._tell_candidate and not self._carry:
@@ -110,7 +123,7 @@ class Descent:
                 self._refresh()
             elif self._repairing:
                 self._propose()
-            elif self._promised < ROUGH * k:
+            elif self._promised < self._lost:
                 self.converged = True
             else:
                 self._propose_shorter()
@@ -129,7 +142,7 @@ class Descent:
             return
         self._damping = np.where(self._damping > 1e-3 * k, self._damping / 10, 0.0)
         self._radius = min(2 * self._radius, 1.0)
-        if gained < self.tolerance * k:
+        if gained < self._little:
             self._settle()
         else:
             self._propose()
@@ -165,7 +178,7 @@ class Descent:
         best, found = _best_of(offsets, values)
         before = self._at.objectives(self._k)
         keeps = before <= found
-        if (before - found)[~keeps].sum() < self.tolerance * self._k:
+        if (before - found)[~keeps].sum() < self._little:
             self.converged = True
         else:
             self._restart(self.x, np.where(keeps[:, None], self.offsets, best))
@@ -189,7 +202,7 @@ class Descent:
         dx = self._step(self._radius, self._damping)
         offsets = self._at.start_offsets(dx, k, self._damping)
         self._promised = self._at.predicted_gain(dx, offsets, k)
-        if self._promised < self.tolerance * k:
+        if self._promised < self._little:
             self._settle()
             return
         self._carry = self.x.size > 0 and self._carried < CARRIED
@@ -230,12 +243,12 @@ class Descent:
             better = self.x, np.where(keeps[:, None], self.offsets, moves)
         self._damping[keeps] = self._shorter_damping(factor, k)[keeps]
         gained = before.sum() - min(moved, stayed)
-        self._vain = self._vain + 1 if gained < ROUGH * k else 0
+        self._vain = self._vain + 1 if gained < self._lost else 0
         if self._vain == MOST_VAIN:
             self.converged = True
         elif self._radius < COLLAPSED and self._restarts and self.error < STUCK * self._restarted_with:
             self._restart(*better)
-        elif gained > self.tolerance * k:
+        elif gained > self._little:
             self._try(*better)
         else:
             self._propose_shorter()

@@ -23,17 +23,24 @@ class LeastSquares(Identifier):
     """Least squares from `starts` places: the given start, then the best of a screening.
 
     tolerance: a descent is done when its objective over k falls by less. to_beat: an error that is known to be
-    possible; a descent that stays far above it is given up.
+    possible; a descent that stays far above it for `patience` rounds is given up.
     """
 
     summary = "Gauss-Newton from several places through the simulator"
 
     def __init__(
-        self, evidence: Evidence, *, tolerance: float = CONVERGED_GAIN, to_beat: float = np.inf, **options
+        self,
+        evidence: Evidence,
+        *,
+        tolerance: float = CONVERGED_GAIN,
+        to_beat: float = np.inf,
+        patience: int = PATIENCE,
+        **options,
     ):
         super().__init__(evidence, **options)
         self.tolerance = tolerance
         self.to_beat = to_beat
+        self.patience = patience
         self._screening = self.starts > 1 and len(self.space) > 0
         self._descents = [] if self._screening else [self._descent(self.space.to_unit(self.start))]
         self._asked: list[tuple[Descent, int]] = []
@@ -99,7 +106,7 @@ class LeastSquares(Identifier):
         best = self.best
         possible = min(best.error, self.to_beat)
         for descent in self._active():
-            beaten = descent.rounds >= PATIENCE and descent.expected > HOPELESS * possible
+            beaten = descent.rounds >= self.patience and descent.expected > HOPELESS * possible
             beaten |= descent.rounds >= LONG_PATIENCE and descent.error > HOPELESS * possible
             close = np.abs(descent.x - self.space.to_unit(best.parameters)).max(initial=0.0) < 1e-3
             if beaten or (close and descent.best.error > best.error):

@@ -160,11 +160,14 @@ def _formula(document: Mapping[str, Any], text: str) -> str:
 
 
 def _effect_rows(effect: Mapping[str, Any]) -> list[list[str]]:
-    """A row per parameter; the effect is named in the first."""
+    """A row per parameter; the effect is named in the first. One without parameters has a row, too."""
     title = (
         f'<span class="name">{escape(findings.placed(effect))}</span>'
         f'<span class="under">{escape(effect.get("summary") or "")}</span>'
     )
+    chances = [_chance(effect["p_value"]), _chance(effect.get("p_select"))]
+    if not effect["parameters"]:
+        return [[title, *[""] * 5, *chances]]
     rows = []
     for k, (name, p) in enumerate(effect["parameters"].items()):
         sd, first = p.get("sd"), k == 0
@@ -177,8 +180,7 @@ def _effect_rows(effect: Mapping[str, Any]) -> list[list[str]]:
                 significant(sd, 2),
                 interval(p),
                 range_bar(p, shown=significant),
-                _chance(effect["p_value"]) if first else "",
-                _chance(effect.get("p_select")) if first else "",
+                *(chances if first else ["", ""]),
             ]
         )
     return rows

@@ -174,7 +174,7 @@ def _answer(document: Mapping[str, Any]) -> str:
     if len(document["effects"]) != 1:
         return sentence
     sizes = ", ".join(_size(name, p) for name, p in document["effects"][0]["parameters"].items())
-    return f"{sentence.removesuffix('.')} ({sizes})."
+    return f"{sentence.removesuffix('.')} ({sizes or document['effects'][0]['summary']})."
 
 
 def _size(name: str, p: Mapping[str, Any]) -> str:
@@ -239,6 +239,8 @@ def _rivals_line(document: Mapping[str, Any]) -> list[tuple[str, str]]:
 def _effects(document: Mapping[str, Any]) -> list[list[str]]:
     rows = [["effect", "parameter", "value", "95 % interval"]]
     for effect in document["effects"]:
+        if not effect["parameters"]:
+            rows.append([diagnosis_findings.placed(effect), MISSING, MISSING, MISSING])
         for name, p in effect["parameters"].items():
             value = with_unit(to_precision_of(p["value"], p.get("sd")), p["unit"])
             between = [to_precision_of(v, p.get("sd")) for v in p.get("ci95") or []]

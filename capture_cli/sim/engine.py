@@ -143,12 +143,14 @@ class Engine:
         forces: Sequence[Force] = (),
         columns: np.ndarray | None = None,
         states: bool = False,
+        substeps: int = 1,
     ) -> Rollouts:
         """Step every simulation `steps` times and record its sensors before each step.
 
         controls: (row, at least `steps`, nu); simulation i is driven by controls[control_row[i]] (row i where None).
         fields: per-simulation model values; constants that derive from them are recomputed.
         columns: which columns of sensordata to keep (all where None). states: keep qpos, qvel and contacts as well.
+        substeps: how many of the simulations' own time steps, which `fields` then say, make one step.
 
         A simulation in which MuJoCo warns of divergence is held from there on and marked.
         """
@@ -158,11 +160,12 @@ class Engine:
         fields_kept = ("sensordata", *STATES, "ncon") if states else ("sensordata",)
         recorded: dict[str, list[np.ndarray]] = {name: [] for name in fields_kept}
         diverged = []
-        for first in range(0, count, self._chunk(steps)):
-            rows = np.arange(first, min(count, first + self._chunk(steps)))
+        size = self._chunk(steps * substeps)
+        for first in range(0, count, size):
+            rows = np.arange(first, min(count, first + size))
             runner = self._prepare(rows, starts, fields)
             tape = controls[control_row[rows], :steps]
-            chunk, bad = _step(runner, rows, tape, steps, forces, fields_kept)
+            chunk, bad = _step(runner, rows, tape, steps, forces, fields_kept, substeps)
             chunk["sensordata"] = chunk["sensordata"][..., columns]
             for name, values in chunk.items():
                 recorded[name].append(values)
@@ -198,11 +201,21 @@ Recorded = tuple[dict[str, np.ndarray], np.ndarray]
 
 
 def _step(
-    runner, rows, tape: np.ndarray, steps: int, forces: Sequence[Force], names: Sequence[str]
+    runner,
+    rows,
+    tape: np.ndarray,
+    steps: int,
+    forces: Sequence[Force],
+    names: Sequence[str],
+    substeps: int,
 ) -> Recorded:
     """Fields `names` (simulation, step, ...) before each step, and which simulations diverged (simulation,)."""
     if forces:
-        return _step_with_forces(runner, rows, tape, forces, names)
+        return _step_with_forces(runner, rows, tape, forces, names, substeps)
+    if substeps > 1:
+        tape = np.repeat(tape, substeps, axis=1)
+        recorded, bad = _step(runner, rows, tape, steps * substeps, forces, names, 1)
+        return {name: values[:, ::substeps] for name, values in recorded.items()}, bad
     start = {name: runner.bind(name).copy() for name in names if name in STATES}
     recorded = {name: _room(runner.bind(name), steps) for name in names}
     bad = np.zeros(len(rows), dtype=bool)
@@ -217,14 +230,15 @@ def _step(
 
 
 def _step_with_forces(
-    runner, rows, tape: np.ndarray, forces: Sequence[Force], names: Sequence[str]
+    runner, rows, tape: np.ndarray, forces: Sequence[Force], names: Sequence[str], substeps: int
 ) -> Recorded:
     world = World(runner, rows)
     ctrl, joint_force, body_force = (runner.bind(n) for n in ("ctrl", "qfrc_applied", "xfrc_applied"))
     live = {name: runner.bind(name) for name in names}
     recorded = {name: _room(view, tape.shape[1]) for name, view in live.items()}
     bad = np.zeros(len(rows), dtype=bool)
-    for step in range(tape.shape[1]):
+    for number in range(tape.shape[1] * substeps):
+        step, inside = divmod(number, substeps)
         ctrl[...] = tape[:, step]
         joint_force[...] = 0.0
         body_force[...] = 0.0
@@ -235,13 +249,15 @@ def _step_with_forces(
         body_force[bad] = 0.0
         world.restore_varied(bad)
         for name in names:
-            if name in STATES:
+            if name in STATES and not inside:
                 recorded[name][:, step] = live[name]
         try:
             runner.step()
         except batch.SimulationError as error:
             bad[error.ids] = True
         bad |= _warned(runner)
+        if inside:
+            continue
         if "ncon" in live:
             recorded["ncon"][:, step] = live["ncon"]
         held = recorded["sensordata"][:, max(step - 1, 0)]

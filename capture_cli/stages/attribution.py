@@ -17,7 +17,7 @@ from capture_cli.diagnosis.acceptance import (
     paired_p_value,
     ratio_p_value,
 )
-from capture_cli.diagnosis.score import Score, score, similarity
+from capture_cli.diagnosis.score import STEP, Score, score, similarity
 from capture_cli.diagnosis.split import Folds
 from capture_cli.effects import REGISTRY
 from capture_cli.effects._periodic_force import PeriodicForce
@@ -31,6 +31,7 @@ from capture_cli.stages.prepared_log import PreparedLog
 REFITTED = 5  # best-scoring candidates that are fitted jointly, each time round
 # Of an amplitude's range: a slope near null, and a secant further out to either side. Friction and stops act one way.
 PROBES = (0.01, 0.1, -0.1)
+FAR_PROBES = (0.5, -0.5)  # where none of those moves anything: what acts from a threshold on only
 SHAPES, SHAPES_OF_SEVERAL = 5, 3  # values tried of an effect's one shape, or of each of several
 SCORED_WINDOWS = 40  # evenly spread: a score needs no more
 # Of the objective, over the variance that would be left: less is no reason to fit. The best of n shapes has 2 log(n)
@@ -172,37 +173,16 @@ class Attribution:
         """Fill in the candidate's score and where a refit should start, or why it is out."""
         candidate.fit = candidate.select = candidate.support = candidate.score = None
         candidate.why_rejected = candidate.start_elsewhere = None
-        part, current = narrow.part, narrow.fit
-        at = current.at
-        effect = candidate.effect[1]
-        space = effect.space
-        amplitudes = [i for i, n in enumerate(space.names) if n not in effect.shapes]
-        shapes, candidate.shapes_tried = _shapes(narrow, effect)
-        probes, steps = _probes(effect, amplitudes, shapes)
-        residuals, diverged = self.fits.probe(part, current, candidate.effect, probes)
-        if diverged.all():
-            candidate.why_rejected = "every simulation with it diverged"
-            return
-        change = at.residual - residuals  # what the probe adds to the outputs
-        size = len(amplitudes)
-        scored = []
-        for first in range(0, len(probes), size):
-            block = slice(first, first + size)
-            if diverged[block].any():
-                continue
-            scale = steps[block]
-            sensitivity = np.moveaxis(change[block] / scale[:, None, None], 0, -1)
-            low = (space.low - space.nominal)[amplitudes] / space.span[amplitudes]
-            high = (space.high - space.nominal)[amplitudes] / space.span[amplitudes]
-            found = score(at, sensitivity, low, high)
-            start = probes[first].copy()
-            start[amplitudes] = space.nominal[amplitudes] + found.amplitudes * space.span[amplitudes]
-            scored.append((found, np.clip(start, space.low, space.high)))
-        scored.sort(key=lambda s: -s[0].gain)
+        shapes, candidate.shapes_tried = _shapes(narrow, candidate.effect[1])
+        scored, moves = self._scores(narrow, candidate, shapes, PROBES)
+        if not moves:
+            scored, moves = self._scores(narrow, candidate, shapes, FAR_PROBES)
         if scored:
             candidate.score, candidate.start = scored[0]
-            candidate.start_elsewhere = _at_another_peak(effect, [start for _, start in scored])
-        if candidate.score is None or not np.any(change):
+            candidate.start_elsewhere = _at_another_peak(candidate.effect[1], [s for _, s in scored])
+        if candidate.score is None:
+            candidate.why_rejected = "every simulation with it diverged"
+        elif not moves:
             candidate.why_rejected = "it moves no output of this log"
         elif candidate.score.unabsorbed < ABSORBED:
             candidate.why_rejected = (
@@ -210,6 +190,40 @@ class Attribution:
             )
         elif candidate.score.gain < SMALLEST_GAIN + 2 * np.log(candidate.shapes_tried):
             candidate.why_rejected = f"it explains nothing (score {candidate.score.gain:.2g})"
+
+    def _scores(
+        self, narrow: NarrowShapes, candidate: Candidate, shapes: np.ndarray, shares: Sequence[float]
+    ) -> tuple[list[tuple[Score, np.ndarray]], bool]:
+        """Scores and where a refit should start from each, best first; and whether any probe moves an output.
+
+        shapes (point, parameter): with null amplitudes. shares: of the amplitudes' ranges, at which each is probed.
+        """
+        effect, at = candidate.effect[1], narrow.fit.at
+        space = effect.space
+        amplitudes = [i for i, n in enumerate(space.names) if n not in effect.shapes]
+        probes, steps = _probes(effect, amplitudes, shapes, shares)
+        residuals, diverged = self.fits.probe(narrow.part, narrow.fit, candidate.effect, probes)
+        change = at.residual - residuals  # what the probe adds to the outputs
+        if amplitudes:
+            low = (space.low - space.nominal)[amplitudes] / space.span[amplitudes]
+            high = (space.high - space.nominal)[amplitudes] / space.span[amplitudes]
+        else:
+            low, high = np.zeros(1), steps
+        size = len(low)
+        scored = []
+        for first in range(0, len(probes), size):
+            block = slice(first, first + size)
+            if diverged[block].any():
+                continue
+            sensitivity = np.moveaxis(change[block] / steps[block][:, None, None], 0, -1)
+            found = score(at, sensitivity, low, high)
+            start = probes[first].copy()
+            far = shares is FAR_PROBES and found.amplitudes @ steps[block] > 0
+            begin = steps[block] if far else found.amplitudes  # below its threshold an effect has no slope
+            if amplitudes:
+                start[amplitudes] = space.nominal[amplitudes] + begin * space.span[amplitudes]
+            scored.append((found, np.clip(start, space.low, space.high)))
+        return sorted(scored, key=lambda s: -s[0].gain), bool(np.any(change[~diverged]))
 
     def _refit(
         self, current: Fit, candidate: Candidate, before: PartFit | None, tried: int, rival: Fit | None
@@ -255,25 +269,25 @@ class Attribution:
             effects, start, offsets = made.effects, made.point, made.offsets
             del self._fitted[key]
         if key not in self._fitted:
-            found = None
-            for begin in (start, *elsewhere):
-                if found is not None and self.is_explained(found):
-                    break
-                again = self.fits.fit(
-                    self.fit_part,
-                    effects,
-                    begin,
-                    offsets=offsets,
-                    seed=self.seed,
-                    rival=_least([found, rival]),
-                )
-                found = _least([found, again])
-            self._fitted[key] = found
+            self._fitted[key] = self._fit_from([start, *elsewhere], effects, offsets, rival)
         return self._fitted[key]
+
+    def _fit_from(
+        self, starts: Sequence[np.ndarray], effects: Sequence[Placed], offsets: np.ndarray, rival: Fit | None
+    ) -> Fit | None:
+        """The best fit from `starts`, of which one is taken after the other until nothing is left."""
+        found = None
+        for start in starts:
+            beaten = _least([found, rival])
+            fit = self.fits.fit(self.fit_part, effects, start, offsets=offsets, seed=self.seed, rival=beaten)
+            found = _least([found, fit])
+            if found is not None and self.is_explained(found):
+                break
+        return found
 
     def _support(self, before_fit: Fit, fit: Fit, effect: Placed, before: PartFit | None, tried: int):
         """Support for `effect` in `fit` over `before_fit`, and how `fit` does on the select part."""
-        added = len(effect[1].parameters)
+        added = max(len(effect[1].parameters), 1)  # to be there or not is a choice, too
         samples = self._effective_samples(fit)
         free = samples - len(fit.space)
         hypotheses = tried * self._candidate(placed_name(*effect)).shapes_tried
@@ -343,7 +357,7 @@ class Attribution:
         """
         best = min(supported, key=self._loss)
         alike = [c for c in supported if c is best or self._as_good(best, c)]
-        chosen = min(alike, key=lambda c: (len(c.effect[1].parameters), self._loss(c)))
+        chosen = min(alike, key=lambda c: (*_size(c.effect[1]), self._loss(c)))
         rivals = sorted((c for c in supported if c is not chosen), key=self._loss)
         for candidate in rivals:
             candidate.why_rejected = f"{chosen.name} explains as much with less, or more"
@@ -492,6 +506,11 @@ class Attribution:
         return found
 
 
+def _size(effect: Effect) -> tuple[int, int]:
+    """What makes an effect simpler than another: fewer parameters, then fewer steps."""
+    return len(effect.parameters), effect.substeps
+
+
 def _least(fits: Sequence[Fit | None]) -> Fit | None:
     """The fit that leaves least, the first of those that leave as much."""
     return min((f for f in fits if f is not None), key=lambda f: f.squares, default=None)
@@ -522,14 +541,21 @@ def _shapes(narrow: NarrowShapes, effect: Effect) -> tuple[np.ndarray, int]:
     return grid, len(grid)
 
 
-def _probes(effect: Effect, amplitudes: list[int], shapes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Probe points (probe, parameter), one per amplitude after the other, and their steps in ranges (probe,)."""
+def _probes(
+    effect: Effect, amplitudes: list[int], shapes: np.ndarray, shares: Sequence[float]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Probe points (probe, parameter), one per amplitude after the other, and their steps in ranges (probe,).
+
+    An effect without amplitudes is probed as a whole, as far as a linear step may go.
+    """
+    if not amplitudes:
+        return shapes, np.full(len(shapes), STEP)
     space = effect.space
     points, steps = [], []
     above, below = (space.high - space.nominal) / space.span, (space.nominal - space.low) / space.span
-    two_sided = any(min(above[i], below[i]) >= max(PROBES) for i in amplitudes)
+    two_sided = any(min(above[i], below[i]) >= max(shares) for i in amplitudes)
     for shape in shapes:
-        for share in PROBES if two_sided else [p for p in PROBES if p > 0]:
+        for share in shares if two_sided else [s for s in shares if s > 0]:
             for i in amplitudes:
                 point = shape.copy()
                 step = share if (above if share > 0 else below)[i] >= abs(share) else -share

@@ -12,7 +12,7 @@ from capture_cli.effects.base import Effect
 from capture_cli.identifiers._window_starts import fit_starts
 from capture_cli.identifiers.base import Best, Evidence, Trial, run
 from capture_cli.identifiers.intervals import unit_covariance
-from capture_cli.identifiers.least_squares import HOPELESS, LeastSquares
+from capture_cli.identifiers.least_squares import HOPELESS, LONG_PATIENCE, PATIENCE, LeastSquares
 from capture_cli.linearization import Linearization, columns
 from capture_cli.parameters import ParameterSpace
 from capture_cli.sim.engine import Engine
@@ -153,10 +153,12 @@ class ModelFits:
     ) -> Fit | None:
         """Fit from `start` (parameter,); None where every trial diverged. Other options are those of LeastSquares.
 
-        rival: a fit of the same part; this one is given up where it stays far behind.
+        rival: a fit of the same part; this one is given up where it stays far behind, later where it has fewer
+        parameters: of two that do as well it would be the better.
         """
         simulator = self.simulator(effects)
         evidence = part.evidence(simulator)
+        simpler = rival is not None and len(simulator.space) < len(rival.space)
         solver = LeastSquares(
             evidence,
             start=start,
@@ -166,6 +168,7 @@ class ModelFits:
             tolerance=tolerance,
             seed=seed,
             to_beat=np.inf if rival is None else rival.error,
+            patience=LONG_PATIENCE if simpler else PATIENCE,
         )
         best = run(solver, lambda trial: part.evaluate(simulator, trial))
         if not np.isfinite(best.error):

@@ -27,7 +27,7 @@ from capture_cli.tasks.base import ActionTask, Channel, Task
 WORLDS = ("plant", "robosuite")
 BELIEFS = ("nominal", "random")
 TRUTH = ("parameters", "effects")  # options that a log's provenance keeps to itself
-_EFFECT = re.compile(r"^(?P<name>[a-z-]+)(@(?P<site>[^.=]*))?(\.(?P<parameter>\w+))?=(?P<value>.+)$")
+_EFFECT = re.compile(r"^(?P<name>[a-z-]+)(@(?P<site>[^.=]*))?(\.(?P<parameter>\w+))?(=(?P<value>.+))?$")
 
 
 @dataclass(frozen=True)
@@ -166,16 +166,33 @@ def parse_effects(texts: Sequence[str], model: mujoco.MjModel) -> tuple[list[tup
         effect = cls(model, site)
         key = placed_name(match["name"], effect)
         _, effect, values = placed.setdefault(key, (match["name"], effect, effect.space.nominal.copy()))
-        names = effect.space.names
-        parameter = match["parameter"] or names[0]
-        if parameter not in names:
-            raise OptionError(
-                f"--effect {text!r}: {match['name']} has no parameter {parameter!r}",
-                cure=did_you_mean(parameter, names),
-            )
-        values[names.index(parameter)] = _number(match["value"], f"--effect {text!r}")
+        if not effect.parameters and not match["parameter"] and not match["value"]:
+            continue
+        which = _parameter(text, match, effect.space.names)
+        values[which] = _number(match["value"], f"--effect {text!r}")
     effects = [(name, effect) for name, effect, _ in placed.values()]
     return effects, np.concatenate([np.zeros(0), *(values for _, _, values in placed.values())])
+
+
+def _parameter(text: str, match: re.Match, names: Sequence[str]) -> int:
+    """Which of the effect's parameters `text` sets."""
+    if not names:
+        raise OptionError(
+            f"--effect {text!r}: {match['name']} has no parameters",
+            cure="leave the value out: it is there, or it is not",
+        )
+    parameter = match["parameter"] or names[0]
+    if parameter not in names:
+        raise OptionError(
+            f"--effect {text!r}: {match['name']} has no parameter {parameter!r}",
+            cure=did_you_mean(parameter, names),
+        )
+    if match["value"] is None:
+        raise OptionError(
+            f"--effect {text!r} gives {parameter} no value",
+            cure=f"for example {text}={'1' if match['parameter'] else '3.5'}; `capture effects` has its range",
+        )
+    return names.index(parameter)
 
 
 def _site(name: str, site: str | None, sites: list[str]) -> str:
