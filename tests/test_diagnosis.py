@@ -42,7 +42,15 @@ def test_noise_floor_of_smooth_signal_and_white_noise(order):
     time = np.linspace(0, 5, 2000)
     signal = np.sin(3 * time) + 0.2 * np.sin(17 * time + order)
     noisy = signal + 1e-3 * generator.standard_normal(len(time))
-    assert from_differences([noisy]) == pytest.approx(1e-3, rel=0.08)
+    assert from_differences([noisy], [time]) == pytest.approx(1e-3, rel=0.08)
+
+
+@pytest.mark.parametrize("jitter", [0.1, 0.4])
+def test_noise_floor_of_a_log_with_uneven_times(jitter):
+    generator = np.random.default_rng(2)
+    time = (np.arange(2000) + jitter * generator.uniform(-1, 1, 2000)) / 100
+    noisy = np.sin(3 * time) + 0.2 * np.sin(17 * time) + 1e-3 * generator.standard_normal(len(time))
+    assert from_differences([noisy], [time]) == pytest.approx(1e-3, rel=0.08)
 
 
 def test_noise_floor_takes_what_is_declared_and_sees_a_coarse_encoder():

@@ -25,6 +25,7 @@ ORDERS = range(2, 9)
 STILL_FALLING = 0.9  # the signal still shows at an order if the next one gives less than this share
 TRIMMED = 0.95  # share of the squared differences that is kept
 TRIMMED_MEAN = 0.7588  # mean of a chi-squared(1) variable below its 95 % quantile: P(chi2_3 < q) / 0.95
+UNEVEN = 0.01  # of the sampling interval: files round times
 SMALLEST = 1e-7  # of the output's own standard deviation: floor for logs without noise
 
 
@@ -50,7 +51,8 @@ def noise_floor(
     time (step,) s; driven_by: the inputs or the action of each episode; block: samples over which repeats are compared.
     """
     series = [[outputs[steps, k] for steps in episodes] for k in range(len(declared))]
-    sd = np.array([from_differences(s) for s in series])
+    times = [time[steps] for steps in episodes]
+    sd = np.array([from_differences(s, times) for s in series])
     source = ["differences"] * len(declared)
     groups = repeats(time, driven_by, outputs, episodes, sd)
     for k, known in enumerate(declared):
@@ -73,21 +75,37 @@ def _trimmed(squares: np.ndarray) -> float:
     return float(kept.mean() / TRIMMED_MEAN)
 
 
-def from_differences(series: Sequence[np.ndarray]) -> float:
-    """Standard deviation of white noise on smooth series, each (step,)."""
+def from_differences(series: Sequence[np.ndarray], times: Sequence[np.ndarray]) -> float:
+    """Standard deviation of white noise on smooth series, each (step,), sampled at `times` (step,), s."""
     estimates = []
     for order in ORDERS:
-        differences = [np.diff(s, order) for s in series if len(s) > order + 2]
+        differences = [
+            _differences(s, t, order) for s, t in zip(series, times, strict=True) if len(s) > order + 2
+        ]
         if not differences:
             break
-        variance = _trimmed(np.square(np.concatenate(differences)))
-        estimates.append(float(np.sqrt(variance / comb(2 * order, order))))
+        estimates.append(float(np.sqrt(_trimmed(np.square(np.concatenate(differences))))))
     if not estimates:
         return 0.0
     for this, following in pairwise(estimates):
         if following > STILL_FALLING * this:
             return this
     return estimates[-1]
+
+
+def _differences(series: np.ndarray, time: np.ndarray, order: int) -> np.ndarray:
+    """Differences (step - order,) of a series (step,), scaled such that white noise keeps its variance.
+
+    Divided differences where samples are not evenly spaced: a polynomial of lower degree vanishes there, too.
+    """
+    steps = np.diff(time)
+    if np.ptp(steps) < UNEVEN * np.median(steps):
+        return np.diff(series, order) / np.sqrt(comb(2 * order, order))
+    points = np.lib.stride_tricks.sliding_window_view(time, order + 1)
+    apart = (points[:, :, None] - points[:, None, :]) / np.median(steps) + np.eye(order + 1)
+    weights = 1 / apart.prod(axis=2)
+    weights /= np.linalg.norm(weights, axis=1)[:, None]
+    return (weights * np.lib.stride_tricks.sliding_window_view(series, order + 1)).sum(axis=1)
 
 
 def resolution(series: Sequence[np.ndarray]) -> float:

@@ -22,6 +22,7 @@ from capture_cli.effects._scales import (
     travel,
 )
 from capture_cli.effects.base import GLOBAL, Effect
+from capture_cli.sim.quaternion_signs import QUATERNIONS, is_quaternion
 
 FAST_TURN = 5.0  # rad/s
 
@@ -37,7 +38,6 @@ _SPEEDS = (_S.mjSENS_FRAMELINVEL, _S.mjSENS_VELOCIMETER, _S.mjSENS_SUBTREELINVEL
 _TURNS = (_S.mjSENS_FRAMEANGVEL, _S.mjSENS_GYRO, _S.mjSENS_BALLANGVEL)
 _ACCELERATIONS = (_S.mjSENS_FRAMELINACC, _S.mjSENS_ACCELEROMETER)
 _AXES = (_S.mjSENS_FRAMEXAXIS, _S.mjSENS_FRAMEYAXIS, _S.mjSENS_FRAMEZAXIS)
-_QUATERNIONS = (_S.mjSENS_FRAMEQUAT, _S.mjSENS_BALLQUAT)
 _FORCES = (_S.mjSENS_FORCE, _S.mjSENS_TOUCH)
 
 
@@ -67,7 +67,7 @@ def quantity(model: mujoco.MjModel, sensor: int) -> Quantity | None:
         (_TURNS, "rad/s", FAST_TURN),
         (_ACCELERATIONS, "m/s^2", GRAVITY),
         (_AXES, "1", 1.0),
-        (_QUATERNIONS, "1", 1.0),
+        (QUATERNIONS, "1", 1.0),
         (_FORCES, "N", weight),
         ((_S.mjSENS_TORQUE,), "N m", weight * extent(model)),
         ((_S.mjSENS_SUBTREEANGMOM,), "kg m^2/s", weight * extent(model) * speed / GRAVITY),
@@ -87,11 +87,6 @@ def _of_joint(model: mujoco.MjModel, joint: int, what: str, through: float = 1.0
         model, joint
     )
     return Quantity(unit, size * through)
-
-
-def is_quaternion(model: mujoco.MjModel, sensor: int) -> bool:
-    """Whether the sensor reports an orientation, which cannot be shifted or scaled number by number."""
-    return mujoco.mjtSensor(int(model.sensor_type[sensor])) in _QUATERNIONS
 
 
 def columns_of(model: mujoco.MjModel, sensor: int) -> slice:

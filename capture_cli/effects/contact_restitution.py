@@ -23,7 +23,7 @@ class ContactRestitution(ContactEffect):
 
     @property
     def parameters(self):
-        return (Parameter("damping", "1", -0.95, 2.0, 0.0),)
+        return (Parameter("damping", "1", -0.95, 9.0, 0.0),)
 
     def write(self, fields, values):
         if self.pair >= 0:

@@ -10,9 +10,10 @@ import numpy as np
 from capture_cli.effects._places import reference, site_id, site_name
 from capture_cli.effects._rotation import rotate, rotate_quaternions
 from capture_cli.effects._scales import SLIDE
-from capture_cli.effects._sensor_effect import SensorEffect, is_quaternion, quantity
+from capture_cli.effects._sensor_effect import SensorEffect, quantity
 from capture_cli.effects.base import GLOBAL
 from capture_cli.parameters import Parameter
+from capture_cli.sim.quaternion_signs import is_quaternion
 
 LARGEST = 0.3  # rad
 PERPENDICULAR = 1e-6

@@ -6,6 +6,7 @@ import math
 import re
 
 MISSING = "–"
+LOST = 10.0  # times a value: a standard deviation beyond which digits of the value mean nothing
 LONGEST_TITLE = 26  # characters: more do not fit beside a small plot
 # These symbols take a prefix where they open a unit and carry no exponent: "m/s" does, "m^2" and "kg" do not.
 _PREFIXABLE = re.compile(r"(m|rad|s|N|V|A|W|J|Pa|Hz)(?![\w^²³*])")
@@ -45,11 +46,16 @@ def bound(value: float) -> str:
 
 
 def to_precision_of(value: float | None, sd: float | None) -> str:
-    """`value` to the second digit of `sd`, and to six digits at most: 95.1078, 0.13 -> "95.11"."""
+    """`value` to the second digit of `sd`, and to six digits at most: 95.1078, 0.13 -> "95.11".
+
+    To two digits of its own where it is lost in `sd`: it may be a bound.
+    """
     if value is None or not math.isfinite(value):
         return MISSING
     if not sd or not math.isfinite(sd):
         return significant(value, 4)
+    if 0 < LOST * abs(value) < sd:
+        return significant(value, 2)
     decimals = 1 - _exponent(sd, 2)
     size = _exponent(value, 6) if value else 0
     if not -4 <= max(size, 1 - decimals) <= 5:

@@ -66,11 +66,12 @@ def print_diagnosis(diagnosis: Diagnosis, console: Console, out_path: Path) -> N
     document, words = diagnosis.document, diagnosis_findings
     screen = _Screen(console)
     verdict = document["verdict"]
+    is_unexplained = verdict == "unexplained" and not document["effects"]
     screen.wrapped(words.TITLES[verdict], _answer(document), STYLES[verdict])
     for mark, line in (
         ("error", _error_line(diagnosis)),
         ("absorbed", _absorbed_line(document)),
-        ("where", "" if document["effects"] else words.strongest_covariate(document)),
+        ("where", words.strongest_covariate(document) if is_unexplained else ""),
         ("formula", _formula_line(document)),
         *_rivals_line(document),
         ("next", words.next_experiment(document)),

@@ -31,7 +31,8 @@ from capture_cli.stages.prepared_log import PreparedLog
 REFITTED = 5  # best-scoring candidates that are fitted jointly, each time round
 # Of an amplitude's range: a slope near null, and a secant further out to either side. Friction and stops act one way.
 PROBES = (0.01, 0.1, -0.1)
-FAR_PROBES = (0.5, -0.5)  # where none of those moves anything: what acts from a threshold on only
+# Where none of those moves anything: what acts from a threshold on only, a limit that the controls never come near
+FAR_PROBES = (0.5, -0.5, 0.8, -0.8, 0.9, -0.9, 0.95, -0.95)
 SHAPES, SHAPES_OF_SEVERAL = 5, 3  # values tried of an effect's one shape, or of each of several
 SCORED_WINDOWS = 40  # evenly spread: a score needs no more
 # Of the objective, over the variance that would be left: less is no reason to fit. The best of n shapes has 2 log(n)
@@ -357,7 +358,7 @@ class Attribution:
         """
         best = min(supported, key=self._loss)
         alike = [c for c in supported if c is best or self._as_good(best, c)]
-        chosen = min(alike, key=lambda c: (*_size(c.effect[1]), self._loss(c)))
+        chosen = min(alike, key=lambda c: (len(c.effect[1].parameters), self._loss(c)))
         rivals = sorted((c for c in supported if c is not chosen), key=self._loss)
         for candidate in rivals:
             candidate.why_rejected = f"{chosen.name} explains as much with less, or more"
@@ -504,11 +505,6 @@ class Attribution:
         if support.reason_against() or self._implausible(without, fit, found):
             return None
         return found
-
-
-def _size(effect: Effect) -> tuple[int, int]:
-    """What makes an effect simpler than another: fewer parameters, then fewer steps."""
-    return len(effect.parameters), effect.substeps
 
 
 def _least(fits: Sequence[Fit | None]) -> Fit | None:

@@ -384,7 +384,7 @@ def _undetermined(found: Intervals, names) -> list[dict]:
         main = [i for i in order if abs(direction[i]) > 0.1]
         combination = {names[i]: round(float(direction[i] / direction[main[0]]), 4) for i in main}
         text = (
-            f"{names[main[0]]} alone"
+            f"this log does not determine {names[main[0]]}"
             if len(main) == 1
             else "only a combination of " + ", ".join(names[i] for i in main) + " shows in the outputs"
         )
@@ -399,9 +399,8 @@ def _summary(verdict: str, lacking: LackOfFit, undetermined: list[dict]) -> str:
             f"(chance allows {lacking.threshold:.3g}). The model lacks something."
         )
     if verdict == "not-identifiable":
-        return "The fit reaches the noise floor, but the log does not determine: " + "; ".join(
-            u["text"] for u in undetermined
-        )
+        names = dict.fromkeys(name for u in undetermined for name in u["combination"])
+        return f"The fit reaches the noise floor, but the log does not determine {', '.join(names)}."
     return f"The parameters explain the log: the error is {lacking.normalized:.3g} times the noise floor."
 
 

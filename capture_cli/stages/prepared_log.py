@@ -12,6 +12,7 @@ from capture_cli.diagnosis.split import Split, split_windows
 from capture_cli.errors import FitError, LogError, OptionError
 from capture_cli.identifiers.base import Evidence, Trial
 from capture_cli.sim.engine import Engine, ModelFields
+from capture_cli.sim.quaternion_signs import aligned, continuous, quaternion_columns
 from capture_cli.sim.starts import (
     StartEstimate,
     estimate_starts,
@@ -88,7 +89,8 @@ class PreparedLog:
         simulated = simulator.simulate(
             self.windows, starts.starts, trial.parameters, offsets, starts.reported
         )
-        return simulated.outputs, simulated.diverged
+        attitudes = quaternion_columns(self.task.model, [c.sensor for c in self.task.outputs])
+        return aligned(simulated.outputs, self.windows.measured, attitudes), simulated.diverged
 
 
 def find_task(task: str | None, log: MeasuredLog) -> Task:
@@ -114,6 +116,8 @@ def prepare(
 ) -> PreparedLog:
     """Check that the log fits the task, and make it ready. Raises LogError or OptionError."""
     check_fits(log, task)
+    attitudes = quaternion_columns(task.model, [c.sensor for c in task.outputs])
+    log = replace(log, outputs=continuous(log.outputs, log.episodes, attitudes))
     duration = window if window is not None else task.log.window
     _check_long_enough(log, duration)
     windows = _cut(log, task, duration)

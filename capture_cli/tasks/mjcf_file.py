@@ -223,4 +223,5 @@ def _value(table: dict[str, Any], key: str, kind: type, where: str, default: Any
         return float(value)
     if kind is str and isinstance(value, str) and value:
         return value
-    raise TaskError(f"{where}: {key} = {value!r}", cure=f"give {names[kind]}")
+    cure = 'give a unit: "1" for a number without one' if key == "unit" else f"give {names[kind]}"
+    raise TaskError(f"{where}: {key} = {value!r}", cure=cure)
