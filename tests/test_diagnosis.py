@@ -16,6 +16,7 @@ from capture_cli.diagnosis.acceptance import (
     paired_p_value,
     ratio_p_value,
 )
+from capture_cli.diagnosis.lack_of_fit import LackOfFit
 from capture_cli.diagnosis.localisation import accelerations, curve
 from capture_cli.diagnosis.noise_floor import from_differences, noise_floor
 from capture_cli.diagnosis.score import score
@@ -26,7 +27,7 @@ from capture_cli.linearization import Evidence, Linearization
 from capture_cli.parameters import Parameter, ParameterSpace
 from capture_cli.stages import diagnose as diagnose_stage
 from capture_cli.stages.attribution import _slight
-from capture_cli.stages.diagnose import diagnose
+from capture_cli.stages.diagnose import _verdict, diagnose
 from capture_cli.stages.identify import identify
 from capture_cli.stages.model_fits import ModelFits, PartFit
 from capture_cli.stages.prepared_log import prepare
@@ -368,3 +369,15 @@ def test_a_parameter_at_the_end_of_its_range_imitates_nothing_more(x, unabsorbed
     at = Linearization(evidence, np.array([x]), np.zeros((3, 0)), residual, 10 * column, np.zeros((3, 40, 0)))
     found = score(at, 10 * column, np.array([-1.0]), np.array([1.0]))
     assert found.unabsorbed == pytest.approx(unabsorbed, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("without", "with_it", "verdict"), [(3.0, 1.0, "effect-found"), (1.05, 1.06, "unexplained")]
+)
+def test_what_does_not_show_in_held_out_data_is_not_found(without, with_it, verdict):
+    lacking = [LackOfFit(n, 1.1, 1.0, lacking=n > 1.1) for n in (2.0, 1.0)]
+    mask = np.ones((4, 50), dtype=bool)
+    evidence = Evidence(ParameterSpace([]), np.zeros((4, 50, 1)), mask, np.ones(1), np.zeros((4, 2)))
+    held_out = [PartFit(evidence, np.zeros((4, 2)), np.full((4, 50), error)) for error in (without, with_it)]
+    found = SimpleNamespace(accepted=[SimpleNamespace(tied_with=[])])
+    assert _verdict(*lacking, *held_out, found) == verdict

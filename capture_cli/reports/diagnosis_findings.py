@@ -144,7 +144,11 @@ def lacks(document: Mapping[str, Any]) -> str:
     if not effects:
         count = len(document["candidates"])
         return f"None of these: not one of {count} candidates explains what is left, {left} times the noise floor."
-    sentence = f"The model lacks {listed([placed(e) for e in effects])}"
+    found = listed([placed(e) for e in effects])
+    before, after = document["before"]["test"], document["after"]["test"]
+    if before and after["normalized"] >= before["normalized"]:
+        return f"{found} would explain what was fitted, but not what was held out."
+    sentence = f"The model lacks {found}"
     return f"{sentence}, and more." if verdict == "unexplained" else f"{sentence}."
 
 

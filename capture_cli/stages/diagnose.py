@@ -282,8 +282,8 @@ class _Work:
         whole = {"before": models[0].whole, "after": models[-1].whole}
         motion = self.fits.motion(self.prepared, after, whole["after"].offsets)
         curves, bins = self._localise(whole, motion)
-        held_out = models[-1].whole.rows(self.part == TEST)
-        verdict = _verdict(lacking_before, lacking, held_out, attribution)
+        held_out = [whole[w].rows(self.part == TEST) for w in ("before", "after")]
+        verdict = _verdict(lacking_before, lacking, *held_out, attribution)
         last = "test" if stages[-1]["test"] else "fit"
         document = {
             "format": FORMAT,
@@ -446,10 +446,18 @@ def _in_units(part: PartFit) -> np.ndarray:
     return part.residual.reshape(part.evidence.measured.shape) * part.evidence.noise_sd
 
 
-def _verdict(before: LackOfFit, after: LackOfFit, held_out: PartFit, attribution: Attribution) -> str:
+def _verdict(
+    before: LackOfFit,
+    after: LackOfFit,
+    held_out_before: PartFit,
+    held_out: PartFit,
+    attribution: Attribution,
+) -> str:
     """A model that does not hold on what was held out explains nothing, however well it fits the rest."""
     count = held_out.evidence.count
     if count and held_out.normalized > max(NEAR_FLOOR, by_chance(count)):
+        return "unexplained"
+    if count and attribution.accepted and held_out.normalized >= held_out_before.normalized:
         return "unexplained"
     if not before.lacking:
         return "explained"
@@ -517,6 +525,11 @@ def _summary(verdict: str, stages, attribution: Attribution, lacking: LackOfFit,
     found = " and ".join(
         a.name + (f" (or {', '.join(a.tied_with)})" if a.tied_with else "") for a in attribution.accepted
     )
+    if part == "test" and last >= first:
+        return (
+            f"{found} would explain what was fitted, but not what was held out: there the error is {last:.3g} times "
+            f"the noise floor, and {first:.3g} without."
+        )
     them = "it" if len(attribution.accepted) == 1 else "them"
     text = (
         f"The model lacks {found}: with {them} the {where} error falls to {last / first:.2g} of what it was."
