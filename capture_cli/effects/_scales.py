@@ -5,6 +5,8 @@ They set ranges, not values. A range has to hold the truth and should not be wid
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import mujoco
 import numpy as np
 
@@ -92,15 +94,28 @@ def _weight(model: mujoco.MjModel, joint: int) -> float:
 
 def _authority(model: mujoco.MjModel, joint: int) -> float:
     """N or N m: what the joint's actuators can give together; 0 where nothing says."""
-    driving = [a for a in range(model.nactuator) if driven_joint(model, a) == joint]
-    total = sum(_actuator_force(model, a) for a in driving)
+    gears = _gears(model)[:, model.jnt_dofadr[joint]]
+    total = sum(_actuator_force(model, a, gears[a]) for a in np.flatnonzero(gears))
     if model.jnt_actfrclimited[joint]:
         total = min(total, float(np.abs(model.jnt_actfrcrange[joint]).max()))
     return total
 
 
-def _actuator_force(model: mujoco.MjModel, actuator: int) -> float:
-    gear = abs(float(model.actuator_gear[actuator, 0]))
+@lru_cache(maxsize=16)
+def _gears(model: mujoco.MjModel) -> np.ndarray:
+    """Force on each degree of freedom by a unit of each actuator's, (actuator, dof), without sign, at qpos0."""
+    data = mujoco.MjData(model)
+    mujoco.mj_fwdPosition(model, data)
+    moments = np.zeros((model.nactuator, model.nv))
+    if model.nactuator:
+        mujoco.mju_sparse2dense(
+            moments, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind
+        )
+    return np.abs(moments)
+
+
+def _actuator_force(model: mujoco.MjModel, actuator: int, gear: float) -> float:
+    """N or N m: what the actuator can give where a unit of its force gives `gear`; 0 where nothing says."""
     if model.actuator_forcelimited[actuator]:
         return gear * float(np.abs(model.actuator_forcerange[actuator]).max())
     if model.actuator_biasprm[actuator, 1] != 0:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
 
 import mujoco
@@ -100,6 +101,19 @@ def all_candidates(model: mujoco.MjModel) -> list[Candidate]:
     ]
 
 
+def as_driven(prepared: PreparedLog) -> mujoco.MjModel:
+    """The model with actuators that take what the log gives them, and no more: ranges of effects follow from it."""
+    model = copy(prepared.task.model)
+    for channel, inputs in zip(prepared.task.inputs, prepared.log.inputs.T, strict=True):
+        peak = float(np.abs(inputs).max())
+        if model.actuator_ctrllimited[channel.index]:
+            peak = min(peak, float(np.abs(model.actuator_ctrlrange[channel.index]).max()))
+        if peak > 0:
+            model.actuator_ctrllimited[channel.index] = True
+            model.actuator_ctrlrange[channel.index] = -peak, peak
+    return model
+
+
 class Attribution:
     """Forward selection with a backward step.
 
@@ -123,7 +137,7 @@ class Attribution:
         self.seed = seed
         self.is_explained = is_explained
         self.on_step = on_step
-        self.candidates = list(candidates or all_candidates(fits.prepared.task.model))
+        self.candidates = list(candidates or all_candidates(as_driven(fits.prepared)))
         self.accepted: list[Accepted] = []
         self.stages: list[tuple[str, Fit]] = []
         self._fitted: dict[frozenset[str], Fit | None] = {}
@@ -385,7 +399,8 @@ class Attribution:
         return float(np.log(np.maximum(candidate.select.blocks(length), TINY)).mean() - np.log(length))
 
     def _indistinct(self, best: Candidate, other: Candidate) -> bool:
-        if similarity(best.score.response, other.score.response) > SAME_RESPONSE:
+        has_sizes = best.effect[1].parameters and other.effect[1].parameters
+        if has_sizes and similarity(best.score.response, other.score.response) > SAME_RESPONSE:
             return True
         if best.select is None:
             ratio = other.fit.squares / best.fit.squares
