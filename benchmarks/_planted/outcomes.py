@@ -54,6 +54,7 @@ EQUIVALENTS = (
         "a constant force on the cart, which nothing but a linear spring ties to its place",
     ),
     _alike("cart_pole", "control-delay@drive sensor-delay", _LATE),
+    _alike("arm", "control-delay sensor-delay", _LATE),
     _covers("cart_pole", "sensor-bias@pole", "com-shift@pole", _TURNED),
     _covers("arm", "sensor-bias@q2", "com-shift@fore", _TURNED),
     _covers("arm", "sensor-bias@q1", "gravity-tilt", "the arm turned in its plane, or gravity the other way"),

@@ -17,8 +17,8 @@ UNIT = "ctrl"  # whatever the control of the actuator is measured in
 
 
 class ActuatorEffect(Effect):
-    """An effect on the one control of an actuator. What came before a simulation began is taken to be its
-    first value.
+    """An effect on the one control of an actuator, or of several. What came before a simulation began is taken to be
+    its first value.
 
     kernel: of the control of one step, held over it, makes what the actuator receives.
     """
@@ -29,19 +29,18 @@ class ActuatorEffect(Effect):
 
     def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
         super().__init__(model, site)
-        self.actuator = site_id(model, "actuator", site)
-        self.column = int(model.actuator_ctrladr[self.actuator])
+        self.names = [site] if site != GLOBAL else single_control_actuators(model)
+        self.actuators = [site_id(model, "actuator", name) for name in self.names]
+        self.columns = model.actuator_ctrladr[self.actuators]
 
     @classmethod
     def sites(cls, model: mujoco.MjModel) -> list[str]:
-        return [
-            site_name(model, "actuator", a) for a in range(model.nactuator) if model.actuator_ctrlnum[a] == 1
-        ]
+        return single_control_actuators(model)
 
     @property
     def scale(self) -> float:
         """How large the control is, in its own unit."""
-        return control_scale(self.model, self.actuator)
+        return control_scale(self.model, self.actuators[0])
 
     def coefficients(self, values: np.ndarray) -> dict[str, np.ndarray]:
         """The kernel's coefficients, (simulation,) each, from `values` (simulation, parameter)."""
@@ -49,14 +48,34 @@ class ActuatorEffect(Effect):
 
     def drive(self, controls, values, timestep):
         controls = controls.copy()
-        arrive = bound(self.kernel, self.coefficients(values), timestep)
+        each = np.repeat(values, len(self.columns), axis=0)  # a row for every control of every simulation
+        arrive = bound(self.kernel, self.coefficients(each), timestep)
         for step in range(controls.shape[1]):
-            controls[:, step, self.column] = arrive(controls[:, step, self.column])
+            now = controls[:, step, self.columns]
+            controls[:, step, self.columns] = arrive(now.ravel()).reshape(now.shape)
         return controls
 
     def companion(self, name, values):
-        numbers = {n: v[0] for n, v in self.coefficients(values[None]).items()}
+        many = len(self.columns)
+        coefficients = self.coefficients(np.repeat(values[None], many, axis=0))
+        numbers = {n: v if many > 1 else v[0] for n, v in coefficients.items()}
         arrives, state = call(name, self.kernel, ["data.ctrl[at]"], numbers)
-        actuator = f"model.actuator({reference(self.model, 'actuator', self.site)})"
-        lines = (f"at = model.actuator_ctrladr[[{actuator}.id]]", f"data.ctrl[at] = {arrives}")
+        ids = ", ".join(f"model.actuator({reference(self.model, 'actuator', n)}).id" for n in self.names)
+        lines = (f"at = model.actuator_ctrladr[[{ids}]]", f"data.ctrl[at] = {arrives}")
         return Companion((self.kernel,), lines, state)
+
+
+class ControlTimeEffect(ActuatorEffect):
+    """An effect on when the control of one actuator arrives, or those of all of them, which share a bus."""
+
+    where = "every actuator; all of them together where there are several"
+
+    @classmethod
+    def sites(cls, model: mujoco.MjModel) -> list[str]:
+        actuators = super().sites(model)
+        return [GLOBAL, *actuators] if len(actuators) > 1 else actuators
+
+
+def single_control_actuators(model: mujoco.MjModel) -> list[str]:
+    """Names of the actuators that take one control."""
+    return [site_name(model, "actuator", a) for a in range(model.nactuator) if model.actuator_ctrlnum[a] == 1]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from capture_cli.effects._actuator_effect import ActuatorEffect
+from capture_cli.effects._actuator_effect import ControlTimeEffect
 from capture_cli.parameters import Parameter
 
 
@@ -29,7 +29,7 @@ class Delay:
         return now + self.part * (before - now)
 
 
-class ControlDelay(ActuatorEffect):
+class ControlDelay(ControlTimeEffect):
     """The control arrives `delay` (s) late. Of a part of a step it is the mean over the step that arrives."""
 
     summary = "a control arrives late"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from capture_cli.effects._actuator_effect import ActuatorEffect
+from capture_cli.effects._actuator_effect import ControlTimeEffect
 from capture_cli.parameters import Parameter
 
 FORGOTTEN = 20.0  # time constants, after which 2e-9 of a deviation is left
@@ -25,7 +25,7 @@ class Lag:
         return control + self.mean * (before - control)
 
 
-class ControlLag(ActuatorEffect):
+class ControlLag(ControlTimeEffect):
     """The control arrives through a first-order lag of `time_constant` (s). It is the mean over a step that
     arrives.
     """

@@ -27,7 +27,7 @@ class ControlSaturation(ActuatorEffect):
     @property
     def parameters(self):
         # MuJoCo itself cuts off at ctrlrange; where there is none, controls may be larger than they seem
-        high = self.scale * (1 if self.model.actuator_ctrllimited[self.actuator] else 2)
+        high = self.scale * (1 if self.model.actuator_ctrllimited[self.actuators[0]] else 2)
         return (Parameter("limit", UNIT, 0.02 * self.scale, high, high),)
 
     def coefficients(self, values):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from capture_cli.effects._actuator_effect import ActuatorEffect
+from capture_cli.effects._actuator_effect import ControlTimeEffect
 from capture_cli.parameters import Parameter
 from capture_cli.sim.windows import LEAD
 
@@ -42,7 +42,7 @@ class SecondOrderLag:
         return control + mean
 
 
-class ControlSecondOrderLag(ActuatorEffect):
+class ControlSecondOrderLag(ControlTimeEffect):
     """The control arrives through a second-order lag of natural frequency 1 / `time_constant` (rad/s) and of
     `damping_ratio`. It is the mean over a step that arrives.
 

@@ -152,9 +152,18 @@ def lacks(document: Mapping[str, Any]) -> str:
     return f"{sentence}, and more." if verdict == "unexplained" else f"{sentence}."
 
 
+def left_over(document: Mapping[str, Any]) -> str:
+    """What an answer leaves of the error, small but more than chance would; "" where that is nothing."""
+    lack = document["lack_of_fit"]["after"]
+    if document["verdict"] not in ("effect-found", "tied") or not lack["lacking"]:
+        return ""
+    size, chance = significant(lack["normalized"]), significant(lack["threshold"])
+    return f"A little is left: {size} times the noise floor, where chance allows {chance}"
+
+
 def notes(document: Mapping[str, Any]) -> list[str]:
     """What a reader has to know before using the answer, most important first."""
-    found = []
+    found = [f"{left_over(document)}: this may not be all."] if left_over(document) else []
     for effect in document["effects"]:
         if effect["tied_with"]:
             rivals = " or ".join(effect["tied_with"])

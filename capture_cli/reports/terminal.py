@@ -70,6 +70,7 @@ def print_diagnosis(diagnosis: Diagnosis, console: Console, out_path: Path) -> N
     screen.wrapped(words.TITLES[verdict], _answer(document), STYLES[verdict])
     for mark, line in (
         ("error", _error_line(diagnosis)),
+        ("left", words.left_over(document)),
         ("absorbed", _absorbed_line(document)),
         ("where", words.strongest_covariate(document) if is_unexplained else ""),
         ("formula", _formula_line(document)),
