@@ -28,7 +28,7 @@ MOST_VAIN = 2  # rounds of shorter steps, one after the other, that bring less t
 SETTLED = 15
 COLLAPSED = 1e-3  # of the unit cube: a trust region this small has lost touch with the error's shape
 # Beyond FAR noise floors there is no exact fit to be had: a tolerance of 1 is this share of the objective, at least
-FAR, SHARE = 2.0, 0.1
+FAR, SHARE = 2.0, 0.03
 RESTARTS = 2  # times that a descent begins anew where it is, or looks for windows that got stuck
 STUCK = 0.999  # share of the error at the last restart above which another would end in the same place
 HIDDEN_STARTS = (-1.0, 0.0, 1.0)  # of their prior sd: where hidden states are looked for then

@@ -83,12 +83,13 @@ class LeastSquares(Identifier):
         return [d for d in self._descents if not d.converged]
 
     def _screening_points(self) -> np.ndarray:
-        """The start, then a Latin hypercube (candidate, parameter) in the unit cube."""
+        """The start, the nominal values, and a Latin hypercube, (candidate, parameter) in the unit cube."""
         size, count = len(self.space), SCREENED_PER_PARAMETER * len(self.space)
         generator = np.random.default_rng(self.seed)
         strata = np.stack([generator.permutation(count) for _ in range(size)], axis=1)
         points = (strata + generator.random((count, size))) / count
-        return np.concatenate([self.space.to_unit(self.start)[None], points])
+        known = [self.space.to_unit(self.start), self.space.to_unit(self.space.nominal)]
+        return np.concatenate([known, points])
 
     def _begin(self, outputs, diverged) -> None:
         points = self._screening_points()

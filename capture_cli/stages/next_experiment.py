@@ -18,6 +18,7 @@ SHARES = (0.3, 1.0)  # of the largest input in the log
 DURATION = 3.0  # s
 RATE = 250.0  # Hz
 ENOUGH = 3.0  # times the noise floor: a difference that a test will see
+TELLS_NOTHING = 0.01  # likewise: one that none will
 
 
 def next_experiment(fits: ModelFits, mine: Fit, others: Sequence[Fit], seed: int) -> dict[str, Any] | None:
@@ -73,6 +74,8 @@ def _text(task, best: dict[str, Any], mine: Fit, others: Sequence[Fit]) -> str:
     own = {placed_name(*e) for e in mine.effects}
     rivals = sorted({placed_name(*e) for o in others for e in o.effects} - own)
     low, high = best["band_hz"]
+    if best["separation"] < TELLS_NOTHING:
+        return f"nothing that was tried tells it from {', '.join(rivals)}: here they may be one and the same"
     separate = (
         f"they would differ by {best['separation']:.2g} times the noise floor"
         if best["separation"] > ENOUGH
