@@ -22,6 +22,7 @@ from capture_cli.reports.figures import write_figures
 from capture_cli.reports.findings import UNTRUSTED, combination, correlation, notes, output_errors, sentence
 from capture_cli.reports.quantities import MISSING, bound, scaled_unit, significant, to_precision_of
 from capture_cli.reports.terminal import print_estimate
+from capture_cli.stages.progress import Progress
 from capture_cli.stores.estimate import Estimate
 
 PARAMETERS = {
@@ -498,6 +499,23 @@ def test_sentences():
     assert sentence(bare().document).startswith("These parameters explain the log: the error on the data it")
     assert "on data that was never fitted is 1.7" in sentence(make().document)
     assert sentence(not_identifiable().document).startswith("This log does not determine every parameter")
+
+
+def test_a_noise_floor_that_is_too_high_is_said_to_be():
+    lack = {"normalized": 0.45, "threshold": 1.1}
+    document = make().document | {"verdict": "explained", "summary": "explained", "lack_of_fit": lack}
+    assert any("floor is too high" in note for note in notes(document))
+    assert not any("too high" in n for n in notes(document | {"lack_of_fit": lack | {"normalized": 0.9}}))
+
+
+def test_time_left_follows_from_what_came_before(monkeypatch):
+    now = iter([0.0, 100.0, 100.0, 104.0, 130.0])
+    monkeypatch.setattr("capture_cli.stages.progress.time.monotonic", lambda: next(now))
+    progress = Progress("diagnose", "model", quiet=True)
+    assert progress.part("score", 0, 10) == "score 1 of 10"
+    assert progress.part("score", 0, 10) == "score 1 of 10"
+    assert progress.part("score", 2, 10) == "score 3 of 10, 16 s left"
+    assert progress.part("refit", 0, 5) == "refit 1 of 5"
 
 
 def test_notes():

@@ -11,6 +11,7 @@ import numpy as np
 from capture_cli.reports.quantities import bound, scaled_unit, significant, with_unit
 from capture_cli.stores.estimate import Estimate
 
+TOO_GOOD = 0.7  # times the noise floor: no fit gets so far below it
 TITLES = {"explained": "explained", "unexplained": "unexplained", "not-identifiable": "not identifiable"}
 UNTRUSTED = "Do not trust the intervals: they leave out what the model lacks."
 # In the unit of the errors, a noise floor under this has more zeros than digits.
@@ -91,6 +92,12 @@ def notes(document: Mapping[str, Any]) -> list[str]:
     lack = document.get("lack_of_fit") or {}
     if lack.get("text") or not document.get("summary"):  # a summary has said it
         found.append(_lack_of_fit(lack))
+    if lack.get("normalized") is not None and lack["normalized"] < TOO_GOOD:
+        size = significant(lack["normalized"], 2)
+        found.append(
+            f"The error is {size} times the noise floor: the floor is too high and may hide what the model lacks. "
+            "Give noise_sd in the task file."
+        )
     return [n for n in found if n]
 
 

@@ -119,7 +119,8 @@ class Attribution:
     """Forward selection with a backward step.
 
     folds: what is fitted, and what judges; nothing judges where the log is one window long. is_explained: whether a
-    model leaves nothing but noise. candidates: the whole catalogue where None. on_step is told what is being tried.
+    model leaves nothing but noise. candidates: the whole catalogue where None. on_step is told what is being
+    tried, the number of it, of how many, and what was found so far.
     """
 
     def __init__(
@@ -130,7 +131,7 @@ class Attribution:
         seed: int,
         is_explained: Callable[[Fit], bool],
         candidates: Sequence[Candidate] | None = None,
-        on_step: Callable[[str, int, int], None] = lambda *_: None,
+        on_step: Callable[[str, int, int, Sequence[str]], None] = lambda *_: None,
     ):
         self.fits = fits
         self.folds = folds
@@ -185,6 +186,9 @@ class Attribution:
         self._fitted[frozenset(placed_name(*e) for e in current.effects)] = again
         return again
 
+    def _step(self, what: str, number: int, total: int) -> None:
+        self.on_step(what, number, total, [a.name for a in self.accepted])
+
     # --- forward ---
 
     def _forward(self, current: Fit) -> Candidate | None:
@@ -193,7 +197,7 @@ class Attribution:
         part, at = _thinned(self.fit_part, current)
         narrow = NarrowShapes(self.fits, part, replace(current, at=at))
         for number, candidate in enumerate(tried):
-            self.on_step("score", number, len(tried))
+            self._step("score", number, len(tried))
             self._score(narrow, candidate)
         ranked = sorted((c for c in tried if c.why_rejected is None), key=lambda c: -c.score.gain)
         for candidate in ranked[REFITTED:]:
@@ -203,7 +207,7 @@ class Attribution:
             )
         before, best = self.judge(current), None
         for number, candidate in enumerate(ranked[:REFITTED]):
-            self.on_step("refit", number, len(ranked[:REFITTED]))
+            self._step("refit", number, len(ranked[:REFITTED]))
             self._refit(current, candidate, before, len(tried), best)
             best = _least([best, candidate.fit])
         supported = [c for c in ranked[:REFITTED] if c.why_rejected is None]
@@ -449,7 +453,7 @@ class Attribution:
         while judged:
             weakest, without = None, None
             for accepted in judged:
-                self.on_step("drop", 0, 1)
+                self._step("drop", 0, 1)
                 fit = self._without(current, accepted)
                 if fit is None:
                     continue
@@ -493,7 +497,7 @@ class Attribution:
             inside = {a.name for a in self.accepted}
             others = []
             for number, rival in enumerate(r for r in accepted.rivals if r.name not in inside):
-                self.on_step("compare", number, len(accepted.rivals))
+                self._step("compare", number, len(accepted.rivals))
                 other = self._swapped(current, accepted, rival)
                 if other is not None:
                     others.append(other)

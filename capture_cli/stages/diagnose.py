@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -233,8 +234,9 @@ class _Work:
             "test": None if windows is None else self._error(self.fits.on(windows, again)),
         }
 
-    def _tell(self, what: str, number: int, total: int) -> None:
-        self.progress.step(f"{what} {number + 1} of {total}")
+    def _tell(self, what: str, number: int, total: int, found: Sequence[str] = ()) -> None:
+        so_far = f"; found so far: {', '.join(found)}" if found else ""
+        self.progress.step(self.progress.part(what, number, total) + so_far)
 
     def _windows(self, *parts: int) -> PreparedLog | None:
         keep = np.isin(self.part, parts)

@@ -6,6 +6,7 @@ import sys
 import time
 
 PLAIN_EVERY = 10.0  # s
+LONG = 2.0  # s that are worth telling
 
 
 class Progress:
@@ -16,6 +17,7 @@ class Progress:
         self.quiet = quiet
         self.count = 0
         self.began = self.told = time.monotonic()
+        self.part_began = self.began
         self.bar = None
         if not quiet and sys.stderr.isatty():
             from tqdm import tqdm
@@ -34,6 +36,14 @@ class Progress:
         elif not self.quiet and time.monotonic() - self.told >= PLAIN_EVERY:
             self.told = time.monotonic()
             print(f"{self.what}: {self.told - self.began:.0f} s, {text}", file=sys.stderr, flush=True)
+
+    def part(self, what: str, number: int, total: int) -> str:
+        """Says that `what` number `number` of `total` begins, and how long, by those before, the rest will take."""
+        now = time.monotonic()
+        if number == 0:
+            self.part_began = now
+        left = (now - self.part_began) / number * (total - number) if number else 0.0
+        return f"{what} {number + 1} of {total}" + (f", {left:.0f} s left" if left >= LONG else "")
 
     def __exit__(self, *_) -> None:
         if self.bar is not None:
