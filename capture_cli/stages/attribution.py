@@ -397,13 +397,14 @@ class Attribution:
         return None
 
     def _choose(self, supported: list[Candidate], unfitted: list[Candidate]) -> Candidate:
-        """The best of the candidates that are supported; among those it cannot be told from, the simplest.
+        """The best of the candidates that are supported; among those it cannot be told from, the simplest, and then
+        the one that fits best.
 
         The others are its rivals, and so are those not fitted whose response is nearly its own.
         """
         best = min(supported, key=self._loss)
         alike = [c for c in supported if c is best or self._as_good(best, c)]
-        chosen = min(alike, key=lambda c: (len(c.effect[1].parameters), self._loss(c)))
+        chosen = min(alike, key=lambda c: (len(c.effect[1].parameters), c.fit.squares))
         rivals = sorted((c for c in supported if c is not chosen), key=self._loss)
         for candidate in rivals:
             candidate.why_rejected = f"{chosen.name} explains as much with less, or more"
@@ -514,11 +515,15 @@ class Attribution:
         return current
 
     def _best(self, mine: Candidate, others: list[Candidate]) -> tuple[Candidate, list[Candidate]]:
-        """The candidate that no other is better than, and the others. It ends: what is better has less loss."""
-        better = next((c for c in others if self._compare(mine, c) == BETTER), None)
-        if better is None:
-            return mine, others
-        return self._best(better, [mine, *(c for c in others if c is not better)])
+        """The candidate that no other is better than, and the others. None that was beaten comes back."""
+        beaten: list[Candidate] = []
+        while True:
+            left = [c for c in others if not any(c is b for b in beaten)]
+            better = next((c for c in left if self._compare(mine, c) == BETTER), None)
+            if better is None:
+                return mine, others
+            beaten.append(mine)
+            mine, others = better, [mine, *(c for c in others if c is not better)]
 
     def _compare(self, mine: Candidate, other: Candidate) -> str:
         """BETTER, TIED or why not, of `other` in the place of `mine`."""
@@ -527,7 +532,9 @@ class Attribution:
             return NOT_WORTH_IT
         if abs(gain) > BARE_MENTION and not self._indistinct(mine, other):
             return WORSE if self._loss(mine) <= self._loss(other) else BETTER
-        return TIED if gain > -CLEARLY_BETTER else WORSE
+        if abs(gain) > CLEARLY_BETTER:
+            return WORSE if gain < 0 else BETTER
+        return TIED
 
     def _candidate_of(self, fit: Fit, accepted: Accepted) -> Candidate:
         select = self.judge(fit)
