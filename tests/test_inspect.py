@@ -237,6 +237,15 @@ def test_rich_inputs_are_not_taken_for_one_frequency(shape):
     assert excitation(values, time, [slice(0, STEPS)])["single_frequency"] is None
 
 
+def test_a_few_slow_sines_in_short_episodes_are_not_taken_for_one_frequency():
+    generator = np.random.default_rng(3)
+    time = np.arange(400) / 100
+    for _ in range(20):
+        frequency, phase = generator.uniform(0.1, 1.5, 5), generator.uniform(0, 2 * np.pi, 5)
+        values = np.sin(2 * np.pi * frequency * time[:, None] + phase).sum(axis=1)
+        assert excitation(values, time, [slice(0, 400)])["single_frequency"] is None
+
+
 def test_an_input_mostly_at_rest_is_noted(tmp_path):
     finding = only(inspected(changed(sound_log(), inputs=set_to(slice(100, 1400), 0.0)), tmp_path))
     assert finding["severity"] == "note"

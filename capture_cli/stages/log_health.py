@@ -14,6 +14,7 @@ NEIGHBOURS = 3  # values next to an extreme
 AT_REST = 0.01  # of an input's largest value: less is rest
 BAND_EDGES = (0.0, 0.001, 0.01, 0.1, 1.0)  # of the Nyquist frequency
 LEAST_SPECTRUM = 16  # samples
+FEWEST_PERIODS = 6  # in an episode: of fewer nobody can tell whether they are one frequency or several
 SINGLE_LINE = 0.9  # of the power, within two lines of the strongest: one frequency and little else
 GRID_TOLERANCE = 0.05  # of a quantisation step
 FINEST_STEP = 1e-6  # of an output's range: a finer grid is that of the digits it was printed with
@@ -176,7 +177,9 @@ def _single(spectra) -> float | None:
     found = []
     for frequency, _, changes in spectra:
         peak = int(np.argmax(changes))
-        if changes[max(0, peak - 2) : peak + 3].sum() < SINGLE_LINE * changes.sum() or len(changes) < 16:
+        if peak < FEWEST_PERIODS or len(changes) < 16:
+            return None
+        if changes[peak - 2 : peak + 3].sum() < SINGLE_LINE * changes.sum():
             return None
         found.append((float(frequency[peak]), float(frequency[0])))
     if not found:
