@@ -15,7 +15,7 @@ from capture_cli.errors import StoreError, TaskError
 from capture_cli.reports.inspection import render
 from capture_cli.stages.import_log import import_log
 from capture_cli.stages.inspect import inspect
-from capture_cli.stages.log_health import channel, excitation, quantisation, timing
+from capture_cli.stages.log_health import channel, excitation, quantisation, spikes, timing
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.stores.provenance import Provenance, write_json
 
@@ -218,6 +218,28 @@ def test_a_coarse_sensor_is_noted_with_its_step(tmp_path):
     document = inspected(coarse, tmp_path)
     assert document["channels"][1]["quantisation"]["step"] == pytest.approx(step)
     assert only(document)["severity"] == "note"
+
+
+def test_single_samples_that_stand_out_are_found(tmp_path):
+    log = changed(sound_log(), outputs=set_to([50, 700, 1500], [[3.0], [-8.0], [0.5]]))
+    finding = only(inspected(log, tmp_path))
+    assert finding["message"].startswith("3 single samples stand out, by up to 8")
+    assert finding["message"].endswith("step 50, step 700, step 1500")
+
+
+@pytest.mark.parametrize("kind", ["steps", "bounces", "counts", "uneven"])
+def test_fast_motions_are_no_spikes(kind):
+    generator = np.random.default_rng(4)
+    time = np.arange(600) / 100
+    if kind == "uneven":
+        time = np.sort(generator.uniform(0, 6, 600))
+    values = {
+        "steps": (time % 1 > 0.5).astype(float),
+        "bounces": np.abs(np.sin(4 * time)),
+        "counts": np.round(100 * np.sin(time) + 0.3 * generator.standard_normal(600)) / 100,
+        "uneven": np.sin(12 * time) + 1e-4 * generator.standard_normal(600),
+    }[kind]
+    assert spikes(values, time, [slice(0, 300), slice(300, 600)])["count"] == 0
 
 
 def test_an_input_of_one_frequency_is_found(tmp_path):

@@ -11,7 +11,7 @@ import numpy as np
 
 from capture_cli.errors import StoreError
 from capture_cli.stages.log_findings import finding, log_findings, task_findings
-from capture_cli.stages.log_health import channel, excitation, quantisation, timing
+from capture_cli.stages.log_health import channel, excitation, quantisation, spikes, timing
 from capture_cli.stores.estimate import Estimate, read_result
 from capture_cli.stores.histories import SCHEMA as HISTORIES_SCHEMA
 from capture_cli.stores.histories import Histories
@@ -156,7 +156,8 @@ def _channels(log: MeasuredLog) -> list[dict[str, Any]]:
         channels.append({**described, "excitation": excitation(values, log.time, log.episodes)})
     for name, unit, values in zip(log.output_names, log.output_units, log.outputs.T, strict=True):
         described = {"name": name, "kind": "output", "unit": unit, **channel(values, log.episodes)}
-        channels.append({**described, "quantisation": quantisation(values)})
+        own = {"quantisation": quantisation(values), "spikes": spikes(values, log.time, log.episodes)}
+        channels.append({**described, **own})
     return channels
 
 

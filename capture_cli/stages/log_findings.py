@@ -197,6 +197,15 @@ def _output(channel: Mapping[str, Any]) -> Iterator[Finding]:
             f"(sd {grid['step'] / np.sqrt(12):.2g}), and moves less than that from sample to sample",
             "nothing to do: the noise floor will show it",
         )
+    out = channel["spikes"]
+    if out["count"]:
+        yield finding(
+            "warning",
+            where,
+            f"{out['count']} single samples stand out, by up to {out['largest']:.3g} {channel['unit']}: "
+            f"{_listed((f'step {i}' for i in out['first']), out['count'])}",
+            "leave these values empty in the source and import with --drop-nan: errors count by their squares",
+        )
 
 
 # --- against a task ---

@@ -16,6 +16,8 @@ BAND_EDGES = (0.0, 0.001, 0.01, 0.1, 1.0)  # of the Nyquist frequency
 LEAST_SPECTRUM = 16  # samples
 FEWEST_PERIODS = 6  # in an episode: of fewer nobody can tell whether they are one frequency or several
 SINGLE_LINE = 0.9  # of the power, within two lines of the strongest: one frequency and little else
+SPIKE = 20.0  # times what samples usually are off the line between their neighbours
+SPIKE_ALONE = 0.1  # of a spike, at most, is what its neighbours are off the line that leaves it out
 GRID_TOLERANCE = 0.05  # of a quantisation step
 FINEST_STEP = 1e-6  # of an output's range: a finer grid is that of the digits it was printed with
 
@@ -83,6 +85,37 @@ def quantisation(values: np.ndarray) -> dict[str, float | None]:
         "step": _grid_step(np.unique(finite)),
         "change": _number(np.median(change)) if change.size else None,
     }
+
+
+def spikes(values: np.ndarray, time: np.ndarray, episodes: Sequence[slice]) -> dict[str, Any]:
+    """Single samples of an output (step,) that stand out from a curve which goes on without them.
+
+    count; largest: how far the farthest does; first: the steps of the first few.
+    """
+    steps, sizes = [], []
+    for episode in episodes:
+        inside = np.arange(episode.start + 2, episode.stop - 2)
+        if not len(inside):
+            continue
+        with np.errstate(invalid="ignore", divide="ignore"):
+            off = _off_line(values, time, inside, -1, 1)
+            before, after = (
+                _off_line(values, time, inside - 1, -1, 2),
+                _off_line(values, time, inside + 1, -2, 1),
+            )
+            usual = np.nanmedian(np.abs(off[off != 0])) if np.any(off != 0) else np.inf
+            beside = np.maximum(np.abs(before), np.abs(after))
+            forward = np.all([time[inside + k + 1] > time[inside + k] for k in (-2, -1, 0, 1)], axis=0)
+            out = forward & (np.abs(off) > SPIKE * usual) & (beside < SPIKE_ALONE * np.abs(off))
+        steps += inside[out].tolist()
+        sizes += np.abs(off[out]).tolist()
+    return {"count": len(steps), "largest": max(sizes, default=None), "first": steps[:PLACES_LISTED]}
+
+
+def _off_line(values, time, steps: np.ndarray, left: int, right: int) -> np.ndarray:
+    """How far the values at `steps` (n,) are from the line through those `left` and `right` of them."""
+    share = (time[steps] - time[steps + left]) / (time[steps + right] - time[steps + left])
+    return values[steps] - values[steps + left] - share * (values[steps + right] - values[steps + left])
 
 
 def excitation(values: np.ndarray, time: np.ndarray, episodes: Sequence[slice]) -> dict[str, Any]:
