@@ -381,3 +381,25 @@ def test_what_does_not_show_in_held_out_data_is_not_found(without, with_it, verd
     held_out = [PartFit(evidence, np.zeros((4, 2)), np.full((4, 50), error)) for error in (without, with_it)]
     found = SimpleNamespace(accepted=[SimpleNamespace(tied_with=[])])
     assert _verdict(*lacking, *held_out, found) == verdict
+
+
+def test_lags_that_differ_are_told_apart_although_they_come_together(tmp_path, monkeypatch):
+    monkeypatch.setattr(diagnose_stage, "_write_pages", lambda *_: None)
+    arm = SLIDER.parents[1] / "arm" / "task.toml"
+    record(
+        task=str(arm),
+        out=tmp_path / "arm.zarr",
+        effects=["control-lag@shoulder=0.03", "control-lag@elbow=0.05"],
+        noise=1e-3,
+        episodes=5,
+        duration=2.0,
+        rate=250,
+        seed=3,
+    )
+    document = diagnose(
+        real_log=tmp_path / "arm.zarr", task=str(arm), out=tmp_path / "d", quiet=True
+    ).document
+    found = {e["site"]: e["parameters"]["time_constant"]["value"] for e in document["effects"]}
+    assert {e["name"] for e in document["effects"]} == {"control-lag"}
+    assert found == {"shoulder": pytest.approx(0.03, rel=0.1), "elbow": pytest.approx(0.05, rel=0.1)}
+    assert document["verdict"] == "effect-found"

@@ -22,7 +22,7 @@ from capture_cli.diagnosis.score import STEP, Score, score, similarity
 from capture_cli.diagnosis.split import Folds
 from capture_cli.effects import REGISTRY
 from capture_cli.effects._periodic_force import PeriodicForce
-from capture_cli.effects.base import Effect
+from capture_cli.effects.base import GLOBAL, Effect
 from capture_cli.identifiers.intervals import intervals
 from capture_cli.simulator import placed_name
 from capture_cli.stages.model_fits import Fit, ModelFits, PartFit, Placed
@@ -151,6 +151,7 @@ class Attribution:
         self.stages = [("declared", declared)]
         self._fitted[frozenset(placed_name(*e) for e in declared.effects)] = declared
         while len(self.accepted) < MOST_EFFECTS and not self.is_explained(current):
+            known = len(self.accepted)
             found = self._forward(current)
             if found is None:
                 break
@@ -161,7 +162,8 @@ class Attribution:
                 continue
             current = found.fit
             self.stages.append((f"+ {found.name}", current))
-            current = self._backward(current, self.accepted[:-1], Support.reason_against_entry)
+            current = self._at_each_place(current)
+            current = self._backward(current, self.accepted[:known], Support.reason_against_entry)
         current = self._backward(current, self.accepted, Support.reason_against)
         return self._compare_with_rivals(current)
 
@@ -185,6 +187,33 @@ class Attribution:
             return None
         self._fitted[frozenset(placed_name(*e) for e in current.effects)] = again
         return again
+
+    def _at_each_place(self, current: Fit) -> Fit:
+        """The newest effect at each of its places on its own, where it was accepted at all of them together, and that
+        is clearly better.
+        """
+        name, together = current.effects[-1]
+        if together.site != GLOBAL or self.is_explained(current):
+            return current
+        sites = [s for s in together.sites(together.model) if s != GLOBAL]
+        if len(sites) < 2 or len(self.accepted) - 1 + len(sites) > MOST_EFFECTS:
+            return current
+        places = [(name, type(together)(together.model, site)) for site in sites]
+        size = len(together.parameters)
+        rest, own = current.point[: len(current.point) - size], current.point[len(current.point) - size :]
+        start = np.concatenate([rest, np.tile(own, len(places))])
+        fit = self._fit([*current.effects[:-1], *places], start, current.offsets)
+        if fit is None:
+            return current
+        added = size * (len(places) - 1)
+        gain = bic_gain(current.squares, fit.squares, self._effective_samples(fit), added)
+        if gain < CLEARLY_BETTER:
+            return current
+        joint = self.accepted.pop()
+        self._candidate(joint.name).why_rejected = "better at each of its places on its own"
+        self.accepted += [Accepted(place, [], joint.support) for place in places]
+        self.stages.append((f"{name} at each place", fit))
+        return fit
 
     def _step(self, what: str, number: int, total: int) -> None:
         self.on_step(what, number, total, [a.name for a in self.accepted])
