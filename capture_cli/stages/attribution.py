@@ -193,7 +193,7 @@ class Attribution:
         is clearly better.
         """
         name, together = current.effects[-1]
-        if together.site != GLOBAL or self.is_explained(current):
+        if together.site != GLOBAL:
             return current
         sites = [s for s in together.sites(together.model) if s != GLOBAL]
         if len(sites) < 2 or len(self.accepted) - 1 + len(sites) > MOST_EFFECTS:
