@@ -57,7 +57,7 @@ EQUIVALENTS = (
     _alike("arm", "control-delay sensor-delay", _LATE),
     _covers("cart_pole", "sensor-bias@pole", "com-shift@pole", _TURNED),
     _covers("arm", "sensor-bias@q2", "com-shift@fore", _TURNED),
-    _covers("arm", "sensor-bias@q1", "gravity-tilt", "the arm turned in its plane, or gravity the other way"),
+    _alike("arm", "sensor-bias@q1 gravity-tilt", "the arm turned in its plane, or gravity the other way"),
     _covers(
         "puck",
         "constant-force@x constant-force@y",

@@ -421,7 +421,8 @@ class Attribution:
         determined = intervals(fit.at).identifiable
         for i in range(size):
             at_bound = min(x[i], 1 - x[i]) < AT_BOUND <= min(was[i], 1 - was[i])
-            if determined[i] and fit.point[i] != 0 and at_bound:
+            bound = fit.space.low[i] if x[i] < 0.5 else fit.space.high[i]
+            if determined[i] and bound != 0 and at_bound:
                 return f"it drives {fit.space.names[i]} to its bound ({fit.point[i]:.3g})"
         return None
 
