@@ -400,7 +400,7 @@ class Attribution:
         """Evidence against an effect that fits: it runs to its bound, or drives a declared parameter to one.
 
         A declared parameter may fall to zero: then it had been standing in for the effect. Nor does it count where the
-        log hardly determines it: then it may be anywhere.
+        log hardly determines it: then it may be anywhere. Or where nothing is left: then that is where it is.
         """
         x = fit.space.to_unit(fit.point)
         prefix = candidate.name + "."
@@ -416,6 +416,8 @@ class Attribution:
                 return (
                     f"it would have to be at the end of its range ({fit.space.names[i]} = {fit.point[i]:.3g})"
                 )
+        if self.is_explained(fit):
+            return None
         size = len(current.point)
         was = current.at.x
         determined = intervals(fit.at).identifiable
