@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from capture_cli.effects._kernel import Companion, bound, call
-from capture_cli.effects._places import reference, site_id, site_name
+from capture_cli.effects._places import reference, site_id, site_name, with_all_together
 from capture_cli.effects._scales import control_scale
 from capture_cli.effects.base import GLOBAL, Effect
 
@@ -72,8 +72,7 @@ class ControlTimeEffect(ActuatorEffect):
 
     @classmethod
     def sites(cls, model: mujoco.MjModel) -> list[str]:
-        actuators = super().sites(model)
-        return [GLOBAL, *actuators] if len(actuators) > 1 else actuators
+        return with_all_together(super().sites(model))
 
 
 def single_control_actuators(model: mujoco.MjModel) -> list[str]:

@@ -6,6 +6,8 @@ import json
 
 import mujoco
 
+from capture_cli.effects.base import GLOBAL
+
 _KINDS = {
     "body": mujoco.mjtObj.mjOBJ_BODY,
     "joint": mujoco.mjtObj.mjOBJ_JOINT,
@@ -18,6 +20,11 @@ _KINDS = {
 def site_name(model: mujoco.MjModel, kind: str, number: int) -> str:
     """The name of a body, joint, geom, actuator or sensor, or "#number" where it has none."""
     return mujoco.mj_id2name(model, _KINDS[kind], number) or f"#{number}"
+
+
+def with_all_together(sites: list[str]) -> list[str]:
+    """The sites, and before them all of them together where there are several."""
+    return [GLOBAL, *sites] if len(sites) > 1 else sites
 
 
 def site_id(model: mujoco.MjModel, kind: str, site: str) -> int:

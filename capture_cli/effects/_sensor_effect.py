@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from capture_cli.effects._kernel import Companion, bound, call
-from capture_cli.effects._places import reference, site_id, site_name
+from capture_cli.effects._places import reference, site_id, site_name, with_all_together
 from capture_cli.effects._scales import (
     GRAVITY,
     HINGE,
@@ -176,8 +176,7 @@ class TimeEffect(SensorEffect):
 
     @classmethod
     def sites(cls, model: mujoco.MjModel) -> list[str]:
-        sensors = super().sites(model)
-        return [GLOBAL, *sensors] if len(sensors) > 1 else sensors
+        return with_all_together(super().sites(model))
 
 
 def earlier(jets: np.ndarray, delay: np.ndarray) -> np.ndarray:

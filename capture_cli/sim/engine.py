@@ -213,9 +213,7 @@ def _step(
     if forces:
         return _step_with_forces(runner, rows, tape, forces, names, substeps)
     if substeps > 1:
-        tape = np.repeat(tape, substeps, axis=1)
-        recorded, bad = _step(runner, rows, tape, steps * substeps, forces, names, 1)
-        return {name: values[:, ::substeps] for name, values in recorded.items()}, bad
+        tape, steps = np.repeat(tape, substeps, axis=1), steps * substeps
     start = {name: runner.bind(name).copy() for name in names if name in STATES}
     recorded = {name: _room(runner.bind(name), steps) for name in names}
     bad = np.zeros(len(rows), dtype=bool)
@@ -226,7 +224,7 @@ def _step(
     # States are recorded after each step, sensors describe the state before it.
     for name, first in start.items():
         recorded[name] = np.concatenate([first[:, None], recorded[name][:, :-1]], axis=1)
-    return recorded, bad | _warned(runner)
+    return {name: values[:, ::substeps] for name, values in recorded.items()}, bad | _warned(runner)
 
 
 def _step_with_forces(

@@ -149,7 +149,7 @@ class Attribution:
         """Add effects to the declared model until none is accepted or nothing is left; returns the last model."""
         current = declared
         self.stages = [("declared", declared)]
-        self._fitted[frozenset(placed_name(*e) for e in declared.effects)] = declared
+        self._fitted[_key(declared.effects)] = declared
         while len(self.accepted) < MOST_EFFECTS and not self.is_explained(current):
             known = len(self.accepted)
             found = self._forward(current)
@@ -185,7 +185,7 @@ class Attribution:
         gain = bic_gain(current.squares, again.squares, self._effective_samples(again), 0)
         if gain < CLEARLY_BETTER:
             return None
-        self._fitted[frozenset(placed_name(*e) for e in current.effects)] = again
+        self._fitted[_key(current.effects)] = again
         return again
 
     def _at_each_place(self, current: Fit) -> Fit:
@@ -338,7 +338,7 @@ class Attribution:
 
         elsewhere: other points to begin at where the fit from `start` (parameter,) leaves something.
         """
-        key = frozenset(placed_name(*e) for e in effects)
+        key = _key(effects)
         made = self._fitted.get(key)
         if made is not None and not made.finished and not made.is_far_behind(rival):
             effects, start, offsets = made.effects, made.point, made.offsets
@@ -590,6 +590,11 @@ class Attribution:
         if support.reason_against() or self._implausible(without, fit, found):
             return None
         return found
+
+
+def _key(effects: Sequence[Placed]) -> frozenset[str]:
+    """What a model is known by: its effects, in any order."""
+    return frozenset(placed_name(*e) for e in effects)
 
 
 def _least(fits: Sequence[Fit | None]) -> Fit | None:

@@ -89,8 +89,8 @@ class PreparedLog:
         simulated = simulator.simulate(
             self.windows, starts.starts, trial.parameters, offsets, starts.reported
         )
-        attitudes = quaternion_columns(self.task.model, [c.sensor for c in self.task.outputs])
-        return aligned(simulated.outputs, self.windows.measured, attitudes), simulated.diverged
+        outputs = aligned(simulated.outputs, self.windows.measured, _attitudes(self.task))
+        return outputs, simulated.diverged
 
 
 def find_task(task: str | None, log: MeasuredLog) -> Task:
@@ -116,8 +116,7 @@ def prepare(
 ) -> PreparedLog:
     """Check that the log fits the task, and make it ready. Raises LogError or OptionError."""
     check_fits(log, task)
-    attitudes = quaternion_columns(task.model, [c.sensor for c in task.outputs])
-    log = replace(log, outputs=continuous(log.outputs, log.episodes, attitudes))
+    log = replace(log, outputs=continuous(log.outputs, log.episodes, _attitudes(task)))
     duration = window if window is not None else task.log.window
     _check_long_enough(log, duration)
     windows = _cut(log, task, duration)
@@ -138,6 +137,11 @@ def prepare(
         seed=seed,
     )
     return PreparedLog(task, log, windows, starts, noise, split)
+
+
+def _attitudes(task: Task) -> list[np.ndarray]:
+    """Which outputs make up each attitude, (4,) each."""
+    return quaternion_columns(task.model, [c.sensor for c in task.outputs])
 
 
 def _starts(log: MeasuredLog, task: Task, windows: Windows, noise: NoiseFloor) -> StartEstimate:

@@ -190,7 +190,7 @@ def _parameter(text: str, match: re.Match, names: Sequence[str]) -> int:
     if match["value"] is None:
         raise OptionError(
             f"--effect {text!r} gives {parameter} no value",
-            cure=f"for example {text}={'1' if match['parameter'] else '3.5'}; `capture effects` has its range",
+            cure=f"for example {text}=3.5; `capture effects` has its range",
         )
     return names.index(parameter)
 
