@@ -13,7 +13,7 @@ So a noisy start is not mistaken for a missing effect, and a missing effect is n
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import mujoco
@@ -23,6 +23,7 @@ from capture_cli.parameters import ParameterSpace
 
 START_STEP = 0.1  # of the prior sd, within the limits below
 START_STEP_LIMITS = (1e-6, 1e-3)  # m, rad, m/s, rad/s
+STANDS_OUT = 2.0  # times the squared error of the median window
 BY_WINDOW = ("offsets", "residual", "by_parameter", "by_start")  # arrays of a linearization, (window, ...)
 
 
@@ -32,8 +33,9 @@ class Evidence:
 
     measured (window, step, output); mask (window, step), False for padding. noise_sd (output,): the noise floor,
     which weighs outputs against each other. start_sd (window, state): how well each start is known beforehand;
-    0 where it may not be moved. hidden: how many of the states, the last ones, are effects' own, of which the log says
-    nothing. movable: the states that may be moved, in one window at least.
+    0 where it may not be moved. hidden_tried (point, hidden state): the last of the states are effects' own, of which
+    the log says nothing; values at which they are looked for, nan where one is left as it is. movable: the states that
+    may be moved, in one window at least.
     """
 
     space: ParameterSpace
@@ -41,7 +43,7 @@ class Evidence:
     mask: np.ndarray
     noise_sd: np.ndarray
     start_sd: np.ndarray
-    hidden: int = 0
+    hidden_tried: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
     movable: np.ndarray | None = None
 
     def __post_init__(self):
@@ -57,6 +59,22 @@ class Evidence:
         """Measured minus simulated (..., window, step, output), in units of the noise, as (..., window, row)."""
         residual = (self.measured - outputs) / self.noise_sd * self.mask[..., None]
         return residual.reshape(*residual.shape[:-2], -1)
+
+    def other_starts(self, offsets: np.ndarray, residual: np.ndarray) -> np.ndarray:
+        """Offsets (trial, window, state) that windows which stand out might have been better begun with.
+
+        Those are at the start as it was measured, with hidden states at each of the points where they are looked for;
+        the other windows keep their `offsets` (window, state). residual (window, row).
+        """
+        others = np.repeat(offsets[None], len(self.hidden_tried), axis=0)
+        squares = np.square(residual).sum(axis=1) / np.maximum(self.mask.sum(axis=1), 1)
+        stuck = np.flatnonzero(squares > STANDS_OUT * np.median(squares))
+        hidden = self.hidden_tried.shape[1]
+        for moved, tried in zip(others, self.hidden_tried, strict=True):
+            was = offsets[stuck, offsets.shape[1] - hidden :]
+            moved[stuck, : offsets.shape[1] - hidden] = 0.0
+            moved[stuck, offsets.shape[1] - hidden :] = np.where(np.isnan(tried), was, tried)
+        return others
 
     def rows(self, keep: np.ndarray) -> Evidence:
         """The evidence of the windows at `keep`."""
@@ -174,9 +192,19 @@ class Linearization:
     @property
     def fitted_starts(self) -> float:
         """How many free numbers the starts amount to, their prior counted."""
+        return float(self._fitted_states.sum())
+
+    @property
+    def fitted_hidden(self) -> float:
+        """How many of those are hidden states of effects."""
+        hidden = self.evidence.hidden_tried.shape[1]
+        return float(self._fitted_states[len(self._fitted_states) - hidden :].sum())
+
+    @cached_property
+    def _fitted_states(self) -> np.ndarray:
+        """Over all windows, (movable state,)."""
         k = self.scatter
-        gain = self.start_gain(k)
-        return float(len(gain) * gain.shape[-1] - k * np.trace(gain, axis1=1, axis2=2).sum())
+        return (1 - k * np.diagonal(self.start_gain(k), axis1=1, axis2=2)).sum(axis=0)
 
     def normal(self, k: float, damping: np.ndarray | float = 0.0) -> tuple[np.ndarray, np.ndarray]:
         """Hessian (p, p) and downhill gradient (p,) of half the objective, starts eliminated."""
@@ -216,6 +244,26 @@ class Linearization:
 def objectives(residual: np.ndarray, z: np.ndarray, k: float) -> np.ndarray:
     """Squared residuals (..., window, row) and, weighed by k, starts' offsets (..., window, state), per window."""
     return np.square(residual).sum(axis=-1) + k * np.square(z).sum(axis=-1)
+
+
+def trial_objectives(
+    evidence: Evidence, offsets: np.ndarray, outputs: np.ndarray, diverged: np.ndarray, k: float
+) -> np.ndarray:
+    """Objectives (trial, window) of what starts at `offsets` (trial, window, state) gave: inf where it diverged.
+
+    outputs (trial, window, step, output), diverged (trial, window).
+    """
+    values = objectives(evidence.residual(outputs), scaled_offsets(evidence, offsets), k)
+    return np.where(diverged | ~np.isfinite(values), np.inf, values)
+
+
+def best_trials(offsets: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The best trial of each window: its offsets (window, state) and its value (window,).
+
+    offsets (trial, window, state), values (trial, window).
+    """
+    pick, window = np.argmin(values, axis=0), np.arange(values.shape[1])
+    return offsets[pick, window], values[pick, window]
 
 
 def scaled_offsets(evidence: Evidence, offsets: np.ndarray) -> np.ndarray:

@@ -52,10 +52,14 @@ class Simulator:
         self.engine = engine or Engine(task.model, threads)
         self.rollouts = 0
         self.space = task.space
-        self._columns: list[slice] = []
+        self._columns: list[slice] = []  # of each effect's parameters
+        self._states: list[slice] = []  # of each effect's hidden states
+        self.hidden_states = 0
         longest = max(task.space.steps, default=0.0)
         for name, effect in self.effects:
             self._columns.append(slice(len(self.space), len(self.space) + len(effect.parameters)))
+            self._states.append(slice(self.hidden_states, self.hidden_states + len(effect.states)))
+            self.hidden_states += len(effect.states)
             self.space = self.space + ParameterSpace(
                 [
                     replace(p, name=f"{placed_name(name, effect)}.{p.name}", step=max(p.step, longest))
@@ -65,7 +69,17 @@ class Simulator:
         self._sensors = np.array([c.index for c in task.outputs])
         self._own_states = 2 * task.model.nv + task.model.na
         self.substeps = math.prod(effect.substeps for _, effect in self.effects)
-        self.hidden_states = sum(len(effect.states) for _, effect in self.effects)
+
+    def hidden_tried(self) -> np.ndarray:
+        """Values (point, hidden state) among which those that a window began with are looked for, one effect's after
+        the other's; nan leaves a state as it is.
+        """
+        points = [np.zeros((0, self.hidden_states))]
+        for (_, effect), own in zip(self.effects, self._states, strict=True):
+            if len(effect.states_tried):
+                points.append(np.full((len(effect.states_tried), self.hidden_states), np.nan))
+                points[-1][:, own] = effect.states_tried
+        return np.concatenate(points)
 
     def simulate(
         self,
@@ -187,6 +201,7 @@ class Simulator:
         none later. hidden (simulation, state): what the effects' own states begin with; 0 where None.
         """
         drift = np.zeros(len(row)) if drift is None else drift
+        hidden = np.zeros((len(row), self.hidden_states)) if hidden is None else hidden
         controls, row = self._drive(controls, row, each, lead, steps, drift)
         measures = self._measures
         rollouts = self.engine.rollout(
@@ -203,8 +218,8 @@ class Simulator:
         if not measures:
             return rollouts
         sensors = rollouts.sensors
-        for (_, effect), columns in zip(self.effects, self._columns, strict=True):
-            sensors = effect.measure(sensors, each[:, columns], self.task.timestep)
+        for (_, effect), columns, own in zip(self.effects, self._columns, self._states, strict=True):
+            sensors = effect.measure_from(sensors, each[:, columns], self.task.timestep, hidden[:, own])
         return replace(rollouts, sensors=sensors[..., self._sensors])
 
     def _start_change(self, reported: ReportedMotion, each: np.ndarray) -> np.ndarray:
@@ -221,14 +236,12 @@ class Simulator:
             effect.write(fields, each[:, columns])
         return fields
 
-    def _forces(self, each: np.ndarray, hidden: np.ndarray | None) -> list[Force]:
-        hidden = np.zeros((len(each), self.hidden_states)) if hidden is None else hidden
+    def _forces(self, each: np.ndarray, hidden: np.ndarray) -> list[Force]:
         timestep = self.task.timestep / self.substeps
-        forces, first = [], 0
-        for (_, effect), columns in zip(self.effects, self._columns, strict=True):
-            own = hidden[:, first : first + len(effect.states)]
-            forces.append(effect.force_from(each[:, columns], timestep, own))
-            first += len(effect.states)
+        forces = [
+            effect.force_from(each[:, columns], timestep, hidden[:, own])
+            for (_, effect), columns, own in zip(self.effects, self._columns, self._states, strict=True)
+        ]
         return [f for f in forces if f is not None]
 
     @property

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from capture_cli.effects import REGISTRY
+from capture_cli.effects._two_mass import TransmissionEffect
 from capture_cli.identifiers.intervals import unit_covariance
 from capture_cli.stages.model_fits import EXACT, RETURNED, ModelFits
 from capture_cli.stages.prepared_log import PreparedLog, prepare
@@ -45,8 +46,7 @@ def test_what_a_transmission_has_wound_up_before_a_window_is_a_nuisance(tmp_path
     assert effect.states
 
     def error(fits: ModelFits) -> float:
-        fit = fits.fit(prepared, [(name, effect)], truth)
-        return float(np.sqrt(fit.squares / fit.at.evidence.count))
+        return fits.fit(prepared, [(name, effect)], truth).error
 
     free = error(ModelFits(prepared, 1))
     monkeypatch.setattr(
@@ -58,11 +58,58 @@ def test_what_a_transmission_has_wound_up_before_a_window_is_a_nuisance(tmp_path
     assert free < 1.05 < held
 
 
+def test_what_a_filter_reports_when_a_window_begins_is_a_nuisance(tmp_path, monkeypatch):
+    prepared, truth = planted(tmp_path, "sensor-low-pass@q.time_constant=0.04")
+    effect = REGISTRY.get("sensor-low-pass")(prepared.task.model, "q")
+    free = ModelFits(prepared, 1).fit(prepared, [("sensor-low-pass", effect)], truth)
+    monkeypatch.setattr(
+        PreparedLog,
+        "evidence",
+        lambda self, simulator, own=PreparedLog.evidence: _without_hidden(own(self, simulator), self),
+    )
+    held = ModelFits(prepared, 1).fit(prepared, [("sensor-low-pass", effect)], truth)
+    assert free.error < 1.05 < held.error
+
+
+def test_windows_that_begin_on_the_wrong_side_of_a_wide_play_are_begun_elsewhere(tmp_path, monkeypatch):
+    prepared, truth = planted(tmp_path, "backlash@x.width=0.06")
+    placed = [("backlash", REGISTRY.get("backlash")(prepared.task.model, "x"))]
+
+    def errors() -> tuple[float, float]:
+        fits = ModelFits(prepared, 1)
+        fit = fits.fit(prepared, placed, truth)
+        return fit.error, fits.on(prepared, fit).normalized
+
+    searched = errors()
+    monkeypatch.setattr(TransmissionEffect, "states_tried", np.zeros((0, 0)))
+    stuck = errors()
+    assert max(searched) < 1.1 < min(stuck)
+
+
+def test_a_free_number_in_every_window_does_not_make_a_model_the_better_one(tmp_path, monkeypatch):
+    """A filter this fast has forgotten what was before within a sample: its states fit the first samples' noise."""
+    prepared, truth = planted(tmp_path, "sensor-low-pass@q.time_constant=0.002")
+    effect = ("sensor-low-pass", REGISTRY.get("sensor-low-pass")(prepared.task.model, "q"))
+    free = ModelFits(prepared, 1).fit(prepared, [effect], truth, tolerance=EXACT)
+    monkeypatch.setattr(
+        PreparedLog,
+        "evidence",
+        lambda self, simulator, own=PreparedLog.evidence: _without_hidden(own(self, simulator), self),
+    )
+    held = ModelFits(prepared, 1).fit(prepared, [effect], truth, tolerance=EXACT)
+    raw_free, raw_held = (float(np.square(f.at.residual).sum()) for f in (free, held))
+    windows = len(prepared.windows)
+    print(raw_free, raw_held, free.squares, held.squares, free.at.fitted_hidden, windows)
+    assert 0.3 * windows < free.at.fitted_hidden <= windows and held.at.fitted_hidden == 0
+    assert raw_free < free.squares and raw_held == held.squares
+    assert abs(free.squares - held.squares) < raw_held - raw_free
+
+
 def _without_hidden(evidence, prepared: PreparedLog):
     own = prepared.starts.sd.shape[1]
     sd = evidence.start_sd.copy()
     sd[:, own:] = 0.0
-    return replace(evidence, start_sd=sd)
+    return replace(evidence, start_sd=sd, hidden_tried=evidence.hidden_tried[:0])
 
 
 def test_offsets_of_the_machine_are_carried_to_another_model_and_hidden_ones_are_not(tmp_path):

@@ -136,9 +136,22 @@ class SensorEffect(Effect):
         """The kernel's coefficients, (simulation, 1 or column) each, from `values` (simulation, parameter)."""
         return {name: values[:, [i]] for i, name in enumerate(self.space.names)}
 
+    @property
+    def sizes(self) -> np.ndarray:
+        """The size that values of each of its columns commonly have, (column,)."""
+        sensors = range(self.model.nsensor)
+        if self.site != GLOBAL:
+            sensors = [site_id(self.model, "sensor", self.site)]
+        found = [(quantity(self.model, s), int(self.model.sensor_dim[s])) for s in sensors]
+        return np.concatenate([np.full(count, q.size if q else 1.0) for q, count in found])
+
     def measure(self, sensors, values, timestep):
+        return self.measured(sensors, values, timestep)
+
+    def measured(self, sensors: np.ndarray, values: np.ndarray, timestep: float, **states: np.ndarray):
+        """`measure`, the kernel's own states beginning at `states`, (simulation, column) each."""
         sensors = sensors.copy()
-        every_step = {name: v[:, None] for name, v in self.coefficients(values).items()}
+        every_step = {name: v[:, None] for name, v in {**self.coefficients(values), **states}.items()}
         reported = bound(self.kernel, every_step, timestep)
         sensors[..., self.columns] = reported(sensors[..., self.columns])
         return sensors

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from itertools import product
 
 import numpy as np
 
@@ -17,6 +18,8 @@ class TransmissionEffect(JointForce):
 
     where = "every hinge and slide joint that an actuator drives"
     states = ("ahead", "turning")
+    # A rotor that crosses its play is seldom faster than half of what the largest force would give it there.
+    states_tried = np.array(list(product(np.linspace(-1, 1, 9), np.linspace(-0.6, 0.6, 25))))
 
     @classmethod
     def sites(cls, model):

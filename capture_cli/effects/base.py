@@ -35,19 +35,19 @@ class Effect(ABC):
     shapes: names of the parameters that say what the effect looks like (a period, a position). They mean
         nothing while the amplitudes, which are all the others, are null: a score at null has to be taken at
         several of their values.
-    smooth: whether the outputs have a useful slope in the amplitudes at null. Where not (a saturation that is
-        not reached yet, a rounding), an amplitude has to be tried at several of its values, too.
     substeps: steps that the model takes, where the effect is in it, for each of its own.
     states: names of what the effect keeps from step to step that no sensor shows: how far a spring is wound up. At
         the start of a simulation each is 0 where nothing else is said, and commonly within 1.
+    states_tried: points (point, state) among which those that a simulation began with are looked for, where a descent
+        from 0 can miss them; none where it finds them.
     """
 
     place: ClassVar[str]
     summary: ClassVar[str]
     where: ClassVar[str]
     shapes: ClassVar[tuple[str, ...]] = ()
-    smooth: ClassVar[bool] = True
-    states: ClassVar[tuple[str, ...]] = ()
+    states: tuple[str, ...] = ()
+    states_tried: ClassVar[np.ndarray] = np.zeros((0, 0))
     substeps: int = 1
 
     def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
@@ -118,6 +118,12 @@ class Effect(ABC):
     def measure(self, sensors: np.ndarray, values: np.ndarray, timestep: float) -> np.ndarray:
         """Place "measurement": sensordata (simulation, grid, column), on that grid, as it is reported."""
         return sensors
+
+    def measure_from(
+        self, sensors: np.ndarray, values: np.ndarray, timestep: float, states: np.ndarray
+    ) -> np.ndarray:
+        """`measure`, where simulations start with `states` (simulation, state): overridden where there are any."""
+        return self.measure(sensors, values, timestep)
 
     def drift(self, values: np.ndarray, elapsed: np.ndarray) -> np.ndarray:
         """Place "measurement": how far in s, (simulation,), the sensors' clock is behind that of the controls.

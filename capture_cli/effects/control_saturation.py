@@ -21,7 +21,6 @@ class ControlSaturation(ActuatorEffect):
     """
 
     summary = "a control is cut off earlier than modelled"
-    smooth = False
     kernel = staticmethod(saturated)
 
     @property

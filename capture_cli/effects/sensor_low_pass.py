@@ -8,13 +8,16 @@ from capture_cli.effects._sensor_effect import TimeEffect
 from capture_cli.parameters import Parameter
 
 
-def low_passed(series, *, time_constant, timestep):
-    """A first-order lag, exact for a series that is straight between rows; before the first, motion was even."""
+def low_passed(series, *, time_constant, timestep, ahead=0.0):
+    """A first-order lag, exact for a series that is straight between rows.
+
+    It begins with what is reported `ahead` of what it would be had motion before the first row been even.
+    """
     steps = time_constant / timestep
     kept = np.exp(-1 / np.maximum(steps, 1e-12))
     slope = np.diff(series, axis=-2, append=series[..., -1:, :])
     out = np.empty_like(series)
-    behind = -slope[..., :1, :] * steps  # what is reported less what is there
+    behind = ahead - slope[..., :1, :] * steps  # what is reported less what is there
     for k in range(series.shape[-2]):
         out[..., k : k + 1, :] = series[..., k : k + 1, :] + behind
         ramp = slope[..., k : k + 1, :] * steps
@@ -25,8 +28,8 @@ def low_passed(series, *, time_constant, timestep):
 class SensorLowPass(TimeEffect):
     """What is reported follows through a first-order lag of `time_constant` (s).
 
-    Exact for a signal that is straight between grid points. It begins as if motion before the start had been
-    even.
+    Exact for a signal that is straight between grid points. What it reports at the start of a simulation depends on
+    what was before, which is a state of its own for each number; at 0 it is as if motion had been even.
     """
 
     summary = "a sensor reports through a first-order low-pass filter"
@@ -35,6 +38,14 @@ class SensorLowPass(TimeEffect):
     @property
     def parameters(self):
         return (Parameter("time_constant", "s", 0.0, 0.1, 0.0),)
+
+    @property
+    def states(self):
+        return tuple(f"ahead {k}" for k in range(len(self.sizes)))
+
+    def measure_from(self, sensors, values, timestep, states):
+        # within a time constant a signal may go as far as it commonly does in a second
+        return self.measured(sensors, values, timestep, ahead=values * self.sizes * states)
 
     def undone(self, jets, values):
         value, slope, curvature = jets[:, 0], jets[:, 1], jets[:, 2]

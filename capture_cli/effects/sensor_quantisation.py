@@ -20,7 +20,6 @@ class SensorQuantisation(NumberEffect):
     """
 
     summary = "a sensor reports in coarse steps, as an encoder does"
-    smooth = False
     kernel = staticmethod(quantised)
 
     @property

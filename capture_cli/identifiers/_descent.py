@@ -12,10 +12,10 @@ from capture_cli.linearization import (
     Evidence,
     Linearization,
     Trial,
+    best_trials,
     box_step,
     columns,
-    objectives,
-    scaled_offsets,
+    trial_objectives,
 )
 
 RADIUS = 0.25  # of the unit cube, the first trust region
@@ -23,15 +23,15 @@ SHRINK = (1.0, 0.25, 0.0625, 0.015625)  # step lengths tried at once after a ste
 # Of the objective over k: less that is promised and not kept is lost in the roughness of contacts.
 ROUGH = 0.1
 MOST_VAIN = 2  # rounds of shorter steps, one after the other, that bring less than that
-# Rounds after which k is held. It depends on the residual and the residual on it: where the model is wrong the two
-# can chase each other for ever.
+# Rounds from where it begins after which k is held. It depends on the residual and the residual on it: where the model
+# is wrong the two can chase each other for ever.
 SETTLED = 15
 COLLAPSED = 1e-3  # of the unit cube: a trust region this small has lost touch with the error's shape
 # Beyond FAR noise floors there is no exact fit to be had: a tolerance of 1 is this share of the objective, at least
 FAR, SHARE = 2.0, 0.03
-RESTARTS = 2  # times that a descent begins anew where it is, or looks for windows that got stuck
+RESTARTS = 2  # times that a descent begins anew where it is
+SEARCHES = 3  # times that it looks for windows that got stuck
 STUCK = 0.999  # share of the error at the last restart above which another would end in the same place
-HIDDEN_STARTS = (-1.0, 0.0, 1.0)  # of their prior sd: where hidden states are looked for then
 CARRIED = 3  # steps in a row with sensitivities that were carried along rather than measured
 RUNAWAY = 2.0  # a window whose objective grows by this factor in a step that helps the others goes back
 
@@ -53,13 +53,14 @@ class Descent:
         self.rounds = 0
         self._at: Linearization | None = None
         self._k = np.inf
+        self._settled = SETTLED
         self._radius = RADIUS
         self._damping = np.zeros(len(evidence.start_sd))
         self._repairing = False
         self._promised = np.inf
         self._carry = False
         self._carried = 0
-        self._restarts = RESTARTS
+        self._restarts, self._searches = RESTARTS, SEARCHES
         self._vain = 0
         self._restarted_with = np.inf
         self._try(self.x, self.offsets)
@@ -124,7 +125,7 @@ class Descent:
             elif self._repairing:
                 self._propose()
             elif self._promised < self._lost:
-                self.converged = True
+                self._give_up()
             else:
                 self._propose_shorter()
             return
@@ -151,10 +152,21 @@ class Descent:
         """Nothing more to gain: done, if the sensitivities that say so were measured here."""
         if self._carried:
             self._refresh()
-        elif self._restarts:
+        elif self._searches:
             self._propose_other_starts()
         else:
             self.converged = True
+
+    def _give_up(self) -> None:
+        """No way on from here; there may be one from where hidden states are others."""
+        if self._may_search:
+            self._propose_other_starts()
+        else:
+            self.converged = True
+
+    @property
+    def _may_search(self) -> bool:
+        return self._searches > 0 and len(self.evidence.hidden_tried) > 0
 
     def _refresh(self) -> None:
         """Measure the sensitivities at the point reached."""
@@ -163,19 +175,14 @@ class Descent:
 
     def _propose_other_starts(self) -> None:
         """Where each window might have got stuck: its start as it was measured, and hidden states elsewhere."""
-        states = self.evidence.start_sd.shape[1]
-        others = [np.zeros_like(self.offsets)]
-        for state in range(states - self.evidence.hidden, states):
-            for value in HIDDEN_STARTS:
-                moved = self.offsets.copy()
-                moved[:, state] = value
-                others.append(moved)
+        self._searches -= 1
+        others = [np.zeros_like(self.offsets), *self.evidence.other_starts(self.offsets, self._at.residual)]
         self._trials, self._told = [(self.x, o) for o in others], self._tell_other_starts
 
     def _tell_other_starts(self, outputs, diverged) -> None:
         """Go on where some windows have a better start after all."""
         offsets, values = self._trials_judged(outputs, diverged)
-        best, found = _best_of(offsets, values)
+        best, found = best_trials(offsets, values)
         before = self._at.objectives(self._k)
         keeps = before <= found
         if (before - found)[~keeps].sum() < self._little:
@@ -186,13 +193,12 @@ class Descent:
     def _trials_judged(self, outputs, diverged) -> tuple[np.ndarray, np.ndarray]:
         """Offsets (trial, window, state) of what was asked for, and objectives (trial, window): inf where lost."""
         offsets = np.stack([offsets for _, offsets in self._trials])
-        values = objectives(self.evidence.residual(outputs), scaled_offsets(self.evidence, offsets), self._k)
-        return offsets, np.where(diverged | ~np.isfinite(values), np.inf, values)
+        return offsets, trial_objectives(self.evidence, offsets, outputs, diverged, self._k)
 
     def _move(self, there: Linearization) -> None:
         self._carried = self._carried + 1 if self._carry else 0
         self._at, self.x, self.offsets = there, there.x, there.offsets
-        if self.rounds <= SETTLED:
+        if self.rounds <= self._settled:
             self._k = there.scatter
         self.error = float(np.sqrt(np.square(there.residual).sum() / self.evidence.count))
 
@@ -231,7 +237,7 @@ class Descent:
         together, held, alone = values.reshape(3, len(SHRINK), -1)
         chosen = int(np.argmin(np.minimum(together, held).sum(axis=1)))
         moved = np.minimum(together[chosen], held[chosen]).sum()
-        moves, found = _best_of(offsets[2 * len(SHRINK) :], alone)
+        moves, found = best_trials(offsets[2 * len(SHRINK) :], alone)
         stayed = np.minimum(found, before).sum()
         factor = SHRINK[chosen] if moved < before.sum() else SHRINK[-1]
         self._radius *= factor / 4
@@ -244,9 +250,11 @@ class Descent:
         self._damping[keeps] = self._shorter_damping(factor, k)[keeps]
         gained = before.sum() - min(moved, stayed)
         self._vain = self._vain + 1 if gained < self._lost else 0
-        if self._vain == MOST_VAIN:
-            self.converged = True
-        elif self._radius < COLLAPSED and self._restarts and self.error < STUCK * self._restarted_with:
+        collapsed = self._radius < COLLAPSED
+        if self._vain == MOST_VAIN or (collapsed and self._may_search):
+            self._give_up()
+        elif collapsed and self._restarts and self.error < STUCK * self._restarted_with:
+            self._restarts -= 1
             self._restart(*better)
         elif gained > self._little:
             self._try(*better)
@@ -255,8 +263,9 @@ class Descent:
 
     def _restart(self, x: np.ndarray, offsets: np.ndarray) -> None:
         """Go on from x (parameter,) and `offsets` as if begun there: steps that failed elsewhere do not count."""
-        self._restarts -= 1
         self._restarted_with = self.error
+        self._settled = self.rounds + SETTLED
+        self._vain = 0
         self._radius = RADIUS
         self._damping[:] = 0.0
         self.x, self.offsets = x, offsets
@@ -269,12 +278,3 @@ class Descent:
         """The Gauss-Newton step (parameter,) within the trust region and the unit cube."""
         hessian, gradient = self._at.normal(self._k, damping)
         return box_step(hessian, gradient, np.maximum(-radius, -self.x), np.minimum(radius, 1 - self.x))
-
-
-def _best_of(offsets: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The best trial of each window: its offsets (window, state) and its value (window,).
-
-    offsets (trial, window, state), values (trial, window).
-    """
-    pick, window = np.argmin(values, axis=0), np.arange(values.shape[1])
-    return offsets[pick, window], values[pick, window]

@@ -10,10 +10,19 @@ from collections.abc import Callable
 
 import numpy as np
 
-from capture_cli.linearization import Evidence, Linearization, Trial, columns, scatter
+from capture_cli.linearization import (
+    Evidence,
+    Linearization,
+    Trial,
+    best_trials,
+    columns,
+    scatter,
+    trial_objectives,
+)
 
 ROUNDS = 12
 DAMPING_STEP = 10.0
+SEARCHES = 2  # times that windows which stand out are begun elsewhere
 NO_PARAMETERS = np.zeros(0)
 
 # Outputs (candidate, window, step, output) and what diverged (candidate, window) of the windows at an index.
@@ -32,6 +41,26 @@ def fit_starts(
 
     The evidence has no parameters. tolerance: of the objective over k, summed over windows.
     """
+    found = _settled(evidence, evaluate, offsets, tolerance, rounds)
+    for _ in range(SEARCHES):
+        others = evidence.other_starts(found.offsets, found.residual)
+        if not len(others):
+            break
+        outputs, diverged = evaluate(np.arange(len(offsets)), Trial(np.zeros((len(others), 0)), others))
+        k = found.scatter
+        best, values = best_trials(others, trial_objectives(evidence, others, outputs, diverged, k))
+        gains = np.maximum(found.objectives(k) - values, 0.0)
+        if gains.sum() < tolerance * k:
+            break
+        begin = np.where(gains[:, None] > 0, best, found.offsets)
+        found = _settled(evidence, evaluate, begin, tolerance, rounds)
+    return found.offsets, found.residual
+
+
+def _settled(
+    evidence: Evidence, evaluate: EvaluateWindows, offsets: np.ndarray, tolerance: float, rounds: int
+) -> Linearization:
+    """Where the descent of every window ends."""
     best, settled = None, np.zeros(len(offsets), dtype=bool)
     damping = np.zeros(len(offsets))
     tried = offsets.copy()
@@ -51,7 +80,7 @@ def fit_starts(
         settled = gain < tolerance * k / len(gain)
         if gain[~settled].sum() < tolerance * k:
             break
-    return best.offsets, best.residual
+    return best
 
 
 def _better(

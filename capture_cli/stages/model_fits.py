@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -120,14 +121,19 @@ class Fit:
     def offsets(self) -> np.ndarray:
         return self.at.offsets
 
-    @property
+    @cached_property
     def squares(self) -> float:
-        return float(np.square(self.at.residual).sum())
+        """Sum of squared residuals, and what the hidden states of its effects took of it by chance alone.
+
+        So that a model is not the better one for having a free number more in every window.
+        """
+        share = self.at.fitted_hidden / self.at.evidence.count
+        return float(np.square(self.at.residual).sum() * (1 + share))
 
     @property
     def error(self) -> float:
         """RMSE over the noise floor, over all outputs."""
-        return float(np.sqrt(self.squares / self.at.evidence.count))
+        return float(np.sqrt(np.square(self.at.residual).sum() / self.at.evidence.count))
 
 
 class ModelFits:

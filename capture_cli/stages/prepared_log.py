@@ -75,7 +75,7 @@ class PreparedLog:
             windows.mask,
             self.noise.sd,
             start_sd,
-            hidden=simulator.hidden_states,
+            hidden_tried=simulator.hidden_tried(),
         )
 
     def evaluate(self, simulator: Simulator, trial: Trial) -> tuple[np.ndarray, np.ndarray]:
