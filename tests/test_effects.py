@@ -301,6 +301,47 @@ def test_lowering_the_friction_of_a_geom_lowers_that_of_its_equals():
     assert np.allclose(fields["geom_friction"][:, [floor, ball], 0].max(axis=1), [0.6, 1.4])
 
 
+BIPED = """
+<mujoco>
+  <worldbody>
+    <geom name="floor" type="plane" size="1 1 .1" friction=".5"/>
+    <body name="hip" pos="0 0 .3"><freejoint/><geom name="trunk" size=".1" friction=".3"/>
+      <body pos="0 .1 -.2"><joint name="left"/><geom name="l" size=".03" friction=".8"/></body>
+      <body pos="0 -.1 -.2"><joint name="right"/><geom name="r" size=".03" friction=".8"/></body>
+      <body pos="0 0 -.2"><joint name="tail"/><geom name="t" size=".03" friction=".7"/></body>
+    </body>
+  </worldbody>
+  {contact}
+</mujoco>
+"""
+
+
+def test_the_contacts_of_feet_of_one_make_change_together():
+    model = mujoco.MjModel.from_xml_string(BIPED.format(contact=""))
+    contact_friction = effects.REGISTRY.get("contact-friction")
+    assert contact_friction.sites(model) == ["l+r", "floor", "l", "r", "t"]
+    left, right, tail, floor = (model.geom(n).id for n in ("l", "r", "t", "floor"))
+    fields = ModelFields(model, 2)
+    contact_friction(model, "l+r").write(fields, np.array([[-0.4], [0.4]]))
+    np.testing.assert_allclose(
+        fields["geom_friction"][:, [left, right, tail, floor], 0],
+        [[0.4, 0.4, 0.4, 0.4], [1.2, 1.2, 0.7, 0.5]],
+    )
+    contact_restitution = effects.REGISTRY.get("contact-restitution")
+    assert contact_restitution.sites(model)[0] == "l+r"
+    contact_restitution(model, "l+r").write(fields, np.array([[0.5], [0.0]]))
+    np.testing.assert_allclose(fields["geom_solref"][:, [left, right, tail], 1], [[1.5, 1.5, 1], [1, 1, 1]])
+
+
+def test_a_pair_that_is_given_is_not_taken_for_geoms_of_one_make():
+    model = mujoco.MjModel.from_xml_string(
+        BIPED.format(contact='<contact><pair geom1="l" geom2="r"/></contact>')
+    )
+    effect = effects.REGISTRY.get("contact-friction")(model, "l+r")
+    assert effect.pair == 0
+    assert effect.sites(model).count("l+r") == 1
+
+
 # a rotor of 0.3 kg that drives a link of 0.7 kg through {joint}, and the same as one mass
 TWO_MASSES = """
 <mujoco><option timestep="1e-4" gravity="0 0 0" integrator="implicitfast"/>

@@ -54,14 +54,15 @@ def noise_floor(
     times = [time[steps] for steps in episodes]
     sd = np.array([from_differences(s, times) for s in series])
     source = ["differences"] * len(declared)
-    groups = repeats(time, driven_by, outputs, episodes, sd)
+    numbers = repeats(time, driven_by, outputs, episodes, sd)
+    groups = [[episodes[number] for number in group] for group in numbers]
     for k, known in enumerate(declared):
         if known is not None:
             sd[k], source[k] = known, "declared"
             continue
         deviations, degrees = from_repeats([np.stack([outputs[s, k] for s in g]) for g in groups], block)
         if degrees >= FEWEST:
-            sd[k], source[k] = np.sqrt(_trimmed(np.square(deviations))), "repeats"
+            sd[k], source[k] = trimmed_sd(deviations), "repeats"
         by_resolution = resolution(series[k]) / np.sqrt(12)
         if by_resolution > sd[k]:
             sd[k], source[k] = by_resolution, "resolution"
@@ -69,10 +70,10 @@ def noise_floor(
     return NoiseFloor(sd, tuple(source))
 
 
-def _trimmed(squares: np.ndarray) -> float:
-    """The variance of Gaussian numbers of which `squares` are, with the largest left out."""
-    kept = np.sort(squares)[: max(1, int(TRIMMED * len(squares)))]
-    return float(kept.mean() / TRIMMED_MEAN)
+def trimmed_sd(numbers: np.ndarray) -> float:
+    """The standard deviation of Gaussian `numbers`, the largest left out."""
+    squares = np.sort(np.square(numbers))[: max(1, int(TRIMMED * len(numbers)))]
+    return float(np.sqrt(squares.mean() / TRIMMED_MEAN))
 
 
 def from_differences(series: Sequence[np.ndarray], times: Sequence[np.ndarray]) -> float:
@@ -84,7 +85,7 @@ def from_differences(series: Sequence[np.ndarray], times: Sequence[np.ndarray]) 
         ]
         if not differences:
             break
-        estimates.append(float(np.sqrt(_trimmed(np.square(np.concatenate(differences))))))
+        estimates.append(trimmed_sd(np.concatenate(differences)))
     if not estimates:
         return 0.0
     for this, following in pairwise(estimates):

@@ -1,8 +1,9 @@
 """Noise from repeats: episodes that were driven alike from the same start differ by noise alone.
 
-Starts are never quite the same, and what they change goes on for as long as the machine remembers. So differences are
-taken block by block, with a cubic off each: that holds what a slightly different start does within a block, and no
-noise but the slowest. What is left is noise, white or not.
+Starts are never quite the same, and what they change goes on for as long as the machine remembers. Before anything is
+simulated, differences are taken block by block, with a cubic off each: that holds what a slightly different start does
+within a block, and slow noise, too. Once there is a model, only what its starts can do is taken off (pure error: Box,
+Hunter & Hunter, Statistics for Experimenters, 2nd ed., section 10.3). What is left is noise, white or not.
 """
 
 from __future__ import annotations
@@ -12,10 +13,13 @@ from itertools import pairwise
 
 import numpy as np
 
+from capture_cli.linearization import Linearization
+
 FIRST = 9  # samples that tell whether two starts are the same
 SAME = 5.0  # standard deviations of their difference
 DEGREE = 3  # of the polynomial that a start's influence is within a block
 FEWEST = 200  # degrees of freedom: with fewer the floor would be uncertain by more than 5 %
+LEFT_OF_A_ROW = 0.1  # share of a row's noise that starts cannot take: with less the row says nothing
 
 
 def repeats(
@@ -24,8 +28,8 @@ def repeats(
     outputs: np.ndarray,
     episodes: Sequence[slice],
     noise_sd: np.ndarray,
-) -> list[list[slice]]:
-    """Groups of two or more episodes with the same times, inputs and start.
+) -> list[list[int]]:
+    """Groups of the numbers of two or more episodes with the same times, inputs and start.
 
     time (step,) s; driven_by: what drove each episode, arrays of any shape; outputs (step, output). noise_sd (output,):
     by how much the first samples may differ. Copies of an episode are no repeats of it.
@@ -45,7 +49,7 @@ def repeats(
                 break
         else:
             groups.append([number])
-    return [[episodes[i] for i in group] for group in groups if len(group) > 1]
+    return [group for group in groups if len(group) > 1]
 
 
 def from_repeats(series: Sequence[np.ndarray], block: int) -> tuple[np.ndarray, int]:
@@ -68,6 +72,35 @@ def from_repeats(series: Sequence[np.ndarray], block: int) -> tuple[np.ndarray, 
             deviations.append(left.ravel() * np.sqrt(size * repeated / free))
             degrees += free
     return np.concatenate([np.zeros(0), *deviations]), degrees
+
+
+def pure_error(at: Linearization, groups: Sequence[np.ndarray]) -> tuple[list[np.ndarray], np.ndarray]:
+    """Deviations of each output from the mean of its repeats, and their degrees of freedom (output,).
+
+    groups: windows (repeat,) that repeat each other. What their starts can do to first order is taken off; deviations
+    are in units of the noise that was assumed, and scaled to its variance.
+    """
+    steps, outputs = at.evidence.measured.shape[1:]
+    deviations: list[list[np.ndarray]] = [[] for _ in range(outputs)]
+    degrees = np.zeros(outputs)
+    for group in groups:
+        apart = at.residual[group] - at.residual[group].mean(axis=0)
+        basis = _basis(at.by_start[group].mean(axis=0))
+        left = (apart - apart @ basis @ basis.T).reshape(len(group), steps, outputs)
+        share = 1 - np.square(basis).sum(axis=1).reshape(steps, outputs)
+        says = (share > LEFT_OF_A_ROW) & at.evidence.mask[group].all(axis=0)[:, None]
+        for k in range(outputs):
+            own = says[:, k]
+            scale = np.sqrt(len(group) / (len(group) - 1) / share[own, k])
+            deviations[k].append((left[:, own, k] * scale).ravel())
+            degrees[k] += share[own, k].sum() * (len(group) - 1)
+    return [np.concatenate([np.zeros(0), *d]) for d in deviations], degrees
+
+
+def _basis(sensitivity: np.ndarray) -> np.ndarray:
+    """An orthonormal basis (row, direction) of what the columns of `sensitivity` (row, state) span."""
+    left, sizes, _ = np.linalg.svd(sensitivity, full_matrices=False)
+    return left[:, sizes > 1e-9 * sizes.max(initial=0.0)]
 
 
 def _same_times(a: np.ndarray, b: np.ndarray) -> bool:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Sequence
 
 import mujoco
 import numpy as np
 
-from capture_cli.effects._places import site_id, site_name
+from capture_cli.effects._places import site_name
 from capture_cli.effects.base import GLOBAL, Effect
 
 
@@ -32,32 +33,46 @@ def touching_pairs(model: mujoco.MjModel) -> np.ndarray:
 
 
 class ContactEffect(Effect):
-    """An effect on the contacts of a geom, or on those of an explicit <pair>, called GEOM+GEOM.
+    """An effect on the contacts of a geom, of geoms of one make, or of an explicit <pair>; those are called GEOM+GEOM.
 
-    pair: the pair's number, or -1; then geom is the geom's, and partners (partner,) are what it mixes with.
+    pair: the pair's number, or -1; then geoms (geom,) are the geoms' numbers, and partners (partner,) are what they mix
+    with.
     """
 
-    where = "every geom that has a say in some contact, every explicit pair (GEOM+GEOM)"
+    where = (
+        "every geom that has a say in some contact; those of one make together, as a robot's feet (GEOM+GEOM+...); "
+        "every explicit pair (GEOM+GEOM)"
+    )
 
     def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
         super().__init__(model, site)
         pairs = [_pair_name(model, k) for k in range(model.npair)]
         self.pair = pairs.index(site) if site in pairs else -1
         if self.pair < 0:
-            self.geom = site_id(model, "geom", site)
-            pairs = touching_pairs(model)
-            touched = np.concatenate([pairs[pairs[:, 0] == self.geom, 1], pairs[pairs[:, 1] == self.geom, 0]])
-            self.partners = touched[model.geom_priority[touched] == model.geom_priority[self.geom]]
+            self.geoms = self._geoms(model)[site]
+            a, b = touching_pairs(model).T
+            touched = np.union1d(b[np.isin(a, self.geoms)], a[np.isin(b, self.geoms)])
+            others = np.setdiff1d(touched, self.geoms)
+            self.partners = others[model.geom_priority[others] == model.geom_priority[self.geoms[0]]]
 
     @classmethod
     def sites(cls, model):
+        pairs = [_pair_name(model, k) for k in range(model.npair) if cls.pair_matters(model, k)]
+        return [site for site in cls._geoms(model) if site not in pairs] + pairs
+
+    @classmethod
+    def _geoms(cls, model: mujoco.MjModel) -> dict[str, np.ndarray]:
+        """Sites and their geoms, (geom,) each: those of one make together, then one by one."""
         a, b = touching_pairs(model).T
         a, b = np.concatenate([a, b]), np.concatenate([b, a])
         rank = model.geom_priority
         says = (rank[a] > rank[b]) | ((rank[a] == rank[b]) & cls.decides(model, a, b))
         geoms = np.unique(a[says & cls.matters(model, a, b)])
-        pairs = (k for k in range(model.npair) if cls.pair_matters(model, k))
-        return [site_name(model, "geom", int(g)) for g in geoms] + [_pair_name(model, k) for k in pairs]
+        makes: dict[tuple, list[int]] = {}
+        for geom in geoms:
+            makes.setdefault(_make(model, geom), []).append(int(geom))
+        groups = [make for make in makes.values() if len(make) > 1]
+        return {_name(model, geoms): np.array(geoms) for geoms in [*groups, *([int(g)] for g in geoms)]}
 
     @staticmethod
     @abstractmethod
@@ -75,6 +90,16 @@ class ContactEffect(Effect):
         """Whether the effect can change anything in the contacts of an explicit pair."""
 
 
-def _pair_name(model: mujoco.MjModel, pair: int) -> str:
-    geoms = (model.pair_geom1[pair], model.pair_geom2[pair])
+def _make(model: mujoco.MjModel, geom: int) -> tuple:
+    """What geoms of one make have in common: shape, size and material."""
+    kind = (int(model.geom_type[geom]), int(model.geom_dataid[geom]), int(model.geom_priority[geom]))
+    numbers = (model.geom_size, model.geom_friction, model.geom_solref, model.geom_solimp)
+    return (*kind, *(float(x) for values in numbers for x in values[geom]))
+
+
+def _name(model: mujoco.MjModel, geoms: Sequence[int]) -> str:
     return "+".join(site_name(model, "geom", int(g)) for g in geoms)
+
+
+def _pair_name(model: mujoco.MjModel, pair: int) -> str:
+    return _name(model, (model.pair_geom1[pair], model.pair_geom2[pair]))

@@ -10,7 +10,7 @@ from capture_cli.parameters import Parameter
 
 
 class ContactFriction(ContactEffect):
-    """`change` of the sliding friction of a geom's contacts, or of an explicit pair.
+    """`change` of the sliding friction of the contacts of geoms, or of an explicit pair.
 
     In a contact the geom with more friction decides. Where it is lowered, partners that would decide instead
     go down with it.
@@ -21,7 +21,9 @@ class ContactFriction(ContactEffect):
 
     @property
     def parameters(self):
-        own = self.model.pair_friction[self.pair] if self.pair >= 0 else self.model.geom_friction[self.geom]
+        own = (
+            self.model.pair_friction[self.pair] if self.pair >= 0 else self.model.geom_friction[self.geoms[0]]
+        )
         return (Parameter("change", "1", min(0.0, -float(own[0])), 1.0, 0.0),)
 
     def write(self, fields, values):
@@ -30,10 +32,11 @@ class ContactFriction(ContactEffect):
             friction[:, self.pair, :2] = raised(friction[:, self.pair, :2], values)
             return
         friction = fields["geom_friction"]
-        own, others = friction[:, self.geom, :1].copy(), friction[:, self.partners, 0]
-        new = raised(own, values)
-        friction[:, self.partners, 0] = np.where(others <= own, np.minimum(others, new), others)
-        friction[:, self.geom, 0] = new[:, 0]
+        for geom in self.geoms:
+            own, others = friction[:, geom, :1].copy(), friction[:, self.partners, 0]
+            new = raised(own, values)
+            friction[:, self.partners, 0] = np.where(others <= own, np.minimum(others, new), others)
+            friction[:, geom, 0] = new[:, 0]
 
     @staticmethod
     def decides(model, a, b):

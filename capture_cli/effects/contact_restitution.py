@@ -11,7 +11,7 @@ DAMPING = 1  # the second number of solref: damping ratio, or minus damping wher
 
 
 class ContactRestitution(ContactEffect):
-    """`damping` is the relative change of the contact damping of a geom, or of an explicit pair.
+    """`damping` is the relative change of the contact damping of geoms, or of an explicit pair.
 
     Less damping gives back more: at -1 nothing would be lost. Of two geoms with solref in direct form the one
     with more damping decides; two in standard form are averaged. Where damping is lowered, partners that
@@ -30,11 +30,12 @@ class ContactRestitution(ContactEffect):
             fields["pair_solref"][:, self.pair, DAMPING] *= 1 + values[:, 0]
             return
         damping = fields["geom_solref"][..., DAMPING]
-        own, others = damping[:, self.geom, None].copy(), damping[:, self.partners]
-        new = own * (1 + values)
-        follows = (own < 0) & (others < 0) & (others >= own)
-        damping[:, self.partners] = np.where(follows, np.maximum(others, new), others)
-        damping[:, self.geom] = new[:, 0]
+        for geom in self.geoms:
+            own, others = damping[:, geom, None].copy(), damping[:, self.partners]
+            new = own * (1 + values)
+            follows = (own < 0) & (others < 0) & (others >= own)
+            damping[:, self.partners] = np.where(follows, np.maximum(others, new), others)
+            damping[:, geom] = new[:, 0]
 
     @staticmethod
     def decides(model, a, b):

@@ -28,6 +28,7 @@ from capture_cli.stages.prepared_log import (
     prepare,
 )
 from capture_cli.stages.progress import Progress
+from capture_cli.stages.repeated_noise import with_noise_of_repeats
 from capture_cli.stores.diagnosis import FORMAT, VERSION, Diagnosis
 from capture_cli.stores.estimate import Estimate, read_result
 from capture_cli.stores.measured_log import MeasuredLog
@@ -76,11 +77,14 @@ def diagnose(
     )
     prepared = prepare(log, found, window=window, test=test, seed=seed)
     check_parameters_move_outputs(prepared, ModelFits(prepared, threads).simulator(()), seed)
+    nominal = _nominal(found, begin)
     with Progress("diagnose", "model", quiet=quiet) as progress:
+        prepared, rollouts = with_noise_of_repeats(prepared, nominal, threads=threads, seed=seed)
         diagnosis = _diagnose(
             prepared,
-            _nominal(found, begin),
+            nominal,
             progress,
+            rollouts,
             starts=starts,
             expression=expression,
             seed=seed,
@@ -97,6 +101,7 @@ def _diagnose(
     prepared: PreparedLog,
     nominal: np.ndarray,
     progress: Progress,
+    rollouts: int,
     *,
     starts: int,
     expression: bool,
@@ -105,11 +110,14 @@ def _diagnose(
 ) -> Diagnosis:
     """With the starts that the actions say, where episodes begin there and that is explained; else with free starts.
 
-    Where contacts follow, free starts are worse: they make the error rough, and hide what moves them.
+    Where contacts follow, free starts are worse: they make the error rough, and hide what moves them. rollouts: how
+    many were simulated before.
     """
     free = ModelFits(prepared, threads)
+    free.rollouts = rollouts
     if begins_as_acted(prepared):
         acted = ModelFits(as_acted(prepared), threads)
+        acted.rollouts = rollouts
         diagnosis = _Work(acted.prepared, acted, progress, seed).run(nominal, starts)
         if diagnosis.document["verdict"] != "unexplained":
             return diagnosis

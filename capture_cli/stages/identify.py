@@ -21,6 +21,7 @@ from capture_cli.stages.estimation import Found, by_physics, by_rounds
 from capture_cli.stages.model_fits import TOLERANCE, ModelFits
 from capture_cli.stages.prepared_log import PreparedLog, check_parameters_move_outputs, find_task, prepare
 from capture_cli.stages.progress import Progress
+from capture_cli.stages.repeated_noise import with_noise_of_repeats
 from capture_cli.stores.estimate import FORMAT, HISTORY, VERSION, Estimate
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.stores.output import new_directory, refuse_existing, sha256
@@ -77,8 +78,11 @@ def identify(
         prepared = replace(prepared, split=earlier.split(prepared.windows, prepared.split))
     _import_meanwhile(NEEDED_LAST)
     with Progress("identify", "round", quiet=quiet) as progress:
+        start = found.space.nominal if earlier is None else earlier.parameters
+        prepared, rollouts = with_noise_of_repeats(prepared, start, threads=threads, seed=options["seed"])
         search = _Search(prepared, chosen, progress, starts, rounds, options["seed"], threads, earlier)
         result = search.run()
+        result.fits.rollouts += rollouts
     estimate = _Report(result, chosen.name, options["seed"], earlier).estimate()
     if estimate.document["verdict"] == "unexplained":
         estimate.document["next_command"] = f"capture diagnose --real-log {real_log} --estimate {out}"

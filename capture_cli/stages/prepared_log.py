@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -125,7 +126,7 @@ def prepare(
         log.episodes,
         [c.noise_sd for c in task.outputs],
         time=log.time,
-        driven_by=[log.inputs[e] for e in log.episodes] if log.actions is None else log.actions,
+        driven_by=driven_by(log),
         block=int(np.clip(np.median(windows.samples) / 2, *REPEATED_SAMPLES)),
     )
     starts = _starts(log, task, windows, noise)
@@ -137,6 +138,17 @@ def prepare(
         seed=seed,
     )
     return PreparedLog(task, log, windows, starts, noise, split)
+
+
+def driven_by(log: MeasuredLog) -> Sequence[np.ndarray]:
+    """What drove each episode: its inputs (step, input), or its action."""
+    return [log.inputs[e] for e in log.episodes] if log.actions is None else log.actions
+
+
+def with_noise(prepared: PreparedLog, noise: NoiseFloor) -> PreparedLog:
+    """The log with another noise floor, which its starts are known by, too."""
+    starts = _starts(prepared.log, prepared.task, prepared.windows, noise)
+    return replace(prepared, noise=noise, starts=starts)
 
 
 def _attitudes(task: Task) -> list[np.ndarray]:

@@ -1,0 +1,52 @@
+"""The noise floor of repeats, through the simulator: what repeated windows differ by, less what their starts can do."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from capture_cli.diagnosis.noise_floor import trimmed_sd
+from capture_cli.diagnosis.repeats import FEWEST, pure_error, repeats
+from capture_cli.identifiers.base import Best
+from capture_cli.stages.model_fits import ModelFits
+from capture_cli.stages.prepared_log import PreparedLog, driven_by, with_noise
+
+
+def with_noise_of_repeats(
+    prepared: PreparedLog, start: np.ndarray, *, threads: int | None, seed: int
+) -> tuple[PreparedLog, int]:
+    """The log with the noise floor that its repeats show, and how many simulations that took.
+
+    As it is where it has no repeats, and for outputs whose noise does not come from them. start (parameter,): where the
+    declared model is fitted from, of which only the sensitivities to the starts are used.
+    """
+    if "repeats" not in prepared.noise.source:
+        return prepared, 0
+    fits = ModelFits(prepared, threads)
+    fit = fits.fit(prepared.part(~prepared.split.is_test), [], start, seed=seed)
+    if fit is None:
+        return prepared, fits.rollouts
+    as_measured = np.zeros_like(prepared.starts.sd)
+    at = fits.at(prepared, [], Best(fit.point, as_measured, fit.error)).at
+    deviations, degrees = pure_error(at, _repeated_windows(prepared))
+    sd = prepared.noise.sd.copy()
+    for k, source in enumerate(prepared.noise.source):
+        if source == "repeats" and degrees[k] >= FEWEST:
+            sd[k] *= trimmed_sd(deviations[k])
+    return with_noise(prepared, replace(prepared.noise, sd=sd)), fits.rollouts
+
+
+def _repeated_windows(prepared: PreparedLog) -> list[np.ndarray]:
+    """Windows (repeat,) at the same place of episodes that repeat each other."""
+    log, windows = prepared.log, prepared.windows
+    begins = np.array([episode.start for episode in log.episodes])
+    since = windows.first - begins[windows.episode]
+    groups = []
+    for episodes in repeats(log.time, driven_by(log), log.outputs, log.episodes, prepared.noise.sd):
+        same = np.flatnonzero(np.isin(windows.episode, episodes))
+        for place in np.unique(since[same]):
+            group = same[since[same] == place]
+            if len(group) > 1:
+                groups.append(group)
+    return groups

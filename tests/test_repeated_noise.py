@@ -1,0 +1,86 @@
+"""Coloured noise on repeats of one experiment is no lack of fit; and what is missing is found in spite of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from capture_cli.stages.diagnose import diagnose
+from capture_cli.stages.identify import identify
+from capture_cli.stages.prepared_log import prepare
+from capture_cli.stages.record import record
+from capture_cli.stages.repeated_noise import with_noise_of_repeats
+from capture_cli.stores.measured_log import MeasuredLog
+from capture_cli.tasks import load_task
+
+SLIDER = str(Path(__file__).parents[1] / "benchmarks" / "machines" / "slider" / "task.toml")
+NOISE, MEMORY = 1e-3, 8.0  # m; samples within which it is forgotten
+
+
+def coloured(shape: tuple[int, int], generator: np.random.Generator) -> np.ndarray:
+    """Noise of standard deviation NOISE that forgets within MEMORY samples, (repeat, step)."""
+    kept = np.exp(-1 / MEMORY)
+    noise = generator.standard_normal(shape)
+    for k in range(1, shape[1]):
+        noise[:, k] = kept * noise[:, k - 1] + np.sqrt(1 - kept**2) * noise[:, k]
+    return NOISE * noise
+
+
+@pytest.fixture(scope="module", params=[(), ("coulomb-friction@x.friction=1.5",)], ids=["nothing", "coulomb"])
+def repeats(request, tmp_path_factory) -> tuple[Path, bool]:
+    """A log of two experiments on the slider, each run three times, and whether something is missing."""
+    folder = tmp_path_factory.mktemp("repeats")
+    once = folder / "once.zarr"
+    record(
+        task=SLIDER, out=once, effects=list(request.param), noise=0.0, episodes=2, duration=2.5, rate=250.0
+    )
+    log = MeasuredLog.read(once)
+    order = [number for number in range(2) for _ in range(3)]
+    steps = np.concatenate([np.arange(len(log.time))[log.episodes[n]] for n in order])
+    length = len(steps) // len(order)
+    noise = coloured((len(order), length), np.random.default_rng(3)).reshape(-1, 1)
+    repeated = replace(
+        log,
+        time=log.time[steps],
+        inputs=log.inputs[steps],
+        outputs=log.outputs[steps] + noise,
+        episode_ends=length * (1 + np.arange(len(order))),
+        recording=np.zeros(len(order), dtype=int),
+    )
+    repeated.write(folder / "log.zarr")
+    return folder / "log.zarr", bool(request.param)
+
+
+def test_coloured_noise_is_measured_through_the_simulator(repeats):
+    path, _ = repeats
+    task = load_task(SLIDER)
+    before = prepare(MeasuredLog.read(path), task, window=None, test=None, seed=0)
+    after, rollouts = with_noise_of_repeats(before, task.space.nominal, threads=1, seed=0)
+    assert before.noise.source == after.noise.source == ("repeats",)
+    assert rollouts > 0
+    assert before.noise.sd[0] < 0.85 * NOISE < after.noise.sd[0] < 1.05 * NOISE
+
+
+def test_coloured_noise_is_no_lack_of_fit(repeats, tmp_path):
+    path, missing = repeats
+    estimate = identify(real_log=path, task=SLIDER, out=tmp_path / "estimate", threads=1, quiet=True)
+    found = diagnose(
+        real_log=path,
+        task=SLIDER,
+        estimate=tmp_path / "estimate",
+        out=tmp_path / "diagnosis",
+        threads=1,
+        quiet=True,
+    ).document
+    if missing:
+        assert estimate.document["verdict"] == "unexplained"
+        assert found["verdict"] == "effect-found"
+        assert [e["name"] for e in found["effects"]] == ["coulomb-friction"]
+        assert found["parameters"] and found["effects"][0]["parameters"]["friction"][
+            "value"
+        ] == pytest.approx(1.5, rel=0.05)
+    else:
+        assert estimate.document["verdict"] == found["verdict"] == "explained"
