@@ -70,6 +70,17 @@ class Simulator:
         self._own_states = 2 * task.model.nv + task.model.na
         self.substeps = math.prod(effect.substeps for _, effect in self.effects)
 
+    def hidden_sd(self, windows: Windows) -> np.ndarray:
+        """How well hidden states are known at the start of each window, (window, hidden state): 0 for certain.
+
+        What was before is known where an episode does not begin there.
+        """
+        sd = np.ones((len(windows), self.hidden_states))
+        for (_, effect), own in zip(self.effects, self._states, strict=True):
+            if effect.place == "control":
+                sd[windows.elapsed > 0, own] = 0.0
+        return sd
+
     def hidden_tried(self) -> np.ndarray:
         """Values (point, hidden state) among which those that a window began with are looked for, one effect's after
         the other's; nan leaves a state as it is.
@@ -176,6 +187,7 @@ class Simulator:
             windows.grid + int(np.ceil(more / windows.timestep)),
             each,
             lead=windows.lead,
+            known=windows.known_lead[row],
             drift=drift,
             hidden=hidden,
             states=states,
@@ -190,19 +202,22 @@ class Simulator:
         each: np.ndarray,
         *,
         lead: int = 0,
+        known: np.ndarray | None = None,
         drift: np.ndarray | None = None,
         hidden: np.ndarray | None = None,
         states: bool = False,
     ) -> Rollouts:
         """Rollouts whose sensors are the outputs on the grid; each (simulation, parameter).
 
-        controls (row, lead + steps, nu), of which `lead` come before the first step; where there are fewer the
-        last are held. drift (simulation,): how many s later than the first step a simulation begins; None begins
-        none later. hidden (simulation, state): what the effects' own states begin with; 0 where None.
+        controls (row, lead + steps, nu), of which `lead` come before the first step, `known` (simulation,) of them from
+        the log; where there are fewer the last are held. drift (simulation,): how many s later than the first step a
+        simulation begins; None begins none later. hidden (simulation, state): what the effects' own states begin with;
+        0 where None.
         """
         drift = np.zeros(len(row)) if drift is None else drift
+        known = np.zeros(len(row), dtype=int) if known is None else known
         hidden = np.zeros((len(row), self.hidden_states)) if hidden is None else hidden
-        controls, row = self._drive(controls, row, each, lead, steps, drift)
+        controls, row = self._drive(controls, row, each, lead, steps, drift, known, hidden)
         measures = self._measures
         rollouts = self.engine.rollout(
             starts=starts,
@@ -263,6 +278,8 @@ class Simulator:
         lead: int,
         steps: int,
         drift: np.ndarray,
+        known: np.ndarray,
+        hidden: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Controls (simulation or row, steps, nu) as the actuators receive them, and which of them are whose."""
         own = [
@@ -273,12 +290,21 @@ class Simulator:
         if not own and not drift.any() and lead + steps <= controls.shape[1]:
             return controls[:, lead : lead + steps], row
         memory = sum(effect.memory(values) for effect, values in own)
-        past = min(int(np.ceil(memory / self.task.timestep)), lead)
-        at = drift[:, None] / self.task.timestep + np.arange(lead - past, lead + steps)
-        controls = _between(controls, row, at)
+        # one step at least: what came first is taken to have been for ever
+        past = max(min(int(np.ceil(memory / self.task.timestep)), lead), 1)
+        at = np.arange(lead - past, lead + steps)
+        controls = _between(controls, row, drift[:, None] / self.task.timestep + at)
+        unknown = at < lead - known[:, None]
+        controls += unknown[..., None] * self._before(hidden)[:, None]
         for effect, values in own:
             controls = effect.drive(controls, values, self.task.timestep)
         return controls[:, past:], np.arange(len(row))
+
+    def _before(self, hidden: np.ndarray) -> np.ndarray:
+        """By how much controls before an episode began differed from its first, (simulation, nu)."""
+        own = zip(self.effects, self._states, strict=True)
+        change = np.zeros((len(hidden), self.task.model.nu))
+        return sum((effect.before(hidden[:, states]) for (_, effect), states in own), change)
 
 
 def placed_name(name: str, effect: Effect) -> str:

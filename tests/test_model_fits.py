@@ -11,6 +11,7 @@ import pytest
 
 from capture_cli.effects import REGISTRY
 from capture_cli.effects._two_mass import TransmissionEffect
+from capture_cli.effects.base import Effect
 from capture_cli.identifiers.intervals import unit_covariance
 from capture_cli.stages.model_fits import EXACT, RETURNED, ModelFits
 from capture_cli.stages.prepared_log import PreparedLog, prepare
@@ -71,6 +72,38 @@ def test_what_a_filter_reports_when_a_window_begins_is_a_nuisance(tmp_path, monk
     assert free.error < 1.05 < held.error
 
 
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("control-lag", "time_constant=0.05"),
+        ("control-second-order-lag", "time_constant=0.03"),
+        ("control-delay", "delay=0.09"),
+    ],
+)
+def test_what_an_actuator_was_told_before_an_episode_is_a_nuisance(tmp_path, name, text, monkeypatch):
+    """Logs that begin while the machine is driven: their first half second is cut off."""
+    prepared, truth = planted(tmp_path, f"{name}@drive.{text}")
+    log = prepared.log
+    kept = [np.arange(e.start + 125, e.stop) for e in log.episodes]
+    steps, ends = np.concatenate(kept), np.cumsum([len(k) for k in kept])
+    late = replace(
+        log, time=log.time[steps], inputs=log.inputs[steps], outputs=log.outputs[steps], episode_ends=ends
+    )
+    prepared = prepare(late, prepared.task, window=None, test=None, seed=0)
+    effect = REGISTRY.get(name)(prepared.task.model, "drive")
+    if len(effect.parameters) > 1:
+        truth = np.append(truth, [1.0] * (len(prepared.task.space) + len(effect.parameters) - len(truth)))
+    free = ModelFits(prepared, 1).fit(prepared, [(name, effect)], truth)
+    later = prepared.windows.elapsed > 0
+    assert later.any() and np.all(free.offsets[later, -1] == 0) and np.all(free.offsets[~later, -1] != 0)
+    monkeypatch.setattr(type(effect), "states", ())
+    monkeypatch.setattr(type(effect), "before", Effect.before)
+    held = ModelFits(prepared, 1).fit(prepared, [(name, effect)], truth)
+    first = [float(np.sqrt(np.square(f.at.residual[~later]).mean())) for f in (free, held)]
+    assert free.error < 1.05
+    assert first[0] < 0.95 * first[1]
+
+
 def test_windows_that_begin_on_the_wrong_side_of_a_wide_play_are_begun_elsewhere(tmp_path, monkeypatch):
     prepared, truth = planted(tmp_path, "backlash@x.width=0.06")
     placed = [("backlash", REGISTRY.get("backlash")(prepared.task.model, "x"))]
@@ -99,7 +132,6 @@ def test_a_free_number_in_every_window_does_not_make_a_model_the_better_one(tmp_
     held = ModelFits(prepared, 1).fit(prepared, [effect], truth, tolerance=EXACT)
     raw_free, raw_held = (float(np.square(f.at.residual).sum()) for f in (free, held))
     windows = len(prepared.windows)
-    print(raw_free, raw_held, free.squares, held.squares, free.at.fitted_hidden, windows)
     assert 0.3 * windows < free.at.fitted_hidden <= windows and held.at.fitted_hidden == 0
     assert raw_free < free.squares and raw_held == held.squares
     assert abs(free.squares - held.squares) < raw_held - raw_free

@@ -17,8 +17,7 @@ UNIT = "ctrl"  # whatever the control of the actuator is measured in
 
 
 class ActuatorEffect(Effect):
-    """An effect on the one control of an actuator, or of several. What came before a simulation began is taken to be
-    its first value.
+    """An effect on the one control of an actuator, or of several.
 
     kernel: of the control of one step, held over it, makes what the actuator receives.
     """
@@ -65,7 +64,23 @@ class ActuatorEffect(Effect):
         return Companion((self.kernel,), lines, state)
 
 
-class ControlTimeEffect(ActuatorEffect):
+class RememberingEffect(ActuatorEffect):
+    """An effect by which what arrives depends on earlier controls, too.
+
+    Those before an episode began are states of their own: a robot may have been told to stand where it stood.
+    """
+
+    @property
+    def states(self):
+        return tuple(f"{name} before" for name in self.names)
+
+    def before(self, states):
+        change = np.zeros((len(states), self.model.nu))
+        change[:, self.columns] = states * [control_scale(self.model, a) for a in self.actuators]
+        return change
+
+
+class ControlTimeEffect(RememberingEffect):
     """An effect on when the control of one actuator arrives, or those of all of them, which share a bus."""
 
     where = "every actuator; all of them together where there are several"

@@ -115,6 +115,13 @@ class Effect(ABC):
         """Place "control": for how long, in s, a control still shows at `values` (simulation, parameter)."""
         return 0.0
 
+    def before(self, states: np.ndarray) -> np.ndarray | float:
+        """Place "control": by how much controls before an episode began, which no log has, differed from its first.
+
+        (simulation, nu), at `states` (simulation, state); it is taken to have been for ever.
+        """
+        return 0.0
+
     def measure(self, sensors: np.ndarray, values: np.ndarray, timestep: float) -> np.ndarray:
         """Place "measurement": sensordata (simulation, grid, column), on that grid, as it is reported."""
         return sensors

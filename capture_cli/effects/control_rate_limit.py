@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from capture_cli.effects._actuator_effect import UNIT, ActuatorEffect
+from capture_cli.effects._actuator_effect import UNIT, RememberingEffect
 from capture_cli.parameters import Parameter
 
 SLOWEST = 2.0  # s, from nothing to a full control
@@ -26,7 +26,7 @@ class RateLimit:
         return np.where(steps <= 1, control - gap * steps / 2, before + moved / 2)
 
 
-class ControlRateLimit(ActuatorEffect):
+class ControlRateLimit(RememberingEffect):
     """The control needs at least `slowness` (s per unit of the control) to change by one unit; at 0 it can
     jump.
 

@@ -61,6 +61,11 @@ class Windows:
         return self.tape[:, self.lead : self.lead + self.grid]
 
     @property
+    def known_lead(self) -> np.ndarray:
+        """How many of the inputs before each window its episode has, (window,), in model steps."""
+        return np.minimum(np.rint(self.elapsed / self.timestep).astype(int), self.lead)
+
+    @property
     def samples(self) -> np.ndarray:
         """How many samples each window has, (window,)."""
         return self.mask.sum(axis=1)

@@ -29,7 +29,10 @@ from capture_cli.stages.model_fits import Fit, ModelFits, PartFit, Placed
 from capture_cli.stages.narrow_shapes import NarrowShapes
 from capture_cli.stages.prepared_log import PreparedLog
 
-REFITTED = 5  # best-scoring candidates that are fitted jointly, each time round
+# Best-scoring candidates that are fitted jointly, each time round: so many that differ, with so many like each, no more
+# than so many in all. A force of one direction can be a bias, a preload or a tilt: they must not keep all others out.
+DIFFERENT, OF_A_KIND, REFITTED = 5, 3, 8
+ALIKE = 0.99  # cosine of responses beyond which candidates are of a kind
 # Of an amplitude's range: a slope near null, and a secant further out to either side. Friction and stops act one way.
 PROBES = (0.01, 0.1, -0.1)
 # Where none of those moves anything: what acts from a threshold on only, a limit that the controls never come near
@@ -229,20 +232,20 @@ class Attribution:
             self._step("score", number, len(tried))
             self._score(narrow, candidate)
         ranked = sorted((c for c in tried if c.why_rejected is None), key=lambda c: -c.score.gain)
-        for candidate in ranked[REFITTED:]:
-            best = ranked[0].score.gain
+        refitted, others = _worth_a_refit(ranked)
+        for candidate in others:
             candidate.why_rejected = (
-                f"explains less at first sight ({candidate.score.gain:.3g} of {best:.3g})"
+                f"explains less at first sight ({candidate.score.gain:.3g} of {ranked[0].score.gain:.3g})"
             )
         before, best = self.judge(current), None
-        for number, candidate in enumerate(ranked[:REFITTED]):
-            self._step("refit", number, len(ranked[:REFITTED]))
+        for number, candidate in enumerate(refitted):
+            self._step("refit", number, len(refitted))
             self._refit(current, candidate, before, len(tried), best)
             best = _least([best, candidate.fit])
-        supported = [c for c in ranked[:REFITTED] if c.why_rejected is None]
+        supported = [c for c in refitted if c.why_rejected is None]
         if not supported:
             return None
-        return self._choose(supported, ranked[REFITTED:])
+        return self._choose(supported, others)
 
     def _score(self, narrow: NarrowShapes, candidate: Candidate) -> None:
         """Fill in the candidate's score and where a refit should start, or why it is out."""
@@ -595,6 +598,27 @@ class Attribution:
 def _key(effects: Sequence[Placed]) -> frozenset[str]:
     """What a model is known by: its effects, in any order."""
     return frozenset(placed_name(*e) for e in effects)
+
+
+def _worth_a_refit(ranked: Sequence[Candidate]) -> tuple[list[Candidate], list[Candidate]]:
+    """The candidates to fit jointly, and the others; ranked: by score, best first."""
+    kinds: list[list[Candidate]] = []
+    refitted, others = [], []
+    for candidate in ranked:
+        own = next((k for k in kinds if _alike(k[0], candidate)), None)
+        full = len(kinds) == DIFFERENT if own is None else len(own) == OF_A_KIND
+        if full or len(refitted) == REFITTED:
+            others.append(candidate)
+            continue
+        if own is None:
+            kinds.append([])
+        (kinds[-1] if own is None else own).append(candidate)
+        refitted.append(candidate)
+    return refitted, others
+
+
+def _alike(a: Candidate, b: Candidate) -> bool:
+    return abs(similarity(a.score.response, b.score.response)) > ALIKE
 
 
 def _least(fits: Sequence[Fit | None]) -> Fit | None:

@@ -66,18 +66,19 @@ class PreparedLog:
         )
 
     def evidence(self, simulator: Simulator) -> Evidence:
-        """What identifiers are given. Hidden states of effects are free at every start, by their unit prior."""
-        windows = self.windows
-        hidden = np.ones((len(windows), simulator.hidden_states))
-        start_sd = np.concatenate([self.starts.sd, hidden], axis=1)
+        """What identifiers are given. Hidden states of effects are free at the starts, by their unit prior."""
         return Evidence(
             simulator.space,
-            windows.measured,
-            windows.mask,
+            self.windows.measured,
+            self.windows.mask,
             self.noise.sd,
-            start_sd,
+            self._start_sd(simulator),
             hidden_tried=simulator.hidden_tried(),
         )
+
+    def _start_sd(self, simulator: Simulator) -> np.ndarray:
+        """How well states are known at the start of each window, those of effects last, (window, state)."""
+        return np.concatenate([self.starts.sd, simulator.hidden_sd(self.windows)], axis=1)
 
     def evaluate(self, simulator: Simulator, trial: Trial) -> tuple[np.ndarray, np.ndarray]:
         """Simulated outputs (candidate, window, step, output) and diverged (candidate, window) of a trial.
@@ -85,10 +86,9 @@ class PreparedLog:
         Starts that are known for certain stay where they are.
         """
         starts = self.starts
-        offsets = trial.offsets.copy()
-        offsets[:, :, : starts.sd.shape[1]] *= starts.sd > 0
+        may_move = self._start_sd(simulator)[:, : trial.offsets.shape[2]] > 0
         simulated = simulator.simulate(
-            self.windows, starts.starts, trial.parameters, offsets, starts.reported
+            self.windows, starts.starts, trial.parameters, trial.offsets * may_move, starts.reported
         )
         outputs = aligned(simulated.outputs, self.windows.measured, _attitudes(self.task))
         return outputs, simulated.diverged
