@@ -26,7 +26,7 @@ from capture_cli.identifiers.intervals import intervals
 from capture_cli.linearization import Evidence, Linearization
 from capture_cli.parameters import Parameter, ParameterSpace
 from capture_cli.stages import diagnose as diagnose_stage
-from capture_cli.stages.attribution import _slight
+from capture_cli.stages.attribution import REFITTED, _slight, _worth_a_refit
 from capture_cli.stages.diagnose import _verdict, diagnose
 from capture_cli.stages.identify import identify
 from capture_cli.stages.model_fits import ModelFits, PartFit
@@ -133,6 +133,21 @@ def test_folds_judge_only_what_was_not_fitted():
 def test_an_effect_has_to_take_a_tenth_of_what_is_above_the_floor(before, after, is_slight):
     why = _slight(SimpleNamespace(error=before), SimpleNamespace(error=after))
     assert (why is not None) == is_slight
+
+
+def test_candidates_that_say_the_same_leave_room_for_others():
+    """Six copies of the best, then others that differ: three of the copies are fitted, and the best of the others."""
+    directions = np.eye(8)
+    responses = [directions[0]] * 6 + list(directions[1:])
+    ranked = [
+        SimpleNamespace(number=k, score=SimpleNamespace(response=response))
+        for k, response in enumerate(responses)
+    ]
+    refitted, others = _worth_a_refit(ranked)
+    assert [c.number for c in refitted] == [0, 1, 2, 6, 7, 8, 9]
+    assert [c.number for c in others] == [3, 4, 5, 10, 11, 12]
+    refitted, _ = _worth_a_refit([*ranked[:3], *[ranked[6]] * 3, *[ranked[7]] * 3])
+    assert len(refitted) == REFITTED
 
 
 def test_intervals_reach_to_minima_that_are_nearly_as_good():

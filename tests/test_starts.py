@@ -10,6 +10,7 @@ from capture_cli.sim.engine import Engine, Starts
 from capture_cli.sim.starts import (
     PRIOR_INFLATION,
     StartEstimate,
+    _local_fit,
     estimate_starts,
     from_episodes,
     measures_every_coordinate,
@@ -146,6 +147,17 @@ def test_runge_kutta_has_no_such_lag():
     done = Engine(spring, 1).rollout(starts=start, controls=np.zeros((1, STEPS, 0)), steps=STEPS, states=True)
     _, error = estimate(spring, (time, done.sensors[0], done.qpos[0], done.qvel[0]), ("x",), noise=0.0)
     assert np.abs(error).max() < 1e-4  # of 6 m/s
+
+
+def test_a_few_unlucky_samples_do_not_make_a_start_wild():
+    """At the start of an episode the narrowest fit has seven samples: of many, some do not look like their noise."""
+    generator = np.random.default_rng(0)
+    time, noise = np.arange(60) / 250, 5e-4
+    tracks = np.stack([0.9 * time - 0.5 * time**2] * 2000, axis=1)
+    measured = tracks + noise * generator.standard_normal(tracks.shape)
+    found = _local_fit(time, measured, 0, np.full(tracks.shape[1], noise))
+    assert np.abs(found.slope - 0.9).max() < 0.5
+    assert np.abs((found.slope - 0.9) / found.slope_sd).max() < 6
 
 
 def test_a_measured_velocity_is_used(model, motion):

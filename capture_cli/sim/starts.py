@@ -327,10 +327,10 @@ class _Fit:
 def _local_fit(time: np.ndarray, series: np.ndarray, at: int, noise_sd: np.ndarray) -> _Fit:
     """A polynomial through `series` (step, column) around step `at`.
 
-    A cubic over the widest half-width whose residual variance stays near the noise's is taken, column by column.
-    Where the curve stands out of the noise in the narrowest one already, and in the next as well (few samples can by
-    chance), a quintic is, and its sd is what it changes: the residual of a polynomial tells little of how wrong its
-    derivative is.
+    A cubic over the widest half-width up to which its residual's variance stays near the noise's is taken, column by
+    column; in the narrowest ones, of few samples, it may be off by chance. Where the curve stands out of the noise in all
+    of them, a quintic over the narrowest is, and its sd is what it changes: the residual of a polynomial tells little of
+    how wrong its derivative is.
     """
     columns = series.shape[1]
     best = _Fit(
@@ -340,25 +340,26 @@ def _local_fit(time: np.ndarray, series: np.ndarray, at: int, noise_sd: np.ndarr
         value_sd=np.array(noise_sd, dtype=float),
         slope_sd=np.full(columns, UNKNOWN_VELOCITY_SD),
     )
-    growing = np.ones(columns, dtype=bool)
-    fitted = 0
+    narrowest = True
+    begun, ended = np.zeros(columns, dtype=bool), np.zeros(columns, dtype=bool)
     for half in HALF_WIDTHS:
         a, b = max(0, at - half), min(len(time), at + half + 1)
-        if b - a < 6 or (fitted > 1 and not growing.any()):
+        if b - a < 6 or ended.all():
             continue
         around = time[a:b] - time[at]
         cubic, variance = _polynomial(around, series[a:b], 3, noise_sd)
         # the residual's variance is itself uncertain: allow three of its standard deviations
         limit = ACCEPTABLE_RESIDUAL + 3 * np.sqrt(2 / (b - a - 4))
         like_noise = variance <= limit * np.square(noise_sd)
-        growing = like_noise if fitted < 2 else growing & like_noise
-        best.take(cubic, growing)
-        if fitted == 0:
+        ended |= begun & ~like_noise
+        best.take(cubic, like_noise & ~ended)
+        if narrowest:
             quintic, _ = _polynomial(around, series[a:b], min(5, b - a - 2), noise_sd)
             quintic.value_sd = np.hypot(quintic.value_sd, quintic.value - cubic.value)
             quintic.slope_sd = np.hypot(quintic.slope_sd, quintic.slope - cubic.slope)
-            best.take(quintic, ~growing)
-        fitted += 1
+            best.take(quintic, ~like_noise)
+            narrowest = False
+        begun |= like_noise
     return best
 
 
