@@ -328,9 +328,9 @@ def _local_fit(time: np.ndarray, series: np.ndarray, at: int, noise_sd: np.ndarr
     """A polynomial through `series` (step, column) around step `at`.
 
     A cubic over the widest half-width up to which its residual's variance stays near the noise's is taken, column by
-    column; in the narrowest ones, of few samples, it may be off by chance. Where the curve stands out of the noise in all
-    of them, a quintic over the narrowest is, and its sd is what it changes: the residual of a polynomial tells little of
-    how wrong its derivative is.
+    column; in the narrowest ones, of few samples, it may be off by chance. Where the curve stands out of the noise in
+    all of them, a quintic over the narrowest is, and its sd is what it changes: the residual of a polynomial tells
+    little of how wrong its derivative is.
     """
     columns = series.shape[1]
     best = _Fit(
