@@ -197,8 +197,8 @@ class Linearization:
     @property
     def fitted_hidden(self) -> float:
         """How many of those are hidden states of effects."""
-        hidden = self.evidence.hidden_tried.shape[1]
-        return float(self._fitted_states[len(self._fitted_states) - hidden :].sum())
+        states, hidden = self.evidence.start_sd.shape[1], self.evidence.hidden_tried.shape[1]
+        return float(self._fitted_states[self.evidence.movable >= states - hidden].sum())
 
     @cached_property
     def _fitted_states(self) -> np.ndarray:

@@ -96,6 +96,9 @@ def test_what_an_actuator_was_told_before_an_episode_is_a_nuisance(tmp_path, nam
     free = ModelFits(prepared, 1).fit(prepared, [(name, effect)], truth)
     later = prepared.windows.elapsed > 0
     assert later.any() and np.all(free.offsets[later, -1] == 0) and np.all(free.offsets[~later, -1] != 0)
+    assert 0 < free.at.fitted_hidden <= (~later).sum()
+    without = ModelFits(prepared, 1).fit(prepared.part(later), [(name, effect)], truth)
+    assert without.at.fitted_hidden == 0
     monkeypatch.setattr(type(effect), "states", ())
     monkeypatch.setattr(type(effect), "before", Effect.before)
     held = ModelFits(prepared, 1).fit(prepared, [(name, effect)], truth)
