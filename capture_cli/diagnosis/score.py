@@ -47,7 +47,7 @@ def score(at: Linearization, sensitivity: np.ndarray, low: np.ndarray, high: np.
     step = box_step(hessian, gradient, bottom, top)
     alone = box_step(hessian[:size, :size], gradient[:size], bottom[:size], top[:size])
     gain = _decrease(hessian, gradient, step) - _decrease(hessian[:size, :size], gradient[:size], alone)
-    free = ~_held(at.x, step[:size])
+    free = ~(_held(at.x, step[:size]) | _held(at.x, alone))
     imitation = _imitation(hessian, size, free)
     left = hessian[size:, size:] - hessian[size:, :size] @ imitation
     total = np.square(sensitivity).sum()
@@ -73,7 +73,7 @@ def _decrease(hessian: np.ndarray, gradient: np.ndarray, step: np.ndarray) -> fl
 
 
 def _held(x: np.ndarray, step: np.ndarray) -> np.ndarray:
-    """Which parameters (parameter,) are at an end of their range and stay there: they imitate nothing more."""
+    """Which parameters (parameter,) `step` leaves at an end of their range: they imitate nothing more."""
     low, high = x < AT_BOUND, x > 1 - AT_BOUND
     return (low & (step <= AT_BOUND)) | (high & (step >= -AT_BOUND))
 

@@ -400,18 +400,20 @@ class Attribution:
         return paired_p_value(before.blocks(length), after.blocks(length), self.seed)
 
     def _implausible(self, current: Fit, fit: Fit, candidate: Candidate) -> str | None:
-        """Evidence against an effect that fits: it runs to its bound, or drives a declared parameter to one.
+        """Evidence against an effect that leaves something: at a bound, or driving a declared parameter to one.
 
-        A declared parameter may fall to zero: then it had been standing in for the effect. Nor does it count where the
-        log hardly determines it: then it may be anywhere. Or where nothing is left: then that is where it is.
+        Where nothing is left, that is where they are. A declared parameter may fall to zero: then it had been standing
+        in for the effect. Nor does it count where the log hardly determines it: then it may be anywhere.
         """
+        if self.is_explained(fit):
+            return None
         x = fit.space.to_unit(fit.point)
         prefix = candidate.name + "."
         own = [i for i, n in enumerate(fit.space.names) if n.startswith(prefix)]
         log = self.fits.prepared.log
         duration = max(log.time[e.stop - 1] - log.time[e.start] for e in log.episodes)
         doubt = candidate.effect[1].doubt(fit.point[own], float(duration))
-        if doubt and not self.is_explained(fit):
+        if doubt:
             return doubt
         for i in own:
             null = (fit.space.nominal[i] - fit.space.low[i]) / fit.space.span[i]
@@ -419,8 +421,6 @@ class Attribution:
                 return (
                     f"it would have to be at the end of its range ({fit.space.names[i]} = {fit.point[i]:.3g})"
                 )
-        if self.is_explained(fit):
-            return None
         size = len(current.point)
         was = current.at.x
         determined = intervals(fit.at).identifiable
