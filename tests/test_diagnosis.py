@@ -386,6 +386,26 @@ def test_a_parameter_at_the_end_of_its_range_imitates_nothing_more(x, unabsorbed
     assert found.unabsorbed == pytest.approx(unabsorbed, abs=1e-6)
 
 
+def test_a_parameter_that_is_held_at_its_bound_is_held_although_the_effect_would_free_it():
+    """Alone the mass wants to go beyond its bound; with the effect in, which does the same and more, back."""
+    generator = np.random.default_rng(2)
+    column, other = np.linalg.qr(generator.standard_normal((120, 2)))[0].T.reshape(2, 3, 40, 1)
+    evidence = Evidence(
+        ParameterSpace([Parameter("mass", "kg", 0.0, 1.0, 0.5)]),
+        np.zeros((3, 40, 1)),
+        np.ones((3, 40), dtype=bool),
+        np.ones(1),
+        np.zeros((3, 0)),
+    )
+    residual = 50 * (column + other)[..., 0]
+    at = Linearization(
+        evidence, np.array([1.0]), np.zeros((3, 0)), residual, 500 * column, np.zeros((3, 40, 0))
+    )
+    found = score(at, 500 * (2 * column + other), np.array([-1.0]), np.array([1.0]))
+    assert found.parameters[0] < -0.05
+    assert found.unabsorbed == pytest.approx(1.0, abs=1e-6)
+
+
 @pytest.mark.parametrize(
     ("without", "with_it", "verdict"), [(3.0, 1.0, "effect-found"), (1.05, 1.06, "unexplained")]
 )
