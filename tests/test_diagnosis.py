@@ -369,10 +369,8 @@ def test_an_existing_output_is_refused_before_any_work(logs, tmp_path):
         diagnose(real_log=logs["plain"], task=str(SLIDER), out=tmp_path / "taken", quiet=True)
 
 
-@pytest.mark.parametrize(("x", "unabsorbed"), [(0.5, 0.0), (1.0, 1.0)])
-def test_a_parameter_at_the_end_of_its_range_imitates_nothing_more(x, unabsorbed):
-    generator = np.random.default_rng(2)
-    column = generator.standard_normal((3, 40, 1))
+def of_one_mass(x: float, residual: np.ndarray, by_mass: np.ndarray) -> Linearization:
+    """At `x` of the mass's range, in three windows of 40 steps; by_mass (window, step, 1)."""
     evidence = Evidence(
         ParameterSpace([Parameter("mass", "kg", 0.0, 1.0, 0.5)]),
         np.zeros((3, 40, 1)),
@@ -380,8 +378,15 @@ def test_a_parameter_at_the_end_of_its_range_imitates_nothing_more(x, unabsorbed
         np.ones(1),
         np.zeros((3, 0)),
     )
+    return Linearization(evidence, np.array([x]), np.zeros((3, 0)), residual, by_mass, np.zeros((3, 40, 0)))
+
+
+@pytest.mark.parametrize(("x", "unabsorbed"), [(0.5, 0.0), (1.0, 1.0)])
+def test_a_parameter_at_the_end_of_its_range_imitates_nothing_more(x, unabsorbed):
+    generator = np.random.default_rng(2)
+    column = generator.standard_normal((3, 40, 1))
     residual = 5 * column[..., 0] + generator.standard_normal((3, 40))  # more of it is wanted
-    at = Linearization(evidence, np.array([x]), np.zeros((3, 0)), residual, 10 * column, np.zeros((3, 40, 0)))
+    at = of_one_mass(x, residual, 10 * column)
     found = score(at, 10 * column, np.array([-1.0]), np.array([1.0]))
     assert found.unabsorbed == pytest.approx(unabsorbed, abs=1e-6)
 
@@ -390,17 +395,8 @@ def test_a_parameter_that_is_held_at_its_bound_is_held_although_the_effect_would
     """Alone the mass wants to go beyond its bound; with the effect in, which does the same and more, back."""
     generator = np.random.default_rng(2)
     column, other = np.linalg.qr(generator.standard_normal((120, 2)))[0].T.reshape(2, 3, 40, 1)
-    evidence = Evidence(
-        ParameterSpace([Parameter("mass", "kg", 0.0, 1.0, 0.5)]),
-        np.zeros((3, 40, 1)),
-        np.ones((3, 40), dtype=bool),
-        np.ones(1),
-        np.zeros((3, 0)),
-    )
     residual = 50 * (column + other)[..., 0]
-    at = Linearization(
-        evidence, np.array([1.0]), np.zeros((3, 0)), residual, 500 * column, np.zeros((3, 40, 0))
-    )
+    at = of_one_mass(1.0, residual, 500 * column)
     found = score(at, 500 * (2 * column + other), np.array([-1.0]), np.array([1.0]))
     assert found.parameters[0] < -0.05
     assert found.unabsorbed == pytest.approx(1.0, abs=1e-6)
