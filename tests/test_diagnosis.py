@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from coloured_noise import coloured
 
 from capture_cli.diagnosis.acceptance import (
     bic_gain,
@@ -79,19 +80,10 @@ def repeated(generator, noise, start=0.0, same_drive=True):
     return noise_floor(outputs, episodes, [None], time=tiled, driven_by=drive, block=60)
 
 
-def coloured(generator, sd=1e-3, memory=3.0):
-    """Noise of standard deviation `sd` that forgets within `memory` samples, (repeat, step)."""
-    kept = np.exp(-1 / memory)
-    noise = generator.standard_normal((REPEATS, STEPS + 50))
-    for k in range(1, noise.shape[1]):
-        noise[:, k] = kept * noise[:, k - 1] + np.sqrt(1 - kept**2) * noise[:, k]
-    return sd * noise[:, 50:]
-
-
 @pytest.mark.parametrize("seed", range(3))
 def test_repeats_show_noise_that_differences_do_not(seed):
     generator = np.random.default_rng(seed)
-    noise = coloured(generator)
+    noise = coloured((REPEATS, STEPS + 50), generator, sd=1e-3, memory=3.0)[:, 50:]
     found = repeated(generator, noise)
     assert found.source == ("repeats",)
     assert 0.8e-3 < found.sd[0] < 1.05e-3  # the cubics take some of it

@@ -50,11 +50,7 @@ def test_what_a_transmission_has_wound_up_before_a_window_is_a_nuisance(tmp_path
         return fits.fit(prepared, [(name, effect)], truth).error
 
     free = error(ModelFits(prepared, 1))
-    monkeypatch.setattr(
-        PreparedLog,
-        "evidence",
-        lambda self, simulator, own=PreparedLog.evidence: _without_hidden(own(self, simulator), self),
-    )
+    _hold_hidden(monkeypatch)
     held = error(ModelFits(prepared, 1))
     assert free < 1.05 < held
 
@@ -63,11 +59,7 @@ def test_what_a_filter_reports_when_a_window_begins_is_a_nuisance(tmp_path, monk
     prepared, truth = planted(tmp_path, "sensor-low-pass@q.time_constant=0.04")
     effect = REGISTRY.get("sensor-low-pass")(prepared.task.model, "q")
     free = ModelFits(prepared, 1).fit(prepared, [("sensor-low-pass", effect)], truth)
-    monkeypatch.setattr(
-        PreparedLog,
-        "evidence",
-        lambda self, simulator, own=PreparedLog.evidence: _without_hidden(own(self, simulator), self),
-    )
+    _hold_hidden(monkeypatch)
     held = ModelFits(prepared, 1).fit(prepared, [("sensor-low-pass", effect)], truth)
     assert free.error < 1.05 < held.error
 
@@ -127,11 +119,7 @@ def test_a_free_number_in_every_window_does_not_make_a_model_the_better_one(tmp_
     prepared, truth = planted(tmp_path, "sensor-low-pass@q.time_constant=0.002")
     effect = ("sensor-low-pass", REGISTRY.get("sensor-low-pass")(prepared.task.model, "q"))
     free = ModelFits(prepared, 1).fit(prepared, [effect], truth, tolerance=EXACT)
-    monkeypatch.setattr(
-        PreparedLog,
-        "evidence",
-        lambda self, simulator, own=PreparedLog.evidence: _without_hidden(own(self, simulator), self),
-    )
+    _hold_hidden(monkeypatch)
     held = ModelFits(prepared, 1).fit(prepared, [effect], truth, tolerance=EXACT)
     raw_free, raw_held = (float(np.square(f.at.residual).sum()) for f in (free, held))
     windows = len(prepared.windows)
@@ -140,11 +128,17 @@ def test_a_free_number_in_every_window_does_not_make_a_model_the_better_one(tmp_
     assert abs(free.squares - held.squares) < raw_held - raw_free
 
 
-def _without_hidden(evidence, prepared: PreparedLog):
-    own = prepared.starts.sd.shape[1]
-    sd = evidence.start_sd.copy()
-    sd[:, own:] = 0.0
-    return replace(evidence, start_sd=sd, hidden_tried=evidence.hidden_tried[:0])
+def _hold_hidden(monkeypatch) -> None:
+    """From here on hidden states are 0 in every window."""
+    evidence = PreparedLog.evidence
+
+    def held(self, simulator):
+        free = evidence(self, simulator)
+        sd = free.start_sd.copy()
+        sd[:, self.starts.sd.shape[1] :] = 0.0
+        return replace(free, start_sd=sd, hidden_tried=free.hidden_tried[:0])
+
+    monkeypatch.setattr(PreparedLog, "evidence", held)
 
 
 def test_offsets_of_the_machine_are_carried_to_another_model_and_hidden_ones_are_not(tmp_path):

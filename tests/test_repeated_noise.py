@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from coloured_noise import coloured
 
 from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.identify import identify
@@ -18,15 +19,6 @@ from capture_cli.tasks import load_task
 
 SLIDER = str(Path(__file__).parents[1] / "benchmarks" / "machines" / "slider" / "task.toml")
 NOISE, MEMORY = 1e-3, 8.0  # m; samples within which it is forgotten
-
-
-def coloured(shape: tuple[int, int], generator: np.random.Generator) -> np.ndarray:
-    """Noise of standard deviation NOISE that forgets within MEMORY samples, (repeat, step)."""
-    kept = np.exp(-1 / MEMORY)
-    noise = generator.standard_normal(shape)
-    for k in range(1, shape[1]):
-        noise[:, k] = kept * noise[:, k - 1] + np.sqrt(1 - kept**2) * noise[:, k]
-    return NOISE * noise
 
 
 @pytest.fixture(scope="module", params=[(), ("coulomb-friction@x.friction=1.5",)], ids=["nothing", "coulomb"])
@@ -41,7 +33,7 @@ def repeats(request, tmp_path_factory) -> tuple[Path, bool]:
     order = [number for number in range(2) for _ in range(3)]
     steps = np.concatenate([np.arange(len(log.time))[log.episodes[n]] for n in order])
     length = len(steps) // len(order)
-    noise = coloured((len(order), length), np.random.default_rng(3)).reshape(-1, 1)
+    noise = coloured((len(order), length), np.random.default_rng(3), sd=NOISE, memory=MEMORY).reshape(-1, 1)
     repeated = replace(
         log,
         time=log.time[steps],
