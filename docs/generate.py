@@ -570,6 +570,53 @@ def _aim(figure: dict) -> str:
     return f"at least {low:g}" if high is None else f"{low:g} to {high:g}"
 
 
+# Logs of real machines, and of a simulated one, whose diagnoses are in runs/diagnosis.
+DIAGNOSED = {
+    "emps": "a linear drive (EMPS, real), mass and damping declared",
+    "xl330": "a hobby servo (XL330, real), motor, friction and inertia declared",
+    "air-hockey-robosuite": "a Panda at air hockey (robosuite), an ideal mallet declared",
+}
+
+
+def found() -> str:
+    """What `diagnose` added to the models of DIAGNOSED, and how often it is right on planted effects."""
+    lines = ["| log | what the model lacked | error on data never fitted |", "|---|---|---|"]
+    for folder, machine in DIAGNOSED.items():
+        path = ROOT / "runs" / "diagnosis" / folder / "diagnosis.json"
+        document = json.loads(path.read_text(encoding="utf-8"))
+        lines.append(f"| {machine} | {_effects_of(document)} | {_before_and_after(document)} |")
+    return "\n".join([*lines, "", _planted()])
+
+
+def _effects_of(diagnosis: dict) -> str:
+    return ", ".join(
+        f"`{e['name']}@{e['site']}`" + (f" (or {', '.join(e['tied_with'])})" if e["tied_with"] else "")
+        for e in diagnosis["effects"]
+    )
+
+
+def _before_and_after(diagnosis: dict) -> str:
+    """Of the output that was worst by its noise floor."""
+    from capture_cli.reports.quantities import scaled_unit, significant
+
+    before, after = (diagnosis[k]["test"]["rmse"] for k in ("before", "after"))
+    output = max(before, key=lambda name: before[name] / diagnosis["noise_floor"][name])
+    own = next(c["unit"] for c in diagnosis["localisation"] if c["against"] == output)
+    factor, unit = scaled_unit(own, after[output])
+    return f"{significant(before[output] * factor)} → {significant(after[output] * factor)} {unit}"
+
+
+def _planted() -> str:
+    path = ROOT / "runs" / "planted" / "summary.json"
+    planted = json.loads(path.read_text(encoding="utf-8"))
+    alarms, right = planted["false_alarms"], planted["right_where_visible"]
+    return (
+        f"On recorded logs with a known answer: the right effect in {right['hits']} of {right['of']} that it more than "
+        f"doubles the error of ({100 * right['low']:.0f} % or more, with 95 % confidence), and {alarms['hits']} false "
+        f"alarms in {alarms['of']} with nothing missing ({100 * alarms['high']:.1f} % or less)."
+    )
+
+
 _COMMANDS = """
 # Commands
 
@@ -616,7 +663,7 @@ PAGES: dict[str, Callable[[], str]] = {
 PARTS: dict[str, dict[str, Callable[[], str]]] = {
     "docs/task-file.md": {"targets": targets},
     "docs/benchmarks.md": {"figures": measured},
-    "README.md": {"figures": headlines, "tree": tree},
+    "README.md": {"found": found, "figures": headlines, "tree": tree},
 }
 
 if __name__ == "__main__":
