@@ -51,6 +51,11 @@ class Evidence:
             object.__setattr__(self, "movable", np.flatnonzero((self.start_sd > 0).any(axis=0)))
 
     @property
+    def hidden(self) -> int:
+        """How many of the states are effects' own."""
+        return self.hidden_tried.shape[1]
+
+    @property
     def count(self) -> int:
         """How many numbers were measured."""
         return int(self.mask.sum()) * self.measured.shape[-1]
@@ -69,11 +74,10 @@ class Evidence:
         others = np.repeat(offsets[None], len(self.hidden_tried), axis=0)
         squares = np.square(residual).sum(axis=1) / np.maximum(self.mask.sum(axis=1), 1)
         stuck = np.flatnonzero(squares > STANDS_OUT * np.median(squares))
-        hidden = self.hidden_tried.shape[1]
+        first = offsets.shape[1] - self.hidden
         for moved, tried in zip(others, self.hidden_tried, strict=True):
-            was = offsets[stuck, offsets.shape[1] - hidden :]
-            moved[stuck, : offsets.shape[1] - hidden] = 0.0
-            moved[stuck, offsets.shape[1] - hidden :] = np.where(np.isnan(tried), was, tried)
+            moved[stuck, :first] = 0.0
+            moved[stuck, first:] = np.where(np.isnan(tried), offsets[stuck, first:], tried)
         return others
 
     def rows(self, keep: np.ndarray) -> Evidence:
@@ -195,16 +199,16 @@ class Linearization:
         return float(self._fitted_states.sum())
 
     @property
-    def fitted_hidden(self) -> float:
-        """How many of those are hidden states of effects."""
-        states, hidden = self.evidence.start_sd.shape[1], self.evidence.hidden_tried.shape[1]
-        return float(self._fitted_states[self.evidence.movable >= states - hidden].sum())
+    def fitted_hidden(self) -> np.ndarray:
+        """How many of those are hidden states of effects, (window,)."""
+        first = self.evidence.start_sd.shape[1] - self.evidence.hidden
+        return self._fitted_states[:, self.evidence.movable >= first].sum(axis=1)
 
     @cached_property
     def _fitted_states(self) -> np.ndarray:
-        """Over all windows, (movable state,)."""
+        """(window, movable state)."""
         k = self.scatter
-        return (1 - k * np.diagonal(self.start_gain(k), axis1=1, axis2=2)).sum(axis=0)
+        return 1 - k * np.diagonal(self.start_gain(k), axis1=1, axis2=2)
 
     def normal(self, k: float, damping: np.ndarray | float = 0.0) -> tuple[np.ndarray, np.ndarray]:
         """Hessian (p, p) and downhill gradient (p,) of half the objective, starts eliminated."""

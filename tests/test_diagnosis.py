@@ -330,7 +330,7 @@ def test_what_arises_in_contact_is_found_there(tmp_path):
     prepared = prepare(log, task, window=None, test="none", seed=0)
     fits = ModelFits(prepared, 1)
     fit = fits.fit(prepared, [], task.space.nominal, rounds=1)
-    whole = PartFit(fit.at.evidence, fit.offsets, fit.at.residual)
+    whole = PartFit.of(fit.at)
     work = diagnose_stage._Work(prepared, fits, None, 0)
     curves, _ = work._localise({"before": whole, "after": whole}, fits.motion(prepared, fit))
     share = {(c["output"], c["against"]): c["share"] for c in curves}
@@ -401,7 +401,10 @@ def test_what_does_not_show_in_held_out_data_is_not_found(without, with_it, verd
     lacking = [LackOfFit(n, 1.1, 1.0, lacking=n > 1.1) for n in (2.0, 1.0)]
     mask = np.ones((4, 50), dtype=bool)
     evidence = Evidence(ParameterSpace([]), np.zeros((4, 50, 1)), mask, np.ones(1), np.zeros((4, 2)))
-    held_out = [PartFit(evidence, np.zeros((4, 2)), np.full((4, 50), error)) for error in (without, with_it)]
+    held_out = [
+        PartFit(evidence, np.zeros((4, 2)), np.full((4, 50), error), np.zeros(4))
+        for error in (without, with_it)
+    ]
     found = SimpleNamespace(accepted=[SimpleNamespace(tied_with=[])])
     assert _verdict(*lacking, *held_out, found) == verdict
 

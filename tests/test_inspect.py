@@ -323,6 +323,16 @@ def test_models_that_do_not_suit_the_log_are_found(tmp_path, slider_task, old, n
     assert words in finding["message"]
 
 
+def test_a_control_at_the_end_of_its_range_may_be_rounded(tmp_path, slider_task):
+    log = sound_log()
+    peak = np.abs(log.inputs).max() * (1 - 1e-8)
+    model = slider_task.parent / "model.xml"
+    limited = f'joint="x" ctrlrange="-{peak:.15g} {peak:.15g}"/></actuator>'
+    model.write_text(model.read_text().replace('joint="x"/></actuator>', limited))
+    assert limited in model.read_text()
+    assert not inspected(log, tmp_path, slider_task)["findings"]
+
+
 def test_a_bad_task_is_an_error_not_a_finding(tmp_path):
     sound_log().write(tmp_path / "log.zarr")
     with pytest.raises(TaskError):

@@ -13,7 +13,7 @@ from capture_cli.effects import REGISTRY
 from capture_cli.effects._two_mass import TransmissionEffect
 from capture_cli.effects.base import Effect
 from capture_cli.identifiers.intervals import unit_covariance
-from capture_cli.stages.model_fits import EXACT, RETURNED, ModelFits
+from capture_cli.stages.model_fits import EXACT, RETURNED, Fit, ModelFits, PartFit
 from capture_cli.stages.prepared_log import PreparedLog, prepare
 from capture_cli.stages.record import record
 from capture_cli.stores.measured_log import MeasuredLog
@@ -55,12 +55,16 @@ def test_what_a_transmission_has_wound_up_before_a_window_is_a_nuisance(tmp_path
     assert free < 1.05 < held
 
 
-def test_what_a_filter_reports_when_a_window_begins_is_a_nuisance(tmp_path, monkeypatch):
-    prepared, truth = planted(tmp_path, "sensor-low-pass@q.time_constant=0.04")
-    effect = REGISTRY.get("sensor-low-pass")(prepared.task.model, "q")
-    free = ModelFits(prepared, 1).fit(prepared, [("sensor-low-pass", effect)], truth)
+@pytest.mark.parametrize(
+    ("name", "text"), [("sensor-low-pass", "time_constant=0.04"), ("sensor-delay", "delay=0.03")]
+)
+def test_what_a_sensor_reports_when_a_window_begins_is_a_nuisance(tmp_path, name, text, monkeypatch):
+    prepared, truth = planted(tmp_path, f"{name}@q.{text}")
+    effect = (name, REGISTRY.get(name)(prepared.task.model, "q"))
+    fits = ModelFits(prepared, 1)
+    free = fits.fit(prepared, [effect], truth)
     _hold_hidden(monkeypatch)
-    held = ModelFits(prepared, 1).fit(prepared, [("sensor-low-pass", effect)], truth)
+    held = fits.fit(prepared, [effect], truth)
     assert free.error < 1.05 < held.error
 
 
@@ -88,9 +92,9 @@ def test_what_an_actuator_was_told_before_an_episode_is_a_nuisance(tmp_path, nam
     free = ModelFits(prepared, 1).fit(prepared, [(name, effect)], truth)
     later = prepared.windows.elapsed > 0
     assert later.any() and np.all(free.offsets[later, -1] == 0) and np.all(free.offsets[~later, -1] != 0)
-    assert 0 < free.at.fitted_hidden <= (~later).sum()
+    assert 0 < free.at.fitted_hidden.sum() <= (~later).sum()
     without = ModelFits(prepared, 1).fit(prepared.part(later), [(name, effect)], truth)
-    assert without.at.fitted_hidden == 0
+    assert without.at.fitted_hidden.sum() == 0
     monkeypatch.setattr(type(effect), "states", ())
     monkeypatch.setattr(type(effect), "before", Effect.before)
     held = ModelFits(prepared, 1).fit(prepared, [(name, effect)], truth)
@@ -118,14 +122,24 @@ def test_a_free_number_in_every_window_does_not_make_a_model_the_better_one(tmp_
     """A filter this fast has forgotten what was before within a sample: its states fit the first samples' noise."""
     prepared, truth = planted(tmp_path, "sensor-low-pass@q.time_constant=0.002")
     effect = ("sensor-low-pass", REGISTRY.get("sensor-low-pass")(prepared.task.model, "q"))
-    free = ModelFits(prepared, 1).fit(prepared, [effect], truth, tolerance=EXACT)
+    fits, windows = ModelFits(prepared, 1), len(prepared.windows)
+
+    def fitted_and_judged() -> tuple[Fit, PartFit]:
+        fit = fits.fit(prepared, [effect], truth, tolerance=EXACT)
+        return fit, fits.on(prepared, fit, tolerance=EXACT)
+
+    free, judged = fitted_and_judged()
     _hold_hidden(monkeypatch)
-    held = ModelFits(prepared, 1).fit(prepared, [effect], truth, tolerance=EXACT)
-    raw_free, raw_held = (float(np.square(f.at.residual).sum()) for f in (free, held))
-    windows = len(prepared.windows)
-    assert 0.3 * windows < free.at.fitted_hidden <= windows and held.at.fitted_hidden == 0
-    assert raw_free < free.squares and raw_held == held.squares
-    assert abs(free.squares - held.squares) < raw_held - raw_free
+    held, judged_held = fitted_and_judged()
+    for hidden in (free.at.fitted_hidden, judged.fitted_hidden):
+        assert 0.3 * windows < hidden.sum() <= windows
+    assert held.at.fitted_hidden.sum() == judged_held.fitted_hidden.sum() == 0
+    for one, other in ((free, held), (judged, judged_held)):
+        left, left_held = (np.square(getattr(f, "at", f).residual).sum() for f in (one, other))
+        squares, squares_held = np.sum(one.squares), np.sum(other.squares)
+        assert left < squares and left_held == pytest.approx(squares_held)
+        assert abs(squares - squares_held) < left_held - left
+    assert judged.blocks(1000).sum() == pytest.approx(judged.squares.sum())
 
 
 def _hold_hidden(monkeypatch) -> None:

@@ -42,6 +42,12 @@ EQUIVALENTS = (
         "constant-force@x spring-preload@x gravity-tilt sensor-bias@q",
         "one joint with a linear spring: each is a constant added to its force",
     ),
+    _covers(
+        "slider",
+        "preloaded-spring@x",
+        "constant-force@x spring-preload@x gravity-tilt sensor-bias@q",
+        "the stiffness is declared, and takes that of another spring: a constant force is left",
+    ),
     _alike("slider", "control-delay@drive sensor-delay@q", _LATE),
     _alike(
         "slider",

@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import numpy as np
 
-from capture_cli.effects._sensor_effect import TimeEffect, at_times, earlier
+from capture_cli.effects._sensor_effect import RememberingSensorEffect, at_times, earlier
 from capture_cli.parameters import Parameter
 
 
-def late(series, *, delay, timestep):
-    """What was `delay` seconds ago; before the first row, motion is taken to have been even."""
-    return at_times(series, np.arange(series.shape[-2])[:, None] - delay / timestep)
+def late(series, *, delay, timestep, ahead=0.0):
+    """What was `delay` seconds ago. `delay` before the first row it is `ahead` of where even motion would have been,
+    and in between by the square of the time, as where acceleration was constant.
+    """
+    steps = np.arange(series.shape[-2])[:, None] - delay / timestep
+    before = np.maximum(-steps, 0.0) / np.maximum(delay / timestep, 1e-12)
+    return at_times(series, steps) + ahead * before**2
 
 
-class SensorDelay(TimeEffect):
-    """The sensor reports what was `delay` (s) ago; before the start, motion is taken to have been even."""
+class SensorDelay(RememberingSensorEffect):
+    """The sensor reports what was `delay` (s) ago."""
 
     summary = "a sensor reports late"
     kernel = staticmethod(late)

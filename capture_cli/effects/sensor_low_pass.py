@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from capture_cli.effects._sensor_effect import TimeEffect
+from capture_cli.effects._sensor_effect import RememberingSensorEffect
 from capture_cli.parameters import Parameter
 
 
@@ -25,11 +25,10 @@ def low_passed(series, *, time_constant, timestep, ahead=0.0):
     return out
 
 
-class SensorLowPass(TimeEffect):
+class SensorLowPass(RememberingSensorEffect):
     """What is reported follows through a first-order lag of `time_constant` (s).
 
-    Exact for a signal that is straight between grid points. What it reports at the start of a simulation depends on
-    what was before, which is a state of its own for each number; at 0 it is as if motion had been even.
+    Exact for a signal that is straight between grid points.
     """
 
     summary = "a sensor reports through a first-order low-pass filter"
@@ -38,14 +37,6 @@ class SensorLowPass(TimeEffect):
     @property
     def parameters(self):
         return (Parameter("time_constant", "s", 0.0, 0.1, 0.0),)
-
-    @property
-    def states(self):
-        return tuple(f"ahead {k}" for k in range(len(self.sizes)))
-
-    def measure_from(self, sensors, values, timestep, states):
-        # within a time constant a signal may go as far as it commonly does in a second
-        return self.measured(sensors, values, timestep, ahead=values * self.sizes * states)
 
     def undone(self, jets, values):
         value, slope, curvature = jets[:, 0], jets[:, 1], jets[:, 2]

@@ -36,8 +36,8 @@ def fit_starts(
     *,
     tolerance: float,
     rounds: int = ROUNDS,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Offsets (window, state) near `offsets`, and the residual (window, row) with them, in units of the noise.
+) -> Linearization:
+    """The linearization where starts near `offsets` (window, state) are the best.
 
     The evidence has no parameters. tolerance: of the objective over k, summed over windows.
     """
@@ -54,7 +54,7 @@ def fit_starts(
             break
         begin = np.where(gains[:, None] > 0, best, found.offsets)
         found = _settled(evidence, evaluate, begin, tolerance, rounds)
-    return found.offsets, found.residual
+    return found
 
 
 def _settled(

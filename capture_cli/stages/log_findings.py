@@ -24,7 +24,8 @@ MANY_LEVELS = 10  # fewer are a switched signal, which is at its extremes by des
 MOSTLY_AT_REST = 0.5
 WINDOW_SAMPLES = 5  # fewer in a window say little
 SHORTEST_EPISODE = 0.9  # of a window
-RANGE_SLACK = 0.05  # of a joint's or an actuator's range
+RANGE_SLACK = 0.05  # of a joint's range
+ROUNDED = 1e-6  # of an actuator's range: numbers in files are rounded
 EXAMPLES = 3
 
 
@@ -273,7 +274,7 @@ def _ranges(log: MeasuredLog, task: Task) -> Iterator[Finding]:
     model = task.model
     for k, c in enumerate(task.inputs):
         if model.actuator_ctrllimited[c.index]:
-            share, low, high = _outside(log.inputs[:, k], model.actuator_ctrlrange[c.index], slack=1e-9)
+            share, low, high = _outside(log.inputs[:, k], model.actuator_ctrlrange[c.index], slack=ROUNDED)
             if share:
                 yield finding(
                     "warning",

@@ -31,11 +31,20 @@ RETURNED = 0.5  # sd: a descent that ends as near as this to where another ended
 
 @dataclass(frozen=True)
 class PartFit:
-    """One part of the log at a fit's parameters, its starts refined: residual (window, row) in units of the noise."""
+    """One part of the log at a fit's parameters, its starts refined.
+
+    residual (window, row): in units of the noise. fitted_hidden (window,): as of a Linearization.
+    """
 
     evidence: Evidence
     offsets: np.ndarray
     residual: np.ndarray
+    fitted_hidden: np.ndarray
+
+    @classmethod
+    def of(cls, at: Linearization) -> PartFit:
+        """The part that `at` is a linearization on."""
+        return cls(at.evidence, at.offsets, at.residual, at.fitted_hidden)
 
     @classmethod
     def concatenate(cls, parts: Sequence[PartFit]) -> PartFit:
@@ -56,16 +65,27 @@ class PartFit:
         )
         residual = [padded(p.residual.reshape(p.evidence.measured.shape)) for p in parts]
         residual = np.concatenate(residual).reshape(len(evidence.measured), steps * outputs)
-        return cls(evidence, np.concatenate([p.offsets for p in parts]), residual)
+        offsets, hidden = (
+            np.concatenate([getattr(p, n) for p in parts]) for n in ("offsets", "fitted_hidden")
+        )
+        return cls(evidence, offsets, residual, hidden)
 
     def rows(self, keep: np.ndarray) -> PartFit:
         """The windows at `keep`."""
-        return PartFit(self.evidence.rows(keep), self.offsets[keep], self.residual[keep])
+        return PartFit(
+            self.evidence.rows(keep), self.offsets[keep], self.residual[keep], self.fitted_hidden[keep]
+        )
 
     @property
     def squares(self) -> np.ndarray:
-        """Sum of squares of each window, (window,)."""
-        return np.square(self.residual).sum(axis=1)
+        """Sum of squares of each window, (window,), with what hidden states took of it by chance: see `Fit.squares`."""
+        return np.square(self.residual).sum(axis=1) * self._without_chance
+
+    @property
+    def _without_chance(self) -> np.ndarray:
+        """By what a window's squares are larger than what is left of them, (window,)."""
+        count = self.evidence.mask.sum(axis=1) * self.evidence.measured.shape[2]
+        return 1 + self.fitted_hidden / np.maximum(count, 1)
 
     @property
     def correlation_steps(self) -> float:
@@ -73,8 +93,9 @@ class PartFit:
         return correlation_steps(self.residual.reshape(self.evidence.measured.shape), self.evidence.mask)
 
     def blocks(self, length: int) -> np.ndarray:
-        """Sums of squares over blocks of about `length` steps, (block,)."""
+        """Sums of squares over blocks of about `length` steps, (block,), as in `squares`."""
         by_step = np.square(self.residual.reshape(self.evidence.measured.shape)).sum(axis=2)
+        by_step *= self._without_chance[:, None]
         return block_squares(by_step, self.evidence.mask, length)
 
     @property
@@ -90,7 +111,7 @@ class PartFit:
     @property
     def normalized(self) -> float:
         """RMSE over the noise floor, over all outputs."""
-        return float(np.sqrt(self.squares.sum() / max(self.evidence.count, 1)))
+        return float(np.sqrt(np.square(self.residual).sum() / max(self.evidence.count, 1)))
 
     @property
     def _in_units(self) -> np.ndarray:
@@ -127,7 +148,7 @@ class Fit:
 
         So that a model is not the better one for having a free number more in every window.
         """
-        share = self.at.fitted_hidden / self.at.evidence.count
+        share = self.at.fitted_hidden.sum() / self.at.evidence.count
         return float(np.square(self.at.residual).sum() * (1 + share))
 
     @property
@@ -250,9 +271,9 @@ class ModelFits:
             return np.pad(outputs, ((0, 0), (0, 0), (0, padding), (0, 0))), diverged
 
         begin = np.zeros_like(evidence.start_sd) if offsets is None else offsets
-        found, residual = fit_starts(evidence, evaluate, begin, tolerance=tolerance)
+        found = fit_starts(evidence, evaluate, begin, tolerance=tolerance)
         self.rollouts += simulator.rollouts
-        return PartFit(evidence, found, residual)
+        return PartFit.of(found)
 
     def probe(
         self, part: PreparedLog, fit: Fit, effect: Placed, probes: np.ndarray
