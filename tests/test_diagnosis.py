@@ -27,7 +27,8 @@ from capture_cli.identifiers.intervals import intervals
 from capture_cli.linearization import Evidence, Linearization
 from capture_cli.parameters import Parameter, ParameterSpace
 from capture_cli.stages import diagnose as diagnose_stage
-from capture_cli.stages.attribution import REFITTED, _slight, _worth_a_refit
+from capture_cli.stages.attribution import _slight
+from capture_cli.stages.candidates import REFITTED, worth_a_refit
 from capture_cli.stages.diagnose import _verdict, diagnose
 from capture_cli.stages.identify import identify
 from capture_cli.stages.model_fits import ModelFits, PartFit
@@ -135,10 +136,10 @@ def test_candidates_that_say_the_same_leave_room_for_others():
         SimpleNamespace(number=k, score=SimpleNamespace(response=response))
         for k, response in enumerate(responses)
     ]
-    refitted, others = _worth_a_refit(ranked)
+    refitted, others = worth_a_refit(ranked)
     assert [c.number for c in refitted] == [0, 1, 2, 6, 7, 8, 9]
     assert [c.number for c in others] == [3, 4, 5, 10, 11, 12]
-    refitted, _ = _worth_a_refit([*ranked[:3], *[ranked[6]] * 3, *[ranked[7]] * 3])
+    refitted, _ = worth_a_refit([*ranked[:3], *[ranked[6]] * 3, *[ranked[7]] * 3])
     assert len(refitted) == REFITTED
 
 

@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 
 from benchmarks import REGISTRY as BENCHMARKS
 from capture_cli.cli import app
-from capture_cli.stages.attribution import Candidate, all_candidates
+from capture_cli.stages.candidates import Candidate, all_candidates
 from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.evaluation_run import evaluate
 from capture_cli.stages.gen_histories import gen_histories

@@ -16,7 +16,8 @@ from capture_cli.diagnosis.split import select_folds
 from capture_cli.effects import REGISTRY
 from capture_cli.effects._periodic_force import PeriodicForce
 from capture_cli.sim.engine import Engine, Starts
-from capture_cli.stages.attribution import Attribution, Candidate
+from capture_cli.stages.attribution import Attribution
+from capture_cli.stages.candidates import Candidate
 from capture_cli.stages.model_fits import ModelFits
 from capture_cli.stages.narrow_shapes import NarrowShapes, _peaks
 from capture_cli.stages.prepared_log import prepare
@@ -149,7 +150,7 @@ def attribution(prepared, names) -> tuple[Attribution, ModelFits]:
 )
 def test_a_force_that_repeats_is_found_wherever_its_frequency_lies(logs, log, name, shape, tolerance):
     search, fits = attribution(logs[log], PERIODIC)
-    declared = fits.fit(search.fit_part, [], logs[log].task.space.nominal)
+    declared = fits.fit(search.models.fit_part, [], logs[log].task.space.nominal)
     assert lack_of_fit(declared.at).lacking
     last = search.run(declared)
     assert [a.name for a in search.accepted] == [f"{name}@x"]
@@ -161,15 +162,15 @@ def test_what_pulses_promise_is_what_the_simulated_effect_scores(logs):
     """The gain at the best frequency is that of the score test on the effect itself."""
     prepared = logs["time"]
     search, fits = attribution(prepared, PERIODIC)
-    fit = fits.fit(search.fit_part, [], prepared.task.space.nominal)
-    narrow = NarrowShapes(fits, search.fit_part, fit)
+    fit = fits.fit(search.models.fit_part, [], prepared.task.space.nominal)
+    narrow = NarrowShapes(fits, search.models.fit_part, fit)
     effect = REGISTRY.get("periodic-disturbance")(prepared.task.model, "x")
     points, tried = narrow.points(effect)
     assert tried > 50 and points[0, 2] == pytest.approx(2.29, abs=0.25)
     pulses, response = narrow._response(effect)
     promised = narrow._gains(effect, points[:1], narrow._path(effect), pulses, response)[0]
     probes = points[[0, 0]] + 1e-3 * effect.space.span * np.eye(3)[:2]
-    residual, _ = fits.probe(search.fit_part, fit, ("periodic-disturbance", effect), probes)
+    residual, _ = fits.probe(search.models.fit_part, fit, ("periodic-disturbance", effect), probes)
     sensitivity = np.moveaxis((fit.at.residual - residual) / 1e-3, 0, -1)
     found = score(fit.at, sensitivity, np.full(2, -1.0), np.ones(2))
     before = float(fit.at.objectives(fit.at.scatter).sum())
@@ -179,6 +180,6 @@ def test_what_pulses_promise_is_what_the_simulated_effect_scores(logs):
 
 def test_every_shape_tried_counts_where_nothing_is_missing(logs):
     search, fits = attribution(logs["none"], PERIODIC)
-    declared = fits.fit(search.fit_part, [], logs["none"].task.space.nominal)
+    declared = fits.fit(search.models.fit_part, [], logs["none"].task.space.nominal)
     assert search._forward(declared) is None
     assert all(c.shapes_tried > 30 and c.why_rejected for c in search.candidates)

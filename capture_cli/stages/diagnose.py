@@ -16,7 +16,8 @@ from capture_cli.diagnosis.split import select_folds
 from capture_cli.errors import FitError, OptionError, StoreError
 from capture_cli.identifiers.intervals import Intervals, intervals
 from capture_cli.simulator import Motion, placed_name
-from capture_cli.stages.attribution import Attribution, Candidate
+from capture_cli.stages.attribution import Attribution
+from capture_cli.stages.candidates import Candidate
 from capture_cli.stages.model_fits import EXACT, Fit, ModelFits, PartFit
 from capture_cli.stages.next_experiment import next_experiment
 from capture_cli.stages.prepared_log import (
@@ -231,7 +232,7 @@ class _Work:
             self.fits.fit(self._windows(FIT, SELECT), found.effects, found.point, tolerance=EXACT) or found
         )
         values, sd = again.point[-len(chosen) :], intervals(again.at).sd[-len(chosen) :]
-        windows, judged = self._windows(TEST), search.judge(found)
+        windows, judged = self._windows(TEST), search.models.judge(found)
         return {
             "text": formula([e for _, e in chosen], values),
             "terms": [
@@ -257,9 +258,9 @@ class _Work:
         for count in range(len(effects) + 1):
             own = effects[:count]
             name = "declared" if count == 0 else f"+ {placed_name(*own[-1])}"
-            fit = last if count == len(effects) else attribution.nested(last, count)
+            fit = last if count == len(effects) else attribution.models.nested(last, count)
             self._tell("refit", count, len(effects) + 1)
-            judged = attribution.judge(fit)
+            judged = attribution.models.judge(fit)
             again = self.fits.fit(
                 self._windows(FIT, SELECT),
                 own,

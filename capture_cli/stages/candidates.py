@@ -1,0 +1,216 @@
+"""What a model may lack: every effect at every place, and how much of the residual each would explain at null."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+
+from capture_cli.diagnosis.acceptance import Support
+from capture_cli.diagnosis.score import STEP, Score, score, similarity
+from capture_cli.effects import REGISTRY
+from capture_cli.effects._periodic_force import PeriodicForce
+from capture_cli.effects.base import Effect
+from capture_cli.linearization import Linearization
+from capture_cli.simulator import placed_name
+from capture_cli.stages.model_fits import Fit, PartFit, Placed
+from capture_cli.stages.narrow_shapes import NarrowShapes
+from capture_cli.stages.prepared_log import PreparedLog
+
+# Best-scoring candidates that are fitted jointly, each time round: so many that differ, with so many like each, no more
+# than so many in all. A force of one direction can be a bias, a preload or a tilt: they must not keep all others out.
+DIFFERENT, OF_A_KIND, REFITTED = 5, 3, 8
+ALIKE = 0.99  # cosine of responses beyond which candidates are of a kind
+# Of an amplitude's range: a slope near null, and a secant further out to either side. Friction and stops act one way.
+PROBES = (0.01, 0.1, -0.1)
+# Where none of those moves anything: what acts from a threshold on only, a limit that the controls never come near
+FAR_PROBES = (0.5, -0.5, 0.8, -0.8, 0.9, -0.9, 0.95, -0.95)
+SHAPES, SHAPES_OF_SEVERAL = 5, 3  # values tried of an effect's one shape, or of each of several
+SCORED_WINDOWS = 40  # evenly spread: a score needs no more
+# Of the objective, over the variance that would be left: less is no reason to fit. The best of n shapes has 2 log(n)
+# more by chance.
+SMALLEST_GAIN = 12.0
+ABSORBED = 0.02  # share of a sensitivity that must be left once the declared parameters have imitated it
+
+
+@dataclass
+class Candidate:
+    """An effect at a site, and what became of it in the last round that it was tried in.
+
+    start: where a refit begins; start_elsewhere: at another peak, of an effect that repeats.
+    """
+
+    effect: Placed
+    score: Score | None = None
+    start: np.ndarray | None = None
+    fit: Fit | None = None
+    select: PartFit | None = None
+    support: Support | None = None
+    why_rejected: str | None = None
+    shapes_tried: int = 1
+    start_elsewhere: np.ndarray | None = None
+
+    @property
+    def name(self) -> str:
+        return placed_name(*self.effect)
+
+
+def all_candidates(model: mujoco.MjModel) -> list[Candidate]:
+    """Every effect at every site of the model."""
+    return [
+        Candidate((name, cls(model, site))) for name, cls in REGISTRY.items() for site in cls.sites(model)
+    ]
+
+
+def as_driven(prepared: PreparedLog) -> mujoco.MjModel:
+    """The model with actuators that take what the log gives them, and no more: ranges of effects follow from it."""
+    model = copy(prepared.task.model)
+    for channel, inputs in zip(prepared.task.inputs, prepared.log.inputs.T, strict=True):
+        peak = float(np.abs(inputs).max())
+        if model.actuator_ctrllimited[channel.index]:
+            peak = min(peak, float(np.abs(model.actuator_ctrlrange[channel.index]).max()))
+        if peak > 0:
+            model.actuator_ctrllimited[channel.index] = True
+            model.actuator_ctrlrange[channel.index] = -peak, peak
+    return model
+
+
+def thinned(part: PreparedLog, fit: Fit) -> tuple[PreparedLog, Linearization]:
+    """At most SCORED_WINDOWS windows of the part, and the fit's linearization on them."""
+    count = len(part.windows)
+    if count <= SCORED_WINDOWS:
+        return part, fit.at
+    keep = np.unique(np.linspace(0, count - 1, SCORED_WINDOWS).astype(int))
+    few, at = part.part(keep), fit.at
+    rows = few.windows.measured.shape[1] * few.windows.measured.shape[2]
+    evidence = replace(at.evidence.rows(keep), measured=few.windows.measured, mask=few.windows.mask)
+    return few, replace(
+        at,
+        evidence=evidence,
+        offsets=at.offsets[keep],
+        residual=at.residual[keep, :rows],
+        by_parameter=at.by_parameter[keep, :rows],
+        by_start=at.by_start[keep, :rows],
+    )
+
+
+def score_at_null(narrow: NarrowShapes, candidate: Candidate) -> None:
+    """Fill in the candidate's score and where a refit should start, or why it is out."""
+    candidate.fit = candidate.select = candidate.support = candidate.score = None
+    candidate.why_rejected = candidate.start_elsewhere = None
+    shapes, candidate.shapes_tried = _shapes(narrow, candidate.effect[1])
+    scored, moves = _scores(narrow, candidate, shapes, PROBES)
+    if not moves:
+        scored, moves = _scores(narrow, candidate, shapes, FAR_PROBES)
+    if scored:
+        candidate.score, candidate.start = scored[0]
+        candidate.start_elsewhere = _at_another_peak(candidate.effect[1], [s for _, s in scored])
+    if candidate.score is None:
+        candidate.why_rejected = "every simulation with it diverged"
+    elif not moves:
+        candidate.why_rejected = "it moves no output of this log"
+    elif candidate.score.unabsorbed < ABSORBED:
+        candidate.why_rejected = (
+            "parameters that are in the model imitate it: this log cannot tell it from them"
+        )
+    elif candidate.score.gain < SMALLEST_GAIN + 2 * np.log(candidate.shapes_tried):
+        candidate.why_rejected = f"it explains nothing (score {candidate.score.gain:.2g})"
+
+
+def _scores(
+    narrow: NarrowShapes, candidate: Candidate, shapes: np.ndarray, shares: Sequence[float]
+) -> tuple[list[tuple[Score, np.ndarray]], bool]:
+    """Scores and where a refit should start from each, best first; and whether any probe moves an output.
+
+    shapes (point, parameter): with null amplitudes. shares: of the amplitudes' ranges, at which each is probed.
+    """
+    effect, at = candidate.effect[1], narrow.fit.at
+    space = effect.space
+    amplitudes = [i for i, n in enumerate(space.names) if n not in effect.shapes]
+    probes, steps = _probes(effect, amplitudes, shapes, shares)
+    residuals, diverged = narrow.fits.probe(narrow.part, narrow.fit, candidate.effect, probes)
+    change = at.residual - residuals  # what the probe adds to the outputs
+    if amplitudes:
+        low = (space.low - space.nominal)[amplitudes] / space.span[amplitudes]
+        high = (space.high - space.nominal)[amplitudes] / space.span[amplitudes]
+    else:
+        low, high = np.zeros(1), steps
+    size = len(low)
+    scored = []
+    for first in range(0, len(probes), size):
+        block = slice(first, first + size)
+        if diverged[block].any():
+            continue
+        sensitivity = np.moveaxis(change[block] / steps[block][:, None, None], 0, -1)
+        found = score(at, sensitivity, low, high)
+        start = probes[first].copy()
+        far = shares is FAR_PROBES and found.amplitudes @ steps[block] > 0
+        begin = steps[block] if far else found.amplitudes  # below its threshold an effect has no slope
+        if amplitudes:
+            start[amplitudes] = space.nominal[amplitudes] + begin * space.span[amplitudes]
+        scored.append((found, np.clip(start, space.low, space.high)))
+    return sorted(scored, key=lambda s: -s[0].gain), bool(np.any(change[~diverged]))
+
+
+def _at_another_peak(effect: Effect, starts: Sequence[np.ndarray]) -> np.ndarray | None:
+    """The first of `starts`, best first, with another period than the first: a fit goes no further than one peak."""
+    if not isinstance(effect, PeriodicForce):
+        return None
+    shapes = [i for i, n in enumerate(effect.space.names) if n in effect.shapes]
+    return next((s for s in starts[1:] if not np.array_equal(s[shapes], starts[0][shapes])), None)
+
+
+def _shapes(narrow: NarrowShapes, effect: Effect) -> tuple[np.ndarray, int]:
+    """Points (point, parameter) with null amplitudes at which to score, and how many they were chosen from."""
+    if isinstance(effect, PeriodicForce):
+        return narrow.points(effect)
+    grid = effect.shape_grid(SHAPES if len(effect.shapes) < 2 else SHAPES_OF_SEVERAL)
+    return grid, len(grid)
+
+
+def _probes(
+    effect: Effect, amplitudes: list[int], shapes: np.ndarray, shares: Sequence[float]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Probe points (probe, parameter), one per amplitude after the other, and their steps in ranges (probe,).
+
+    An effect without amplitudes is probed as a whole, as far as a linear step may go.
+    """
+    if not amplitudes:
+        return shapes, np.full(len(shapes), STEP)
+    space = effect.space
+    points, steps = [], []
+    above, below = (space.high - space.nominal) / space.span, (space.nominal - space.low) / space.span
+    two_sided = any(min(above[i], below[i]) >= max(shares) for i in amplitudes)
+    for shape in shapes:
+        for share in shares if two_sided else [s for s in shares if s > 0]:
+            for i in amplitudes:
+                point = shape.copy()
+                step = share if (above if share > 0 else below)[i] >= abs(share) else -share
+                point[i] = space.nominal[i] + step * space.span[i]
+                points.append(point)
+                steps.append(step)
+    return np.array(points), np.array(steps)
+
+
+def worth_a_refit(ranked: Sequence[Candidate]) -> tuple[list[Candidate], list[Candidate]]:
+    """The candidates to fit jointly, and the others; ranked: by score, best first."""
+    kinds: list[list[Candidate]] = []
+    refitted, others = [], []
+    for candidate in ranked:
+        own = next((k for k in kinds if _alike(k[0], candidate)), None)
+        full = len(kinds) == DIFFERENT if own is None else len(own) == OF_A_KIND
+        if full or len(refitted) == REFITTED:
+            others.append(candidate)
+            continue
+        if own is None:
+            kinds.append([])
+        (kinds[-1] if own is None else own).append(candidate)
+        refitted.append(candidate)
+    return refitted, others
+
+
+def _alike(a: Candidate, b: Candidate) -> bool:
+    return abs(similarity(a.score.response, b.score.response)) > ALIKE

@@ -1,0 +1,229 @@
+"""Models with effects against each other: each fitted once, judged on what it was not fitted to, and compared."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from capture_cli.diagnosis.acceptance import (
+    BLOCK_TIMES,
+    TINY,
+    Support,
+    bic_gain,
+    correlation_steps,
+    paired_p_value,
+    ratio_p_value,
+)
+from capture_cli.diagnosis.score import similarity
+from capture_cli.diagnosis.split import Folds
+from capture_cli.simulator import placed_name
+from capture_cli.stages.candidates import Candidate
+from capture_cli.stages.model_fits import Fit, ModelFits, PartFit, Placed
+
+AGAIN_ROUNDS = 20  # in which a model without an effect is to get where it got with it
+INDISTINCT = 0.05  # two models are tied where the paired test between them is not below this
+CLEARLY_BETTER = 10.0  # of BIC: "very strong" (Kass & Raftery 1995)
+BARE_MENTION = 2.0  # of BIC: less is "not worth more than a bare mention", however steadily it comes
+BETTER, TIED = "better", "tied with {mine}: this log cannot tell them apart"
+WORSE, NOT_WORTH_IT = "{mine} explains more", "no better than {mine}, with more parameters"
+SAME_RESPONSE = 0.9999  # cosine of two effects' responses beyond which no parameter value tells them apart
+
+
+class ModelComparison:
+    """Models of one log, which differ in their effects.
+
+    folds: what is fitted, and what judges; nothing judges where the log is one window long. is_explained: whether a
+    model leaves nothing but noise.
+    """
+
+    def __init__(self, fits: ModelFits, folds: Folds, *, seed: int, is_explained: Callable[[Fit], bool]):
+        self.fits = fits
+        self.folds = folds
+        self.fit_part = fits.prepared.part(folds.fit)
+        self.seed = seed
+        self.is_explained = is_explained
+        self._fitted: dict[frozenset[str], Fit | None] = {}
+        self._judged: dict[Fit, PartFit] = {}
+
+    def know(self, fit: Fit) -> None:
+        """Take `fit` for the one of its effects."""
+        self._fitted[_key(fit.effects)] = fit
+
+    def fit(
+        self,
+        effects: Sequence[Placed],
+        start: np.ndarray,
+        offsets: np.ndarray,
+        rival: Fit | None = None,
+        elsewhere: Sequence[np.ndarray] = (),
+    ) -> Fit | None:
+        """The fit of the declared model with `effects`: made once, and taken up again where it was given up.
+
+        elsewhere: other points to begin at where the fit from `start` (parameter,) leaves something.
+        """
+        key = _key(effects)
+        made = self._fitted.get(key)
+        if made is not None and not made.finished and not made.is_far_behind(rival):
+            effects, start, offsets = made.effects, made.point, made.offsets
+            del self._fitted[key]
+        if key not in self._fitted:
+            self._fitted[key] = self._fit_from([start, *elsewhere], effects, offsets, rival)
+        return self._fitted[key]
+
+    def _fit_from(
+        self, starts: Sequence[np.ndarray], effects: Sequence[Placed], offsets: np.ndarray, rival: Fit | None
+    ) -> Fit | None:
+        """The best fit from `starts`, of which one is taken after the other until nothing is left."""
+        found = None
+        for start in starts:
+            beaten = least([found, rival])
+            fit = self.fits.fit(self.fit_part, effects, start, offsets=offsets, seed=self.seed, rival=beaten)
+            found = least([found, fit])
+            if found is not None and self.is_explained(found):
+                break
+        return found
+
+    def better_from(self, current: Fit, found: Fit) -> Fit | None:
+        """A better fit of the `current` model, begun where `found` ended, which has one effect more.
+
+        Where contacts make the error rough, an effect may be no more than the way out of a poor minimum.
+        """
+        again = self.fits.fit(
+            self.fit_part,
+            current.effects,
+            found.point[: len(current.point)],
+            offsets=found.offsets,
+            rounds=AGAIN_ROUNDS,
+            seed=self.seed,
+        )
+        if again is None:
+            return None
+        gain = bic_gain(current.squares, again.squares, effective_samples(again), 0)
+        if gain < CLEARLY_BETTER:
+            return None
+        self.know(again)
+        return again
+
+    def without(self, current: Fit, name: str) -> Fit | None:
+        """The fit of `current` less the effect that is called `name` there."""
+        effects = [e for e in current.effects if placed_name(*e) != name]
+        keep = [i for i, n in enumerate(current.space.names) if not n.startswith(name + ".")]
+        return self.fit(effects, current.point[keep], current.offsets)
+
+    def nested(self, last: Fit, count: int) -> Fit:
+        """The fit of the declared model with the first `count` effects of `last`."""
+        effects = last.effects[:count]
+        size = len(self.fits.prepared.task.space) + sum(len(e.parameters) for _, e in effects)
+        return self.fit(effects, last.point[:size], last.offsets) or last
+
+    # --- judged ---
+
+    def judge(self, fit: Fit) -> PartFit | None:
+        """The model on windows that it is not fitted to; refitted for each fold where there are several."""
+        if not self.folds.folds:
+            return None
+        if fit not in self._judged:
+            self._judged[fit] = self._judge(fit)
+        return self._judged[fit]
+
+    def _judge(self, fit: Fit) -> PartFit:
+        parts = []
+        for fitted, judged in self.folds.folds:
+            own = fit
+            if len(self.folds.folds) > 1:
+                train = self.fits.prepared.part(fitted)
+                own = self.fits.fit(train, fit.effects, fit.point, seed=self.seed) or fit
+            parts.append(self.fits.on(self.fits.prepared.part(judged), own))
+        return parts[0] if len(parts) == 1 else PartFit.concatenate(parts)
+
+    def _paired(self, before: PartFit, after: PartFit) -> float:
+        length = int(np.ceil(BLOCK_TIMES * after.correlation_steps))
+        return paired_p_value(before.blocks(length), after.blocks(length), self.seed)
+
+    def support(
+        self, before_fit: Fit, fit: Fit, effect: Placed, before: PartFit | None, hypotheses: int
+    ) -> tuple[Support, PartFit | None]:
+        """Support for `effect` in `fit` over `before_fit`, and how `fit` does on what judges; before: how that does.
+
+        hypotheses: how many effects and shapes of them it is the best of.
+        """
+        added = max(len(effect[1].parameters), 1)  # to be there or not is a choice, too
+        samples = effective_samples(fit)
+        free = samples - len(fit.space)
+        p_fit = ratio_p_value(before_fit.squares, fit.squares, free, added, hypotheses)
+        gain = bic_gain(before_fit.squares, fit.squares, samples, added)
+        after = self.judge(fit)
+        if after is None:
+            return Support(p_fit, 0.0, gain, 0.0), None
+        ratio = float(after.squares.sum() / before.squares.sum())
+        return Support(p_fit, self._paired(before, after), gain, ratio), after
+
+    # --- compared ---
+
+    def as_good(self, best: Candidate, other: Candidate) -> bool:
+        """Whether neither the fitted windows nor those that judge tell `other` from `best`."""
+        _, gain = self._more_and_gain(best, other)
+        return gain > -CLEARLY_BETTER and self._indistinct(best, other)
+
+    def _more_and_gain(self, mine: Candidate, other: Candidate) -> tuple[int, float]:
+        """How many parameters `other` has more than `mine`, and what its fit gains by BIC."""
+        more = len(other.effect[1].parameters) - len(mine.effect[1].parameters)
+        samples = effective_samples(other.fit)
+        return more, bic_gain(mine.fit.squares, other.fit.squares, samples, more)
+
+    def loss(self, candidate: Candidate) -> float:
+        """Mean logarithm of the squared error per step over blocks: what the paired test compares."""
+        if candidate.select is None:
+            return float(np.log(candidate.fit.squares))
+        length = int(np.ceil(BLOCK_TIMES * candidate.select.correlation_steps))
+        return float(np.log(np.maximum(candidate.select.blocks(length), TINY)).mean() - np.log(length))
+
+    def _indistinct(self, best: Candidate, other: Candidate) -> bool:
+        has_sizes = best.effect[1].parameters and other.effect[1].parameters
+        if has_sizes and similarity(best.score.response, other.score.response) > SAME_RESPONSE:
+            return True
+        if best.select is None:
+            ratio = other.fit.squares / best.fit.squares
+            return bool(effective_samples(best.fit) * abs(np.log(ratio)) < 4.0)
+        first, second = (best, other) if self.loss(best) <= self.loss(other) else (other, best)
+        return self._paired(second.select, first.select) > INDISTINCT
+
+    def best(self, mine: Candidate, others: list[Candidate]) -> tuple[Candidate, list[Candidate]]:
+        """The candidate that no other is better than, and the others. None that was beaten comes back."""
+        beaten: list[Candidate] = []
+        while True:
+            left = [c for c in others if not any(c is b for b in beaten)]
+            better = next((c for c in left if self.compare(mine, c) == BETTER), None)
+            if better is None:
+                return mine, others
+            beaten.append(mine)
+            mine, others = better, [mine, *(c for c in others if c is not better)]
+
+    def compare(self, mine: Candidate, other: Candidate) -> str:
+        """BETTER, TIED or why not, of `other` in the place of `mine`."""
+        more, gain = self._more_and_gain(mine, other)
+        if more > 0 and gain < CLEARLY_BETTER:
+            return NOT_WORTH_IT
+        if abs(gain) > BARE_MENTION and not self._indistinct(mine, other):
+            return WORSE if self.loss(mine) <= self.loss(other) else BETTER
+        if abs(gain) > CLEARLY_BETTER:
+            return WORSE if gain < 0 else BETTER
+        return TIED
+
+
+def effective_samples(fit: Fit) -> float:
+    """As many independent numbers are in what the fit leaves."""
+    evidence = fit.at.evidence
+    residual = fit.at.residual.reshape(evidence.measured.shape)
+    return evidence.count / correlation_steps(residual, evidence.mask)
+
+
+def _key(effects: Sequence[Placed]) -> frozenset[str]:
+    """What a model is known by: its effects, in any order."""
+    return frozenset(placed_name(*e) for e in effects)
+
+
+def least(fits: Sequence[Fit | None]) -> Fit | None:
+    """The fit that leaves least, the first of those that leave as much."""
+    return min((f for f in fits if f is not None), key=lambda f: f.squares, default=None)
