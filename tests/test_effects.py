@@ -222,7 +222,8 @@ def test_friction_takes_energy_and_never_gives_any(name):
     assert energy[1:, -1].min() < energy[0, -1] - 0.01
 
 
-def test_load_dependent_friction_is_the_coefficient_times_the_squeeze():
+@pytest.mark.parametrize(("load", "squeeze"), [(1.0, 2.5), (0.0, 1.5)])
+def test_load_dependent_friction_is_the_coefficient_times_the_squeeze(load, squeeze):
     model = build("""
         <mujoco><option timestep="0.002"/><worldbody><body>
           <joint name="z" type="slide" axis="0 0 1"/><geom size=".1" mass="2" contype="0" conaffinity="0"/>
@@ -231,10 +232,24 @@ def test_load_dependent_friction_is_the_coefficient_times_the_squeeze():
     effect = effects.REGISTRY.get("load-dependent-friction")(model, "z")
     weight = 2 * 9.81
     lifted = np.full((1, 200, 1), 1.5 * weight)
-    speed = run(model, (effect, np.array([[0.1]])), tape=lifted)[0][0, -1, 0]
-    assert speed == pytest.approx((1.5 * weight - weight - 0.1 * 2.5 * weight) / 2 * 0.002 * 199, rel=0.01)
-    held = run(model, (effect, np.array([[0.6]])), tape=lifted / 1.5 * 1.2)[0][0, -1, 0]
+    speed = run(model, (effect, np.array([[0.1, load]])), tape=lifted)[0][0, -1, 0]
+    assert speed == pytest.approx(
+        (1.5 * weight - weight - 0.1 * squeeze * weight) / 2 * 0.002 * 199, rel=0.01
+    )
+    held = run(model, (effect, np.array([[0.6, load]])), tape=lifted / 1.5 * 1.2)[0][0, -1, 0]
     assert abs(held) < 0.02  # MuJoCo's friction creeps; free of it, the speed would be 0.8 m/s
+
+
+def test_friction_grows_with_the_load_of_a_joint_that_a_cable_drives():
+    effect = effects.REGISTRY.get("load-dependent-friction")
+    finger = build("""
+        <mujoco><worldbody><body><joint name="mcp" axis="0 1 0"/><geom size=".1" mass="1"/>
+          <body pos="1 0 0"><joint name="pip" axis="0 1 0"/><geom size=".1" mass="1"/>
+            <body pos="1 0 0"><joint name="free" axis="0 1 0"/><geom size=".1" mass="1"/></body>
+          </body></body></worldbody>
+        <tendon><fixed name="cable"><joint joint="mcp" coef=".009"/><joint joint="pip" coef=".007"/></fixed></tendon>
+        <actuator><motor tendon="cable"/></actuator><sensor><jointvel joint="pip"/></sensor></mujoco>""")
+    assert effect.sites(finger) == ["mcp", "pip"]
 
 
 def test_friction_that_varies_not_at_all_is_native_frictionloss():
@@ -342,13 +357,13 @@ def test_a_pair_that_is_given_is_not_taken_for_geoms_of_one_make():
     assert effect.sites(model).count("l+r") == 1
 
 
-# a rotor of 0.3 kg that drives a link of 0.7 kg through {joint}, and the same as one mass
+# a rotor of 0.3 kg that drives a link of 0.7 kg through {joint}, with damping on either side, and the same as one
 TWO_MASSES = """
 <mujoco><option timestep="1e-4" gravity="0 0 0" integrator="implicitfast"/>
   <default><geom type="sphere" size=".1" contype="0" conaffinity="0"/></default>
   <worldbody>
-    <body><joint name="r" type="slide" axis="1 0 0"/><geom mass=".3"/></body>
-    <body><joint name="l" type="slide" axis="1 0 0" damping="1" stiffness="30"/><geom mass=".7"/></body>
+    <body><joint name="r" type="slide" axis="1 0 0" damping="{motor}"/><geom mass=".3"/></body>
+    <body><joint name="l" type="slide" axis="1 0 0" damping="{link}" stiffness="30"/><geom mass=".7"/></body>
   </worldbody>
   <tendon><fixed name="t" {joint}><joint joint="r" coef="1"/><joint joint="l" coef="-1"/></fixed></tendon>
   <actuator><motor joint="r"/></actuator><sensor><jointpos joint="l"/></sensor>
@@ -357,7 +372,7 @@ TWO_MASSES = """
 ONE_MASS = """
 <mujoco><option timestep="1e-3" gravity="0 0 0" integrator="implicitfast"/>
   <worldbody>
-    <body><joint name="l" type="slide" axis="1 0 0" damping="1" stiffness="30"/>
+    <body><joint name="l" type="slide" axis="1 0 0" damping="4" stiffness="30"/>
       <geom type="sphere" size=".1" mass="1" contype="0" conaffinity="0"/></body>
   </worldbody>
   <actuator><motor joint="l"/></actuator><sensor><jointpos joint="l"/></sensor>
@@ -371,26 +386,29 @@ ONE_MASS = """
         (
             "compliance",
             'stiffness="200" damping="0.6" springlength="0"',
-            [1 / 200, 0.3, 0.003],
+            {"compliance": 1 / 200, "rotor": 0.3, "damping_time": 0.003},
             3 / 200 * 0.7,
         ),
         (
             "backlash",
             'limited="true" range="-.02 .02" solreflimit="4e-4 3" solimplimit=".99 .999 .0001"',
-            [0.04, 0.3],
+            {"width": 0.04, "rotor": 0.3},
             0.02,
         ),
     ],
 )
-def test_compliance_and_backlash_are_a_rotor_and_a_link(name, joint, values, begin):
-    one, two = build(ONE_MASS), build(TWO_MASSES.format(joint=joint))
+@pytest.mark.parametrize("motor_damping", [0.0, 0.9])
+def test_compliance_and_backlash_are_a_rotor_and_a_link(name, joint, values, begin, motor_damping):
+    damping = {"motor": 4 * motor_damping, "link": 4 * (1 - motor_damping)}
+    one, two = build(ONE_MASS), build(TWO_MASSES.format(joint=joint, **damping))
     tape = 3 * np.sign(np.cos(2 * np.pi * 1.3 * np.arange(900) * 1e-3))[None, :, None]
     # the rotor begins where the force holds it
     held = Starts(np.array([[begin, 0]]), np.zeros((1, 2)), np.zeros((1, 0)), np.zeros(1))
     truth = run(two, tape=np.repeat(tape, 10, axis=1), starts=held)[0][:, ::10]
     rigid = run(one, tape=tape)[0]
     effect = effects.REGISTRY.get(name)(one, "l")
-    sensors = run(one, (effect, np.array([values])), tape=tape)[0]
+    at = effect.space.to_vector({**values, "motor_damping": motor_damping})
+    sensors = run(one, (effect, at[None]), tape=tape)[0]
     error, error_rigid = (np.sqrt(np.mean((s - truth) ** 2)) for s in (sensors, rigid))
     assert error < 0.1 * error_rigid
 

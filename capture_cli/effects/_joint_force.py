@@ -18,8 +18,8 @@ FORCE, FRICTION, DAMPING = "qfrc_applied", "dof_frictionloss", "dof_damping"
 class JointForce(JointEffect):
     """An effect that adds what `kernel` gives to the joint's force, dry friction or damping, `adds_to`.
 
-    The kernel's inputs are named as the fields of MjData that they are, at the joint. Friction and damping are
-    those of the model, which MuJoCo integrates implicitly, and never fall below zero.
+    The kernel's inputs are named as the fields of MjData that they are, at the joint, or dof_damping. Friction and
+    damping are those of the model, which MuJoCo integrates implicitly, and never fall below zero.
     """
 
     place = "force"
@@ -34,9 +34,11 @@ class JointForce(JointEffect):
         return ForceOfKernel(self, self.coefficients(values), timestep)
 
     def read(self, world: World, field: str) -> np.ndarray:
-        """A field of MjData at the joint, (simulation,)."""
+        """A field of MjData, or its damping, at the joint, (simulation,)."""
         if field == "time":
             return world.time
+        if field == DAMPING:
+            return world.vary(field)[:, self.dof]
         at = int(self.model.jnt_qposadr[self.joint]) if field == "qpos" else self.dof
         return getattr(world, field)[:, at]
 
@@ -50,7 +52,9 @@ class JointForce(JointEffect):
 
     def companion(self, name, values):
         reads = [
-            {"time": "data.time", "qpos": "data.qpos[at]"}.get(field, f"data.{field}[dof]")
+            {"time": "data.time", "qpos": "data.qpos[at]", DAMPING: f"model.{DAMPING}[dof]"}.get(
+                field, f"data.{field}[dof]"
+            )
             for field in inputs(self.kernel)
         ]
         numbers = {n: v[0] for n, v in self.coefficients(values[None]).items()}

@@ -69,6 +69,14 @@ def driven_joint(model: mujoco.MjModel, actuator: int) -> int:
     return joint
 
 
+def pulled_joints(model: mujoco.MjModel) -> list[int]:
+    """The hinge and slide joints that actuators drive, themselves or by a tendon."""
+    kinds = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT, mujoco.mjtTrn.mjTRN_TENDON)
+    driven = _gears(model)[np.isin(model.actuator_trntype, [int(k) for k in kinds])].any(axis=0)
+    joints = (j for j in range(model.njnt) if model.jnt_type[j] in (HINGE, SLIDE))
+    return [j for j in joints if driven[model.jnt_dofadr[j]]]
+
+
 def moving_bodies(model: mujoco.MjModel) -> list[int]:
     """Bodies with mass that some joint moves."""
     return [b for b in range(1, model.nbody) if model.body_weldid[b] != 0 and model.body_mass[b] > 0]

@@ -10,6 +10,7 @@ import numpy as np
 from capture_cli.effects._joint_effect import driven_joints
 from capture_cli.effects._joint_force import ForceOfKernel, JointForce
 from capture_cli.effects._scales import free_inertia
+from capture_cli.effects.base import spread
 from capture_cli.parameters import Parameter
 
 
@@ -17,6 +18,7 @@ class TransmissionEffect(JointForce):
     """An effect between a motor and the joint that it drives. Its kernel is a TwoMass."""
 
     where = "every hinge and slide joint that an actuator drives"
+    shares = ("motor_damping",)
     states = ("ahead", "turning")
     # A rotor that crosses its play is seldom faster than half of what the largest force would give it there.
     states_tried = np.array(list(product(np.linspace(-1, 1, 9), np.linspace(-0.6, 0.6, 25))))
@@ -35,6 +37,17 @@ class TransmissionEffect(JointForce):
         """The part of the inertia on the motor's side."""
         mass = self.total
         return Parameter("rotor", self.unit("kg", "kg m^2"), 0.05 * mass, 0.5 * mass, 0.2 * mass)
+
+    @property
+    def motor_damping(self) -> Parameter:
+        """The share of the joint's damping on the motor's side: of a geared joint, most of it."""
+        return Parameter("motor_damping", "1", 0.0, 1.0, 0.5)
+
+    def shape_grid(self, count=5):
+        # while a transmission is nearly rigid, little else of its shape shows than its rotor
+        grid = np.repeat(self.space.nominal[None], count, axis=0)
+        grid[:, self.space.names.index("rotor")] = spread(self.rotor, count)
+        return grid
 
     def coefficients(self, values):
         return super().coefficients(values) | {"total": np.full(len(values), self.total)}
@@ -60,29 +73,35 @@ class TwoMass(ABC):
 
         d'' (1 - J / M) = (T - F) / J - b,   b = a + (J / M) d''   (the acceleration without the extra force).
 
+    Of the joint's damping a part B may be the motor's. It then slows the rotor by B (v + d'), with v the joint's speed,
+    and the link no more by B v: T is less by B v, the extra force is -J d'' - B d', and d'' is less by B d' / J.
+
     T and b are those of the step before. Actuators and sensors go on seeing the joint, which is the link: an
     encoder on the rotor, and a servo that closes its loop there, are outside of this. The pose and other joints
     change M; then b is known a step late, which is stable as long as the rotor has less than half of the inertia.
     """
 
-    def __init__(self, *, rotor, total, timestep, ahead=0.0, turning=0.0):
-        self.rotor, self.share, self.timestep = rotor, rotor / total, timestep
+    def __init__(self, *, rotor, total, timestep, motor_damping=0.0, ahead=0.0, turning=0.0):
+        self.rotor, self.total, self.timestep = rotor, total, timestep
+        self.share = rotor / total
+        self.motor_damping = motor_damping  # B over the joint's damping
         self.ahead = ahead  # of where it would rest, at the start
-        self.deflection = self.jolt = 0.0 * rotor  # d, and d'' of the last step
+        self.deflection = self.extra = 0.0 * rotor  # d, and the force of the last step
         self.rate = turning + 0.0 * rotor  # d'
         self.speed = None  # of the joint, at the last step
 
-    def __call__(self, qvel, qacc, qfrc_actuator):
-        """The force -J d''. qacc and qfrc_actuator are of the step before."""
+    def __call__(self, qvel, qacc, qfrc_actuator, dof_damping):
+        """The force -J d'' - B d'. qacc and qfrc_actuator are of the step before."""
         h, first = self.timestep, self.speed is None
-        rigid = (qacc if first else (qvel - self.speed) / h) + self.share * self.jolt
-        passed = qfrc_actuator - self.rotor * rigid
+        damping = self.motor_damping * dof_damping
+        rigid = (qacc if first else (qvel - self.speed) / h) - self.extra / self.total
+        passed = qfrc_actuator - damping * qvel - self.rotor * rigid
         if first:
             self.deflection = self.limited(self.at_rest(passed) + self.ahead)
-        deflection, rate = self.advance(passed / (self.rotor * (1 - self.share)))
-        self.jolt = (rate - self.rate) / h
+        deflection, rate = self.advance(passed / (self.rotor * (1 - self.share)), damping)
+        self.extra = -self.rotor * ((rate - self.rate) / h) - damping * rate
         self.deflection, self.rate, self.speed = deflection, rate, np.array(qvel)
-        return -self.rotor * self.jolt
+        return self.extra
 
     @abstractmethod
     def at_rest(self, passed):
@@ -93,5 +112,5 @@ class TwoMass(ABC):
         return deflection
 
     @abstractmethod
-    def advance(self, pull):
-        """Deflection and its rate after a step; d'' is `pull` while nothing is passed on."""
+    def advance(self, pull, damping):
+        """Deflection and its rate after a step; d'' is `pull` - `damping` / J d' while nothing is passed on."""

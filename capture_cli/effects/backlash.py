@@ -12,8 +12,8 @@ from capture_cli.parameters import Parameter
 class Play(TwoMass):
     """Within +-width / 2 the rotor turns alone; at an end it stays with the link until the force turns round."""
 
-    def __init__(self, *, width, rotor, total, timestep, ahead=0.0, turning=0.0):
-        super().__init__(rotor=rotor, total=total, timestep=timestep, ahead=ahead, turning=turning)
+    def __init__(self, *, width, timestep, **rest):
+        super().__init__(timestep=timestep, **rest)
         self.half = width / 2
 
     def at_rest(self, passed):
@@ -22,28 +22,29 @@ class Play(TwoMass):
     def limited(self, deflection):
         return np.clip(deflection, -self.half, self.half)
 
-    def advance(self, pull):
+    def advance(self, pull, damping):
         h, before = self.timestep, self.deflection
-        after = self.limited(before + h * (self.rate + h * pull))
+        after = self.limited(before + h * (self.rate + h * pull) / (1 + h * damping / self.rotor))
         return after, (after - before) / h
 
 
 class Backlash(TransmissionEffect):
     """Play of `width` (m or rad) between drive and joint, in which the motor turns alone and drives nothing.
 
-    `rotor` (kg or kg m^2) is the part of the joint's inertia on the motor's side. At an end of the play the
-    two collide without rebound and stay together until the force turns round; the equations are in
-    _two_mass.py. A simulation begins with the play taken up in the direction of the force.
+    `rotor` (kg or kg m^2) is the part of the joint's inertia on the motor's side, and `motor_damping` the share of its
+    damping there. At an end of the play the two collide without rebound and stay together until the force turns round;
+    the equations are in _two_mass.py. A simulation begins with the play taken up in the direction of the force.
     """
 
     summary = "play between a motor and what it drives"
-    shapes = ("rotor",)
+    shapes = ("rotor", "motor_damping")
     kernel = Play
 
     @property
     def parameters(self):
-        return (Parameter("width", self.unit("m", "rad"), 0.0, 0.1 * self.travel, 0.0), self.rotor)
+        width = Parameter("width", self.unit("m", "rad"), 0.0, 0.1 * self.travel, 0.0)
+        return (width, self.rotor, self.motor_damping)
 
     def looseness(self, values):
-        width, rotor = values.T
+        width, rotor, _ = values.T
         return width, np.sqrt(2 * width * characteristic_force(self.model, self.joint) / rotor)

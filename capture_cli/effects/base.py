@@ -35,6 +35,7 @@ class Effect(ABC):
     shapes: names of the parameters that say what the effect looks like (a period, a position). They mean
         nothing while the amplitudes, which are all the others, are null: a score at null has to be taken at
         several of their values.
+    shares: names of shapes that are shares of a whole: none and all of it are ends that a machine may be at.
     substeps: steps that the model takes, where the effect is in it, for each of its own.
     states: names of what the effect keeps from step to step that no sensor shows: how far a spring is wound up. At
         the start of a simulation each is 0 where nothing else is said, and commonly within 1.
@@ -46,6 +47,7 @@ class Effect(ABC):
     summary: ClassVar[str]
     where: ClassVar[str]
     shapes: ClassVar[tuple[str, ...]] = ()
+    shares: ClassVar[tuple[str, ...]] = ()
     states: tuple[str, ...] = ()
     states_tried: ClassVar[np.ndarray] = np.zeros((0, 0))
     substeps: int = 1
@@ -86,7 +88,7 @@ class Effect(ABC):
         """
         if not self.parameters:
             return np.zeros((1, 0))
-        axes = [_spread(p, count) if p.name in self.shapes else [p.nominal] for p in self.parameters]
+        axes = [spread(p, count) if p.name in self.shapes else [p.nominal] for p in self.parameters]
         return np.stack([a.ravel() for a in np.meshgrid(*axes, indexing="ij")], axis=-1)
 
     def doubt(self, values: np.ndarray, duration: float) -> str | None:
@@ -166,7 +168,7 @@ class Effect(ABC):
         return "" if cls.companion is Effect.companion else "companion"
 
 
-def _spread(parameter: Parameter, count: int) -> np.ndarray:
+def spread(parameter: Parameter, count: int) -> np.ndarray:
     """`count` values inside the range of `parameter`, none at its ends."""
     at = (np.arange(count) + 0.5) / count
     if parameter.low > 0:

@@ -19,13 +19,13 @@ BETA = 0.25 * (1 - ALPHA_M + ALPHA_F) ** 2
 
 
 class Spring(TwoMass):
-    """I d'' + damping_time d' + d = I pull, with I the compliance times the inertia against the spring.
+    """I d'' + (damping_time + I B / J) d' + d = I pull, with I the compliance times the inertia against the spring.
 
     A step of generalized-alpha (Chung and Hulbert 1993), implicit in the spring.
     """
 
-    def __init__(self, *, compliance, rotor, damping_time, total, timestep, ahead=0.0, turning=0.0):
-        super().__init__(rotor=rotor, total=total, timestep=timestep, ahead=ahead, turning=turning)
+    def __init__(self, *, compliance, damping_time, rotor, timestep, **rest):
+        super().__init__(rotor=rotor, timestep=timestep, **rest)
         self.compliance, self.damping_time = compliance, damping_time
         self.inverse = compliance * rotor * (1 - self.share)
         self.acceleration = 0.0 * rotor
@@ -33,8 +33,9 @@ class Spring(TwoMass):
     def at_rest(self, passed):
         return self.compliance * passed
 
-    def advance(self, pull):
-        h, inverse, damping = self.timestep, self.inverse, self.damping_time
+    def advance(self, pull, damping):
+        h, inverse = self.timestep, self.inverse
+        damping = self.damping_time + inverse * damping / self.rotor
         before, rate, jerk = self.deflection, self.rate, self.acceleration
         # both as they would be at the end of the step if d'' were 0 there
         coming_rate = rate + h * (1 - GAMMA) * jerk
@@ -50,13 +51,13 @@ class Spring(TwoMass):
 class Compliance(TransmissionEffect):
     """A spring between drive and joint that winds up by `compliance` (m/N or rad/(N m)) per unit of force.
 
-    `rotor` (kg or kg m^2) is the part of the joint's inertia on the motor's side. The spring's friction is
-    `damping_time` (s) times its stiffness. The equations are in _two_mass.py; the step is implicit in the
-    spring, so that any stiffness is stable.
+    `rotor` (kg or kg m^2) is the part of the joint's inertia on the motor's side, and `motor_damping` the share of its
+    damping there. The spring's friction is `damping_time` (s) times its stiffness. The equations are in
+    _two_mass.py; the step is implicit in the spring, so that any stiffness is stable.
     """
 
     summary = "a transmission that gives: the joint vibrates against its motor"
-    shapes = ("rotor", "damping_time")
+    shapes = ("rotor", "motor_damping", "damping_time")
     kernel = Spring
 
     @property
@@ -65,11 +66,12 @@ class Compliance(TransmissionEffect):
         return (
             Parameter("compliance", self.unit("m/N", "rad/(N m)"), 0.0, softest, 0.0),
             self.rotor,
+            self.motor_damping,
             Parameter("damping_time", "s", 1e-4, 2e-2, 2e-3),
         )
 
     def looseness(self, values):
-        compliance, rotor, _ = values.T
+        compliance, rotor, *_ = values.T
         wound = compliance * characteristic_force(self.model, self.joint)
         inverse = compliance * rotor * (1 - rotor / self.total)  # 1 / its own frequency, squared
         return wound, np.divide(wound, np.sqrt(inverse), out=np.zeros_like(wound), where=inverse > 0)

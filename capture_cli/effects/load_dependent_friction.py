@@ -4,35 +4,38 @@ from __future__ import annotations
 
 import numpy as np
 
-from capture_cli.effects._joint_effect import driven_joints
 from capture_cli.effects._joint_force import FRICTION, JointForce
+from capture_cli.effects._places import site_name
+from capture_cli.effects._scales import pulled_joints
 from capture_cli.parameters import Parameter
 
 
-def load_friction(qfrc_actuator, qfrc_spring, qfrc_gravcomp, qfrc_fluid, qfrc_bias, *, coefficient):
-    """Dry friction added: coefficient |motor torque - load torque|."""
-    load = qfrc_spring + qfrc_gravcomp + qfrc_fluid - qfrc_bias
-    return coefficient * np.abs(qfrc_actuator - load)
+def load_friction(qfrc_actuator, qfrc_spring, qfrc_gravcomp, qfrc_fluid, qfrc_bias, *, coefficient, load):
+    """Dry friction added: coefficient |motor torque - load * load torque|."""
+    torque = qfrc_spring + qfrc_gravcomp + qfrc_fluid - qfrc_bias
+    return coefficient * np.abs(qfrc_actuator - load * torque)
 
 
 class LoadDependentFriction(JointForce):
-    """`coefficient` x |motor torque - load torque| is added to the joint's dry friction.
+    """`coefficient` x |motor torque - `load` x load torque| is added to the joint's dry friction.
 
-    The two torques squeeze the gear between them: a motor that holds a load up counts twice the load. The
-    load is gravity with Coriolis forces, springs and the medium; forces of contacts are not in it. At 1 the
-    gear is self-locking. The term is that of Duclusaud et al., "Extended friction models for the physics
-    simulation of servo actuators" (arXiv 2410.08650), without their constant part, which is coulomb-friction.
+    With a `load` of 1 the two torques squeeze a gear between them: a motor that holds a load up counts twice the load.
+    That is the term of Duclusaud et al., "Extended friction models for the physics simulation of servo actuators"
+    (arXiv 2410.08650), without their constant part, which is coulomb-friction. With 0 it is the loss of a gear or a
+    cable of constant efficiency. The load torque is gravity with Coriolis forces, springs and the medium; forces of
+    contacts are not in it.
     """
 
-    summary = "dry friction that grows with the torque that a gear transmits"
-    where = "every hinge and slide joint that an actuator drives"
+    summary = "dry friction that grows with the torque that a gear or a cable transmits"
+    where = "every hinge and slide joint that an actuator drives, itself or by a tendon"
+    shapes = shares = ("load",)
     kernel = staticmethod(load_friction)
     adds_to = FRICTION
 
     @classmethod
     def sites(cls, model):
-        return driven_joints(model)
+        return [site_name(model, "joint", j) for j in pulled_joints(model)]
 
     @property
     def parameters(self):
-        return (Parameter("coefficient", "1", 0.0, 1.0, 0.0),)
+        return (Parameter("coefficient", "1", 0.0, 1.0, 0.0), Parameter("load", "1", 0.0, 1.0, 1.0))

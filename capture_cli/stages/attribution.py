@@ -198,6 +198,7 @@ class Attribution:
         x = fit.space.to_unit(fit.point)
         prefix = candidate.name + "."
         own = [i for i, n in enumerate(fit.space.names) if n.startswith(prefix)]
+        shares = [prefix + name for name in candidate.effect[1].shares]
         log = self.models.fits.prepared.log
         duration = max(log.time[e.stop - 1] - log.time[e.start] for e in log.episodes)
         doubt = candidate.effect[1].doubt(fit.point[own], float(duration))
@@ -205,7 +206,8 @@ class Attribution:
             return doubt
         for i in own:
             null = (fit.space.nominal[i] - fit.space.low[i]) / fit.space.span[i]
-            if min(x[i], 1 - x[i]) < AT_BOUND and abs(x[i] - null) > AT_BOUND:
+            at_end = min(x[i], 1 - x[i]) < AT_BOUND and abs(x[i] - null) > AT_BOUND
+            if at_end and fit.space.names[i] not in shares:
                 return (
                     f"it would have to be at the end of its range ({fit.space.names[i]} = {fit.point[i]:.3g})"
                 )
