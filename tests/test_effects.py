@@ -26,6 +26,7 @@ from machines import (
 from scipy.linalg import expm
 
 from capture_cli import effects
+from capture_cli.effects._joint_force import inertia_felt
 from capture_cli.effects.base import GLOBAL, PLACES
 from capture_cli.errors import ModelError
 from capture_cli.sim import engine as engine_module
@@ -240,6 +241,18 @@ def test_load_dependent_friction_is_the_coefficient_times_the_squeeze(load, sque
     assert abs(held) < 0.02  # MuJoCo's friction creeps; free of it, the speed would be 0.8 m/s
 
 
+def test_the_inertia_that_a_joint_feels_is_that_of_all_it_moves():
+    model = machine("arm")
+    data = mujoco.MjData(model)
+    data.qpos[:] = np.linspace(0.4, 1.3, model.nq)
+    mujoco.mj_forward(model, data)
+    columns = np.zeros((model.nv, model.nv))
+    mujoco.mj_solveM(model, data, columns, np.eye(model.nv))
+    for dof in range(model.nv):
+        felt = inertia_felt(model, data.qLD[None], data.qLDiagInv[None], dof)
+        assert felt == pytest.approx(1 / columns[dof, dof])
+
+
 def test_friction_grows_with_the_load_of_a_joint_that_a_cable_drives():
     effect = effects.REGISTRY.get("load-dependent-friction")
     finger = build("""
@@ -357,13 +370,13 @@ def test_a_pair_that_is_given_is_not_taken_for_geoms_of_one_make():
     assert effect.sites(model).count("l+r") == 1
 
 
-# a rotor of 0.3 kg that drives a link of 0.7 kg through {joint}, with damping on either side, and the same as one
+# a rotor that drives a link, 1 kg together, through {joint}, with damping on either side, and the same as one
 TWO_MASSES = """
 <mujoco><option timestep="1e-4" gravity="0 0 0" integrator="implicitfast"/>
   <default><geom type="sphere" size=".1" contype="0" conaffinity="0"/></default>
   <worldbody>
-    <body><joint name="r" type="slide" axis="1 0 0" damping="{motor}"/><geom mass=".3"/></body>
-    <body><joint name="l" type="slide" axis="1 0 0" damping="{link}" stiffness="30"/><geom mass=".7"/></body>
+    <body><joint name="r" type="slide" axis="1 0 0" damping="{motor}"/><geom mass="{rotor}"/></body>
+    <body><joint name="l" type="slide" axis="1 0 0" damping="{link}" stiffness="30"/><geom mass="{rest}"/></body>
   </worldbody>
   <tendon><fixed name="t" {joint}><joint joint="r" coef="1"/><joint joint="l" coef="-1"/></fixed></tendon>
   <actuator><motor joint="r"/></actuator><sensor><jointpos joint="l"/></sensor>
@@ -386,28 +399,29 @@ ONE_MASS = """
         (
             "compliance",
             'stiffness="200" damping="0.6" springlength="0"',
-            {"compliance": 1 / 200, "rotor": 0.3, "damping_time": 0.003},
-            3 / 200 * 0.7,
+            {"compliance": 1 / 200, "damping_time": 0.003},
+            3 / 200,
         ),
         (
             "backlash",
             'limited="true" range="-.02 .02" solreflimit="4e-4 3" solimplimit=".99 .999 .0001"',
-            {"width": 0.04, "rotor": 0.3},
+            {"width": 0.04},
             0.02,
         ),
     ],
 )
-@pytest.mark.parametrize("motor_damping", [0.0, 0.9])
-def test_compliance_and_backlash_are_a_rotor_and_a_link(name, joint, values, begin, motor_damping):
-    damping = {"motor": 4 * motor_damping, "link": 4 * (1 - motor_damping)}
-    one, two = build(ONE_MASS), build(TWO_MASSES.format(joint=joint, **damping))
+@pytest.mark.parametrize(("rotor", "motor_damping"), [(0.3, 0.0), (0.3, 0.9), (0.8, 0.9)])
+def test_compliance_and_backlash_are_a_rotor_and_a_link(name, joint, values, begin, rotor, motor_damping):
+    sides = {"rotor": rotor, "rest": 1 - rotor, "motor": 4 * motor_damping, "link": 4 * (1 - motor_damping)}
+    one, two = build(ONE_MASS), build(TWO_MASSES.format(joint=joint, **sides))
     tape = 3 * np.sign(np.cos(2 * np.pi * 1.3 * np.arange(900) * 1e-3))[None, :, None]
     # the rotor begins where the force holds it
+    begin *= 1 - rotor if name == "compliance" else 1  # the link takes the rest of the force
     held = Starts(np.array([[begin, 0]]), np.zeros((1, 2)), np.zeros((1, 0)), np.zeros(1))
     truth = run(two, tape=np.repeat(tape, 10, axis=1), starts=held)[0][:, ::10]
     rigid = run(one, tape=tape)[0]
     effect = effects.REGISTRY.get(name)(one, "l")
-    at = effect.space.to_vector({**values, "motor_damping": motor_damping})
+    at = effect.space.to_vector({**values, "rotor": rotor, "motor_damping": motor_damping})
     sensors = run(one, (effect, at[None]), tape=tape)[0]
     error, error_rigid = (np.sqrt(np.mean((s - truth) ** 2)) for s in (sensors, rigid))
     assert error < 0.1 * error_rigid

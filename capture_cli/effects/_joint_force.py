@@ -13,13 +13,38 @@ from capture_cli.effects._places import reference
 from capture_cli.sim.engine import World
 
 FORCE, FRICTION, DAMPING = "qfrc_applied", "dof_frictionloss", "dof_damping"
+INERTIA = "inertia"
+# How a companion reads what is no field of MjData at the joint
+_READ = {
+    "time": "data.time",
+    "qpos": "data.qpos[at]",
+    DAMPING: f"model.{DAMPING}[dof]",
+    INERTIA: "inertia_felt(model, data.qLD, data.qLDiagInv, int(dof[0]))",
+}
+
+
+def inertia_felt(model, factor, inverse_diagonal, dof):
+    """kg or kg m^2: what a force on `dof` alone has to accelerate, 1 / (M^-1) there, of M = L' D L.
+
+    factor (..., nC), inverse_diagonal (..., nv): mjData.qLD and qLDiagInv.
+    """
+    column, inverse = {dof: 1.0}, 0.0  # of L'^-1, nonzero where `dof` hangs on
+    for i in range(dof, -1, -1):
+        if i in column:
+            inverse = inverse + column[i] ** 2 * inverse_diagonal[..., i]
+            first = int(model.M_rowadr[i])
+            for k in range(first, first + int(model.M_rownnz[i]) - 1):
+                above = int(model.M_colind[k])
+                column[above] = column.get(above, 0.0) - factor[..., k] * column[i]
+    return 1 / inverse
 
 
 class JointForce(JointEffect):
     """An effect that adds what `kernel` gives to the joint's force, dry friction or damping, `adds_to`.
 
-    The kernel's inputs are named as the fields of MjData that they are, at the joint, or dof_damping. Friction and
-    damping are those of the model, which MuJoCo integrates implicitly, and never fall below zero.
+    The kernel's inputs are named as the fields of MjData that they are, at the joint, or dof_damping, or inertia: what
+    a force on the joint alone has to accelerate. Friction and damping are those of the model, which MuJoCo integrates
+    implicitly, and never fall below zero.
     """
 
     place = "force"
@@ -34,11 +59,13 @@ class JointForce(JointEffect):
         return ForceOfKernel(self, self.coefficients(values), timestep)
 
     def read(self, world: World, field: str) -> np.ndarray:
-        """A field of MjData, or its damping, at the joint, (simulation,)."""
+        """A field of MjData, its damping or its inertia, at the joint, (simulation,)."""
         if field == "time":
             return world.time
         if field == DAMPING:
             return world.vary(field)[:, self.dof]
+        if field == INERTIA:
+            return inertia_felt(self.model, world.qLD, world.qLDiagInv, self.dof)
         at = int(self.model.jnt_qposadr[self.joint]) if field == "qpos" else self.dof
         return getattr(world, field)[:, at]
 
@@ -51,22 +78,19 @@ class JointForce(JointEffect):
         own[:, self.dof] = raised(own[:, self.dof], term)
 
     def companion(self, name, values):
-        reads = [
-            {"time": "data.time", "qpos": "data.qpos[at]", DAMPING: f"model.{DAMPING}[dof]"}.get(
-                field, f"data.{field}[dof]"
-            )
-            for field in inputs(self.kernel)
-        ]
+        fields = inputs(self.kernel)
+        reads = [_READ.get(field, f"data.{field}[dof]") for field in fields]
+        kernels = (self.kernel, *([inertia_felt] if INERTIA in fields else []))
         numbers = {n: v[0] for n, v in self.coefficients(values[None]).items()}
         term, state = call(name, self.kernel, reads, numbers)
         joint = f"model.joint({reference(self.model, 'joint', self.site)})"
         lines = [f"dof = {joint}.dofadr"] + [f"at = {joint}.qposadr"] * ("data.qpos[at]" in reads)
         if self.adds_to == FORCE:
             lines.append(f"data.qfrc_applied[dof] += {term}")
-            return Companion((self.kernel,), tuple(lines), state, ("data.qfrc_applied",))
+            return Companion(kernels, tuple(lines), state, ("data.qfrc_applied",))
         own = f"model.{self.adds_to}"
         lines += [f"change = {term}", f"{own}[dof] = raised({own}[dof], change)"]
-        return Companion((self.kernel, raised), tuple(lines), state, (own,))
+        return Companion((*kernels, raised), tuple(lines), state, (own,))
 
 
 class ForceOfKernel:

@@ -13,6 +13,8 @@ from capture_cli.effects._scales import free_inertia
 from capture_cli.effects.base import spread
 from capture_cli.parameters import Parameter
 
+MOST_SHARE = 0.99  # of the inertia, in the rotor: a link weighs something in any pose
+
 
 class TransmissionEffect(JointForce):
     """An effect between a motor and the joint that it drives. Its kernel is a TwoMass."""
@@ -36,7 +38,7 @@ class TransmissionEffect(JointForce):
     def rotor(self) -> Parameter:
         """The part of the inertia on the motor's side."""
         mass = self.total
-        return Parameter("rotor", self.unit("kg", "kg m^2"), 0.05 * mass, 0.5 * mass, 0.2 * mass)
+        return Parameter("rotor", self.unit("kg", "kg m^2"), 0.05 * mass, MOST_SHARE * mass, 0.2 * mass)
 
     @property
     def motor_damping(self) -> Parameter:
@@ -48,9 +50,6 @@ class TransmissionEffect(JointForce):
         grid = np.repeat(self.space.nominal[None], count, axis=0)
         grid[:, self.space.names.index("rotor")] = spread(self.rotor, count)
         return grid
-
-    def coefficients(self, values):
-        return super().coefficients(values) | {"total": np.full(len(values), self.total)}
 
     def force_from(self, values, timestep, states):
         room, speed = self.looseness(values)
@@ -65,7 +64,7 @@ class TransmissionEffect(JointForce):
 class TwoMass(ABC):
     """The force -J d'' on a joint whose rotor of inertia J (kg or kg m^2) is not rigidly its link's.
 
-    The model's joint carries rotor and link as one rigid inertia M, `total`. With J of it in the rotor, which
+    The model's joint carries rotor and link as one rigid inertia M. With J of it in the rotor, which
     runs ahead of the link by the deflection d, the rotor obeys J (a + d'') = T - F and the link
     (M - J) a = F + rest, with a the joint's acceleration, T the actuators' force and F what the transmission
     passes on. Together, M a = T + rest - J d'': the model's own joint with the extra force -J d''.
@@ -77,29 +76,29 @@ class TwoMass(ABC):
     and the link no more by B v: T is less by B v, the extra force is -J d'' - B d', and d'' is less by B d' / J.
 
     T and b are those of the step before. Actuators and sensors go on seeing the joint, which is the link: an
-    encoder on the rotor, and a servo that closes its loop there, are outside of this. The pose and other joints
-    change M; then b is known a step late, which is stable as long as the rotor has less than half of the inertia.
+    encoder on the rotor, and a servo that closes its loop there, are outside of this. M is what a force on the joint
+    alone has to accelerate, in the pose of the step before.
     """
 
-    def __init__(self, *, rotor, total, timestep, motor_damping=0.0, ahead=0.0, turning=0.0):
-        self.rotor, self.total, self.timestep = rotor, total, timestep
-        self.share = rotor / total
+    def __init__(self, *, rotor, timestep, motor_damping=0.0, ahead=0.0, turning=0.0):
+        self.rotor, self.timestep = rotor, timestep
         self.motor_damping = motor_damping  # B over the joint's damping
         self.ahead = ahead  # of where it would rest, at the start
         self.deflection = self.extra = 0.0 * rotor  # d, and the force of the last step
         self.rate = turning + 0.0 * rotor  # d'
         self.speed = None  # of the joint, at the last step
 
-    def __call__(self, qvel, qacc, qfrc_actuator, dof_damping):
-        """The force -J d'' - B d'. qacc and qfrc_actuator are of the step before."""
+    def __call__(self, qvel, qacc, qfrc_actuator, dof_damping, inertia):
+        """The force -J d'' - B d'. qacc, qfrc_actuator and inertia (M) are of the step before."""
         h, first = self.timestep, self.speed is None
         damping = self.motor_damping * dof_damping
-        rigid = (qacc if first else (qvel - self.speed) / h) - self.extra / self.total
-        passed = qfrc_actuator - damping * qvel - self.rotor * rigid
+        rotor = np.minimum(self.rotor, MOST_SHARE * inertia)
+        rigid = (qacc if first else (qvel - self.speed) / h) - self.extra / inertia
+        passed = qfrc_actuator - damping * qvel - rotor * rigid
         if first:
             self.deflection = self.limited(self.at_rest(passed) + self.ahead)
-        deflection, rate = self.advance(passed / (self.rotor * (1 - self.share)), damping)
-        self.extra = -self.rotor * ((rate - self.rate) / h) - damping * rate
+        deflection, rate = self.advance(passed, rotor * (1 - rotor / inertia), damping / rotor)
+        self.extra = -rotor * ((rate - self.rate) / h) - damping * rate
         self.deflection, self.rate, self.speed = deflection, rate, np.array(qvel)
         return self.extra
 
@@ -112,5 +111,8 @@ class TwoMass(ABC):
         return deflection
 
     @abstractmethod
-    def advance(self, pull, damping):
-        """Deflection and its rate after a step; d'' is `pull` - `damping` / J d' while nothing is passed on."""
+    def advance(self, passed, against, slowing):
+        """Deflection and its rate after a step. While nothing is passed on, d'' is `passed` / `against` - `slowing` d'.
+
+        against: inertia, of the rotor against the link. slowing: 1/s.
+        """

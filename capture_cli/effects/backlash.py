@@ -22,9 +22,9 @@ class Play(TwoMass):
     def limited(self, deflection):
         return np.clip(deflection, -self.half, self.half)
 
-    def advance(self, pull, damping):
+    def advance(self, passed, against, slowing):
         h, before = self.timestep, self.deflection
-        after = self.limited(before + h * (self.rate + h * pull) / (1 + h * damping / self.rotor))
+        after = self.limited(before + h * (self.rate + h * passed / against) / (1 + h * slowing))
         return after, (after - before) / h
 
 

@@ -19,7 +19,7 @@ BETA = 0.25 * (1 - ALPHA_M + ALPHA_F) ** 2
 
 
 class Spring(TwoMass):
-    """I d'' + (damping_time + I B / J) d' + d = I pull, with I the compliance times the inertia against the spring.
+    """I d'' + (damping_time + I slowing) d' + d = compliance passed, with I the compliance times `against`.
 
     A step of generalized-alpha (Chung and Hulbert 1993), implicit in the spring.
     """
@@ -27,15 +27,14 @@ class Spring(TwoMass):
     def __init__(self, *, compliance, damping_time, rotor, timestep, **rest):
         super().__init__(rotor=rotor, timestep=timestep, **rest)
         self.compliance, self.damping_time = compliance, damping_time
-        self.inverse = compliance * rotor * (1 - self.share)
         self.acceleration = 0.0 * rotor
 
     def at_rest(self, passed):
         return self.compliance * passed
 
-    def advance(self, pull, damping):
-        h, inverse = self.timestep, self.inverse
-        damping = self.damping_time + inverse * damping / self.rotor
+    def advance(self, passed, against, slowing):
+        h, inverse = self.timestep, self.compliance * against
+        damping = self.damping_time + inverse * slowing
         before, rate, jerk = self.deflection, self.rate, self.acceleration
         # both as they would be at the end of the step if d'' were 0 there
         coming_rate = rate + h * (1 - GAMMA) * jerk
@@ -43,7 +42,8 @@ class Spring(TwoMass):
         resisting = damping * ((1 - ALPHA_F) * coming_rate + ALPHA_F * rate)
         resisting += (1 - ALPHA_F) * coming + ALPHA_F * before
         stiffness = (1 - ALPHA_F) * (damping * GAMMA * h + BETA * h * h)
-        now = (inverse * (pull - ALPHA_M * jerk) - resisting) / (inverse * (1 - ALPHA_M) + stiffness)
+        wound = self.compliance * passed - inverse * ALPHA_M * jerk
+        now = (wound - resisting) / (inverse * (1 - ALPHA_M) + stiffness)
         self.acceleration = now
         return coming + h * h * BETA * now, coming_rate + h * GAMMA * now
 
