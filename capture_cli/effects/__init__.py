@@ -17,7 +17,7 @@ EXAMPLE = Path(__file__).with_name("_example_machine.xml")
 
 @dataclass(frozen=True)
 class Entry:
-    """One effect of the catalogue: its sites in a model, and its parameters at the first of them."""
+    """One effect of the catalogue: its sites in a model, and its parameters, each at the first of them that has it."""
 
     name: str
     place: str
@@ -35,7 +35,9 @@ def catalogue(model: mujoco.MjModel | None = None) -> list[Entry]:
     entries = []
     for name, effect in REGISTRY.items():
         sites = tuple(effect.sites(model))
-        parameters = effect(model, sites[0]).parameters if sites else ()
+        parameters: dict[str, Parameter] = {}
+        for parameter in (p for site in sites for p in effect(model, site).parameters):
+            parameters.setdefault(parameter.name, parameter)
         entries.append(
             Entry(
                 name=name,
@@ -43,7 +45,7 @@ def catalogue(model: mujoco.MjModel | None = None) -> list[Entry]:
                 summary=effect.summary,
                 where=effect.where,
                 sites=sites,
-                parameters=parameters,
+                parameters=tuple(parameters.values()),
                 shapes=effect.shapes,
                 exported_as=effect.exported_as(),
             )
@@ -106,8 +108,8 @@ reported = effects.sense(model, np.array(recorded))
 ```
 
 Ranges follow from the model: from the weight that a joint carries, what its actuators can give, its travel
-and its inertia. The ones in the table are those of the machine at the end of this page, at the effect's
-first site in it.
+and its inertia. The ones in the table are those of the machine at the end of this page, each at the first
+of the effect's sites in it that has the parameter.
 
 | effect | place | what it is | sits at | parameters | unit | range | null | exported as |
 |---|---|---|---|---|---|---|---|---|

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
+
 import mujoco
 import numpy as np
 
@@ -63,6 +65,25 @@ class JointEffect(Effect):
     def added(self, name: str, unit: str, own: float, high: float) -> Parameter:
         """A parameter added to the model's `own` value, such that the sum is not negative."""
         return Parameter(name, unit, min(0.0, -own), high, 0.0)
+
+
+class SpringEffect(JointEffect):
+    """An effect on where a joint's spring is at rest; `position` is the joint's place in qpos."""
+
+    place = "model"
+
+    def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
+        super().__init__(model, site)
+        self.position = int(model.jnt_qposadr[self.joint])
+
+    @classmethod
+    def sites(cls, model):
+        return [s for s in super().sites(model) if cls.suits(model, site_id(model, "joint", s))]
+
+    @classmethod
+    @abstractmethod
+    def suits(cls, model: mujoco.MjModel, joint: int) -> bool:
+        """Whether the joint's spring, or that it has none, lets the effect sit there."""
 
 
 def driven_joints(model: mujoco.MjModel) -> list[str]:

@@ -2,36 +2,27 @@
 
 from __future__ import annotations
 
-import mujoco
 import numpy as np
 
-from capture_cli.effects._joint_effect import JointEffect
-from capture_cli.effects._places import site_id
-from capture_cli.effects.base import GLOBAL
+from capture_cli.effects._joint_effect import SpringEffect
 from capture_cli.parameters import Parameter
 
 FARTHEST = 2.0  # of the joint's travel: where a spring that only ever pulls one way is at rest
 
 
-class PreloadedSpring(JointEffect):
+class PreloadedSpring(SpringEffect):
     """A spring of `stiffness` (N/m or N m/rad) that is at rest at the joint position `rest` (m or rad).
 
     Beside a spring of the joint's own the two are one, of the stiffness of both, at rest in between.
     """
 
-    place = "model"
     summary = "a spring at a joint that pulls where the joint's own would rest: a harness, a return spring"
     where = "every hinge and slide joint, but those whose spring hardens or softens"
     shapes = ("rest",)
 
-    def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
-        super().__init__(model, site)
-        self.position = int(model.jnt_qposadr[self.joint])
-
     @classmethod
-    def sites(cls, model):
-        joints = ((site, site_id(model, "joint", site)) for site in super().sites(model))
-        return [site for site, j in joints if not model.jnt_stiffnesspoly[j].any()]
+    def suits(cls, model, joint):
+        return not model.jnt_stiffnesspoly[joint].any()
 
     @property
     def parameters(self):
