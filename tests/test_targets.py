@@ -43,6 +43,8 @@ XML = """
     <motor name="force" joint="slide"/>
     <general name="lagged" joint="slide" dyntype="filterexact" dynprm="0.05" gainprm="2"
              biastype="affine" biasprm="0.1 -0.2 -0.3"/>
+    <position name="servo" joint="slide" kp="3" kv="0.4"/>
+    <velocity name="wheel" joint="hinge" kv="0.2"/>
   </actuator>
   <sensor>
     <jointpos joint="hinge"/><jointpos joint="slide"/><ballquat joint="ball"/>
@@ -115,6 +117,9 @@ VALUES = {
     "actuator:motor:gear": 3.0,
     "actuator:motor:motor_constant": 0.03 / 0.08,
     "actuator:motor:resistance": 0.03 / 0.08**2,
+    "actuator:servo:kp": 3.0,
+    "actuator:servo:kv": 0.4,
+    "actuator:wheel:kv": 0.2,
     "actuator:force:gain": 1.0,
     "actuator:force:bias": 0.0,
     "actuator:force:bias_velocity": 0.0,
@@ -322,6 +327,18 @@ def test_motor_constant_and_resistance_compose_in_any_order(model, order):
     assert fields["actuator_biasprm"][0, motor, 2] == pytest.approx(-(0.5**2) / 4)
 
 
+def test_gains_of_servos_are_what_compiling_them_gives(model):
+    fields = written(
+        model, ("actuator:servo:kp", 5.0), ("actuator:servo:kv", 0.7), ("actuator:wheel:kv", 0.9)
+    )
+    spec = mujoco.MjSpec.from_string(XML)
+    spec.actuator("servo").set_to_position(kp=5.0, kv=0.7)
+    spec.actuator("wheel").set_to_velocity(kv=0.9)
+    compiled = spec.compile()
+    for name in ("actuator_gainprm", "actuator_biasprm"):
+        np.testing.assert_array_equal(fields[name][0], getattr(compiled, name))
+
+
 def test_bias_gives_a_plain_motor_a_constant_force(model):
     with_bias = path_of(model, written(model, ("actuator:force:bias", 0.5)))
     np.testing.assert_array_equal(
@@ -371,6 +388,8 @@ def test_size_alone_keeps_the_shape_and_the_mass(model):
         ("geom:sphere:size_y", ["1 settable sizes", "'size_y'"]),
         ("geom:capsule:size_z", ["2 settable sizes", "'size_z'"]),
         ("actuator:force:motor_constant", ["k/R", "biastype"]),
+        ("actuator:force:kv", ["'force'", "servo of position or of velocity", "<velocity"]),
+        ("actuator:wheel:kp", ["'wheel'", "servo of position", "<position"]),
         ("actuator:force:time_constant", ["no filter", "filterexact"]),
         ("joint:ball:springref", ["'ball'", "hinge", "slide"]),
         ("joint:free:springref", ["'free'", "hinge", "slide"]),

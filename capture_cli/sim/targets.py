@@ -148,6 +148,25 @@ class ActuatorBias(Target):
 
 
 @dataclass(frozen=True)
+class ServoGain(Target):
+    """Gain of a servo on its length (column 1, kp) or its velocity (2, kv): what pulls back, and with it what follows
+    the control, where that is `commanded`.
+    """
+
+    actuator: int
+    column: int
+    commanded: bool
+
+    def read(self, model):
+        return -float(model.actuator_biasprm[self.actuator, self.column])
+
+    def write(self, fields, values):
+        fields["actuator_biasprm"][:, self.actuator, self.column] = -values
+        if self.commanded:
+            fields["actuator_gainprm"][:, self.actuator, 0] = values
+
+
+@dataclass(frozen=True)
 class MotorConstant(Target):
     """Torque constant k of a voltage-driven motor, N m/A: gain k/R and back-EMF bias -k^2/R; R is kept."""
 
@@ -261,11 +280,13 @@ ATTRIBUTES = {
         "restitution": ("1", "coefficient of restitution, from 0.14 to 1"),
     },
     "actuator": {
-        "gain": ("N or N m per ctrl", "gainprm[0]"),
+        "gain": ("N or N m per ctrl", "gainprm[0]: the force of a motor or a rotor for a ctrl of 1"),
+        "kp": ("N/m or N m/rad", "of a servo of position: gain kp, bias -kp on the length"),
+        "kv": ("N s/m or N m s/rad", "of a servo: bias -kv on the velocity; of velocity alone, its gain too"),
         "bias": ("N or N m", "constant force, biasprm[0]"),
         "bias_position": ("N/m or N m/rad", "biasprm[1]"),
         "bias_velocity": ("N s/m or N m s/rad", "biasprm[2]"),
-        "gear": ("1 or m", "gear[0]"),
+        "gear": ("1 or m", "gear[0]; not what turns a rotor at a site, whose gear has six numbers"),
         "time_constant": ("s", "of a filter, dynprm[0]"),
         "motor_constant": ("N m/A", "k of a motor driven by volts: gain k/R, back-EMF -k^2/R"),
         "resistance": ("ohm", "R of a motor driven by volts"),
@@ -368,6 +389,8 @@ def _named(kind: str, number: int, attribute: str, model: mujoco.MjModel, where:
         return _geom_size(number, attribute, model, where)
     if attribute in ("motor_constant", "resistance"):
         _check_motor(number, model, where)
+    elif attribute in ("kp", "kv"):
+        return _servo_gain(number, attribute, model, where)
     elif kind == "actuator" and attribute.startswith("bias"):
         _check_bias(number, model, where)
         return ActuatorBias(number, {"bias": 0, "bias_position": 1, "bias_velocity": 2}[attribute])
@@ -426,6 +449,21 @@ def _check_motor(number: int, model: mujoco.MjModel, where: str) -> None:
             f"{where}: motor_constant and resistance need an actuator with gain k/R and velocity bias -k^2/R",
             cure='write it as <general gaintype="fixed" gainprm="k/R" biastype="affine" biasprm="0 0 -k^2/R"/>',
         )
+
+
+def _servo_gain(number: int, attribute: str, model: mujoco.MjModel, where: str) -> ServoGain:
+    gain = model.actuator_gainprm[number, 0]
+    _, on_length, on_velocity = model.actuator_biasprm[number, :3]
+    affine = int(model.actuator_biastype[number]) == mujoco.mjtBias.mjBIAS_AFFINE
+    of_position = affine and gain != 0 and on_length == -gain
+    of_velocity = affine and gain != 0 and on_length == 0 and on_velocity == -gain
+    if not of_position and not (of_velocity and attribute == "kv"):
+        servos = "a servo of position" if attribute == "kp" else "a servo of position or of velocity"
+        raise ModelError(
+            f"{where}: {attribute} is of {servos}, and the actuator {model.actuator(number).name!r} is none",
+            cure='write it as <position kp="..." kv="..."/> or <velocity kv="..."/>, or set gain and bias',
+        )
+    return ServoGain(number, {"kp": 1, "kv": 2}[attribute], attribute == "kp" or of_velocity)
 
 
 def _check_bias(number: int, model: mujoco.MjModel, where: str) -> None:
