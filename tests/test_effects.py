@@ -438,6 +438,7 @@ def test_controls_arrive_as_the_effects_say():
     assert np.allclose(drive("control-delay", tape, 1.0), [1, 1, 1, 3, 3, -2])
     assert np.allclose(drive("control-delay", tape, 1.25), [1, 1, 1, 2.5, 3, -0.75])
     assert np.allclose(drive("control-gain", tape, 0.5), np.multiply(tape, 1.5))
+    assert np.allclose(drive("control-reverse-gain", tape, 0.5), [1, 1, 3, 3, -3, -3])
     assert np.allclose(drive("control-bias", tape, 0.5), np.add(tape, 0.5))
     assert np.allclose(drive("control-dead-zone", tape, 1.5), [0, 0, 1.5, 1.5, -0.5, -0.5])
     assert np.allclose(drive("control-saturation", tape, 1.5), [1, 1, 1.5, 1.5, -1.5, -1.5])
