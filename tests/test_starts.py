@@ -208,7 +208,7 @@ def test_unmeasured_coordinates_stay_at_the_models_start(model, motion):
     assert (found.sd[:, model.nv] > 0).all()
 
 
-def test_unmeasured_coordinates_are_trusted_as_far_as_they_move(model, motion):
+def test_unmeasured_coordinates_may_be_off_by_more_than_they_move(model, motion):
     _, _, qpos, qvel = motion
     first = np.array([0, 100])
     believed = from_episodes(
@@ -217,7 +217,7 @@ def test_unmeasured_coordinates_are_trusted_as_far_as_they_move(model, motion):
     found, error = estimate(model, motion, ("x",), noise=1e-3, first=first, unmeasured=believed)
     assert np.abs(error[:, 1 : model.nv]).max() < 1e-12  # they come from the simulation: exact here
     np.testing.assert_allclose(found.sd[0, 1 : model.nv], believed.sd[0, 1 : model.nv])
-    assert believed.sd[0, 0] == pytest.approx(qpos[:, 0].std())
+    assert believed.sd[0, 0] == pytest.approx(3 * qpos[:, 0].std())
     resting = from_episodes(
         model,
         np.repeat(qpos[None, :1], 5, axis=1),

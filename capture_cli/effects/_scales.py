@@ -103,7 +103,7 @@ def _weight(model: mujoco.MjModel, joint: int) -> float:
 def _authority(model: mujoco.MjModel, joint: int) -> float:
     """N or N m: what the joint's actuators can give together; 0 where nothing says."""
     gears = _gears(model)[:, model.jnt_dofadr[joint]]
-    total = sum(_actuator_force(model, a, gears[a]) for a in np.flatnonzero(gears))
+    total = sum(actuator_force(model, a, gears[a]) for a in np.flatnonzero(gears))
     if model.jnt_actfrclimited[joint]:
         total = min(total, float(np.abs(model.jnt_actfrcrange[joint]).max()))
     return total
@@ -122,7 +122,7 @@ def _gears(model: mujoco.MjModel) -> np.ndarray:
     return np.abs(moments)
 
 
-def _actuator_force(model: mujoco.MjModel, actuator: int, gear: float) -> float:
+def actuator_force(model: mujoco.MjModel, actuator: int, gear: float) -> float:
     """N or N m: what the actuator can give where a unit of its force gives `gear`; 0 where nothing says."""
     if model.actuator_forcelimited[actuator]:
         return gear * float(np.abs(model.actuator_forcerange[actuator]).max())

@@ -20,7 +20,7 @@ from capture_cli.linearization import (
     trial_objectives,
 )
 
-ROUNDS = 12
+ROUNDS = 30
 DAMPING_STEP = 10.0
 SEARCHES = 2  # times that windows which stand out are begun elsewhere
 NO_PARAMETERS = np.zeros(0)

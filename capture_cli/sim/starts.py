@@ -2,8 +2,8 @@
 
 Where an output measures a coordinate or its velocity, a local cubic fitted around the window's first sample gives
 value and derivative; its half-width is the widest at which its residual still looks like the output's noise. What no
-output measures is taken from one simulation of the whole episode, and trusted as far as it moves there: a coordinate
-that rests stays where it is.
+output measures is taken from one simulation of the whole episode, and may be off by more than it moves there: a
+coordinate that rests stays where it is.
 """
 
 from __future__ import annotations
@@ -21,6 +21,8 @@ ACCEPTABLE_RESIDUAL = 1.3  # variance of the local fit's residual over that of t
 # The local fit uses samples that the window is fitted to as well, so it may not vote with its full weight twice.
 PRIOR_INFLATION = 10.0
 LAG_LEFT = 0.02  # of the correction for the integrator's lag: higher orders of the timestep
+# Times the motion of an unmeasured coordinate in a simulated episode, which may be of another phase and another size
+UNMEASURED_MOTION = 3.0
 UNKNOWN_VELOCITY_SD = 10.0  # m/s or rad/s, where a position is measured but too seldom to be differentiated
 
 
@@ -226,7 +228,8 @@ def measures_every_coordinate(model: mujoco.MjModel, sensors: Sequence[int]) -> 
 def from_episodes(model: mujoco.MjModel, qpos, qvel, *, window_episode, window_step) -> StartEstimate:
     """Starts of windows from simulations of whole episodes: qpos, qvel (episode, grid, ...), window_step (window,).
 
-    Each coordinate is trusted as far as it moves: its standard deviation over the episode. Activations are 0.
+    The standard deviation of each coordinate is UNMEASURED_MOTION times that of its motion over the episode.
+    Activations are 0.
     """
     count, nv = len(window_episode), model.nv
     starts = Starts(
@@ -239,7 +242,8 @@ def from_episodes(model: mujoco.MjModel, qpos, qvel, *, window_episode, window_s
     for episode, path in enumerate(qpos):
         for step, position in enumerate(path):
             mujoco.mj_differentiatePos(model, moved[episode, step], 1.0, path[0], position)
-    sd = np.concatenate([moved.std(axis=1), qvel.std(axis=1), np.full((len(qpos), model.na), 1.0)], axis=1)
+    motion = UNMEASURED_MOTION * np.concatenate([moved.std(axis=1), qvel.std(axis=1)], axis=1)
+    sd = np.concatenate([motion, np.ones((len(qpos), model.na))], axis=1)
     return StartEstimate(starts, sd[window_episode])
 
 
