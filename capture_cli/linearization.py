@@ -65,20 +65,27 @@ class Evidence:
         residual = (self.measured - outputs) / self.noise_sd * self.mask[..., None]
         return residual.reshape(*residual.shape[:-2], -1)
 
-    def other_starts(self, offsets: np.ndarray, residual: np.ndarray) -> np.ndarray:
+    def other_starts(
+        self, offsets: np.ndarray, residual: np.ndarray, drawn: np.ndarray | None = None
+    ) -> np.ndarray:
         """Offsets (trial, window, state) that windows which stand out might have been better begun with.
 
-        Those are at the start as it was measured, with hidden states at each of the points where they are looked for;
-        the other windows keep their `offsets` (window, state). residual (window, row).
+        Those are at the start as it was measured, with hidden states at each of the points where they are looked for,
+        and at the points `drawn` (point, state), in units of the starts' sd; the other windows keep their `offsets`
+        (window, state). residual (window, row).
         """
-        others = np.repeat(offsets[None], len(self.hidden_tried), axis=0)
         squares = np.square(residual).sum(axis=1) / np.maximum(self.mask.sum(axis=1), 1)
         stuck = np.flatnonzero(squares > STANDS_OUT * np.median(squares))
         first = offsets.shape[1] - self.hidden
+        others = np.repeat(offsets[None], len(self.hidden_tried), axis=0)
         for moved, tried in zip(others, self.hidden_tried, strict=True):
             moved[stuck, :first] = 0.0
             moved[stuck, first:] = np.where(np.isnan(tried), offsets[stuck, first:], tried)
-        return others
+        if drawn is None or not stuck.size:
+            return others
+        anywhere = np.repeat(offsets[None], len(drawn), axis=0)
+        anywhere[:, stuck] = drawn[:, None] * self.start_sd[stuck]
+        return np.concatenate([others, anywhere])
 
     def rows(self, keep: np.ndarray) -> Evidence:
         """The evidence of the windows at `keep`."""

@@ -23,6 +23,7 @@ from capture_cli.linearization import (
 ROUNDS = 30
 DAMPING_STEP = 10.0
 SEARCHES = 2  # times that windows which stand out are begun elsewhere
+DRAWN = 16  # places where they are, drawn from what is known of starts beforehand
 NO_PARAMETERS = np.zeros(0)
 
 # Outputs (candidate, window, step, output) and what diverged (candidate, window) of the windows at an index.
@@ -42,8 +43,9 @@ def fit_starts(
     The evidence has no parameters. tolerance: of the objective over k, summed over windows.
     """
     found = _settled(evidence, evaluate, offsets, tolerance, rounds)
+    drawn = np.random.default_rng(0).standard_normal((DRAWN, offsets.shape[1]))
     for _ in range(SEARCHES):
-        others = evidence.other_starts(found.offsets, found.residual)
+        others = evidence.other_starts(found.offsets, found.residual, drawn)
         if not len(others):
             break
         outputs, diverged = evaluate(np.arange(len(offsets)), Trial(np.zeros((len(others), 0)), others))
