@@ -612,7 +612,7 @@ def _planted() -> str:
     alarms, right = planted["false_alarms"], planted["right_where_visible"]
     return (
         f"On recorded logs with a known answer: the right effect in {right['hits']} of {right['of']} that it more than "
-        f"doubles the error of ({100 * right['low']:.0f} % or more, with 95 % confidence), and {alarms['hits']} false "
+        f"doubles the error of ({100 * right['low']:.1f} % or more, with 95 % confidence), and {alarms['hits']} false "
         f"alarms in {alarms['of']} with nothing missing ({100 * alarms['high']:.1f} % or less)."
     )
 
