@@ -33,7 +33,7 @@ from capture_cli.tasks import load_task
 
 EPISODES = 6  # rather than twelve, for the time it takes
 # of bodies that fly, and of servos: none of the machines has any
-NO_PLACE = {"magnus-lift", "actuator-force-limit"}
+NO_PLACE = {"magnus-lift"}
 OBVIOUS = {
     Case(PLANTED, "slider", "coulomb-friction", "x", 10.0, 0): 0.08,
     Case(PLANTED, "slider", "cubic-stiffness", "x", 10.0, 0): 0.6,
@@ -82,7 +82,7 @@ def test_cases_cover_catalogue_and_machines():
     assert {c.magnitude for c in every if c.kind == PLANTED} == set(MAGNITUDES)
 
 
-@pytest.mark.parametrize("machine", ["slider", "cart_pole", "arm", "puck"])
+@pytest.mark.parametrize("machine", ["slider", "cart_pole", "arm", "pan_tilt", "puck"])
 def test_directions_stay_within_ranges(machine):
     model = load_task(str(MACHINES / machine / "task.toml")).model
     for name, cls in REGISTRY.items():

@@ -90,5 +90,6 @@ LEFT_OUT = (
     ("slider", "position-dependent-friction", "x"),
     ("cart_pole", "payload", "pole"),
     ("arm", "payload", "fore"),
+    ("pan_tilt", "position-dependent-friction", "pan"),
     ("puck", "cubic-drag", "y"),
 )
