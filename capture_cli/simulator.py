@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from capture_cli.effects._sensor_effect import at_times
 from capture_cli.effects.base import Effect
 from capture_cli.parameters import ParameterSpace
 from capture_cli.sim.engine import Engine, Force, ModelFields, Rollouts, Starts
@@ -70,6 +71,11 @@ class Simulator:
         self._own_states = 2 * task.model.nv + task.model.na
         self.substeps = math.prod(effect.substeps for _, effect in self.effects)
 
+    @property
+    def begins_early(self) -> bool:
+        """Whether a simulation may begin before its window does: where a sensor reports late."""
+        return any(type(effect).lateness is not Effect.lateness for _, effect in self.effects)
+
     def hidden_sd(self, windows: Windows) -> np.ndarray:
         """How well hidden states are known at the start of each window, (window, hidden state): 0 for certain.
 
@@ -77,7 +83,7 @@ class Simulator:
         """
         sd = np.ones((len(windows), self.hidden_states))
         for (_, effect), own in zip(self.effects, self._states, strict=True):
-            if effect.place == "control":
+            if effect.states_before:
                 sd[windows.elapsed > 0, own] = 0.0
         return sd
 
@@ -176,15 +182,19 @@ class Simulator:
         if offsets is not None:
             starts = shift(self.task.model, starts, offsets[:, : self._own_states])
             hidden = offsets[:, self._own_states :]
+        early = np.zeros(len(row))
         if reported is not None and self._measures:
-            starts = shift(self.task.model, starts, self._start_change(reported.rows(row), each))
-        drift = self._drift(each, windows.elapsed[row])
-        more = self._drift(each, np.full(len(row), windows.grid * windows.timestep)).max(initial=0.0)
-        return self._step(
+            here = reported.rows(row)
+            late = self._lateness(each)
+            early = late[:, self._sensors].max(axis=1) * here.read
+            starts = shift(self.task.model, starts, self._start_change(here, early[:, None] - late, each))
+        drift = self._drift(each, windows.elapsed[row]) - early
+        more = early + self._drift(each, np.full(len(row), windows.grid * windows.timestep))
+        rollouts = self._step(
             replace(starts, time=starts.time + drift),
             self.task.controls(windows.tape),
             row,
-            windows.grid + int(np.ceil(more / windows.timestep)),
+            windows.grid + int(np.ceil(more.max(initial=0.0) / windows.timestep)),
             each,
             lead=windows.lead,
             known=windows.known_lead[row],
@@ -192,6 +202,7 @@ class Simulator:
             hidden=hidden,
             states=states,
         )
+        return _from(rollouts, early / windows.timestep) if early.any() else rollouts
 
     def _step(
         self,
@@ -237,9 +248,18 @@ class Simulator:
             sensors = effect.measure_from(sensors, each[:, columns], self.task.timestep, hidden[:, own])
         return replace(rollouts, sensors=sensors[..., self._sensors])
 
-    def _start_change(self, reported: ReportedMotion, each: np.ndarray) -> np.ndarray:
-        """How far starts are from where the sensors showed them, (simulation, state)."""
-        true = reported.jets
+    def _lateness(self, each: np.ndarray) -> np.ndarray:
+        """How late each column of sensordata is reported, s, (simulation, column)."""
+        own = zip(self.effects, self._columns, strict=True)
+        none = np.zeros((len(each), self.task.model.nsensordata))
+        return sum((effect.lateness(each[:, columns]) for (_, effect), columns in own), none)
+
+    def _start_change(self, reported: ReportedMotion, before: np.ndarray, each: np.ndarray) -> np.ndarray:
+        """How far starts are from where the sensors showed them where windows begin, (simulation, state).
+
+        before (simulation, column): s, before that, that what was so at a start was reported.
+        """
+        true = reported.at(before)
         for (_, effect), columns in reversed(list(zip(self.effects, self._columns, strict=True))):
             true = effect.true_motion(true, each[:, columns])
         return reported.start_change(true, self._own_states)
@@ -294,7 +314,7 @@ class Simulator:
         past = max(min(int(np.ceil(memory / self.task.timestep)), lead), 1)
         at = np.arange(lead - past, lead + steps)
         controls = _between(controls, row, drift[:, None] / self.task.timestep + at)
-        unknown = at < lead - known[:, None]
+        unknown = drift[:, None] / self.task.timestep + at < lead - known[:, None]
         controls += unknown[..., None] * self._before(hidden)[:, None]
         for effect, values in own:
             controls = effect.drive(controls, values, self.task.timestep)
@@ -310,6 +330,17 @@ class Simulator:
 def placed_name(name: str, effect: Effect) -> str:
     """EFFECT@SITE, or EFFECT alone where it concerns the model as a whole."""
     return f"{name}@{effect.site}" if effect.site else name
+
+
+def _from(rollouts: Rollouts, steps: np.ndarray) -> Rollouts:
+    """`rollouts` from so many `steps` (simulation,) on, which may be fractional."""
+    grid = np.arange(rollouts.sensors.shape[1]) + steps[:, None]
+    later = replace(rollouts, sensors=at_times(rollouts.sensors, grid[..., None]))
+    if rollouts.qpos is None:
+        return later
+    index = np.minimum(np.rint(grid).astype(int), grid.shape[1] - 1)
+    row = np.arange(len(steps))[:, None]
+    return replace(later, qpos=rollouts.qpos[row, index], contacts=rollouts.contacts[row, index])
 
 
 def _distinct(

@@ -115,7 +115,10 @@ def test_a_true_motion_is_reported_as_it_was_seen(name):
         values = np.stack([away(effect, part) for part in (0.1, 0.4, 0.7, 1.0)])
         true = effect.true_motion(jets, values)
         time = timestep * np.arange(5)
-        series = true[:, :1] + true[:, 1:2] * time[:, None]
+        value = true[:, 0] + true[:, 1] * effect.lateness(
+            values
+        )  # what is reported at a time was so before it
+        series = value[:, None] + true[:, 1:2] * time[:, None]
         seen = effect.measure(series, values, timestep)
         slope = (seen[:, 2] - seen[:, 1]) / timestep
         if name == "sensor-quantisation":

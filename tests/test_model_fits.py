@@ -19,13 +19,14 @@ from capture_cli.stages.record import record
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.tasks import load_task
 
-SLIDER = Path(__file__).parents[1] / "benchmarks" / "machines" / "slider" / "task.toml"
+MACHINES = Path(__file__).parents[1] / "benchmarks" / "machines"
+SLIDER, CART_POLE = (MACHINES / name / "task.toml" for name in ("slider", "cart_pole"))
 
 
-def planted(folder: Path, effect: str, seed: int = 0) -> tuple[PreparedLog, np.ndarray]:
-    """A slider's log with `effect` in it, cut into windows, and the true parameters, those of the effect last."""
+def planted(folder: Path, effect: str, seed: int = 0, task: Path = SLIDER) -> tuple[PreparedLog, np.ndarray]:
+    """A log with `effect` in it, cut into windows, and the true parameters, those of the effect last."""
     record(
-        task=str(SLIDER),
+        task=str(task),
         out=folder / "log.zarr",
         effects=[effect],
         noise=3e-4,
@@ -37,7 +38,7 @@ def planted(folder: Path, effect: str, seed: int = 0) -> tuple[PreparedLog, np.n
     truth = json.loads((folder / "log.truth.json").read_text(encoding="utf-8"))
     values = np.array([*truth["parameters"].values(), *truth["effects"].values()])
     log = MeasuredLog.read(folder / "log.zarr")
-    return prepare(log, load_task(str(SLIDER)), window=None, test=None, seed=0), values
+    return prepare(log, load_task(str(task)), window=None, test=None, seed=0), values
 
 
 @pytest.mark.parametrize(("name", "text"), [("compliance", "compliance=0.002"), ("backlash", "width=0.01")])
@@ -55,12 +56,9 @@ def test_what_a_transmission_has_wound_up_before_a_window_is_a_nuisance(tmp_path
     assert free < 1.05 < held
 
 
-@pytest.mark.parametrize(
-    ("name", "text"), [("sensor-low-pass", "time_constant=0.04"), ("sensor-delay", "delay=0.03")]
-)
-def test_what_a_sensor_reports_when_a_window_begins_is_a_nuisance(tmp_path, name, text, monkeypatch):
-    prepared, truth = planted(tmp_path, f"{name}@q.{text}")
-    effect = (name, REGISTRY.get(name)(prepared.task.model, "q"))
+def test_what_a_filter_reports_when_a_window_begins_is_a_nuisance(tmp_path, monkeypatch):
+    prepared, truth = planted(tmp_path, "sensor-low-pass@q.time_constant=0.04")
+    effect = ("sensor-low-pass", REGISTRY.get("sensor-low-pass")(prepared.task.model, "q"))
     fits = ModelFits(prepared, 1)
     free = fits.fit(prepared, [effect], truth)
     _hold_hidden(monkeypatch)
@@ -69,16 +67,17 @@ def test_what_a_sensor_reports_when_a_window_begins_is_a_nuisance(tmp_path, name
 
 
 @pytest.mark.parametrize(
-    ("name", "text"),
+    ("name", "site", "text"),
     [
-        ("control-lag", "time_constant=0.05"),
-        ("control-second-order-lag", "time_constant=0.03"),
-        ("control-delay", "delay=0.09"),
+        ("control-lag", "drive", "time_constant=0.05"),
+        ("control-second-order-lag", "drive", "time_constant=0.03"),
+        ("control-delay", "drive", "delay=0.09"),
+        ("sensor-delay", "q", "delay=0.09"),
     ],
 )
-def test_what_an_actuator_was_told_before_an_episode_is_a_nuisance(tmp_path, name, text, monkeypatch):
+def test_what_an_actuator_was_told_before_an_episode_is_a_nuisance(tmp_path, name, site, text, monkeypatch):
     """Logs that begin while the machine is driven: their first half second is cut off."""
-    prepared, truth = planted(tmp_path, f"{name}@drive.{text}")
+    prepared, truth = planted(tmp_path, f"{name}@{site}.{text}")
     log = prepared.log
     kept = [np.arange(e.start + 125, e.stop) for e in log.episodes]
     steps, ends = np.concatenate(kept), np.cumsum([len(k) for k in kept])
@@ -86,7 +85,7 @@ def test_what_an_actuator_was_told_before_an_episode_is_a_nuisance(tmp_path, nam
         log, time=log.time[steps], inputs=log.inputs[steps], outputs=log.outputs[steps], episode_ends=ends
     )
     prepared = prepare(late, prepared.task, window=None, test=None, seed=0)
-    effect = REGISTRY.get(name)(prepared.task.model, "drive")
+    effect = REGISTRY.get(name)(prepared.task.model, site)
     if len(effect.parameters) > 1:
         truth = np.append(truth, [1.0] * (len(prepared.task.space) + len(effect.parameters) - len(truth)))
     free = ModelFits(prepared, 1).fit(prepared, [(name, effect)], truth)
@@ -101,6 +100,19 @@ def test_what_an_actuator_was_told_before_an_episode_is_a_nuisance(tmp_path, nam
     first = [float(np.sqrt(np.square(f.at.residual[~later]).mean())) for f in (free, held)]
     assert free.error < 1.05
     assert first[0] < 0.95 * first[1]
+
+
+@pytest.mark.parametrize("delay", [0.02, 0.2])
+@pytest.mark.parametrize("sensor", ["pole", ""])
+def test_a_window_of_a_late_sensor_begins_with_what_it_saw_before(tmp_path, sensor, delay):
+    """Of a pole that swings at some 5 rad/s a fifth of a second ago was elsewhere."""
+    prepared, truth = planted(
+        tmp_path, f"sensor-delay@{sensor}.delay={delay}".replace("@.", "."), task=CART_POLE
+    )
+    effect = ("sensor-delay", REGISTRY.get("sensor-delay")(prepared.task.model, sensor))
+    fit = ModelFits(prepared, 1).fit(prepared, [effect], truth, tolerance=EXACT)
+    assert fit.error < 1.05
+    assert fit.point[-1] == pytest.approx(delay, abs=5e-4)
 
 
 def test_windows_that_begin_on_the_wrong_side_of_a_wide_play_are_begun_elsewhere(tmp_path, monkeypatch):

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from capture_cli.sim.engine import Engine, Starts
+from capture_cli.sim.local_motion import Neighbours, local_motion
 from capture_cli.sim.starts import (
     PRIOR_INFLATION,
     StartEstimate,
-    _local_fit,
     estimate_starts,
     from_episodes,
     measures_every_coordinate,
@@ -155,7 +155,8 @@ def test_a_few_unlucky_samples_do_not_make_a_start_wild():
     time, noise = np.arange(60) / 250, 5e-4
     tracks = np.stack([0.9 * time - 0.5 * time**2] * 2000, axis=1)
     measured = tracks + noise * generator.standard_normal(tracks.shape)
-    found = _local_fit(time, measured, 0, np.full(tracks.shape[1], noise))
+    near = Neighbours.of(time, np.array([0]), np.array([0]), np.array([len(time)]))
+    found = local_motion(near, measured[near.index], np.full(tracks.shape[1], noise))
     assert np.abs(found.slope - 0.9).max() < 0.5
     assert np.abs((found.slope - 0.9) / found.slope_sd).max() < 6
 
@@ -272,3 +273,19 @@ def test_a_corrected_report_moves_the_coordinates_that_were_read_off_it(model, m
         np.testing.assert_allclose(change, expected)
         assert not reported.start_change(reported.jets, 2 * nv).any()
     assert found.rows(slice(2)).reported.jets.shape[0] == 2
+
+
+def test_the_path_before_a_start_is_that_of_the_log(model, motion):
+    """A carriage on a spring goes round at 6 rad/s: a quarter of a second is a radian and a half."""
+    time, sensors, *_ = motion
+    first = np.array([0, 150, 240])
+    found, _ = estimate(model, motion, ("x",), noise=1e-5, first=first)
+    x = model.sensor("x").adr[0]
+    for before in (0.0, 0.012, 0.1, 0.248):
+        jets = found.reported.at(np.full((3, model.nsensordata), before))
+        there = sensors[first[1:] - round(before / (time[1] - time[0])), x]
+        np.testing.assert_allclose(jets[1:, 0, x], there, atol=1e-4)
+    # before the log nothing is known: it is taken to have been evenly accelerated
+    value, slope, curvature = found.reported.jets[0, :, x]
+    even = value - 0.1 * slope + 0.1**2 / 2 * curvature
+    assert found.reported.at(np.full((3, model.nsensordata), 0.1))[0, 0, x] == pytest.approx(even)

@@ -74,10 +74,13 @@ class _Force:
             self.world, self.step = world, 0
         first, into = divmod(self.step, self.spacing)
         rising = into / self.spacing
-        own = self.values[world.rows, first : first + 2]
-        force = (1 - rising) * own[:, 0] + (rising * own[:, 1] if own.shape[1] > 1 else 0.0)
+        force = (1 - rising) * self._height(world.rows, first) + rising * self._height(world.rows, first + 1)
         world.qfrc_applied[:, self.pulses.dof] += force
         self.step += 1
+
+    def _height(self, rows: slice, pulse: int) -> np.ndarray | float:
+        """Of a pulse, (simulation,); there are none after the last."""
+        return self.values[rows, pulse] if pulse < self.pulses.count else 0.0
 
 
 @dataclass(frozen=True)

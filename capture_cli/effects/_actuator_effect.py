@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import ClassVar
 
 import mujoco
@@ -70,14 +70,21 @@ class RememberingEffect(ActuatorEffect):
     Those before an episode began are states of their own: a robot may have been told to stand where it stood.
     """
 
+    states_before = True
+
     @property
     def states(self):
         return tuple(f"{name} before" for name in self.names)
 
     def before(self, states):
-        change = np.zeros((len(states), self.model.nu))
-        change[:, self.columns] = states * [control_scale(self.model, a) for a in self.actuators]
-        return change
+        return controls_before(self.model, self.actuators, states)
+
+
+def controls_before(model: mujoco.MjModel, actuators: Sequence[int], states: np.ndarray) -> np.ndarray:
+    """What `Effect.before` gives where `states` (simulation, actuator) are those of `actuators`."""
+    change = np.zeros((len(states), model.nu))
+    change[:, model.actuator_ctrladr[actuators]] = states * [control_scale(model, a) for a in actuators]
+    return change
 
 
 class ControlTimeEffect(RememberingEffect):

@@ -192,30 +192,6 @@ class TimeEffect(SensorEffect):
         return with_all_together(super().sites(model))
 
 
-class RememberingSensorEffect(TimeEffect):
-    """A time effect that reports, early in a simulation, what was before it.
-
-    What that was is a state of its own for each number; at 0 it is as if motion had been even. Its one parameter is a
-    time in s. kernel: takes `ahead`, by which what is reported first is ahead of that.
-    """
-
-    @property
-    def states(self):
-        return tuple(f"ahead {k}" for k in range(len(self.sizes)))
-
-    def measure_from(self, sensors, values, timestep, states):
-        # within that time a signal may go as far as it commonly does in a second
-        return self.measured(sensors, values, timestep, ahead=values * self.sizes * states)
-
-
-def earlier(jets: np.ndarray, delay: np.ndarray) -> np.ndarray:
-    """Jets (simulation, 3, column) of a motion that was reported `delay` (simulation, 1) late, in s."""
-    value, slope, curvature = jets[:, 0], jets[:, 1], jets[:, 2]
-    return np.stack(
-        [value + delay * slope + delay**2 / 2 * curvature, slope + delay * curvature, curvature], axis=1
-    )
-
-
 def at_times(series: np.ndarray, steps: np.ndarray) -> np.ndarray:
     """`series` (..., grid, column) at fractional grid points `steps` (..., grid, 1).
 

@@ -39,6 +39,7 @@ class Effect(ABC):
     substeps: steps that the model takes, where the effect is in it, for each of its own.
     states: names of what the effect keeps from step to step that no sensor shows: how far a spring is wound up. At
         the start of a simulation each is 0 where nothing else is said, and commonly within 1.
+    states_before: whether the states are what was before an episode began: known where a simulation begins inside one.
     states_tried: points (point, state) among which those that a simulation began with are looked for, where a descent
         from 0 can miss them; none where it finds them.
     """
@@ -49,6 +50,7 @@ class Effect(ABC):
     shapes: ClassVar[tuple[str, ...]] = ()
     shares: ClassVar[tuple[str, ...]] = ()
     states: tuple[str, ...] = ()
+    states_before: ClassVar[bool] = False
     states_tried: ClassVar[np.ndarray] = np.zeros((0, 0))
     substeps: int = 1
 
@@ -118,7 +120,7 @@ class Effect(ABC):
         return 0.0
 
     def before(self, states: np.ndarray) -> np.ndarray | float:
-        """Place "control": by how much controls before an episode began, which no log has, differed from its first.
+        """By how much controls before an episode began, which no log has, differed from its first.
 
         (simulation, nu), at `states` (simulation, state); it is taken to have been for ever.
         """
@@ -140,6 +142,12 @@ class Effect(ABC):
         elapsed (simulation,): s, since the episode began, by the sensors' clock.
         """
         return np.zeros(len(values))
+
+    def lateness(self, values: np.ndarray) -> np.ndarray | float:
+        """Place "measurement": how late, in s, each column of sensordata is reported, (simulation, column), and no more
+        than MOST_LATE; what else the effect does to the numbers it does not say here.
+        """
+        return 0.0
 
     def true_motion(self, jets: np.ndarray, values: np.ndarray) -> np.ndarray:
         """Place "measurement": how the sensors' numbers moved in truth where they were reported to move as `jets`.

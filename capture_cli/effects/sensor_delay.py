@@ -4,28 +4,42 @@ from __future__ import annotations
 
 import numpy as np
 
-from capture_cli.effects._sensor_effect import RememberingSensorEffect, at_times, earlier
+from capture_cli.effects._actuator_effect import controls_before, single_control_actuators
+from capture_cli.effects._places import site_id
+from capture_cli.effects._sensor_effect import TimeEffect, at_times
 from capture_cli.parameters import Parameter
+from capture_cli.sim.reported_motion import MOST_LATE
 
 
-def late(series, *, delay, timestep, ahead=0.0):
-    """What was `delay` seconds ago. `delay` before the first row it is `ahead` of where even motion would have been,
-    and in between by the square of the time, as where acceleration was constant.
+def late(series, *, delay, timestep):
+    """What was `delay` seconds ago; before the first row motion is taken to have been even."""
+    return at_times(series, np.arange(series.shape[-2])[:, None] - delay / timestep)
+
+
+class SensorDelay(TimeEffect):
+    """The sensor reports what was `delay` (s) ago.
+
+    Of a window inside a log, what it reports first was before the window: the simulation begins so much earlier, with
+    the controls of that time. Those before an episode began are states of their own.
     """
-    steps = np.arange(series.shape[-2])[:, None] - delay / timestep
-    before = np.maximum(-steps, 0.0) / np.maximum(delay / timestep, 1e-12)
-    return at_times(series, steps) + ahead * before**2
-
-
-class SensorDelay(RememberingSensorEffect):
-    """The sensor reports what was `delay` (s) ago."""
 
     summary = "a sensor reports late"
+    states_before = True
     kernel = staticmethod(late)
 
     @property
-    def parameters(self):
-        return (Parameter("delay", "s", 0.0, 0.1, 0.0),)
+    def states(self):
+        return tuple(f"{name} before" for name in single_control_actuators(self.model))
 
-    def undone(self, jets, values):
-        return earlier(jets, values)
+    def before(self, states):
+        names = single_control_actuators(self.model)
+        return controls_before(self.model, [site_id(self.model, "actuator", n) for n in names], states)
+
+    @property
+    def parameters(self):
+        return (Parameter("delay", "s", 0.0, MOST_LATE, 0.0),)
+
+    def lateness(self, values):
+        late = np.zeros((len(values), self.model.nsensordata))
+        late[:, self.columns] = values
+        return late

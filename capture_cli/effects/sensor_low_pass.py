@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from capture_cli.effects._sensor_effect import RememberingSensorEffect
+from capture_cli.effects._sensor_effect import TimeEffect
 from capture_cli.parameters import Parameter
 
 
@@ -25,10 +25,11 @@ def low_passed(series, *, time_constant, timestep, ahead=0.0):
     return out
 
 
-class SensorLowPass(RememberingSensorEffect):
+class SensorLowPass(TimeEffect):
     """What is reported follows through a first-order lag of `time_constant` (s).
 
-    Exact for a signal that is straight between grid points.
+    Exact for a signal that is straight between grid points. What was reported before a simulation began is a state of
+    its own for each number; at 0 it is as if motion had been even.
     """
 
     summary = "a sensor reports through a first-order low-pass filter"
@@ -37,6 +38,14 @@ class SensorLowPass(RememberingSensorEffect):
     @property
     def parameters(self):
         return (Parameter("time_constant", "s", 0.0, 0.1, 0.0),)
+
+    @property
+    def states(self):
+        return tuple(f"ahead {k}" for k in range(len(self.sizes)))
+
+    def measure_from(self, sensors, values, timestep, states):
+        # within that time a signal may go as far as it commonly does in a second
+        return self.measured(sensors, values, timestep, ahead=values * self.sizes * states)
 
     def undone(self, jets, values):
         value, slope, curvature = jets[:, 0], jets[:, 1], jets[:, 2]

@@ -1,9 +1,8 @@
 """Initial states from the outputs of a log, with how well each is known.
 
-Where an output measures a coordinate or its velocity, a local cubic fitted around the window's first sample gives
-value and derivative; its half-width is the widest at which its residual still looks like the output's noise. What no
-output measures is taken from one simulation of the whole episode, and may be off by more than it moves there: a
-coordinate that rests stays where it is.
+Where an output measures a coordinate or its velocity, its motion around the window's first sample gives value and
+derivative. What no output measures is taken from one simulation of the whole episode, and may be off by more than it
+moves there: a coordinate that rests stays where it is.
 """
 
 from __future__ import annotations
@@ -15,15 +14,14 @@ import mujoco
 import numpy as np
 
 from capture_cli.sim.engine import Starts
+from capture_cli.sim.local_motion import HALF_WIDTHS, Neighbours, local_motion
+from capture_cli.sim.reported_motion import KNOT_INTERVAL, MOST_LATE, ReportedMotion, extended
 
-HALF_WIDTHS = (4, 6, 9, 13, 19, 28, 40)  # samples on either side
-ACCEPTABLE_RESIDUAL = 1.3  # variance of the local fit's residual over that of the noise
 # The local fit uses samples that the window is fitted to as well, so it may not vote with its full weight twice.
 PRIOR_INFLATION = 10.0
 LAG_LEFT = 0.02  # of the correction for the integrator's lag: higher orders of the timestep
 # Times the motion of an unmeasured coordinate in a simulated episode, which may be of another phase and another size
 UNMEASURED_MOTION = 3.0
-UNKNOWN_VELOCITY_SD = 10.0  # m/s or rad/s, where a position is measured but too seldom to be differentiated
 
 
 @dataclass(frozen=True)
@@ -43,43 +41,6 @@ class StartEstimate:
         """Those of the windows at `keep`."""
         reported = None if self.reported is None else self.reported.rows(keep)
         return StartEstimate(self.starts.rows(keep), self.sd[keep], reported)
-
-
-@dataclass(frozen=True)
-class ReportedMotion:
-    """How the numbers of a log moved where its windows start, and which coordinates were read off them.
-
-    jets (window, 3, column): value, slope and curvature, per s and s^2, of each column of sensordata; 0 where it is
-    not an output. position, velocity: pairs (column, tangent coordinate) that each was taken from. lag: s, how long
-    before the time of a state its velocity is that of its path. read (window,): False for starts that somebody knows,
-    which no sensor has to be believed for.
-    """
-
-    jets: np.ndarray
-    position: tuple[tuple[int, int], ...]
-    velocity: tuple[tuple[int, int], ...]
-    slope: tuple[tuple[int, int], ...]
-    lag: float
-    read: np.ndarray
-
-    def rows(self, keep) -> ReportedMotion:
-        """That of the windows at `keep`."""
-        return replace(self, jets=self.jets[keep], read=self.read[keep])
-
-    def start_change(self, true: np.ndarray, states: int) -> np.ndarray:
-        """How far starts move, (simulation, state), where the jets (simulation, 3, column) were `true` in truth.
-
-        Orientations are left as they were reported.
-        """
-        change = (true - self.jets) * self.read[:, None, None]
-        offsets = np.zeros((len(change), states))
-        for values, pairs in (
-            (change[:, 0], (*self.position, *self.velocity)),
-            (change[:, 1] - self.lag * change[:, 2], self.slope),
-        ):
-            for column, state in pairs:
-                offsets[:, state] = values[:, column]
-        return offsets
 
 
 @dataclass(frozen=True)
@@ -120,42 +81,87 @@ def estimate_starts(
     sd = believed.sd.copy()
     sources = _sources(model, sensors)
     lag = _velocity_lag(model)
-    jets = np.zeros((count, 3, model.nsensordata))
+    knots = _Knots.of(time, episodes, window_first, window_episode)
+    path = np.zeros((count, knots.count, 3, model.nsensordata))
     measured_velocity = {d for s in sources if s.kind == "velocity" for d in s.dofs}
-    for w in range(count):
-        steps = episodes[int(window_episode[w])]
-        at = int(window_first[w])
-        for source in sources:
-            columns = list(source.columns)
-            series = outputs[steps][:, columns]
-            if source.kind == "orientation":
-                rotation = _rotation_vectors(series, at - steps.start)
-                fit = _local_fit(time[steps], rotation, at - steps.start, 2 * noise_sd[columns[:3]])
-                mujoco.mju_copy(quat := np.empty(4), series[at - steps.start])
-                mujoco.mju_normalize4(quat)
-                mujoco.mju_quatIntegrate(quat, fit.value, 1.0)
-                qpos[w, list(source.qpos)] = quat
-            else:
-                fit = _local_fit(time[steps], series, at - steps.start, noise_sd[columns])
-                jets[w][:, list(source.data)] = fit.value, fit.slope, fit.curvature
-                if source.kind == "position":
-                    qpos[w, list(source.qpos)] = fit.value
-            dofs = np.array(source.dofs)
-            if source.kind == "velocity":
-                qvel[w, dofs], sd[w, nv + dofs] = fit.value, PRIOR_INFLATION * fit.value_sd
-                continue
-            sd[w, dofs] = PRIOR_INFLATION * fit.value_sd
-            new = np.array([d not in measured_velocity for d in source.dofs])
-            change = lag * fit.curvature
-            qvel[w, dofs[new]] = (fit.slope - change)[new]
-            left = LAG_LEFT * (np.linalg.norm(change) if source.kind == "orientation" else change)
-            sd[w, nv + dofs[new]] = PRIOR_INFLATION * np.hypot(fit.slope_sd, left)[new]
+    for source in sources:
+        columns, dofs = list(source.columns), np.array(source.dofs)
+        if source.kind == "orientation":
+            quaternions = outputs[knots.starts.index][..., columns]
+            rotation = _rotation_vectors(quaternions, HALF_WIDTHS[-1])
+            fit = local_motion(knots.starts, rotation, 2 * noise_sd[columns[:3]])
+            qpos[:, list(source.qpos)] = _turned(quaternions[:, HALF_WIDTHS[-1]], fit.value)
+        else:
+            every = local_motion(knots.near, outputs[knots.near.index][..., columns], noise_sd[columns])
+            motion = np.stack([every.value, every.slope, every.curvature], axis=1)
+            path[..., list(source.data)] = motion.reshape(count, knots.count, 3, -1)
+            fit = every.rows(slice(None, None, knots.count))
+            if source.kind == "position":
+                qpos[:, list(source.qpos)] = fit.value
+        if source.kind == "velocity":
+            qvel[:, dofs], sd[:, nv + dofs] = fit.value, PRIOR_INFLATION * fit.value_sd
+            continue
+        sd[:, dofs] = PRIOR_INFLATION * fit.value_sd
+        new = np.array([d not in measured_velocity for d in source.dofs])
+        change = lag * fit.curvature
+        qvel[:, dofs[new]] = (fit.slope - change)[:, new]
+        size = np.linalg.norm(change, axis=1, keepdims=True) if source.kind == "orientation" else change
+        sd[:, nv + dofs[new]] = PRIOR_INFLATION * np.hypot(fit.slope_sd, LAG_LEFT * size)[:, new]
     starts = Starts(qpos, qvel, act, np.asarray(time)[window_first].astype(float))
-    return StartEstimate(starts, sd, _reported(jets, sources, measured_velocity, nv, lag))
+    reported = _reported(
+        extended(path, knots.before, knots.known), knots.before, sources, measured_velocity, nv, lag
+    )
+    return StartEstimate(starts, sd, reported)
+
+
+@dataclass(frozen=True)
+class _Knots:
+    """Samples at which the outputs' motion is looked at: where each window starts, and some before.
+
+    near: around all of them, window by window; starts: around the starts alone. before (window, knot): s, before the
+    start. known (window, knot): False before the episode.
+    """
+
+    near: Neighbours
+    starts: Neighbours
+    before: np.ndarray
+    known: np.ndarray
+
+    @property
+    def count(self) -> int:
+        """Of each window."""
+        return self.before.shape[1]
+
+    @classmethod
+    def of(
+        cls, time: np.ndarray, episodes: Sequence[slice], window_first: np.ndarray, window_episode: np.ndarray
+    ) -> _Knots:
+        interval = float(np.median(np.concatenate([np.diff(time[e]) for e in episodes])))
+        stride = max(1, round(KNOT_INTERVAL / interval))
+        count = 1 + int(np.ceil(MOST_LATE / (stride * interval) - 1e-6))
+        first, stop = (np.array([getattr(e, n) for e in episodes])[window_episode] for n in ("start", "stop"))
+        at = window_first[:, None] - stride * np.arange(count)
+        even = stride * interval * np.arange(count)
+        before = time[window_first][:, None] - time[np.maximum(at, first[:, None])]
+        known = (at >= first[:, None]) & (before < 2 * even + interval)  # and not before a gap
+        at = np.where(known, at, window_first[:, None])
+        before = np.where(known, before, even)
+        first, stop = (np.repeat(a, count) for a in (first, stop))
+        near = Neighbours.of(time, at.ravel(), first, stop)
+        return cls(near, near.rows(slice(None, None, count)), before, known)
+
+
+def _turned(quaternions: np.ndarray, rotations: np.ndarray) -> np.ndarray:
+    """Quaternions (place, 4), of any length, turned by rotation vectors (place, 3) of their own frames: of length 1."""
+    turned = np.ascontiguousarray(quaternions, dtype=float)
+    for quaternion, rotation in zip(turned, np.ascontiguousarray(rotations), strict=True):
+        mujoco.mju_normalize4(quaternion)
+        mujoco.mju_quatIntegrate(quaternion, rotation, 1.0)
+    return turned
 
 
 def _reported(
-    jets, sources: list[_Source], measured_velocity: set[int], nv: int, lag: float
+    path, before, sources: list[_Source], measured_velocity: set[int], nv: int, lag: float
 ) -> ReportedMotion:
     pairs: dict[str, list[tuple[int, int]]] = {"position": [], "velocity": [], "orientation": [], "slope": []}
     for source in sources:
@@ -164,12 +170,13 @@ def _reported(
             if source.kind == "position" and dof not in measured_velocity:
                 pairs["slope"].append((column, dof + nv))
     return ReportedMotion(
-        jets,
+        path,
+        before,
         tuple(pairs["position"]),
         tuple(pairs["velocity"]),
         tuple(pairs["slope"]),
         lag,
-        np.ones(len(jets), dtype=bool),
+        np.ones(len(path), dtype=bool),
     )
 
 
@@ -301,85 +308,14 @@ def _velocity_lag(model: mujoco.MjModel) -> float:
     return 0.0 if model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4 else 0.5 * model.opt.timestep
 
 
-def _rotation_vectors(quaternions: np.ndarray, at: int) -> np.ndarray:
-    """Rotations (step, 3) from the orientation at step `at`, in that body's frame, rad."""
-    inverse = quaternions[at] * np.array([1, -1, -1, -1]) / np.linalg.norm(quaternions[at])
-    out = np.empty((len(quaternions), 3))
-    relative = np.empty(4)
-    for row, quaternion in zip(out, quaternions, strict=True):
-        mujoco.mju_mulQuat(relative, inverse, quaternion / np.linalg.norm(quaternion))
-        mujoco.mju_quat2Vel(row, relative, 1.0)
-    return out
+def _rotation_vectors(quaternions: np.ndarray, centre: int) -> np.ndarray:
+    """Rotations (place, sample, 3) from the orientation at the sample `centre`, in that body's frame, rad.
 
-
-@dataclass
-class _Fit:
-    """A local polynomial at one step, (column,) each: value, slope, curvature, the sd of the first two."""
-
-    value: np.ndarray
-    slope: np.ndarray
-    curvature: np.ndarray
-    value_sd: np.ndarray
-    slope_sd: np.ndarray
-
-    def take(self, other: _Fit, which: np.ndarray) -> None:
-        """Replace the columns `which` (column,) by those of `other`."""
-        for name, values in vars(self).items():
-            values[which] = getattr(other, name)[which]
-
-
-def _local_fit(time: np.ndarray, series: np.ndarray, at: int, noise_sd: np.ndarray) -> _Fit:
-    """A polynomial through `series` (step, column) around step `at`.
-
-    A cubic over the widest half-width up to which its residual's variance stays near the noise's is taken, column by
-    column; in the narrowest ones, of few samples, it may be off by chance. Where the curve stands out of the noise in
-    all of them, a quintic over the narrowest is, and its sd is what it changes: the residual of a polynomial tells
-    little of how wrong its derivative is.
+    quaternions (place, sample, 4), w first, of any length.
     """
-    columns = series.shape[1]
-    best = _Fit(
-        value=series[at].astype(float),
-        slope=np.zeros(columns),
-        curvature=np.zeros(columns),
-        value_sd=np.array(noise_sd, dtype=float),
-        slope_sd=np.full(columns, UNKNOWN_VELOCITY_SD),
-    )
-    narrowest = True
-    begun, ended = np.zeros(columns, dtype=bool), np.zeros(columns, dtype=bool)
-    for half in HALF_WIDTHS:
-        a, b = max(0, at - half), min(len(time), at + half + 1)
-        if b - a < 6 or ended.all():
-            continue
-        around = time[a:b] - time[at]
-        cubic, variance = _polynomial(around, series[a:b], 3, noise_sd)
-        # the residual's variance is itself uncertain: allow three of its standard deviations
-        limit = ACCEPTABLE_RESIDUAL + 3 * np.sqrt(2 / (b - a - 4))
-        like_noise = variance <= limit * np.square(noise_sd)
-        ended |= begun & ~like_noise
-        best.take(cubic, like_noise & ~ended)
-        if narrowest:
-            quintic, _ = _polynomial(around, series[a:b], min(5, b - a - 2), noise_sd)
-            quintic.value_sd = np.hypot(quintic.value_sd, quintic.value - cubic.value)
-            quintic.slope_sd = np.hypot(quintic.slope_sd, quintic.slope - cubic.slope)
-            best.take(quintic, ~like_noise)
-            narrowest = False
-        begun |= like_noise
-    return best
+    from scipy.spatial.transform import Rotation
 
-
-def _polynomial(time: np.ndarray, series: np.ndarray, degree: int, noise_sd: np.ndarray):
-    """The least-squares polynomial through `series` (step, column) at time 0, and its residual's variance (column,)."""
-    span = time[-1] - time[0]
-    basis = np.vander(time / span, degree + 1, increasing=True)
-    inverse = np.linalg.inv(basis.T @ basis)
-    coefficients = inverse @ (basis.T @ series)
-    variance = np.square(series - basis @ coefficients).sum(axis=0) / (len(time) - degree - 1)
-    scatter = np.sqrt(np.maximum(variance, np.square(noise_sd)))
-    fit = _Fit(
-        value=coefficients[0],
-        slope=coefficients[1] / span,
-        curvature=2 * coefficients[2] / span**2,
-        value_sd=scatter * np.sqrt(inverse[0, 0]),
-        slope_sd=scatter * np.sqrt(inverse[1, 1]) / span,
-    )
-    return fit, variance
+    places, samples = quaternions.shape[:2]
+    last_w = quaternions[..., [1, 2, 3, 0]]
+    from_centre = Rotation.from_quat(np.repeat(last_w[:, centre], samples, axis=0)).inv()
+    return (from_centre * Rotation.from_quat(last_w.reshape(-1, 4))).as_rotvec().reshape(places, samples, 3)

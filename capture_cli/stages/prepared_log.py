@@ -14,6 +14,7 @@ from capture_cli.errors import FitError, LogError, OptionError
 from capture_cli.identifiers.base import Evidence, Trial
 from capture_cli.sim.engine import Engine, ModelFields
 from capture_cli.sim.quaternion_signs import aligned, continuous, quaternion_columns
+from capture_cli.sim.reported_motion import MOST_LATE
 from capture_cli.sim.starts import (
     StartEstimate,
     estimate_starts,
@@ -78,7 +79,11 @@ class PreparedLog:
 
     def _start_sd(self, simulator: Simulator) -> np.ndarray:
         """How well states are known at the start of each window, those of effects last, (window, state)."""
-        return np.concatenate([self.starts.sd, simulator.hidden_sd(self.windows)], axis=1)
+        own, reported = self.starts.sd, self.starts.reported
+        if simulator.begins_early and reported is not None:
+            before_the_log = (self.windows.elapsed < MOST_LATE)[:, None]
+            own = np.hypot(own, before_the_log * reported.unseen(own.shape[1]))
+        return np.concatenate([own, simulator.hidden_sd(self.windows)], axis=1)
 
     def evaluate(self, simulator: Simulator, trial: Trial) -> tuple[np.ndarray, np.ndarray]:
         """Simulated outputs (candidate, window, step, output) and diverged (candidate, window) of a trial.

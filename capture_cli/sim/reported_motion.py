@@ -1,0 +1,107 @@
+"""How the sensors' numbers moved where windows start and shortly before, and the starts that were read off them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+MOST_LATE = 0.25  # s, before a window's start that the sensors' numbers are looked at
+KNOT_INTERVAL = 0.025  # s, or one sample where they are further apart
+
+
+@dataclass(frozen=True)
+class ReportedMotion:
+    """How the numbers of a log moved up to where its windows start, and which coordinates were read off them.
+
+    path (window, knot, 3, column): value, slope and curvature, per s and s^2, of each column of sensordata; 0 where it
+    is not an output. before (window, knot): s, how long before the start that was; 0 first, then increasing.
+    position, velocity: pairs (column, tangent coordinate) that each was taken from. lag: s, how long before the time
+    of a state its velocity is that of its path. read (window,): False for starts that somebody knows, which no sensor
+    has to be believed for.
+    """
+
+    path: np.ndarray
+    before: np.ndarray
+    position: tuple[tuple[int, int], ...]
+    velocity: tuple[tuple[int, int], ...]
+    slope: tuple[tuple[int, int], ...]
+    lag: float
+    read: np.ndarray
+
+    @property
+    def jets(self) -> np.ndarray:
+        """The path where the windows start, (window, 3, column)."""
+        return self.path[:, 0]
+
+    def rows(self, keep) -> ReportedMotion:
+        """That of the windows at `keep`."""
+        return replace(self, path=self.path[keep], before=self.before[keep], read=self.read[keep])
+
+    def at(self, before: np.ndarray) -> np.ndarray:
+        """The path (window, 3, column) `before` (window, column) s before the windows start."""
+        jets = self.jets
+        for k in range(self.path.shape[1] - 1):
+            later, earlier = self.before[:, k, None], self.before[:, k + 1, None]
+            between = _quintic(self.path[:, k], self.path[:, k + 1], earlier - later, before - later)
+            jets = np.where((before > later)[:, None], between, jets)
+        return jets
+
+    def start_change(self, true: np.ndarray, states: int) -> np.ndarray:
+        """How far starts move, (simulation, state), where the jets (simulation, 3, column) were `true` in truth.
+
+        Orientations are left as they were reported.
+        """
+        change = (true - self.jets) * self.read[:, None, None]
+        return self._of_states(change[:, 0], change[:, 1] - self.lag * change[:, 2], states)
+
+    def unseen(self, states: int) -> np.ndarray:
+        """How far a state MOST_LATE before the log began may be from one of even acceleration, (window, state)."""
+        acceleration = np.abs(self.jets[:, 2]) * self.read[:, None]
+        return self._of_states(MOST_LATE**2 / 2 * acceleration, MOST_LATE * acceleration, states)
+
+    def _of_states(self, value: np.ndarray, slope: np.ndarray, states: int) -> np.ndarray:
+        """(window, state) of what was read off columns whose values and slopes are these, (window, column) each."""
+        found = np.zeros((len(value), states))
+        for numbers, pairs in ((value, (*self.position, *self.velocity)), (slope, self.slope)):
+            for column, state in pairs:
+                found[:, state] = numbers[:, column]
+        return found
+
+
+def _quintic(later: np.ndarray, earlier: np.ndarray, interval: np.ndarray, back: np.ndarray) -> np.ndarray:
+    """Jets (window, 3, column) `back` (window, column) s before those at `later`, `earlier` being `interval` s before.
+
+    Of the polynomial that has value, slope and curvature of both.
+    """
+    h, u = interval, back
+    # time runs backwards from the later one
+    c0, c1, c2 = later[:, 0], -later[:, 1], later[:, 2] / 2
+    value = earlier[:, 0] - (c0 + c1 * h + c2 * h**2)
+    slope = (-earlier[:, 1] - (c1 + 2 * c2 * h)) * h
+    curvature = (earlier[:, 2] - 2 * c2) * h**2
+    c3 = (10 * value - 4 * slope + curvature / 2) / h**3
+    c4 = (-15 * value + 7 * slope - curvature) / h**4
+    c5 = (6 * value - 3 * slope + curvature / 2) / h**5
+    powers = (c0, c1, c2, c3, c4, c5)
+    return np.stack(
+        [
+            sum(c * u**n for n, c in enumerate(powers)),
+            -sum(n * c * u ** (n - 1) for n, c in enumerate(powers) if n > 0),
+            sum(n * (n - 1) * c * u ** (n - 2) for n, c in enumerate(powers) if n > 1),
+        ],
+        axis=1,
+    )
+
+
+def extended(path: np.ndarray, before: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """`path` (window, knot, 3, column) with knots that are not `known` (window, knot) going on evenly accelerated."""
+    path = path.copy()
+    for k in range(1, path.shape[1]):
+        back = (before[:, k] - before[:, k - 1])[:, None]
+        value, slope, curvature = np.moveaxis(path[:, k - 1], 1, 0)
+        on = np.stack(
+            [value - back * slope + back**2 / 2 * curvature, slope - back * curvature, curvature], axis=1
+        )
+        path[:, k] = np.where(known[:, k, None, None], path[:, k], on)
+    return path
