@@ -16,6 +16,7 @@ from capture_cli.sim.starts import ReportedMotion, shift
 from capture_cli.sim.windows import Windows
 from capture_cli.tasks.base import Task
 
+TAPE_BYTES = 64 << 20  # of controls of one call, of which effects make several copies
 LENGTH_RATIO = 1.2  # windows within this ratio of lengths are stepped together
 
 
@@ -79,12 +80,12 @@ class Simulator:
     def hidden_sd(self, windows: Windows) -> np.ndarray:
         """How well hidden states are known at the start of each window, (window, hidden state): 0 for certain.
 
-        What was before is known where an episode does not begin there.
+        What was before is known where neither an episode nor a stretch after a gap begins there.
         """
         sd = np.ones((len(windows), self.hidden_states))
         for (_, effect), own in zip(self.effects, self._states, strict=True):
             if effect.states_before:
-                sd[windows.elapsed > 0, own] = 0.0
+                sd[windows.known > 0, own] = 0.0
         return sd
 
     def hidden_tried(self) -> np.ndarray:
@@ -122,13 +123,25 @@ class Simulator:
             moved = None if offsets is None else offsets[:, group]
             motion = None if reported is None else reported.rows(group)
             candidate, row, which = _distinct(parameters, moved, len(group))
-            own = None if moved is None else moved[candidate, row]
-            rollouts = self._rollout(part, starts.rows(group), row, parameters[candidate], own, motion)
-            samples = part.sample(rollouts.sensors, row)
+            samples, bad = [], []
+            for few in self._at_a_time(len(row), part):
+                own = None if moved is None else moved[candidate[few], row[few]]
+                each = parameters[candidate[few]]
+                rollouts = self._rollout(part, starts.rows(group), row[few], each, own, motion)
+                samples.append(part.sample(rollouts.sensors, row[few]))
+                bad.append(rollouts.diverged)
+            samples = np.concatenate(samples)
             outputs[:, group, : samples.shape[1]] = samples[which]
-            diverged[:, group] = rollouts.diverged[which]
+            diverged[:, group] = np.concatenate(bad)[which]
             self.rollouts += len(row)
         return Simulated(outputs, diverged)
+
+    def _at_a_time(self, simulations: int, windows: Windows) -> list[np.ndarray]:
+        """Numbers of the simulations that are run at a time: fewer where each has controls of its own."""
+        drives = self.begins_early or any(effect.place == "control" for _, effect in self.effects)
+        tape = windows.tape.shape[1] * self.task.model.nu * np.dtype(float).itemsize
+        parts = -(-simulations * tape * drives // TAPE_BYTES) or 1
+        return np.array_split(np.arange(simulations), parts)
 
     def trajectories(self, parameters: np.ndarray, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """One episode per row: state trajectories (simulation, point, feature) and diverged (simulation,).

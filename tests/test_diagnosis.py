@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import shutil
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -28,12 +30,13 @@ from capture_cli.linearization import Evidence, Linearization
 from capture_cli.parameters import Parameter, ParameterSpace
 from capture_cli.stages import diagnose as diagnose_stage
 from capture_cli.stages.attribution import _slight
-from capture_cli.stages.candidates import REFITTED, worth_a_refit
+from capture_cli.stages.candidates import REFITTED, all_candidates, worth_a_refit
 from capture_cli.stages.diagnose import _verdict, diagnose
 from capture_cli.stages.identify import identify
 from capture_cli.stages.model_fits import ModelFits, PartFit
 from capture_cli.stages.prepared_log import prepare
 from capture_cli.stages.record import record
+from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.tasks import load_task
 
 SLIDER = Path(__file__).parents[1] / "benchmarks" / "machines" / "slider" / "task.toml"
@@ -252,6 +255,27 @@ def test_residual_acceleration_is_found_against_its_cause():
     assert by_position.share > 0.99
     assert by_time.share < 0.7
     assert by_position.mean[-1] < 0 < by_position.mean[0]
+
+
+def test_accelerations_of_unevenly_sampled_residuals():
+    time = np.cumsum(np.random.default_rng(0).uniform(5e-4, 3.5e-3, (2, 400)), axis=1)
+    residual = np.stack([time, time**2 / 2], axis=-1)
+    found = accelerations(residual, time, np.ones(time.shape, dtype=bool))[:, 20:-20]
+    np.testing.assert_allclose(found, np.broadcast_to([0.0, 1.0], found.shape), atol=1e-6)
+
+
+def test_what_cannot_show_in_a_log_is_no_candidate(logs, tmp_path):
+    """A sensor that is no output may be late; and of a drive that only pushes nothing is known of its pull."""
+    folder = tmp_path / "slider"
+    shutil.copytree(SLIDER.parent, folder)
+    model = folder / "model.xml"
+    model.write_text(model.read_text().replace("<sensor>", '<sensor><jointvel name="speed" joint="x"/>'))
+    log = replace(MeasuredLog.read(logs["plain"]), path=None)
+    log = replace(log, inputs=np.abs(log.inputs))
+    task = load_task(str(folder / "task.toml"))
+    names = {c.name for c in all_candidates(prepare(log, task, window=None, test=None, seed=0))}
+    assert "sensor-delay@q" in names and "sensor-delay@speed" not in names
+    assert "control-gain@drive" in names and "control-reverse-gain@drive" not in names
 
 
 def test_a_covariate_of_few_values_has_a_bin_for_each():

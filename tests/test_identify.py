@@ -135,6 +135,21 @@ def test_cma_es_recovers_it_too(plant, identify):
     assert found.document["verdict"] == "explained"
 
 
+def test_what_a_filtered_actuator_is_at_when_a_window_begins_is_known(plant, identify, tmp_path):
+    """However large the control's numbers are: an activation is in their unit."""
+    task = variant(tmp_path, MASS + DAMPING)
+    model = task.with_name("model.xml")
+    motor = '<motor name="drive" joint="x" ctrlrange="-30 30"/>'
+    filtered = '<general name="drive" joint="x" ctrlrange="-3e4 3e4" gainprm="1e-3" dyntype="filterexact" dynprm=".05"/>'
+    assert motor in model.read_text()
+    model.write_text(model.read_text().replace(motor, filtered))
+    truth = {name: TRUTH[name] for name in ("mass", "damping")}
+    found = identify(plant(task, parameters=truth), task)
+    assert found.document["verdict"] == "explained"
+    assert np.abs(errors_in(found, truth, "sd")).max() < 4
+    assert found.document["error"]["fit"]["normalized"] < 1.05
+
+
 def test_uneven_sampling(plant, identify):
     even = plant(duration=1.5, rate=200.0)
     jitter = np.random.default_rng(0).uniform(-0.45, 0.45, len(even.time)) / 200

@@ -9,10 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from capture_cli.diagnosis.split import select_folds
 from capture_cli.effects import REGISTRY
 from capture_cli.effects._two_mass import TransmissionEffect
 from capture_cli.effects.base import Effect
 from capture_cli.identifiers.intervals import unit_covariance
+from capture_cli.stages.model_comparison import ModelComparison
 from capture_cli.stages.model_fits import EXACT, RETURNED, Fit, ModelFits, PartFit
 from capture_cli.stages.prepared_log import PreparedLog, prepare
 from capture_cli.stages.record import record
@@ -113,6 +115,20 @@ def test_a_window_of_a_late_sensor_begins_with_what_it_saw_before(tmp_path, sens
     fit = ModelFits(prepared, 1).fit(prepared, [effect], truth, tolerance=EXACT)
     assert fit.error < 1.05
     assert fit.point[-1] == pytest.approx(delay, abs=5e-4)
+
+
+def test_a_model_is_known_by_its_effects_in_the_order_of_its_parameters(tmp_path):
+    prepared, truth = planted(tmp_path, "coulomb-friction@x=2")
+    placed = [(n, REGISTRY.get(n)(prepared.task.model, "x")) for n in ("coulomb-friction", "cubic-stiffness")]
+    folds = select_folds(prepared.windows.episode, prepared.split.is_test)
+    models = ModelComparison(ModelFits(prepared, 1), folds, seed=0, is_explained=lambda _: True)
+    point = np.append(truth, 0.0)
+    first = models.fits.fit(models.fit_part, placed, point)
+    models.know(first)
+    assert models.fit(placed, point, first) is first
+    turned = models.fit(placed[::-1], point[[0, 1, 2, 4, 3]], first)
+    assert [name for name, _ in turned.effects] == ["cubic-stiffness", "coulomb-friction"]
+    np.testing.assert_allclose(turned.point[[0, 1, 2, 4, 3]], first.point, rtol=1e-2, atol=0.5)
 
 
 def test_windows_that_begin_on_the_wrong_side_of_a_wide_play_are_begun_elsewhere(tmp_path, monkeypatch):

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from capture_cli.sim.engine import Engine, Starts
+from capture_cli.sim.engine import Engine, Rollouts, Starts
 from capture_cli.sim.local_motion import Neighbours, local_motion
 from capture_cli.sim.starts import (
     PRIOR_INFLATION,
@@ -212,17 +212,21 @@ def test_unmeasured_coordinates_stay_at_the_models_start(model, motion):
 def test_unmeasured_coordinates_may_be_off_by_more_than_they_move(model, motion):
     _, _, qpos, qvel = motion
     first = np.array([0, 100])
-    believed = from_episodes(
-        model, qpos[None], qvel[None], window_episode=np.zeros(2, dtype=int), window_step=first
-    )
+    whole = Rollouts(np.zeros(0), np.zeros(1), qpos[None], qvel[None], np.zeros((1, len(qpos), 0)))
+    believed = from_episodes(model, whole, window_episode=np.zeros(2, dtype=int), window_step=first)
     found, error = estimate(model, motion, ("x",), noise=1e-3, first=first, unmeasured=believed)
     assert np.abs(error[:, 1 : model.nv]).max() < 1e-12  # they come from the simulation: exact here
     np.testing.assert_allclose(found.sd[0, 1 : model.nv], believed.sd[0, 1 : model.nv])
     assert believed.sd[0, 0] == pytest.approx(3 * qpos[:, 0].std())
     resting = from_episodes(
         model,
-        np.repeat(qpos[None, :1], 5, axis=1),
-        np.zeros((1, 5, model.nv)),
+        Rollouts(
+            np.zeros(0),
+            np.zeros(1),
+            np.repeat(qpos[None, :1], 5, axis=1),
+            np.zeros((1, 5, model.nv)),
+            np.zeros((1, 5, 0)),
+        ),
         window_episode=np.array([0]),
         window_step=np.array([2]),
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 import pytest
+from mujoco import batch
 
 from capture_cli.errors import ModelError
 from capture_cli.sim.engine import Engine, ModelFields, Starts, model_field
@@ -356,10 +357,25 @@ def test_size_updates_bounding_volumes_as_compiling_would(model, geom, axis):
     spec = mujoco.MjSpec.from_string(XML)
     spec.geom(geom).size = fields["geom_size"][0, number]
     compiled = spec.compile()
+    simulated = batch.Batch(model, 1, 1)
+    simulated.expand("geom_size")[...] = fields["geom_size"]
+    simulated.set_const()
     for name in ("geom_aabb", "geom_rbound"):
+        found = simulated.expand(name).reshape(getattr(compiled, name).shape)[number]
         np.testing.assert_allclose(
-            fields[name][0, number], getattr(compiled, name)[number], rtol=1e-12, atol=1e-15, err_msg=name
+            found, getattr(compiled, name)[number], rtol=1e-12, atol=1e-15, err_msg=name
         )
+
+
+def test_a_body_without_mass_becomes_a_point_mass():
+    """A tool's frame is where an unknown payload is."""
+    model = mujoco.MjModel.from_xml_string("""
+        <mujoco><worldbody><body name="arm"><joint/><geom size=".1" mass="1"/><body name="tool" pos="1 0 0"/></body>
+        </worldbody></mujoco>""")
+    fields = written(model, ("body:tool:mass", 0.5))
+    tool = model.body("tool").id
+    assert fields["body_mass"][0, tool] == 0.5
+    assert fields["body_inertia"][0, tool].tolist() == [0, 0, 0]
 
 
 def test_size_alone_keeps_the_shape_and_the_mass(model):

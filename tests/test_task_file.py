@@ -226,6 +226,34 @@ def test_a_file_that_is_not_text(tmp_path):
         load_task(str(path))
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "named"),
+    [
+        ('<motor name="push" joint="a"/>', '<orientation name="push" joint="f" kp="1"/>', "takes 3 controls"),
+        ('name="push" joint="a"', 'name="push" joint="a" delay="0.008" nsample="3"', "delay = 0.008 s"),
+        ('name="q" joint="a"', 'name="q" joint="a" delay="0.008" nsample="3"', "delay or an interval"),
+        ('name="q" joint="a"', 'name="q" joint="a" interval="0.02"', "delay or an interval"),
+    ],
+)
+def test_actuators_and_sensors_that_windows_cannot_restart(write, tmp_path, old, new, named):
+    path = write()
+    model = MODEL.replace('<freejoint name="f"/>', '<joint name="f" type="ball"/>')
+    model = model.replace('<framepos name="where" objtype="xbody" objname="right"/>', "")
+    assert old in model
+    (tmp_path / "model.xml").write_text(model.replace(old, new))
+    with pytest.raises(ModelError, match=named) as caught:
+        load_task(str(path))
+    assert caught.value.cure
+
+
+def test_a_control_goes_to_its_actuator_behind_one_of_many_controls(write, tmp_path):
+    path = write()
+    model = MODEL.replace('<freejoint name="f"/>', '<joint name="f" type="ball"/>')
+    model = model.replace("<actuator>", '<actuator><orientation name="turn" joint="f" kp="1"/>')
+    (tmp_path / "model.xml").write_text(model)
+    assert load_task(str(path)).controls(np.array([[7.0]])).tolist() == [[0.0, 0.0, 0.0, 7.0, 0.0]]
+
+
 def test_a_model_that_does_not_compile(write, tmp_path):
     path = write()
     (tmp_path / "model.xml").write_text(MODEL.replace('type="slide"', 'type="slid"'))

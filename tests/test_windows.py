@@ -108,6 +108,7 @@ def test_the_past_of_a_window_is_that_of_its_log_back_to_a_gap(times, duration, 
         known = begin + int(np.flatnonzero(before)[-1] + 1 if before.any() else 0)
         time, inputs = log["time"][known : steps[-1] + 1], log["inputs"][known : steps[-1] + 1]
         assert windows.time[w] - time[0] <= lead * TIMESTEP
+        assert windows.known_lead[w] == round((windows.time[w] - time[0]) / TIMESTEP)
         for g in range(lead):
             t = windows.time[w] - (lead - g) * TIMESTEP
             held = inputs[max(np.sum(time <= t) - 1, 0)]

@@ -14,6 +14,7 @@ SELECT_LEVEL = 0.05  # one-sided, of the paired test on data that was not fitted
 ENTRY_LEVEL = 0.25
 ENTRY_RATIO = 0.9  # of squared errors: or it lowers the whole, if not window by window
 RESAMPLES = 4000
+RESAMPLES_AT_A_TIME = 100  # so that a long log's take some MB
 FEW_BLOCKS = 12  # a bootstrap of so few is too sure of itself
 BLOCK_TIMES = 2  # a block lasts so many autocorrelation times of the residual
 TINY = 1e-300  # a sum of squares that is nothing
@@ -22,23 +23,24 @@ TINY = 1e-300  # a sum of squares that is nothing
 @dataclass(frozen=True)
 class Support:
     """For one effect: p_fit (corrected for the number of candidates), p_select, the decrease of BIC, and select_ratio,
-    the squared error with it over that without it on data that was not fitted.
+    the squared error with it over that without it on data that was not fitted; None where nothing judges.
     """
 
     p_fit: float
-    p_select: float
+    p_select: float | None
     bic_gain: float
-    select_ratio: float
+    select_ratio: float | None
 
     def reason_against(self) -> str | None:
         """Why the effect is not accepted, or None."""
-        if self.p_select > SELECT_LEVEL:
+        if self.p_select is not None and self.p_select > SELECT_LEVEL:
             return self._reason_of_fit() or self._not_better()
         return self._reason_of_fit()
 
     def reason_against_entry(self) -> str | None:
         """Why the effect may not even enter while others may still be missing, or None."""
-        if self.p_select > ENTRY_LEVEL and self.select_ratio > ENTRY_RATIO:
+        judged = self.p_select is not None
+        if judged and self.p_select > ENTRY_LEVEL and self.select_ratio > ENTRY_RATIO:
             return self._reason_of_fit() or self._not_better()
         return self._reason_of_fit()
 
@@ -76,8 +78,11 @@ def paired_p_value(before: np.ndarray, after: np.ndarray, seed: int) -> float:
     fall = np.log(np.maximum(before, TINY)) - np.log(np.maximum(after, TINY))
     if len(fall) <= FEW_BLOCKS:
         return _student_p_value(fall)
-    drawn = np.random.default_rng(seed).integers(len(fall), size=(RESAMPLES, len(fall)))
-    return float((np.sum(fall[drawn].sum(axis=1) <= 0) + 1) / (RESAMPLES + 1))
+    generator, count = np.random.default_rng(seed), 0
+    for _ in range(0, RESAMPLES, RESAMPLES_AT_A_TIME):
+        drawn = generator.integers(len(fall), size=(RESAMPLES_AT_A_TIME, len(fall)))
+        count += int(np.sum(fall[drawn].sum(axis=1) <= 0))
+    return float((count + 1) / (RESAMPLES + 1))
 
 
 def _student_p_value(fall: np.ndarray) -> float:
@@ -95,7 +100,8 @@ def correlation_steps(residual: np.ndarray, mask: np.ndarray) -> float:
 
     An autocorrelation time, averaged over outputs by their variance. What starts and parameters could take is gone from
     the residual, so that over a window its autocovariance sums to nothing: the negative lags of a slow error cancel the
-    positive ones. Summed are those before the first that is not positive (Geyer 1992, section 3.3).
+    positive ones. Summed are those before the first that is not positive: of a residual that oscillates that is more
+    than its autocorrelation time, as its squares are correlated for longer.
     """
     covariance = autocovariance(residual, mask)
     total = covariance[0].sum()

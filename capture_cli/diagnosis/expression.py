@@ -127,8 +127,8 @@ def _terms(model: mujoco.MjModel, joint: int, inputs: Sequence[int]) -> list[Ter
             else 1.0
         )
 
-        def u(world, number=number):
-            return world.ctrl[:, number]
+        def u(world, column=model.actuator_ctrladr[number]):
+            return world.ctrl[:, column]
 
         terms += [
             Term(name, top, "ctrl", u),

@@ -9,6 +9,7 @@ import numpy as np
 from capture_cli.linearization import Linearization, autocorrelation_time
 
 PRACTICAL = 1.1  # error over the noise floor below which nobody would look for a missing effect
+FLOOR_SHARE = 2.0  # variance of a floor from second differences over that of a mean square: 1.9
 FLOOR_UNCERTAINTY = 0.03  # of the noise floor's own standard deviation, on top of its sampling error
 Z = 3.0  # one-sided, p = 0.0013
 
@@ -26,9 +27,9 @@ class LackOfFit:
 def lack_of_fit(at: Linearization) -> LackOfFit:
     """Compare the residual of a fit, in units of the noise, with its degrees of freedom.
 
-    Under the null the residual is the noise, which the floor takes to be white: their ratio has mean 1 and variance
-    2 / n, plus that of the floor, itself estimated from as many samples. The autocorrelation time is reported only: a
-    residual that is not white is no reason to ask for less.
+    Under the null the residual is the noise, which the floor takes to be white: the ratio of their squares has mean 1
+    and variance 2 / n, plus FLOOR_SHARE times as much, as the floor is itself estimated from these samples. The
+    autocorrelation time is reported only: a residual that is not white is no reason to ask for less.
     """
     evidence = at.evidence
     degrees = max(evidence.count - len(at.x) - at.fitted_starts, 1.0)
@@ -40,5 +41,5 @@ def lack_of_fit(at: Linearization) -> LackOfFit:
 
 def by_chance(degrees: float) -> float:
     """What an error over the noise floor may come to where only noise is left, with so many degrees of freedom."""
-    spread = np.sqrt(2 / degrees * 3 + (2 * FLOOR_UNCERTAINTY) ** 2)
+    spread = np.sqrt(2 / degrees * (1 + FLOOR_SHARE) + (2 * FLOOR_UNCERTAINTY) ** 2)
     return float(np.sqrt(1 + Z * spread))

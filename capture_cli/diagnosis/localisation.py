@@ -25,22 +25,22 @@ class Curve:
 
 
 def accelerations(residual: np.ndarray, time: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """Second derivative of residual (window, step, output) by local quadratics; NaN where there is no room."""
-    width = 2 * HALF_WIDTH + 1
+    """Second derivative of residual (window, step, output) by local quadratics; NaN where there is no room.
+
+    time (window, step): s, evenly spaced or not.
+    """
     out = np.full(residual.shape, np.nan)
+    width = 2 * HALF_WIDTH + 1
     if residual.shape[1] < width:
         return out
-    views = np.lib.stride_tricks.sliding_window_view(
-        residual, width, axis=1
-    )  # (window, step, output, sample)
-    interval = float(np.median(np.diff(time, axis=1)[mask[:, 1:]]))
-    at = interval * np.arange(-HALF_WIDTH, HALF_WIDTH + 1)
-    weights = 2 * np.linalg.pinv(np.vander(at, 3, increasing=True))[2]
-    out[:, HALF_WIDTH : residual.shape[1] - HALF_WIDTH] = views @ weights
-    complete = np.zeros(mask.shape, dtype=bool)
-    room = np.lib.stride_tricks.sliding_window_view(mask, width, axis=1).all(axis=-1)
-    complete[:, HALF_WIDTH : mask.shape[1] - HALF_WIDTH] = room
-    out[~complete] = np.nan
+    views = np.lib.stride_tricks.sliding_window_view
+    window, step = np.nonzero(views(mask, width, axis=1).all(axis=-1))
+    near = views(time, width, axis=1)[window, step] - time[window, step + HALF_WIDTH, None]
+    basis = near[..., None] ** np.arange(3) / near[:, -1, None, None] ** np.arange(3)
+    gram = np.swapaxes(basis, 1, 2) @ basis
+    weights = 2 * np.linalg.solve(gram, np.swapaxes(basis, 1, 2))[:, 2] / np.square(near[:, -1:])
+    around = views(residual, width, axis=1)[window, step]  # (place, output, sample)
+    out[window, step + HALF_WIDTH] = np.einsum("pos,ps->po", around, weights)
     return out
 
 

@@ -35,8 +35,10 @@ def repeats(
     by how much the first samples may differ. Copies of an episode are no repeats of it.
     """
     groups: list[list[int]] = []
-    for number in range(len(episodes)):
-        for group in groups:
+    alike: dict[tuple, list[list[int]]] = {}  # only episodes that look alike are compared number by number
+    for number, steps in enumerate(episodes):
+        near = alike.setdefault((steps.stop - steps.start, _about(driven_by[number])), [])
+        for group in near:
             first = group[0]
             same = _same_times(time[episodes[first]], time[episodes[number]]) and _same(
                 driven_by[first], driven_by[number]
@@ -48,7 +50,8 @@ def repeats(
                     group.append(number)
                 break
         else:
-            groups.append([number])
+            near.append([number])
+            groups.append(near[-1])
     return [group for group in groups if len(group) > 1]
 
 
@@ -101,6 +104,11 @@ def _basis(sensitivity: np.ndarray) -> np.ndarray:
     """An orthonormal basis (row, direction) of what the columns of `sensitivity` (row, state) span."""
     left, sizes, _ = np.linalg.svd(sensitivity, full_matrices=False)
     return left[:, sizes > 1e-9 * sizes.max(initial=0.0)]
+
+
+def _about(driven: np.ndarray) -> tuple:
+    """What drove episodes that were driven alike has, too, but for rounding at worst."""
+    return driven.shape, *(f"{value:.4g}" for value in (driven.min(initial=0), driven.max(initial=0)))
 
 
 def _same_times(a: np.ndarray, b: np.ndarray) -> bool:

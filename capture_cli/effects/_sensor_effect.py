@@ -123,6 +123,10 @@ class SensorEffect(Effect):
         return columns_of(self.model, site_id(self.model, "sensor", self.site))
 
     @property
+    def reported(self) -> frozenset[int]:
+        return frozenset(np.arange(self.model.nsensordata)[self.columns].tolist())
+
+    @property
     def columns_source(self) -> str:
         """The same, as source that knows the model."""
         return "slice(None)" if self.site == GLOBAL else columns_source(self.model, self.site)

@@ -136,6 +136,11 @@ class Effect(ABC):
         """`measure`, where simulations start with `states` (simulation, state): overridden where there are any."""
         return self.measure(sensors, values, timestep)
 
+    @property
+    def reported(self) -> frozenset[int]:
+        """Place "measurement": the columns of sensordata that it changes."""
+        return frozenset()
+
     def drift(self, values: np.ndarray, elapsed: np.ndarray) -> np.ndarray:
         """Place "measurement": how far in s, (simulation,), the sensors' clock is behind that of the controls.
 

@@ -16,7 +16,7 @@ from mujoco import batch
 # Working memory of one chunk of simulations: controls and recorded sensors.
 CHUNK_BYTES = 256 << 20
 CHUNK_SIMULATIONS = 8192
-STATES = ("qpos", "qvel")
+STATES = ("qpos", "qvel", "act")
 
 
 def silence_mujoco() -> None:
@@ -114,13 +114,14 @@ class Starts:
 class Rollouts:
     """sensors (simulation, step, sensordata): at time start + step * dt. diverged (simulation,): do not believe.
 
-    qpos, qvel (simulation, step, ...): the states, where asked for; contacts (simulation, step): how many there are.
+    qpos, qvel, act (simulation, step, ...): the states, where asked for; contacts (simulation, step): how many.
     """
 
     sensors: np.ndarray
     diverged: np.ndarray
     qpos: np.ndarray | None = None
     qvel: np.ndarray | None = None
+    act: np.ndarray | None = None
     contacts: np.ndarray | None = None
 
 
@@ -149,7 +150,7 @@ class Engine:
 
         controls: (row, at least `steps`, nu); simulation i is driven by controls[control_row[i]] (row i where None).
         fields: per-simulation model values; constants that derive from them are recomputed.
-        columns: which columns of sensordata to keep (all where None). states: keep qpos, qvel and contacts as well.
+        columns: which columns of sensordata to keep (all where None). states: keep states and contacts as well.
         substeps: how many of the simulations' own time steps, which `fields` then say, make one step.
 
         A simulation in which MuJoCo warns of divergence is held from there on and marked.

@@ -34,9 +34,8 @@ def to_mjcf(source: Path, fields: ModelFields, target: Path) -> str:
         free_centres(spec, [body.name for body in spec.bodies])
     model = spec.compile()
     for name, values in fields.values.items():
-        if name in ("actuator_biastype", "geom_aabb", "geom_rbound"):  # set above, or follow from geom_size
-            continue
-        _assign(model, name, values[0])
+        if name != "actuator_biastype":  # set above
+            _assign(model, name, values[0])
     mujoco.mj_setConst(model, mujoco.MjData(model))
     try:
         spec.copy_back(model)

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 
-from capture_cli.sim.engine import Starts
+from capture_cli.sim.engine import Rollouts, Starts
 from capture_cli.sim.local_motion import HALF_WIDTHS, Neighbours, local_motion
 from capture_cli.sim.reported_motion import KNOT_INTERVAL, MOST_LATE, ReportedMotion, extended
 
@@ -232,26 +232,21 @@ def measures_every_coordinate(model: mujoco.MjModel, sensors: Sequence[int]) -> 
     return len(dofs) == model.nv and model.na == 0
 
 
-def from_episodes(model: mujoco.MjModel, qpos, qvel, *, window_episode, window_step) -> StartEstimate:
-    """Starts of windows from simulations of whole episodes: qpos, qvel (episode, grid, ...), window_step (window,).
+def from_episodes(model: mujoco.MjModel, whole: Rollouts, *, window_episode, window_step) -> StartEstimate:
+    """Starts of windows from simulations of `whole` episodes, with their states. window_step (window,): on their grid.
 
     The standard deviation of each coordinate is UNMEASURED_MOTION times that of its motion over the episode.
-    Activations are 0.
     """
-    count, nv = len(window_episode), model.nv
+    qpos, qvel, act = whole.qpos, whole.qvel, whole.act
     starts = Starts(
-        qpos[window_episode, window_step],
-        qvel[window_episode, window_step],
-        np.zeros((count, model.na)),
-        np.zeros(count),
+        *(states[window_episode, window_step] for states in (qpos, qvel, act)), np.zeros(len(window_episode))
     )
-    moved = np.zeros((len(qpos), qpos.shape[1], nv))
+    moved = np.zeros((len(qpos), qpos.shape[1], model.nv))
     for episode, path in enumerate(qpos):
         for step, position in enumerate(path):
             mujoco.mj_differentiatePos(model, moved[episode, step], 1.0, path[0], position)
-    motion = UNMEASURED_MOTION * np.concatenate([moved.std(axis=1), qvel.std(axis=1)], axis=1)
-    sd = np.concatenate([motion, np.ones((len(qpos), model.na))], axis=1)
-    return StartEstimate(starts, sd[window_episode])
+    motion = np.concatenate([states.std(axis=1) for states in (moved, qvel, act)], axis=1)
+    return StartEstimate(starts, UNMEASURED_MOTION * motion[window_episode])
 
 
 def _sources(model: mujoco.MjModel, sensors: Sequence[int]) -> list[_Source]:

@@ -56,7 +56,10 @@ class BodyMass(Target):
         return float(model.body_mass[self.body])
 
     def write(self, fields, values):
-        ratio = values / fields["body_mass"][:, self.body]
+        mass = fields["body_mass"][:, self.body]
+        ratio = np.divide(
+            values, mass, out=np.ones(len(mass)), where=mass > 0
+        )  # a point mass where there was none
         fields["body_mass"][:, self.body] = values
         fields["body_inertia"][:, self.body] *= ratio[:, None]
 
@@ -76,7 +79,7 @@ class BodyInertia(Target):
 
 @dataclass(frozen=True)
 class GeomSize(Target):
-    """One or all of a primitive geom's sizes, m; its bounding volumes follow, its body's mass does not."""
+    """One or all of a primitive geom's sizes, m; its body's mass does not follow."""
 
     geom: int
     index: tuple
@@ -90,11 +93,6 @@ class GeomSize(Target):
             size[:, self.geom] *= (values / size[:, self.geom, 0])[:, None]  # same shape
         else:
             size[:, self.geom, self.index[0]] = values
-        half = _half_extents(int(fields.model.geom_type[self.geom]), size[:, self.geom])
-        fields["geom_aabb"][:, self.geom, 3:] = half
-        fields["geom_rbound"][:, self.geom] = _bounding_radius(
-            int(fields.model.geom_type[self.geom]), size[:, self.geom], half
-        )
 
 
 @dataclass(frozen=True)
@@ -215,27 +213,6 @@ def damping_ratio(values: np.ndarray) -> np.ndarray:
     """The damping ratio whose restitution is `values`; the inverse of `restitution`, by a dense table."""
     grid = np.sin(np.linspace(0, np.pi / 2, 20_001)[:-1])  # dense where the function is steep
     return np.interp(-np.asarray(values), -restitution(grid), grid)
-
-
-def _half_extents(kind: int, size: np.ndarray) -> np.ndarray:
-    """Half sizes (simulation, 3) of a primitive's box."""
-    geom = mujoco.mjtGeom
-    if kind == geom.mjGEOM_SPHERE:
-        return np.repeat(size[:, :1], 3, axis=1)
-    if kind == geom.mjGEOM_CAPSULE:
-        return np.stack([size[:, 0], size[:, 0], size[:, 0] + size[:, 1]], axis=1)
-    if kind == geom.mjGEOM_CYLINDER:
-        return np.stack([size[:, 0], size[:, 0], size[:, 1]], axis=1)
-    return size
-
-
-def _bounding_radius(kind: int, size: np.ndarray, half: np.ndarray) -> np.ndarray:
-    geom = mujoco.mjtGeom
-    if kind in (geom.mjGEOM_SPHERE, geom.mjGEOM_CAPSULE, geom.mjGEOM_ELLIPSOID):
-        return half.max(axis=1)
-    if kind == geom.mjGEOM_CYLINDER:
-        return np.hypot(size[:, 0], size[:, 1])
-    return np.linalg.norm(half, axis=1)
 
 
 _KINDS = {
@@ -373,7 +350,7 @@ def object_id(model: mujoco.MjModel, kind: str, name: str, where: str) -> int:
 
 def object_names(model: mujoco.MjModel, kind: str) -> list[str]:
     """Names of the model's bodies, joints, geoms or actuators, those that have one."""
-    count = {"body": model.nbody, "joint": model.njnt, "geom": model.ngeom, "actuator": model.nu}[kind]
+    count = {"body": model.nbody, "joint": model.njnt, "geom": model.ngeom, "actuator": model.nactuator}[kind]
     names = (mujoco.mj_id2name(model, _KINDS[kind], i) for i in range(count))
     return [n for n in names if n]
 

@@ -26,7 +26,8 @@ class Windows:
     """Windows of a log, padded to one shape.
 
     episode (window,): which episode each comes from. first (window,): its first step in the log.
-    time (window,): s, the log's time at its start. elapsed (window,): s, since its episode began.
+    time (window,): s, the log's time at its start. elapsed (window,): s, since its episode began. known (window,): s,
+    since its inputs are known: since then, or since a gap.
     grid_steps (window,): model steps needed.
     tape (window, lead + grid + ahead, input): inputs at the model's steps, from `lead` steps before the window to some
     after it; where the log does not reach so far, its first and last values.
@@ -38,6 +39,7 @@ class Windows:
     first: np.ndarray
     time: np.ndarray
     elapsed: np.ndarray
+    known: np.ndarray
     grid_steps: np.ndarray
     tape: np.ndarray
     lead: int
@@ -62,8 +64,8 @@ class Windows:
 
     @property
     def known_lead(self) -> np.ndarray:
-        """How many of the inputs before each window its episode has, (window,), in model steps."""
-        return np.minimum(np.rint(self.elapsed / self.timestep).astype(int), self.lead)
+        """How many of the inputs before each window are known, (window,), in model steps."""
+        return np.minimum(np.rint(self.known / self.timestep).astype(int), self.lead)
 
     @property
     def samples(self) -> np.ndarray:
@@ -81,6 +83,7 @@ class Windows:
             first=self.first[keep],
             time=self.time[keep],
             elapsed=self.elapsed[keep],
+            known=self.known[keep],
             grid_steps=self.grid_steps[keep],
             tape=self.tape[keep, : self.tape.shape[1] - spare],
             index=self.index[keep, :steps],
@@ -115,22 +118,23 @@ def cut(
     an episode that is shorter than half a window is joined to the window before it.
     """
     spans = [
-        (number, known, a, b)
+        (number, begun, a, b)
         for number, steps in enumerate(episodes)
-        for known, a, b in _spans(time[steps], steps.start, duration)
+        for begun, a, b in _spans(time[steps], steps.start, duration)
     ]
     steps = max(b - a for _, _, a, b in spans)
     grids = np.array([_grid_steps(time[a:b], timestep) for _, _, a, b in spans])
     count, grid = len(spans), int(grids.max())
     elapsed = np.array([time[a] - time[episodes[number].start] for number, _, a, _ in spans])
-    lead = _steps(max(time[a] - time[known] for _, known, a, _ in spans), timestep)
+    known = np.array([time[a] - time[begun] for _, begun, a, _ in spans])
+    lead = _steps(known.max(), timestep)
     ahead = _steps(MOST_DRIFT * elapsed.max(), timestep)
     tape = np.zeros((count, lead + grid + ahead, inputs.shape[1]))
     index = np.zeros((count, steps), dtype=np.int64)
     weight = np.zeros((count, steps))
     measured = np.zeros((count, steps, outputs.shape[1]))
     mask = np.zeros((count, steps), dtype=bool)
-    for w, (number, known, a, b) in enumerate(spans):
+    for w, (number, begun, a, b) in enumerate(spans):
         position = (time[a:b] - time[a]) / timestep
         index[w, : b - a] = np.floor(position + GRID_TOLERANCE)
         weight[w, : b - a] = np.maximum(position - index[w, : b - a], 0.0)
@@ -138,12 +142,13 @@ def cut(
         mask[w, : b - a] = True
         stop = episodes[number].stop  # the input after a window's last sample is known, if not an episode's
         on_grid = time[a] + timestep * np.arange(-lead, grid + ahead)
-        tape[w] = inputs_at(on_grid, time[known:stop], inputs[known:stop], timestep, linear)
+        tape[w] = inputs_at(on_grid, time[begun:stop], inputs[begun:stop], timestep, linear)
     return Windows(
         episode=np.array([n for n, _, _, _ in spans]),
         first=np.array([a for _, _, a, _ in spans]),
         time=np.array([time[a] for _, _, a, _ in spans]),
         elapsed=elapsed,
+        known=known,
         grid_steps=grids,
         tape=tape,
         lead=lead,

@@ -16,7 +16,6 @@ from capture_cli.simulator import placed_name
 from capture_cli.stages.candidates import (
     Candidate,
     all_candidates,
-    as_driven,
     score_at_null,
     thinned,
     worth_a_refit,
@@ -77,14 +76,12 @@ class Attribution:
     ):
         self.models = ModelComparison(fits, folds, seed=seed, is_explained=is_explained)
         self.on_step = on_step
-        self.candidates = list(candidates or all_candidates(as_driven(fits.prepared)))
+        self.candidates = all_candidates(fits.prepared) if candidates is None else list(candidates)
         self.accepted: list[Accepted] = []
-        self.stages: list[tuple[str, Fit]] = []
 
     def run(self, declared: Fit) -> Fit:
         """Add effects to the declared model until none is accepted or nothing is left; returns the last model."""
         current = declared
-        self.stages = [("declared", declared)]
         self.models.know(declared)
         while len(self.accepted) < MOST_EFFECTS and not self.models.is_explained(current):
             known = len(self.accepted)
@@ -94,11 +91,9 @@ class Attribution:
             better = self.models.better_from(current, found.fit)
             if better is not None:
                 self.accepted.pop()
-                current, self.stages[-1] = better, (self.stages[-1][0], better)
+                current = better
                 continue
-            current = found.fit
-            self.stages.append((f"+ {found.name}", current))
-            current = self._at_each_place(current)
+            current = self._at_each_place(found.fit)
             current = self._backward(current, self.accepted[:known], Support.reason_against_entry)
         current = self._backward(current, self.accepted, Support.reason_against)
         return self._compare_with_rivals(current)
@@ -117,7 +112,7 @@ class Attribution:
         size = len(together.parameters)
         rest, own = current.point[: len(current.point) - size], current.point[len(current.point) - size :]
         start = np.concatenate([rest, np.tile(own, len(places))])
-        fit = self.models.fit([*current.effects[:-1], *places], start, current.offsets)
+        fit = self.models.fit([*current.effects[:-1], *places], start, current)
         if fit is None:
             return current
         added = size * (len(places) - 1)
@@ -127,7 +122,6 @@ class Attribution:
         joint = self.accepted.pop()
         self._candidate(joint.name).why_rejected = "better at each of its places on its own"
         self.accepted += [Accepted(place, [], joint.support) for place in places]
-        self.stages.append((f"{name} at each place", fit))
         return fit
 
     def _step(self, what: str, number: int, total: int) -> None:
@@ -166,9 +160,7 @@ class Attribution:
         declared = self._nudged(current, candidate)
         starts = [s for s in (candidate.start, candidate.start_elsewhere) if s is not None]
         starts = [np.concatenate([declared, s]) for s in starts]
-        fit = self.models.fit(
-            [*current.effects, candidate.effect], starts[0], current.offsets, rival, starts[1:]
-        )
+        fit = self.models.fit([*current.effects, candidate.effect], starts[0], current, rival, starts[1:])
         if fit is None or fit.squares >= current.squares:
             far = fit is not None and not fit.finished
             candidate.why_rejected = (
@@ -264,7 +256,6 @@ class Attribution:
                 weakest.name
             ).why_rejected = f"with the other effects in: {reason(weakest.support)}"
             current = without
-            self.stages.append((f"- {weakest.name}", current))
         return current
 
     def _support(self, without: Fit, fit: Fit, effect: Placed, before: PartFit | None, tried: int):
@@ -296,7 +287,6 @@ class Attribution:
             if best.name != accepted.name:
                 self._candidate(best.name).why_rejected = None
                 accepted.effect, accepted.support, current = best.effect, best.support, best.fit
-                self.stages.append((f"{best.name} instead", current))
         return current
 
     def _candidate_of(self, fit: Fit, accepted: Accepted) -> Candidate:
@@ -311,7 +301,7 @@ class Attribution:
             return None
         rest = without.effects
         fit = self.models.fit(
-            [*rest, rival.effect], np.concatenate([without.point, rival.start]), without.offsets, current
+            [*rest, rival.effect], np.concatenate([without.point, rival.start]), without, current
         )
         if fit is None:
             return None

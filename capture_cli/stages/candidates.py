@@ -58,23 +58,24 @@ class Candidate:
         return placed_name(*self.effect)
 
 
-def all_candidates(model: mujoco.MjModel) -> list[Candidate]:
-    """Every effect at every site of the model."""
-    return [
-        Candidate((name, cls(model, site))) for name, cls in REGISTRY.items() for site in cls.sites(model)
-    ]
+def all_candidates(prepared: PreparedLog) -> list[Candidate]:
+    """Every effect at every site of the model that could show in the log."""
+    model = _as_driven(prepared)
+    every = [(name, cls(model, site)) for name, cls in REGISTRY.items() for site in cls.sites(model)]
+    logged = {c.index for c in prepared.task.outputs}
+    return [Candidate(e) for e in every if e[1].place != "measurement" or logged & e[1].reported]
 
 
-def as_driven(prepared: PreparedLog) -> mujoco.MjModel:
+def _as_driven(prepared: PreparedLog) -> mujoco.MjModel:
     """The model with actuators that take what the log gives them, and no more: ranges of effects follow from it."""
     model = copy(prepared.task.model)
     for channel, inputs in zip(prepared.task.inputs, prepared.log.inputs.T, strict=True):
-        peak = float(np.abs(inputs).max())
+        low, high = min(float(inputs.min()), 0.0), max(float(inputs.max()), 0.0)
         if model.actuator_ctrllimited[channel.index]:
-            peak = min(peak, float(np.abs(model.actuator_ctrlrange[channel.index]).max()))
-        if peak > 0:
+            low, high = np.clip((low, high), *model.actuator_ctrlrange[channel.index])
+        if low < high:
             model.actuator_ctrllimited[channel.index] = True
-            model.actuator_ctrlrange[channel.index] = -peak, peak
+            model.actuator_ctrlrange[channel.index] = low, high
     return model
 
 

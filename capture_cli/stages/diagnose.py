@@ -26,6 +26,7 @@ from capture_cli.stages.prepared_log import (
     begins_as_acted,
     check_parameters_move_outputs,
     find_task,
+    named,
     prepare,
 )
 from capture_cli.stages.progress import Progress
@@ -71,13 +72,15 @@ def diagnose(
         window = window if window is not None else options_then["window"]
         seed = options_then["seed"]
     found = find_task(task, log)
+    options |= {"task": task or named(found), "test": test, "window": window, "seed": seed}
     provenance = Provenance(
         "diagnose",
         options,
         {"real_log": real_log, "task": getattr(found, "path", None), "estimate": estimate},
     )
-    prepared = prepare(log, found, window=window, test=test, seed=seed)
-    check_parameters_move_outputs(prepared, ModelFits(prepared, threads).simulator(()), seed)
+    prepared = prepare(log, found, window=window, test=test, seed=seed, threads=threads)
+    simulator = ModelFits(prepared, threads).simulator(())
+    check_parameters_move_outputs(prepared, simulator, seed)
     nominal = _nominal(found, begin)
     with Progress("diagnose", "model", quiet=quiet) as progress:
         prepared, rollouts = with_noise_of_repeats(prepared, nominal, threads=threads, seed=seed)
@@ -85,7 +88,7 @@ def diagnose(
             prepared,
             nominal,
             progress,
-            rollouts,
+            simulator.rollouts + rollouts,
             starts=starts,
             expression=expression,
             seed=seed,
@@ -109,7 +112,7 @@ def _diagnose(
     seed: int,
     threads: int | None,
 ) -> Diagnosis:
-    """With the starts that the actions say, where episodes begin there and that is explained; else with free starts.
+    """With the starts that the actions say, where that explains what was fitted; else with free starts.
 
     Where contacts follow, free starts are worse: they make the error rough, and hide what moves them. rollouts: how
     many were simulated before.
@@ -119,8 +122,9 @@ def _diagnose(
     if begins_as_acted(prepared):
         acted = ModelFits(as_acted(prepared), threads)
         acted.rollouts = rollouts
-        diagnosis = _Work(acted.prepared, acted, progress, seed).run(nominal, starts)
-        if diagnosis.document["verdict"] != "unexplained":
+        work = _Work(acted.prepared, acted, progress, seed)
+        diagnosis = work.run(nominal, starts)
+        if work.explains_what_was_fitted:
             return diagnosis
         free.rollouts = acted.rollouts
     return _Work(prepared, free, progress, seed).run(nominal, starts, with_expression=expression)
@@ -189,6 +193,7 @@ class _Work:
         is_test = prepared.split.is_test
         self.folds = select_folds(prepared.windows.episode, is_test)
         self.part = np.where(is_test, TEST, np.where(self.folds.fit, FIT, SELECT))
+        self.explains_what_was_fitted = False
 
     def run(self, start: np.ndarray, starts: int, *, with_expression: bool = False) -> Diagnosis:
         declared = self.fits.fit(
@@ -199,13 +204,7 @@ class _Work:
                 "every simulation of the declared model diverged",
                 cure="tighten the parameters' bounds, shorten the window, or reduce the model's timestep",
             )
-        attribution = Attribution(
-            self.fits,
-            self.folds,
-            seed=self.seed,
-            is_explained=lambda fit: not lack_of_fit(fit.at).lacking,
-            on_step=self._tell,
-        )
+        attribution = self._attribution()
         last = attribution.run(declared)
         diagnosis = self._diagnosis(attribution, self._models(attribution, last))
         if with_expression and diagnosis.document["verdict"] == "unexplained":
@@ -216,14 +215,7 @@ class _Work:
         """A sparse expression for the force that is still missing; no terms where none holds."""
         task = self.prepared.task
         terms = expression_terms(task.model, [c.index for c in task.inputs])
-        search = Attribution(
-            self.fits,
-            self.folds,
-            seed=self.seed,
-            is_explained=lambda fit: not lack_of_fit(fit.at).lacking,
-            candidates=[Candidate(term) for term in terms],
-            on_step=self._tell,
-        )
+        search = self._attribution([Candidate(term) for term in terms])
         found = search.run(last)
         chosen = found.effects[len(last.effects) :]
         if not chosen:
@@ -242,6 +234,16 @@ class _Work:
             "select": None if judged is None else self._error(judged),
             "test": None if windows is None else self._error(self.fits.on(windows, again)),
         }
+
+    def _attribution(self, candidates: Sequence[Candidate] | None = None) -> Attribution:
+        return Attribution(
+            self.fits,
+            self.folds,
+            seed=self.seed,
+            is_explained=lambda fit: not lack_of_fit(fit.at).lacking,
+            candidates=candidates,
+            on_step=self._tell,
+        )
 
     def _tell(self, what: str, number: int, total: int, found: Sequence[str] = ()) -> None:
         so_far = f"; found so far: {', '.join(found)}" if found else ""
@@ -266,6 +268,7 @@ class _Work:
                 own,
                 fit.point,
                 offsets=self._starts_found(fit, judged),
+                offsets_with=own,
                 tolerance=EXACT,
             )
             minima = []
@@ -295,6 +298,7 @@ class _Work:
         curves, bins = self._localise(whole, motion)
         held_out = [whole[w].rows(self.part == TEST) for w in ("before", "after")]
         verdict = _verdict(lacking_before, lacking, *held_out, attribution)
+        self.explains_what_was_fitted = not _leaves_something(lacking)
         last = "test" if stages[-1]["test"] else "fit"
         document = {
             "format": FORMAT,
@@ -472,9 +476,13 @@ def _verdict(
         return "unexplained"
     if not before.lacking:
         return "explained"
-    if not attribution.accepted or (after.lacking and after.normalized > NEAR_FLOOR):
+    if not attribution.accepted or _leaves_something(after):
         return "unexplained"
     return "tied" if any(a.tied_with for a in attribution.accepted) else "effect-found"
+
+
+def _leaves_something(after: LackOfFit) -> bool:
+    return after.lacking and after.normalized > NEAR_FLOOR
 
 
 def _parameters(fit: Fit, found: Intervals, which) -> dict[str, Any]:

@@ -19,7 +19,13 @@ from capture_cli.stages.chosen_identifier import ChosenIdentifier, choose_identi
 from capture_cli.stages.earlier_estimate import EarlierEstimate
 from capture_cli.stages.estimation import Found, by_physics, by_rounds
 from capture_cli.stages.model_fits import TOLERANCE, ModelFits
-from capture_cli.stages.prepared_log import PreparedLog, check_parameters_move_outputs, find_task, prepare
+from capture_cli.stages.prepared_log import (
+    PreparedLog,
+    check_parameters_move_outputs,
+    find_task,
+    named,
+    prepare,
+)
 from capture_cli.stages.progress import Progress
 from capture_cli.stages.repeated_noise import with_noise_of_repeats
 from capture_cli.stores.estimate import FORMAT, HISTORY, VERSION, Estimate
@@ -68,11 +74,12 @@ def identify(
             options[name] = options[name] if options[name] is not None else earlier.options[name]
         options["seed"] = earlier.options["seed"]
     found = find_task(options["task"], log)
+    options["task"] = options["task"] or named(found)
     chosen = choose_identifier(options["identifier"], found, log)
     inputs = {"real_log": real_log, "task": getattr(found, "path", None), "identifier": chosen.path}
     provenance = Provenance("identify", options, inputs)
     given = {name: options[name] for name in ("window", "test", "seed")}
-    prepared = prepare(log, found, **given)
+    prepared = prepare(log, found, **given, threads=threads)
     if earlier is not None:
         earlier.check(found)
         prepared = replace(prepared, split=earlier.split(prepared.windows, prepared.split))
@@ -204,15 +211,23 @@ class _Report:
         numbers = [n for n in np.unique(fit.recording) if (fit.recording == n).sum() >= 2]
         if len(numbers) < 2 or not len(self.space):
             return None
-        values, sds = [], []
+        values, sds, names = [], [], []
         for number in numbers:
-            part = fit.part(fit.recording == number)
+            which = fit.recording == number
             own = self.fits.fit(
-                part, [], self.best.parameters, rounds=12, tolerance=CONVERGED_GAIN, seed=self.seed
+                fit.part(which),
+                [],
+                self.best.parameters,
+                offsets=self.result.at.offsets[which],
+                rounds=12,
+                tolerance=CONVERGED_GAIN,
+                seed=self.seed,
             )
+            if own is None:
+                return None
             values.append(own.point)
             sds.append(intervals(own.at).sd)
-        names = [self.prepared.log.recording_names[n] for n in numbers]
+            names.append(self.prepared.log.recording_names[number])
         return _agreement(names, np.array(values), np.array(sds), self.space.names, joint)
 
     # --- what is written ---

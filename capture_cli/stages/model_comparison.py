@@ -43,7 +43,7 @@ class ModelComparison:
         self.fit_part = fits.prepared.part(folds.fit)
         self.seed = seed
         self.is_explained = is_explained
-        self._fitted: dict[frozenset[str], Fit | None] = {}
+        self._fitted: dict[tuple[str, ...], Fit | None] = {}
         self._judged: dict[Fit, PartFit] = {}
 
     def know(self, fit: Fit) -> None:
@@ -54,31 +54,40 @@ class ModelComparison:
         self,
         effects: Sequence[Placed],
         start: np.ndarray,
-        offsets: np.ndarray,
+        near: Fit,
         rival: Fit | None = None,
         elsewhere: Sequence[np.ndarray] = (),
     ) -> Fit | None:
         """The fit of the declared model with `effects`: made once, and taken up again where it was given up.
 
-        elsewhere: other points to begin at where the fit from `start` (parameter,) leaves something.
+        near: another model's, whose windows' starts it begins with. elsewhere: other points to begin at where the fit
+        from `start` (parameter,) leaves something.
         """
         key = _key(effects)
         made = self._fitted.get(key)
         if made is not None and not made.finished and not made.is_far_behind(rival):
-            effects, start, offsets = made.effects, made.point, made.offsets
+            start, near = made.point, made
             del self._fitted[key]
         if key not in self._fitted:
-            self._fitted[key] = self._fit_from([start, *elsewhere], effects, offsets, rival)
+            self._fitted[key] = self._fit_from([start, *elsewhere], effects, near, rival)
         return self._fitted[key]
 
     def _fit_from(
-        self, starts: Sequence[np.ndarray], effects: Sequence[Placed], offsets: np.ndarray, rival: Fit | None
+        self, starts: Sequence[np.ndarray], effects: Sequence[Placed], near: Fit, rival: Fit | None
     ) -> Fit | None:
         """The best fit from `starts`, of which one is taken after the other until nothing is left."""
         found = None
         for start in starts:
             beaten = least([found, rival])
-            fit = self.fits.fit(self.fit_part, effects, start, offsets=offsets, seed=self.seed, rival=beaten)
+            fit = self.fits.fit(
+                self.fit_part,
+                effects,
+                start,
+                offsets=near.offsets,
+                offsets_with=near.effects,
+                seed=self.seed,
+                rival=beaten,
+            )
             found = least([found, fit])
             if found is not None and self.is_explained(found):
                 break
@@ -94,6 +103,7 @@ class ModelComparison:
             current.effects,
             found.point[: len(current.point)],
             offsets=found.offsets,
+            offsets_with=found.effects,
             rounds=AGAIN_ROUNDS,
             seed=self.seed,
         )
@@ -109,13 +119,13 @@ class ModelComparison:
         """The fit of `current` less the effect that is called `name` there."""
         effects = [e for e in current.effects if placed_name(*e) != name]
         keep = [i for i, n in enumerate(current.space.names) if not n.startswith(name + ".")]
-        return self.fit(effects, current.point[keep], current.offsets)
+        return self.fit(effects, current.point[keep], current)
 
     def nested(self, last: Fit, count: int) -> Fit:
         """The fit of the declared model with the first `count` effects of `last`."""
         effects = last.effects[:count]
         size = len(self.fits.prepared.task.space) + sum(len(e.parameters) for _, e in effects)
-        return self.fit(effects, last.point[:size], last.offsets) or last
+        return self.fit(effects, last.point[:size], last) or last
 
     # --- judged ---
 
@@ -155,7 +165,7 @@ class ModelComparison:
         gain = bic_gain(before_fit.squares, fit.squares, samples, added)
         after = self.judge(fit)
         if after is None:
-            return Support(p_fit, 0.0, gain, 0.0), None
+            return Support(p_fit, None, gain, None), None
         ratio = float(after.squares.sum() / before.squares.sum())
         return Support(p_fit, self._paired(before, after), gain, ratio), after
 
@@ -213,15 +223,15 @@ class ModelComparison:
 
 
 def effective_samples(fit: Fit) -> float:
-    """As many independent numbers are in what the fit leaves."""
+    """As many independent numbers are in what the fit leaves, beyond those that its windows' starts took."""
     evidence = fit.at.evidence
     residual = fit.at.residual.reshape(evidence.measured.shape)
-    return evidence.count / correlation_steps(residual, evidence.mask)
+    return (evidence.count - fit.at.fitted_starts) / correlation_steps(residual, evidence.mask)
 
 
-def _key(effects: Sequence[Placed]) -> frozenset[str]:
-    """What a model is known by: its effects, in any order."""
-    return frozenset(placed_name(*e) for e in effects)
+def _key(effects: Sequence[Placed]) -> tuple[str, ...]:
+    """What a model is known by: its effects, in the order of its parameters."""
+    return tuple(placed_name(*e) for e in effects)
 
 
 def least(fits: Sequence[Fit | None]) -> Fit | None:

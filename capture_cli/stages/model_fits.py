@@ -17,7 +17,7 @@ from capture_cli.identifiers.least_squares import HOPELESS, LONG_PATIENCE, PATIE
 from capture_cli.linearization import Linearization, columns
 from capture_cli.parameters import ParameterSpace
 from capture_cli.sim.engine import Engine
-from capture_cli.simulator import Motion, Simulator
+from capture_cli.simulator import Motion, Simulator, placed_name
 from capture_cli.stages.prepared_log import PreparedLog
 
 Placed = tuple[str, Effect]
@@ -172,6 +172,7 @@ class ModelFits:
         start: np.ndarray,
         *,
         offsets: np.ndarray | None = None,
+        offsets_with: Sequence[Placed] = (),
         starts: int = 1,
         rounds: int = FIT_ROUNDS,
         tolerance: float = TOLERANCE,
@@ -180,6 +181,8 @@ class ModelFits:
     ) -> Fit | None:
         """Fit from `start` (parameter,); None where every trial diverged. Other options are those of LeastSquares.
 
+        offsets (window, state): of the starts, where they begin, from a model `offsets_with` effects; hidden states are
+        those of the effects that it begins with as this one does.
         rival: a fit of the same part; this one is given up where it stays far behind, later where it has fewer
         parameters: of two that do as well it would be the better.
         """
@@ -189,7 +192,7 @@ class ModelFits:
         solver = LeastSquares(
             evidence,
             start=start,
-            offsets=None if offsets is None else self._carried(offsets, evidence),
+            offsets=None if offsets is None else self._carried(offsets, offsets_with, effects, evidence),
             starts=starts,
             rounds=rounds,
             tolerance=tolerance,
@@ -222,7 +225,7 @@ class ModelFits:
         for _ in range(BEGUN_ANEW):
             begin = fit.at.x + BEGUN_AWAY * spread @ generator.standard_normal(len(sd))
             point = fit.space.from_unit(np.clip(begin, 0, 1))
-            other = self.fit(part, fit.effects, point, offsets=fit.offsets)
+            other = self.fit(part, fit.effects, point, offsets=fit.offsets, offsets_with=fit.effects)
             if other is None:
                 continue
             found.append(other)
@@ -304,9 +307,18 @@ class ModelFits:
         """Simulates the task with `effects` on the shared engine."""
         return Simulator(self.prepared.task, effects, engine=self.engine)
 
-    def _carried(self, offsets: np.ndarray, evidence: Evidence) -> np.ndarray:
-        """Offsets of another model's fit for one with other effects: those of the machine's own states."""
-        own = self.prepared.starts.sd.shape[1]
+    def _carried(
+        self, offsets: np.ndarray, theirs: Sequence[Placed], effects: Sequence[Placed], evidence: Evidence
+    ) -> np.ndarray:
+        """Offsets of a model with the effects `theirs` for one with `effects`.
+
+        Those of the machine's own states, and of the first effects that are the same.
+        """
+        kept = self.prepared.starts.sd.shape[1]
+        for one, other in zip(theirs, effects, strict=False):
+            if placed_name(*one) != placed_name(*other):
+                break
+            kept += len(one[1].states)
         carried = np.zeros_like(evidence.start_sd)
-        carried[:, :own] = offsets[:, :own]
+        carried[:, :kept] = offsets[:, :kept]
         return carried

@@ -81,7 +81,7 @@ class PreparedLog:
         """How well states are known at the start of each window, those of effects last, (window, state)."""
         own, reported = self.starts.sd, self.starts.reported
         if simulator.begins_early and reported is not None:
-            before_the_log = (self.windows.elapsed < MOST_LATE)[:, None]
+            before_the_log = (self.windows.known < MOST_LATE)[:, None]
             own = np.hypot(own, before_the_log * reported.unseen(own.shape[1]))
         return np.concatenate([own, simulator.hidden_sd(self.windows)], axis=1)
 
@@ -117,8 +117,19 @@ def find_task(task: str | None, log: MeasuredLog) -> Task:
     )
 
 
+def named(task: Task) -> str | None:
+    """What `--task` is to say for a built-in task, whatever log it is for; None of a task.toml, which has a path."""
+    return task.name if task.name in REGISTRY.names() and not hasattr(task, "path") else None
+
+
 def prepare(
-    log: MeasuredLog, task: Task, *, window: float | None, test: str | None, seed: int
+    log: MeasuredLog,
+    task: Task,
+    *,
+    window: float | None,
+    test: str | None,
+    seed: int,
+    threads: int | None = None,
 ) -> PreparedLog:
     """Check that the log fits the task, and make it ready. Raises LogError or OptionError."""
     check_fits(log, task)
@@ -134,7 +145,7 @@ def prepare(
         driven_by=driven_by(log),
         block=int(np.clip(np.median(windows.samples) / 2, *REPEATED_SAMPLES)),
     )
-    starts = _starts(log, task, windows, noise)
+    starts = _starts(log, task, windows, noise, threads)
     split = split_windows(
         episode=windows.episode,
         recording=log.recording,
@@ -150,9 +161,9 @@ def driven_by(log: MeasuredLog) -> Sequence[np.ndarray]:
     return [log.inputs[e] for e in log.episodes] if log.actions is None else log.actions
 
 
-def with_noise(prepared: PreparedLog, noise: NoiseFloor) -> PreparedLog:
+def with_noise(prepared: PreparedLog, noise: NoiseFloor, threads: int | None) -> PreparedLog:
     """The log with another noise floor, which its starts are known by, too."""
-    starts = _starts(prepared.log, prepared.task, prepared.windows, noise)
+    starts = _starts(prepared.log, prepared.task, prepared.windows, noise, threads)
     return replace(prepared, noise=noise, starts=starts)
 
 
@@ -161,7 +172,9 @@ def _attitudes(task: Task) -> list[np.ndarray]:
     return quaternion_columns(task.model, [c.sensor for c in task.outputs])
 
 
-def _starts(log: MeasuredLog, task: Task, windows: Windows, noise: NoiseFloor) -> StartEstimate:
+def _starts(
+    log: MeasuredLog, task: Task, windows: Windows, noise: NoiseFloor, threads: int | None
+) -> StartEstimate:
     """Where every window starts: where its action says, if it begins an episode of one; else what the outputs say."""
     sensors = [c.sensor for c in task.outputs]
     acted = begins_by_action(log, task, windows)
@@ -181,7 +194,7 @@ def _starts(log: MeasuredLog, task: Task, windows: Windows, noise: NoiseFloor) -
         noise_sd=noise.sd,
         unmeasured=None
         if measures_every_coordinate(task.model, sensors)
-        else _simulate_episodes(log, task, windows),
+        else _simulate_episodes(log, task, windows, threads),
     )
     return with_known(read, known, acted) if acted.any() else read
 
@@ -234,25 +247,24 @@ def _cut(log: MeasuredLog, task: Task, duration: float | None) -> Windows:
     )
 
 
-def _simulate_episodes(log: MeasuredLog, task: Task, windows: Windows) -> StartEstimate:
+def _simulate_episodes(log: MeasuredLog, task: Task, windows: Windows, threads: int | None) -> StartEstimate:
     """What the coordinates that no output measures do when the nominal model is driven through whole episodes."""
     model = task.model
     whole = _cut(log, task, None)
-    first = {e: i for i, e in reversed(list(enumerate(whole.episode)))}
     own = model_starts(model, len(whole)).starts
     fields = ModelFields(model, len(whole))
     task.write(fields, np.repeat(task.space.nominal[None], len(whole), axis=0))
-    rollouts = Engine(model).rollout(
+    rollouts = Engine(model, threads).rollout(
         starts=own,
         controls=task.controls(whole.controls),
         steps=int(whole.grid_steps.max()),
         fields=fields,
         states=True,
     )
-    number = np.array([first[e] for e in windows.episode])
+    number = np.searchsorted(whole.first, windows.first, side="right") - 1
     step = np.round((windows.time - whole.time[number]) / task.timestep).astype(int)
     step = np.minimum(step, rollouts.qpos.shape[1] - 1)
-    return from_episodes(model, rollouts.qpos, rollouts.qvel, window_episode=number, window_step=step)
+    return from_episodes(model, rollouts, window_episode=number, window_step=step)
 
 
 def check_fits(log: MeasuredLog, task: Task) -> None:

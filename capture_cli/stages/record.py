@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 
 from capture_cli.effects import REGISTRY
-from capture_cli.effects.base import Effect
+from capture_cli.effects.base import GLOBAL, Effect
 from capture_cli.errors import FitError, OptionError, did_you_mean
 from capture_cli.sim.windows import cut
 from capture_cli.simulator import Simulator, placed_name
@@ -198,6 +198,8 @@ def _parameter(text: str, match: re.Match, names: Sequence[str]) -> int:
 def _site(name: str, site: str | None, sites: list[str]) -> str:
     if site is None and len(sites) == 1:
         return sites[0]
+    if site is None and GLOBAL in sites:
+        return GLOBAL
     if site is None or site not in sites:
         found = "no site is given" if site is None else f"{site!r} is not a site"
         raise OptionError(

@@ -34,7 +34,7 @@ def with_noise_of_repeats(
     for k, source in enumerate(prepared.noise.source):
         if source == "repeats" and degrees[k] >= FEWEST:
             sd[k] *= trimmed_sd(deviations[k])
-    return with_noise(prepared, replace(prepared.noise, sd=sd)), fits.rollouts
+    return with_noise(prepared, replace(prepared.noise, sd=sd), threads), fits.rollouts
 
 
 def _repeated_windows(prepared: PreparedLog) -> list[np.ndarray]:

@@ -42,6 +42,7 @@ class AirHockey(ActionTask):
 
     def __init__(self, *, far_wall: bool = False):
         self.model = mujoco.MjModel.from_xml_path(str(MODEL))
+        self.model_path = MODEL
         self._friction = {f"{side}_friction": f"{side}_table" for side in ("left", "right")}
         self._damping = {
             "mallet_damping": "mallet",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -42,10 +43,14 @@ class LogColumns:
 
 
 class Task(ABC):
-    """A machine: `model`, `space` (its open parameters), `inputs`, `outputs`, and how its logs are cut."""
+    """A machine: `model`, `space` (its open parameters), `inputs`, `outputs`, and how its logs are cut.
+
+    model_path: the MJCF that the model is made from.
+    """
 
     name: str
     model: mujoco.MjModel
+    model_path: Path
     space: ParameterSpace
     inputs: tuple[Channel, ...]
     outputs: tuple[Channel, ...]
@@ -63,7 +68,7 @@ class Task(ABC):
     def controls(self, inputs: np.ndarray) -> np.ndarray:
         """Inputs (..., input) as ctrl (..., nu); actuators that are no input get 0."""
         ctrl = np.zeros((*inputs.shape[:-1], self.model.nu))
-        ctrl[..., [c.index for c in self.inputs]] = inputs
+        ctrl[..., self.model.actuator_ctrladr[[c.index for c in self.inputs]]] = inputs
         return ctrl
 
 

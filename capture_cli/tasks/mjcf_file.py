@@ -90,6 +90,7 @@ class MjcfFile(Task):
     def _input(self, name: str, entry: dict[str, Any], where: str) -> Channel:
         _known(entry, {"column", "unit", "scale", "offset", "interpolate"}, where)
         number = object_id(self.model, "actuator", name, where)
+        self._check_actuator(number, name, where)
         how = _value(entry, "interpolate", str, where, default="hold")
         if how not in ("hold", "linear"):
             raise TaskError(f"{where}: interpolate = {how!r}", cure='write "hold" or "linear"')
@@ -103,6 +104,21 @@ class MjcfFile(Task):
             linear=how == "linear",
         )
 
+    def _check_actuator(self, number: int, name: str, where: str) -> None:
+        """Raise ModelError where the actuator takes more than one control, or takes it late."""
+        controls, delay = int(self.model.actuator_ctrlnum[number]), float(self.model.actuator_delay[number])
+        if controls != 1:
+            raise ModelError(
+                f"{where}: the actuator takes {controls} controls, and an input is one",
+                cure="drive the joint with actuators of one control each: motor, position, velocity",
+            )
+        if delay > 0:
+            raise ModelError(
+                f"{where}: the actuator has delay = {delay:g} s, and windows begin with an empty memory",
+                cure="leave delay and nsample out of the model: `capture diagnose` finds how late a control "
+                f"arrives (control-delay@{name})",
+            )
+
     def _output(self, name: str, entry: dict[str, Any], where: str) -> list[Channel]:
         _known(entry, {"column", "unit", "scale", "offset", "noise_sd"}, where)
         number = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_SENSOR, name)
@@ -110,6 +126,12 @@ class MjcfFile(Task):
             names = [self.model.sensor(i).name for i in range(self.model.nsensor)]
             raise ModelError(
                 f"{where}: the model has no sensor {name!r}", cure=did_you_mean(name, filter(None, names))
+            )
+        if self.model.sensor_history[number, 0] or self.model.sensor_interval[number].any():
+            raise ModelError(
+                f"{where}: the sensor has a delay or an interval, and windows begin with an empty memory",
+                cure="leave delay, interval and nsample out of the model: `capture diagnose` finds how late a "
+                f"sensor reports (sensor-delay@{name})",
             )
         size, first = int(self.model.sensor_dim[number]), int(self.model.sensor_adr[number])
         columns = entry.get("column")
