@@ -61,6 +61,26 @@ EQUIVALENTS = (
     ),
     _alike("cart_pole", "control-delay@drive sensor-delay", _LATE),
     _alike("arm", "control-delay sensor-delay", _LATE),
+    _alike("pan_tilt", "control-delay sensor-delay", _LATE),
+    _alike(
+        "pan_tilt",
+        "control-lag sensor-low-pass",
+        "a filter before a servo is one behind it, where gravity is weak",
+    ),
+    _alike(
+        "pan_tilt",
+        "constant-force@pan sensor-bias@pan spring-preload@pan",
+        "a servo that holds against a constant force stands so much off, whichever way it points",
+    ),
+    _covers(
+        "pan_tilt", "com-shift@yoke", "reflected-inertia@pan", "a body that only turns about an upright axis"
+    ),
+    _covers(
+        "pan_tilt",
+        "payload@camera com-shift@camera",
+        "gravity-magnitude",
+        "the mass is declared: inertia and weight about the axis are as with another gravity",
+    ),
     _covers("cart_pole", "sensor-bias@pole", "com-shift@pole", _TURNED),
     _covers("arm", "sensor-bias@q2", "com-shift@fore", _TURNED),
     _alike("arm", "sensor-bias@q1 gravity-tilt", "the arm turned in its plane, or gravity the other way"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -21,10 +22,28 @@ from capture_cli.effects.base import GLOBAL, Effect
 from capture_cli.parameters import Parameter
 
 
+@dataclass(frozen=True)
+class JointMotion:
+    """What a log saw of a joint: from where to where it went, and how fast; m or rad, and per s."""
+
+    low: float
+    high: float
+    speed: float
+
+    @property
+    def travel(self) -> float:
+        """Half of how far it went."""
+        return (self.high - self.low) / 2
+
+
 class JointEffect(Effect):
-    """An effect at a joint with one degree of freedom. `is_hinge` decides between rad and m."""
+    """An effect at a joint with one degree of freedom. `is_hinge` decides between rad and m.
+
+    seen: the joint's motion in the log that the effect is looked for in, which may be a small part of what it can do.
+    """
 
     where = "every hinge and slide joint"
+    seen: JointMotion | None = None
 
     def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
         super().__init__(model, site)
@@ -46,12 +65,18 @@ class JointEffect(Effect):
     @property
     def characteristic_speed(self) -> float:
         """m/s or rad/s."""
-        return characteristic_speed(self.model, self.joint)
+        speed = characteristic_speed(self.model, self.joint)
+        return min(speed, self.seen.speed) if self.seen else speed
 
     @property
     def travel(self) -> float:
-        """m or rad."""
+        """m or rad: half of how far the joint goes, whatever a log saw."""
         return travel(self.model, self.joint)
+
+    @property
+    def characteristic_travel(self) -> float:
+        """m or rad: half of how far it goes in the log."""
+        return min(self.travel, self.seen.travel) if self.seen else self.travel
 
     @property
     def inertia(self) -> float:

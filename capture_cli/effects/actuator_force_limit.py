@@ -22,6 +22,7 @@ class ActuatorForceLimit(Effect):
 
     place = "model"
     summary = "a servo gives less force than modelled"
+    has_threshold = True
     where = "every actuator whose force depends on where it is or how fast"
 
     def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):

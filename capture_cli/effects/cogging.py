@@ -7,6 +7,8 @@ import numpy as np
 from capture_cli.effects._periodic_force import PeriodicForce
 from capture_cli.parameters import Parameter
 
+FINEST = 400  # to a turn: the teeth of a worm wheel or of a strain wave gear
+
 
 def cogging(qpos, *, sine, cosine, period):
     """Joint force: sine sin(2 pi x / period) + cosine cos(2 pi x / period)."""
@@ -34,5 +36,5 @@ class Cogging(PeriodicForce):
         return (
             Parameter("sine", unit, -high, high, 0.0),
             Parameter("cosine", unit, -high, high, 0.0),
-            Parameter("period", self.unit("m", "rad"), full / 50, full, full / 6),
+            Parameter("period", self.unit("m", "rad"), full / FINEST, full, full / 6),
         )

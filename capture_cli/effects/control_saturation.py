@@ -21,6 +21,7 @@ class ControlSaturation(ActuatorEffect):
     """
 
     summary = "a control is cut off earlier than modelled"
+    has_threshold = True
     kernel = staticmethod(saturated)
 
     @property

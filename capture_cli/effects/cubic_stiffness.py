@@ -19,10 +19,14 @@ class CubicStiffness(JointEffect):
     @property
     def parameters(self):
         own = float(self.model.jnt_stiffness[self.joint])
-        high = 5 * self.characteristic_force / self.travel**3
+        high = 5 * self.characteristic_force / self.characteristic_travel**3
         return (
             Parameter(
-                "stiffness", self.unit("N/m^3", "N m/rad^3"), min(0.0, -own) / self.travel**2, high, 0.0
+                "stiffness",
+                self.unit("N/m^3", "N m/rad^3"),
+                min(0.0, -own) / self.characteristic_travel**2,
+                high,
+                0.0,
             ),
         )
 

@@ -14,7 +14,7 @@ class LinearStiffness(JointEffect):
     @property
     def parameters(self):
         own = float(self.model.jnt_stiffness[self.joint])
-        high = 5 * self.characteristic_force / self.travel
+        high = 5 * self.characteristic_force / self.characteristic_travel
         return (self.added("stiffness", self.unit("N/m", "N m/rad"), own, high),)
 
     def write(self, fields, values):

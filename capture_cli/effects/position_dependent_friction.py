@@ -23,10 +23,16 @@ class PositionDependentFriction(JointForce):
 
     @property
     def parameters(self):
-        middle = float(self.model.jnt_range[self.joint].mean()) if self.model.jnt_limited[self.joint] else 0.0
+        if self.seen:
+            middle = (self.seen.low + self.seen.high) / 2
+        else:
+            middle = (
+                float(self.model.jnt_range[self.joint].mean()) if self.model.jnt_limited[self.joint] else 0.0
+            )
+        travel = self.seen.travel if self.seen else self.travel
         length = self.unit("m", "rad")
         return (
             Parameter("friction", self.unit("N", "N m"), 0.0, self.characteristic_force, 0.0),
-            Parameter("centre", length, middle - self.travel, middle + self.travel, middle),
-            Parameter("width", length, 0.02 * self.travel, self.travel, 0.15 * self.travel),
+            Parameter("centre", length, middle - travel, middle + travel, middle),
+            Parameter("width", length, 0.02 * travel, travel, 0.15 * travel),
         )

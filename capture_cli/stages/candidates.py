@@ -12,6 +12,7 @@ import numpy as np
 from capture_cli.diagnosis.acceptance import Support
 from capture_cli.diagnosis.score import STEP, Score, score, similarity
 from capture_cli.effects import REGISTRY
+from capture_cli.effects._joint_effect import JointEffect, JointMotion
 from capture_cli.effects._periodic_force import PeriodicForce
 from capture_cli.effects.base import Effect
 from capture_cli.linearization import Linearization
@@ -63,7 +64,24 @@ def all_candidates(prepared: PreparedLog) -> list[Candidate]:
     model = _as_driven(prepared)
     every = [(name, cls(model, site)) for name, cls in REGISTRY.items() for site in cls.sites(model)]
     logged = {c.index for c in prepared.task.outputs}
+    seen = _seen(prepared)
+    for _, effect in every:
+        if isinstance(effect, JointEffect):
+            effect.seen = seen.get(effect.joint)
     return [Candidate(e) for e in every if e[1].place != "measurement" or logged & e[1].reported]
+
+
+def _seen(prepared: PreparedLog) -> dict[int, JointMotion]:
+    """The motion of each joint whose position is an output."""
+    model, reported = prepared.task.model, prepared.starts.reported
+    seen = {}
+    for channel, path in zip(prepared.task.outputs, prepared.log.outputs.T, strict=True):
+        if model.sensor_type[channel.sensor] != mujoco.mjtSensor.mjSENS_JOINTPOS or reported is None:
+            continue
+        low, high, speed = path.min(), path.max(), np.abs(reported.jets[:, 1, channel.index]).max()
+        if low < high and speed > 0:
+            seen[int(model.sensor_objid[channel.sensor])] = JointMotion(float(low), float(high), float(speed))
+    return seen
 
 
 def _as_driven(prepared: PreparedLog) -> mujoco.MjModel:
@@ -104,8 +122,9 @@ def score_at_null(narrow: NarrowShapes, candidate: Candidate) -> None:
     candidate.why_rejected = candidate.start_elsewhere = None
     shapes, candidate.shapes_tried = _shapes(narrow, candidate.effect[1])
     scored, moves = _scores(narrow, candidate, shapes, PROBES)
-    if not moves:
-        scored, moves = _scores(narrow, candidate, shapes, FAR_PROBES)
+    if candidate.effect[1].has_threshold or not moves:
+        farther, far_moves = _scores(narrow, candidate, shapes, FAR_PROBES)
+        scored, moves = sorted(scored + farther, key=lambda s: -s[0].gain), moves or far_moves
     if scored:
         candidate.score, candidate.start = scored[0]
         candidate.start_elsewhere = _at_another_peak(candidate.effect[1], [s for _, s in scored])
