@@ -140,7 +140,8 @@ def test_what_a_filtered_actuator_is_at_when_a_window_begins_is_known(plant, ide
     task = variant(tmp_path, MASS + DAMPING)
     model = task.with_name("model.xml")
     motor = '<motor name="drive" joint="x" ctrlrange="-30 30"/>'
-    filtered = '<general name="drive" joint="x" ctrlrange="-3e4 3e4" gainprm="1e-3" dyntype="filterexact" dynprm=".05"/>'
+    filtered = motor.replace("motor", "general").replace("-30 30", "-3e4 3e4")
+    filtered = filtered.replace("/>", ' gainprm="1e-3" dyntype="filterexact" dynprm=".05"/>')
     assert motor in model.read_text()
     model.write_text(model.read_text().replace(motor, filtered))
     truth = {name: TRUTH[name] for name in ("mass", "damping")}

@@ -108,7 +108,8 @@ reported = effects.sense(model, np.array(recorded))
 ```
 
 Ranges follow from the model: from the weight that a joint carries, what its actuators can give, its travel
-and its inertia. The ones in the table are those of the machine at the end of this page, each at the first
+and its inertia; in a diagnosis also from how far and how fast the log saw the joint go, and what its inputs
+did. The ones in the table are those of the machine at the end of this page, each at the first
 of the effect's sites in it that has the parameter.
 
 | effect | place | what it is | sits at | parameters | unit | range | null | exported as |
