@@ -269,7 +269,7 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str]]] = {
             "effects[].summary": "what it is",
             **{f"effects[].parameters.NAME.{k}": v for k, v in _PARAMETER.items()},
             "effects[].p_value": "that null fits the log as well, times the number of candidates and shapes tried",
-            "effects[].p_select": "that other data is not explained better; one-sided, paired; null where nothing judges",
+            "effects[].p_select": "that other data is not explained better; one-sided, paired; null if nothing judges",
             "effects[].tied_with": "list of EFFECT@SITE that this log cannot tell from it",
             **{f"parameters.NAME.{k}": f"{v}; with the effects in" for k, v in _PARAMETER.items()},
             "stages[].model": '"declared", then "+ EFFECT@SITE" for each effect',

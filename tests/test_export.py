@@ -96,6 +96,7 @@ def document(task: Path, found: Found) -> dict:
         "version": VERSION,
         "task": machine_.name,
         "verdict": "effect-found",
+        "log": {"path": "log.zarr"},
         "parameters": parameters(machine_.space, [DECLARED[machine_.name][1]]),
         "effects": [
             {

@@ -32,7 +32,7 @@ PERIODIC = [name for name, effect in REGISTRY.items() if issubclass(effect, Peri
 @pytest.mark.parametrize("span", [0.7, 30.0])
 def test_a_sweep_leaves_no_room_for_a_peak_between_two_shapes(name, span):
     effect = REGISTRY.get(name)(machine("slider"), "x")
-    points = effect.sweep(span, 10_000)
+    points = effect.sweep(span, 40_000)
     column = effect.space.names.index(effect.shapes[0])
     frequencies = np.sort(effect.frequency(points[:, column]))
     assert np.diff(frequencies).max() <= 0.5 / span * (1 + 1e-9)

@@ -514,7 +514,7 @@ def test_time_left_follows_from_what_came_before(monkeypatch):
     progress = Progress("diagnose", "model", quiet=True)
     assert progress.part("score", 0, 10) == "score 1 of 10"
     assert progress.part("score", 0, 10) == "score 1 of 10"
-    assert progress.part("score", 2, 10) == "score 3 of 10, 16 s left"
+    assert progress.part("score", 2, 10) == "score 3 of 10, 16 s left of these"
     assert progress.part("refit", 0, 5) == "refit 1 of 5"
 
 

@@ -74,6 +74,13 @@ class JointEffect(Effect):
         return travel(self.model, self.joint)
 
     @property
+    def middle(self) -> float:
+        """m or rad: of where the joint goes in the log, or else of its range."""
+        if self.seen:
+            return (self.seen.low + self.seen.high) / 2
+        return float(self.model.jnt_range[self.joint].mean()) if self.model.jnt_limited[self.joint] else 0.0
+
+    @property
     def characteristic_travel(self) -> float:
         """m or rad: half of how far it goes in the log."""
         return min(self.travel, self.seen.travel) if self.seen else self.travel

@@ -36,14 +36,11 @@ class PeriodicForce(JointForce):
     def sweep(self, span: float, most: int) -> np.ndarray:
         """Points (point, parameter) with null amplitudes, the shape so dense that no peak falls between two.
 
-        span: from the first to the last value of what it repeats along. No more than `most` points: those of the
-        slowest.
+        span: from the first to the last value of what it repeats along. No more than `most` points.
         """
         space, column = self.space, self.space.names.index(self.shapes[0])
         low, high = sorted(self.frequency(np.array([space.low[column], space.high[column]])))
-        high = min(high, low + (most - 1) / (PEAKS * span)) if span > 0 else high
-        count = int(np.ceil(PEAKS * span * (high - low))) + 1
-        count = int(np.clip(count, 2, most))
+        count = int(np.clip(np.ceil(PEAKS * span * (high - low)) + 1, 2, most))
         points = np.repeat(space.nominal[None], count, axis=0)
         points[:, column] = np.clip(
             self.frequency(np.linspace(low, high, count)), space.low[column], space.high[column]

@@ -23,13 +23,7 @@ class PositionDependentFriction(JointForce):
 
     @property
     def parameters(self):
-        if self.seen:
-            middle = (self.seen.low + self.seen.high) / 2
-        else:
-            middle = (
-                float(self.model.jnt_range[self.joint].mean()) if self.model.jnt_limited[self.joint] else 0.0
-            )
-        travel = self.seen.travel if self.seen else self.travel
+        middle, travel = self.middle, self.seen.travel if self.seen else self.travel
         length = self.unit("m", "rad")
         return (
             Parameter("friction", self.unit("N", "N m"), 0.0, self.characteristic_force, 0.0),

@@ -21,6 +21,7 @@ PARTS = {"fit": "fitted", "select": "selecting", "test": "held out"}
 MOVED = 2.0  # sd: more than chance moves a parameter
 WORTH_A_LOGARITHM = 15.0  # errors that differ by more than this factor
 TELLING = 0.1  # share of a residual's variance that is worth a word
+FITTED_ALONE = "The model explains what it was fitted to, but not what was held out"
 ACCEPTED, TIED, NOT_TRIED = "accepted", "tied", "not tried"
 
 
@@ -141,6 +142,10 @@ def lacks(document: Mapping[str, Any]) -> str:
     left = significant(document["lack_of_fit"]["after"]["normalized"])
     if verdict == "explained":
         return f"Nothing is missing: the error is {left} times the noise floor."
+    if not effects and not document["lack_of_fit"]["after"]["lacking"]:
+        return (
+            f"{FITTED_ALONE}, {significant(document['after']['test']['normalized'])} times the noise floor."
+        )
     if not effects:
         count = len(document["candidates"])
         return f"None of these: not one of {count} candidates explains what is left, {left} times the noise floor."

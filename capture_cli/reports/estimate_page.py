@@ -39,7 +39,7 @@ def render(estimate: Estimate, provenance: Mapping[str, Any] | None) -> str:
             document["verdict"],
             badge,
             findings.sentence(document),
-            notes=findings.notes(document),
+            notes=[*findings.suspicions(estimate), *findings.notes(document)],
             command=document.get("next_command"),
         ),
         _tiles(document, provenance),

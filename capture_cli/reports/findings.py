@@ -101,6 +101,23 @@ def notes(document: Mapping[str, Any]) -> list[str]:
     return [n for n in found if n]
 
 
+def suspicions(estimate: Estimate) -> list[str]:
+    """What looks like a mistake in the log or the task file rather than like physics; to be read before the notes."""
+    measured = np.asarray(estimate.arrays["step/measured"])
+    rmse = (estimate.document["error"]["fit"] or {}).get("rmse") or {}
+    far = [
+        o["name"]
+        for o, spread in zip(estimate.attributes["outputs"], measured.std(axis=0), strict=True)
+        if rmse.get(o["name"], 0.0) > spread > 0
+    ]
+    if not far:
+        return []
+    their = "its own mean" if len(far) == 1 else "their own means"
+    return [
+        f"The fit is farther from {', '.join(far)} than {their}: check column, unit and sign before anything else."
+    ]
+
+
 def combination(weights: Mapping[str, float]) -> str:
     """A direction in parameter space as text: mass 0.71 and gain -0.7 give "0.71 mass − 0.70 gain"."""
     terms = sorted(weights.items(), key=lambda item: -abs(item[1]))

@@ -51,7 +51,7 @@ def print_estimate(estimate: Estimate, console: Console, out_path: Path) -> None
     screen.blank()
     verdict = document["verdict"]
     screen.wrapped(findings.TITLES[verdict], findings.sentence(document), STYLES[verdict])
-    for note in _few(findings.notes(document), len(errors)):
+    for note in _few([*findings.suspicions(estimate), *findings.notes(document)], len(errors)):
         screen.wrapped("note", note, "yellow")
     screen.blank()
     screen.whole("report", str(Path(out_path) / "report.html"))

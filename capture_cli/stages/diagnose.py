@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from capture_cli.diagnosis.expression import expression_terms, formula
-from capture_cli.diagnosis.lack_of_fit import LackOfFit, by_chance, lack_of_fit
+from capture_cli.diagnosis.lack_of_fit import NEAR_FLOOR, LackOfFit, holds, lack_of_fit
 from capture_cli.diagnosis.localisation import accelerations, curve, largest_around
 from capture_cli.diagnosis.split import select_folds
 from capture_cli.errors import FitError, OptionError, StoreError
@@ -30,15 +30,15 @@ from capture_cli.stages.prepared_log import (
     prepare,
 )
 from capture_cli.stages.progress import Progress
+from capture_cli.stages.recorded_task import load_recorded, task_inputs
 from capture_cli.stages.repeated_noise import with_noise_of_repeats
 from capture_cli.stores.diagnosis import FORMAT, VERSION, Diagnosis
 from capture_cli.stores.estimate import Estimate, read_result
 from capture_cli.stores.measured_log import MeasuredLog
-from capture_cli.stores.output import new_directory, refuse_existing, sha256
+from capture_cli.stores.output import new_directory, refuse_existing, refuse_inputs, sha256
 from capture_cli.stores.provenance import Provenance
 
 FIT, SELECT, TEST = 0, 1, 2
-NEAR_FLOOR = 1.2  # error over the noise floor up to which what was found counts as the explanation
 
 
 def diagnose(
@@ -67,17 +67,17 @@ def diagnose(
     log = MeasuredLog.read(real_log)
     begin = None
     if estimate is not None:
-        begin, options_then = _check_estimate(estimate, real_log)
-        task, test = task or options_then["task"], test or options_then["test"]
-        window = window if window is not None else options_then["window"]
-        seed = options_then["seed"]
-    found = find_task(task, log)
+        begin, made = _check_estimate(estimate, real_log)
+        found = load_recorded(estimate, made, task, str(real_log))
+        test = test or made["options"]["test"]
+        window = window if window is not None else made["options"]["window"]
+        seed = made["options"]["seed"]
+    else:
+        found = find_task(task, log)
     options |= {"task": task or named(found), "test": test, "window": window, "seed": seed}
-    provenance = Provenance(
-        "diagnose",
-        options,
-        {"real_log": real_log, "task": getattr(found, "path", None), "estimate": estimate},
-    )
+    inputs = {"real_log": real_log, **task_inputs(found), "estimate": estimate}
+    refuse_inputs(out, inputs.values())
+    provenance = Provenance("diagnose", options, inputs)
     prepared = prepare(log, found, window=window, test=test, seed=seed, threads=threads)
     simulator = ModelFits(prepared, threads).simulator(())
     check_parameters_move_outputs(prepared, simulator, seed)
@@ -138,7 +138,7 @@ def _check_estimate(folder: Path, real_log: Path) -> tuple[Estimate, dict[str, A
             cure=f"identify it first: capture identify --real-log {real_log}",
         )
     again = "make the estimate again with `capture identify`"
-    return found, read_result(folder, "provenance.json", "capture/provenance", 1, again)["options"]
+    return found, read_result(folder, "provenance.json", "capture/provenance", 1, again)
 
 
 def _nominal(task, estimate: Estimate | None) -> np.ndarray:
@@ -470,7 +470,7 @@ def _verdict(
 ) -> str:
     """A model that does not hold on what was held out explains nothing, however well it fits the rest."""
     count = held_out.evidence.count
-    if count and held_out.normalized > max(NEAR_FLOOR, by_chance(count)):
+    if count and not holds(held_out.normalized, count):
         return "unexplained"
     if count and attribution.accepted and held_out.normalized >= held_out_before.normalized:
         return "unexplained"

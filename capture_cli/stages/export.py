@@ -19,10 +19,10 @@ from capture_cli.parameters import Parameter, ParameterSpace
 from capture_cli.sim.engine import ModelFields
 from capture_cli.sim.mjcf import to_mjcf
 from capture_cli.simulator import placed_name
+from capture_cli.stages.recorded_task import load_recorded, task_inputs
 from capture_cli.stores.diagnosis import Diagnosis
 from capture_cli.stores.estimate import Estimate, read_result
-from capture_cli.stores.output import new_file, refuse_existing
-from capture_cli.tasks import load_task
+from capture_cli.stores.output import new_file, refuse_existing, refuse_inputs
 
 MADE_BY = {"capture/estimate": "identify", "capture/diagnosis": "diagnose"}
 Placed = Mapping[str, tuple[Effect, np.ndarray]]  # {NAME@SITE: (effect, its values (parameter,))}
@@ -51,7 +51,11 @@ def export(*, result: Path, out: Path, task: str | None = None, force: bool = Fa
     """
     found = _read(result)
     command = MADE_BY[found["format"]]
-    machine = load_task(task or _recorded_task(result, command))
+    provenance = read_result(
+        result, "provenance.json", "capture/provenance", 1, f"make it again with `capture {command}`"
+    )
+    machine = load_recorded(result, provenance, task, found["log"]["path"])
+    refuse_inputs(out, [result, *task_inputs(machine).values()])
     if machine.name != found["task"]:
         raise OptionError(
             f"{result} belongs to the task {found['task']!r}, and --task is {machine.name!r}",
@@ -97,13 +101,6 @@ def _read(result: Path) -> Mapping[str, Any]:
         f"{result} holds neither estimate.json nor diagnosis.json",
         cure="give a directory that `capture identify` or `capture diagnose` made",
     )
-
-
-def _recorded_task(result: Path, command: str) -> str:
-    again = f"make it again with `capture {command}`"
-    provenance = read_result(result, "provenance.json", "capture/provenance", 1, again)
-    recorded = provenance["inputs"].get("task")
-    return recorded["path"] if recorded else provenance["options"]["task"]
 
 
 def _values(parameters: Mapping[str, Any], space: ParameterSpace, whose: str, command: str) -> np.ndarray:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from capture_cli.diagnosis.lack_of_fit import LackOfFit, lack_of_fit
+from capture_cli.diagnosis.lack_of_fit import LackOfFit, holds, lack_of_fit
 from capture_cli.identifiers.base import Trial
 from capture_cli.identifiers.intervals import Intervals, intervals
 from capture_cli.identifiers.least_squares import CONVERGED_GAIN
@@ -27,10 +27,11 @@ from capture_cli.stages.prepared_log import (
     prepare,
 )
 from capture_cli.stages.progress import Progress
+from capture_cli.stages.recorded_task import task_inputs
 from capture_cli.stages.repeated_noise import with_noise_of_repeats
 from capture_cli.stores.estimate import FORMAT, HISTORY, VERSION, Estimate
 from capture_cli.stores.measured_log import MeasuredLog
-from capture_cli.stores.output import new_directory, refuse_existing, sha256
+from capture_cli.stores.output import new_directory, refuse_existing, refuse_inputs, sha256
 from capture_cli.stores.provenance import Provenance
 
 ROUNDS = 100  # of simulations, at most, unless told otherwise
@@ -76,7 +77,8 @@ def identify(
     found = find_task(options["task"], log)
     options["task"] = options["task"] or named(found)
     chosen = choose_identifier(options["identifier"], found, log)
-    inputs = {"real_log": real_log, "task": getattr(found, "path", None), "identifier": chosen.path}
+    inputs = {"real_log": real_log, **task_inputs(found), "identifier": chosen.path}
+    refuse_inputs(out, inputs.values())
     provenance = Provenance("identify", options, inputs)
     given = {name: options[name] for name in ("window", "test", "seed")}
     prepared = prepare(log, found, **given, threads=threads)
@@ -236,11 +238,16 @@ class _Report:
         prepared, log = self.prepared, self.prepared.log
         names = [c.name for c in prepared.task.outputs]
         undetermined = _undetermined(found, self.space.names)
-        verdict = (
-            "unexplained"
-            if lacking.lacking
-            else ("explained" if found.identifiable.all() else "not-identifiable")
-        )
+        error = {
+            "fit": self._error(simulated, ~self.is_test),
+            "test": self._error(simulated, self.is_test),
+        }
+        held_out = error["test"] and error["test"]["normalized"]
+        numbers = int(prepared.windows.mask[self.is_test].sum()) * len(names)
+        if lacking.lacking or (held_out is not None and not holds(held_out, numbers)):
+            verdict = "unexplained"
+        else:
+            verdict = "explained" if found.identifiable.all() else "not-identifiable"
         document = {
             "format": FORMAT,
             "version": VERSION,
@@ -248,14 +255,11 @@ class _Report:
             "log": {"path": str(log.path), "sha256": sha256(log.path)},
             "identifier": self.identifier,
             "parameters": self._parameters(found),
-            "error": {
-                "fit": self._error(simulated, ~self.is_test),
-                "test": self._error(simulated, self.is_test),
-            },
+            "error": error,
             "noise_floor": dict(zip(names, prepared.noise.sd.tolist(), strict=True)),
             "noise_floor_source": dict(zip(names, prepared.noise.source, strict=True)),
             "verdict": verdict,
-            "summary": _summary(verdict, lacking, undetermined),
+            "summary": _summary(verdict, lacking, held_out, undetermined),
             "lack_of_fit": {
                 "normalized": lacking.normalized,
                 "threshold": lacking.threshold,
@@ -411,7 +415,12 @@ def _undetermined(found: Intervals, names) -> list[dict]:
     return result
 
 
-def _summary(verdict: str, lacking: LackOfFit, undetermined: list[dict]) -> str:
+def _summary(verdict: str, lacking: LackOfFit, held_out: float | None, undetermined: list[dict]) -> str:
+    if verdict == "unexplained" and not lacking.lacking:
+        return (
+            "The parameters explain what they were fitted to, but not what was held out: there the error is "
+            f"{held_out:.3g} times the noise floor. The two parts of the log are not alike."
+        )
     if verdict == "unexplained":
         return (
             f"These parameters do not explain the log: the error is {lacking.normalized:.3g} times the noise floor "

@@ -13,7 +13,7 @@ from capture_cli.errors import LogError
 from capture_cli.stages.prepared_log import check_fits
 from capture_cli.stages.source_files import SourceFile, open_source
 from capture_cli.stores.measured_log import MeasuredLog
-from capture_cli.stores.output import new_directory, refuse_existing, sha256
+from capture_cli.stores.output import new_directory, refuse_existing, refuse_inputs, sha256
 from capture_cli.stores.provenance import Provenance
 from capture_cli.tasks import load_task
 from capture_cli.tasks.base import ActionTask, Task
@@ -49,6 +49,7 @@ def import_log(
     inputs = {"task": getattr(machine, "path", None), **{str(f): Path(f) for f in files}}
     stored = [Path(f) for f in files if _is_store(Path(f))]
     sources = [open_source(Path(f)) for f in files if not _is_store(Path(f))]
+    refuse_inputs(out, inputs.values())
     provenance = Provenance("import-log", options, inputs)
     if sources:
         names = _recording_names([s.path for s in sources])
@@ -135,6 +136,7 @@ def _read_recording(source: SourceFile, name: str, task: Task, *, drop_nan: bool
         "source": str(source.path),
         "sha256": sha256(source.path),
         "dropped_rows": dropped,
+        "channels": {c.name: list(c.read_as) for c in channels},
     }
     begins = np.array([0, *ends[:-1]])
     return _Recording(data, ends, described, None if actions is None else actions[begins])

@@ -162,7 +162,10 @@ class InContext:
                 f"{len(self.used)} rounds were made with {self.entries} episodes, taken in turn again."
             )
         if not self.in_family:
-            said.append("The log lies outside of what the identifier was trained on.")
+            said.append(
+                "The log lies outside of what the identifier was trained on: other actions, a machine beyond its "
+                "ranges, or something that the model lacks."
+            )
         elif contradicted:
             said.append("The fit contradicts what the identifier proposed.")
         if elsewhere:

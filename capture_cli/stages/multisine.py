@@ -11,6 +11,7 @@ from capture_cli.errors import OptionError
 from capture_cli.tasks.base import Channel
 
 LINES = 12  # sines of a multisine
+FADE = 0.5  # s
 BAND = (0.1, 3.0)  # Hz, of a multisine unless told otherwise
 
 
@@ -25,6 +26,12 @@ def multisine(
         signals[:, k] = np.sin(2 * np.pi * np.abs(frequency) * time[:, None] + phase).sum(axis=1)
         signals[:, k] /= max(np.abs(signals[:, k]).max(), 1e-12)
     return signals
+
+
+def from_rest(time: np.ndarray, signals: np.ndarray) -> np.ndarray:
+    """Signals (step, count) that begin at 0 and come up over FADE s, peaking at 1: no jump for a machine at rest."""
+    faded = signals * (0.5 - 0.5 * np.cos(np.pi * np.minimum((time - time[0]) / FADE, 1.0)))[:, None]
+    return faded / np.maximum(np.abs(faded).max(axis=0), 1e-12)
 
 
 def peak(model: mujoco.MjModel, channel: Channel, amplitude: Mapping[str, float]) -> float:

@@ -12,7 +12,7 @@ from capture_cli.stages.model_fits import Fit, ModelFits
 from capture_cli.stages.prepared_log import PreparedLog
 
 PEAKS = 3  # values that are simulated
-MOST = 4096  # values that are judged: in a log of over 100 s the peaks of fast forces can fall between them
+MOST = 16384  # values that are judged: in a log of over 400 s the peaks of fast forces can fall between them
 PULSE = 0.1  # of the joint's characteristic force
 SAMPLES = 4  # of a force in each pulse
 AT_ONCE = 1 << 24  # numbers in memory

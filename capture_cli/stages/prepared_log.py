@@ -268,7 +268,7 @@ def _simulate_episodes(log: MeasuredLog, task: Task, windows: Windows, threads: 
 
 
 def check_fits(log: MeasuredLog, task: Task) -> None:
-    """Raise LogError where the log's channels are not the task's."""
+    """Raise LogError where the log's channels are not the task's, or were made of other columns or scales."""
     for kind, found, expected in (
         ("inputs", log.input_names, tuple(c.name for c in task.inputs)),
         ("outputs", log.output_names, tuple(c.name for c in task.outputs)),
@@ -278,6 +278,20 @@ def check_fits(log: MeasuredLog, task: Task) -> None:
                 f"{log.path}: its {kind} are ({', '.join(found)}); task {task.name!r} has ({', '.join(expected)})",
                 cure="import the log again with this task, or give the task it was made with",
             )
+    for recording in log.recordings:
+        read_as = recording.get("channels") or {}
+        for channel in (*task.inputs, *task.outputs):
+            was = tuple(read_as.get(channel.name, channel.read_as))
+            if was != channel.read_as:
+                raise LogError(
+                    f"{log.path}: {channel.name} of {recording['name']!r} was imported as {_formula(*was)}; "
+                    f"task {task.name!r} now says {_formula(*channel.read_as)}",
+                    cure="import it again: columns, scales and offsets are applied by `capture import-log`",
+                )
+
+
+def _formula(column: str, scale: float, offset: float) -> str:
+    return f"{scale:g} * {column}" + (f" + {offset:g}" if offset else "")
 
 
 def _check_long_enough(log: MeasuredLog, duration: float | None) -> None:

@@ -43,7 +43,7 @@ class Progress:
         if number == 0:
             self.part_began = now
         left = (now - self.part_began) / number * (total - number) if number else 0.0
-        return f"{what} {number + 1} of {total}" + (f", {left:.0f} s left" if left >= LONG else "")
+        return f"{what} {number + 1} of {total}" + (f", {left:.0f} s left of these" if left >= LONG else "")
 
     def __exit__(self, *_) -> None:
         if self.bar is not None:

@@ -12,13 +12,13 @@ from capture_cli.errors import OptionError, StoreError
 from capture_cli.sim.starts import model_starts
 from capture_cli.sim.windows import Windows, cut
 from capture_cli.simulator import Simulator
-from capture_cli.stages.multisine import multisine, peak
+from capture_cli.stages.multisine import from_rest, multisine, peak
 from capture_cli.stages.next_experiment import BANDS, DURATION, RATE, SHARES
 from capture_cli.stages.policy_checkpoint import load_policy
+from capture_cli.stages.recorded_task import load_recorded
 from capture_cli.stores.estimate import Estimate, read_result
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.stores.proposal import FORMAT, VERSION
-from capture_cli.tasks import load_task
 from capture_cli.tasks.base import ActionTask, Task
 
 CANDIDATES = 48  # actions that are compared
@@ -45,8 +45,7 @@ def propose(
     experiment that would separate what is tied. Raises CaptureError.
     """
     diagnosed = (Path(result) / "diagnosis.json").is_file()
-    options = _options(Path(result))
-    machine = load_task(task or options["task"] or _recorded_task(Path(result), diagnosed))
+    machine = _machine(Path(result), task, "diagnosis" if diagnosed else "estimate")
     generator = np.random.default_rng(seed)
     if diagnosed:
         return _of_diagnosis(Path(result), machine, amplitude or {}, generator)
@@ -73,17 +72,11 @@ def propose(
     return _multisine(simulator, estimate, amplitude or {}, generator)
 
 
-def _options(folder: Path) -> Mapping[str, Any]:
+def _machine(folder: Path, task: str | None, name: str) -> Task:
     again = "make it again with `capture identify` or `diagnose`"
-    return read_result(folder, "provenance.json", "capture/provenance", 1, again)["options"]
-
-
-def _recorded_task(folder: Path, diagnosed: bool) -> str:
-    """Where the task was found, when no --task was given: built in, or beside the log."""
-    name = "diagnosis" if diagnosed else "estimate"
-    document = read_result(folder, f"{name}.json", f"capture/{name}", 1, "make it again")
-    beside = Path(document["log"]["path"]).parent / "task.toml"
-    return str(beside) if beside.is_file() else document["task"]
+    log = read_result(folder, f"{name}.json", f"capture/{name}", 1, again)["log"]["path"]
+    provenance = read_result(folder, "provenance.json", "capture/provenance", 1, again)
+    return load_recorded(folder, provenance, task, log)
 
 
 # --- how much an episode would tell ---
@@ -175,7 +168,7 @@ def _multisine(simulator: Simulator, estimate: Estimate, amplitude, generator) -
     interval = max(task.timestep, 1 / RATE)
     time = interval * np.arange(int(DURATION / interval) + 1)
     menu = [
-        (band, share * peaks, share * peaks * multisine(time, len(peaks), band, generator))
+        (band, share * peaks, share * peaks * from_rest(time, multisine(time, len(peaks), band, generator)))
         for band in BANDS
         for share in SHARES
     ]
@@ -217,7 +210,7 @@ def _of_diagnosis(folder: Path, task: Task, amplitude, generator) -> dict[str, A
     peaks = np.array(
         [amplitude.get(c.name, p) for c, p in zip(task.inputs, experiment["peaks"], strict=True)]
     )
-    tape = peaks * multisine(time, len(peaks), tuple(experiment["band_hz"]), generator)
+    tape = peaks * from_rest(time, multisine(time, len(peaks), tuple(experiment["band_hz"]), generator))
     return {
         **_head(task, "inputs", experiment["text"]),
         **_tape(task, experiment["band_hz"], peaks, time, tape),

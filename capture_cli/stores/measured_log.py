@@ -41,7 +41,7 @@ SCHEMA = Schema(
         "task": "name of the task the log belongs to",
         "inputs": "list of {name, unit}, one per input",
         "outputs": "list of {name, unit}, one per output",
-        "recordings": "list of {name, source, sha256, ...}: the files read in, or how it was recorded",
+        "recordings": "list of {name, source, sha256, channels, ...}: files read in, or how it was recorded",
     },
     cure_for_other_version="read the source files in again with `capture import-log`",
 )

@@ -6,7 +6,7 @@ import errno
 import hashlib
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -124,6 +124,16 @@ def refuse_existing(path: Path, *, force: bool) -> None:
             f"{path} is not an output of `capture` (no {PROVENANCE} in it), so --force does not replace it",
             cure="choose another --out, or remove the folder yourself",
         )
+
+
+def refuse_inputs(path: Path, inputs: Iterable[Path | str | None]) -> None:
+    """Raise OutputError where `path` is one of the inputs, or holds one: not even --force may cost what is read."""
+    path = Path(path).resolve()
+    for given in (Path(i) for i in inputs if i is not None):
+        if path == given.resolve() or path in given.resolve().parents:
+            raise OutputError(
+                f"--out {path} is, or holds, {given}, which is read", cure="choose another --out"
+            )
 
 
 def sha256(path: Path) -> str:

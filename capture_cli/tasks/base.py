@@ -32,6 +32,11 @@ class Channel:
     noise_sd: float | None = None
     linear: bool = False
 
+    @property
+    def read_as(self) -> tuple[str, float, float]:
+        """Column, scale and offset: what `import-log` makes the channel of."""
+        return self.column, self.scale, self.offset
+
 
 @dataclass(frozen=True)
 class LogColumns:

@@ -1,0 +1,65 @@
+"""The task that an estimate or a diagnosis was made with, found again, and whether its model is what it was."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from capture_cli.errors import OptionError
+from capture_cli.stores.output import sha256
+from capture_cli.tasks import load_task
+from capture_cli.tasks.base import Task
+
+
+def task_inputs(task: Task) -> dict[str, Path | None]:
+    """What provenance.json records of a task of the user's own: its file and its model. Built-in ones have a name."""
+    path = getattr(task, "path", None)
+    return {"task": path, "model": task.model_path if path else None}
+
+
+def recorded_task(result: Path, provenance: Mapping[str, Any], log: str | None = None) -> str:
+    """The `--task` that `result` was made with: a name, or where the file is now.
+
+    A path that was recorded is looked for from here, from the result's folder and beside the log (its path), where it
+    was made; the one that is as it was then is taken before others. Raises OptionError where there is none.
+    """
+    recorded = provenance["inputs"].get("task")
+    if recorded is None:
+        return provenance["options"]["task"]
+    path = Path(recorded["path"])
+    places = [path, Path(result).resolve().parent / path]
+    if log is not None:
+        places += [Path(log).parent / path.name, Path(result).resolve().parent / Path(log).parent / path.name]
+    there = [p for p in places if p.is_file()]
+    if not there:
+        raise OptionError(
+            f"{result} was made with the task {path}, which is neither here nor beside it",
+            cure="say where it is now: --task PATH/TO/task.toml",
+        )
+    unchanged = [p for p in there if sha256(p) == recorded["sha256"] and _has_model(p, provenance)]
+    return str((unchanged or there)[0])
+
+
+def load_recorded(
+    result: Path, provenance: Mapping[str, Any], task: str | None, log: str | None = None
+) -> Task:
+    """The task of `--task`, or else the recorded one. Raises OptionError where its model is not what it was then."""
+    found = load_task(task or recorded_task(result, provenance, log))
+    recorded = provenance["inputs"].get("model")
+    if recorded is not None and sha256(found.model_path) != recorded["sha256"]:
+        raise OptionError(
+            f"{found.model_path} is not the model that {result} was made with: it has changed since, or is another",
+            cure="give the task it was made with (--task), or make it again with the model as it is now",
+        )
+    return found
+
+
+def _has_model(path: Path, provenance: Mapping[str, Any]) -> bool:
+    """Whether the model of the task at `path` is as recorded."""
+    recorded = provenance["inputs"].get("model")
+    if recorded is None:
+        return True
+    model = path.parent / str(tomllib.loads(path.read_text(encoding="utf-8")).get("model"))
+    return model.is_file() and sha256(model) == recorded["sha256"]
