@@ -181,6 +181,18 @@ MISTAKES = {
     "parameter-bounds": ("high = 4.0", "high = 0.25", PARAMETER, ["low = 0.5, high = 0.25", "low < high"]),
     "parameter-bounds-equal": ("high = 4.0", "high = 0.5", PARAMETER, ["low = 0.5, high = 0.5", "low < high"]),
     "parameter-nominal": ("high = 4.0", "high = 4.0\nnominal = 5", PARAMETER, ["nominal = 5", "[0.5, 4]", "inside"]),
+    "parameter-same-target": (
+        'unit = "kg"',
+        'unit = "kg"\n[parameters.load]\nset = ["body:right:mass", "body:left:mass"]\nlow = 1\nhigh = 2\nunit = "kg"',
+        "[parameters.load]",
+        ["sets 'body:left:mass'", "[parameters.mass]", "one of them"],
+    ),
+    "parameter-target-twice": (
+        '"body:left:mass"',
+        '["body:left:mass", "body:right:mass", "body:left:mass"]',
+        PARAMETER,
+        ["'body:left:mass' twice", "once"],
+    ),
     "target-kind": ("body:left:mass", "bod:left:mass", PARAMETER, ["'bod:left:mass'", "'body'", "joint"]),
     "target-name": ("body:left:mass", "body:lft:mass", PARAMETER, ["no body 'lft'", "'left'", "right"]),
     "target-attribute": ("body:left:mass", "body:left:mas", PARAMETER, ["'mas'", "'mass'", "inertia"]),

@@ -40,8 +40,9 @@ class MjcfFile(Task):
         self.model = compile_model(self.model_path, _moved_centres(table))
         self._targets = []
         parameters = []
+        set_by: dict[str, str] = {}
         for name, entry in _tables(table, "parameters", where):
-            parameter, targets = self._parameter(name, entry, f"{where}: [parameters.{name}]")
+            parameter, targets = self._parameter(name, entry, set_by, f"{where}: [parameters.{name}]")
             parameters.append(parameter)
             self._targets.append(targets)
         self.space = ParameterSpace(parameters)
@@ -65,7 +66,8 @@ class MjcfFile(Task):
             for target in targets:
                 target.write(fields, parameters[:, column])
 
-    def _parameter(self, name: str, entry: dict[str, Any], where: str):
+    def _parameter(self, name: str, entry: dict[str, Any], set_by: dict[str, str], where: str):
+        """The parameter and its targets. set_by: which parameter sets each target so far; `name` is added."""
         _known(entry, {"set", "low", "high", "unit", "nominal"}, where)
         texts = entry.get("set")
         texts = [texts] if isinstance(texts, str) else texts
@@ -75,6 +77,7 @@ class MjcfFile(Task):
                 cure='write set = "KIND:NAME:ATTRIBUTE", or a list of such',
             )
         targets = [parse_target(text, self.model, where) for text in texts]
+        _set_once(texts, name, set_by, where)
         low, high = (_value(entry, key, float, where) for key in ("low", "high"))
         if not low < high:
             raise TaskError(f"{where}: low = {low:g}, high = {high:g}", cure="give bounds with low < high")
@@ -196,6 +199,20 @@ def compile_model(path: Path, moved_centres: Collection[str] = ()) -> mujoco.MjM
         raise ModelError(
             f"{path} does not compile: {error}", cure="correct the MJCF at the place named"
         ) from error
+
+
+def _set_once(texts: list[str], name: str, set_by: dict[str, str], where: str) -> None:
+    """Note in `set_by` that the parameter `name` sets `texts`. Raises TaskError where one of them is set already."""
+    for text in texts:
+        other = set_by.get(text)
+        if other == name:
+            raise TaskError(f"{where}: set names {text!r} twice", cure="name it once")
+        if other is not None:
+            raise TaskError(
+                f"{where}: sets {text!r}, and so does [parameters.{other}]",
+                cure="leave it out of one of them: the log could not tell the two apart",
+            )
+        set_by[text] = name
 
 
 def _moved_centres(table: dict[str, Any]) -> set[str]:
