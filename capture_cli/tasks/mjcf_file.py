@@ -102,7 +102,7 @@ class MjcfFile(Task):
             unit=_value(entry, "unit", str, where),
             column=_value(entry, "column", str, where),
             index=number,
-            scale=_value(entry, "scale", float, where, default=1.0),
+            scale=_scale(entry, where),
             offset=_value(entry, "offset", float, where, default=0.0),
             linear=how == "linear",
         )
@@ -163,7 +163,7 @@ class MjcfFile(Task):
                 column=columns[i],
                 index=first + i,
                 sensor=number,
-                scale=_value(entry, "scale", float, where, default=1.0),
+                scale=_scale(entry, where),
                 offset=_value(entry, "offset", float, where, default=0.0),
                 noise_sd=noise_sd,
             )
@@ -199,6 +199,17 @@ def compile_model(path: Path, moved_centres: Collection[str] = ()) -> mujoco.MjM
         raise ModelError(
             f"{path} does not compile: {error}", cure="correct the MJCF at the place named"
         ) from error
+
+
+def _scale(entry: dict[str, Any], where: str) -> float:
+    """The factor on a channel's column. Raises TaskError where it is 0, which would leave nothing of the column."""
+    scale = _value(entry, "scale", float, where, default=1.0)
+    if scale == 0:
+        raise TaskError(
+            f"{where}: scale = 0 makes every value the same",
+            cure="give the factor that brings the column to the unit, or leave it out if that is 1",
+        )
+    return scale
 
 
 def _set_once(texts: list[str], name: str, set_by: dict[str, str], where: str) -> None:
