@@ -81,6 +81,19 @@ def test_scale_and_offset_bring_columns_to_the_unit_of_the_channel(tmp_path, sli
     np.testing.assert_allclose(log.outputs[:, 0], 0.5 - 0.02 * np.arange(12), atol=1e-12)
 
 
+def test_time_may_be_in_another_unit(tmp_path, slider_task):
+    slider_task.write_text(slider_task.read_text().replace('"t_s"', '"t_s"\ntime_scale = 1e-3'))
+    rows = [f"{100 * i},0.0,{i}" for i in range(12)]
+    log = import_log(
+        files=[csv(tmp_path / "run.csv", *rows)], task=str(slider_task), out=tmp_path / "run.zarr"
+    )
+    np.testing.assert_allclose(log.time, 0.1 * np.arange(12), atol=1e-12)
+    error = refusal(csv(tmp_path / "run.csv", *rows, "900,0,0"), slider_task)
+    assert "goes back at line 14: 900.0 after 1100.0 at line 13" in error.message
+    short = refusal(csv(tmp_path / "run.csv", *rows[:3]), slider_task)
+    assert "lasts 0.2 s" in short.message and "[log] time_scale" in short.cure
+
+
 def test_times_need_not_begin_at_zero(tmp_path, slider_task):
     rows = [f"{1.7e9 + 0.1 * i!r},0.0,{i}" for i in range(12)]
     log = import_log(
@@ -274,7 +287,7 @@ def test_a_parquet_column_of_times_of_day_is_refused(tmp_path, slider_task):
     )
     error = refusal(tmp_path / "run.parquet", slider_task)
     assert "'t_s' is of type timestamp[ms]" in error.message
-    assert "seconds" in error.cure
+    assert "seconds" in error.cure and "time_scale" in error.cure
 
 
 def test_an_output_that_exists_is_refused_before_the_files_are_read(tmp_path, slider_task):

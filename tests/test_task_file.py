@@ -88,6 +88,7 @@ def test_a_task_in_full(write):
     ]
     assert [(c.name, c.column, c.index, c.noise_sd) for c in task.outputs] == [("q", "q_m", 0, None)]
     assert (task.log.time, task.log.episode, task.log.window) == ("t_s", None, 0.5)
+    assert task.log.time_scale == 1.0
 
 
 def test_a_folder_stands_for_the_task_in_it(write):
@@ -102,7 +103,7 @@ def test_optional_keys(write):
                 ('unit = "kg"', 'unit = "kg"\nnominal = 3'),
                 ('unit = "N"', 'unit = "N"\nscale = 2\noffset = -1.5\ninterpolate = "linear"'),
                 ('column = "q_m"', 'column = "q_m"\nscale = 0.001\noffset = 0.25\nnoise_sd = 1e-4'),
-                ('time = "t_s"\nwindow = 0.5', 'episode = "run"'),
+                ('time = "t_s"\nwindow = 0.5', 'episode = "run"\ntime_scale = 1e-6'),
             )
         )
     )
@@ -112,6 +113,7 @@ def test_optional_keys(write):
     assert (push.scale, push.offset, push.linear) == (2.0, -1.5, True)
     assert (q.scale, q.offset, q.noise_sd) == (0.001, 0.25, 1e-4)
     assert (task.log.time, task.log.episode, task.log.window) == ("time", "run", None)
+    assert task.log.time_scale == 1e-6
 
 
 def test_sensors_with_several_values_become_an_output_each(write):
@@ -216,6 +218,8 @@ MISTAKES = {
     "log-unknown-key": ("window", "windows", LOG, ["'windows'", "did you mean 'window'"]),
     "log-window": ("window = 0.5", "window = -1.0", LOG, ["window = -1", "positive"]),
     "log-window-type": ("window = 0.5", 'window = "0.5"', LOG, ["window = '0.5'", "a number"]),
+    "log-time-scale": ("window = 0.5", "time_scale = 0", LOG, ["time_scale = 0", "1e-3 for milliseconds"]),
+    "log-time-scale-type": ("window = 0.5", 'time_scale = "ms"', LOG, ["time_scale = 'ms'", "a number"]),
     "log-time-type": ('time = "t_s"', "time = 5", LOG, ["time = 5", "a string"]),
     "log-no-table": ("[log]", "[[log]]", LOG, ["not a table", "[table]"]),
     "not-toml": ("format = 1", "format = ", "task.toml", ["is not TOML", "line 2", "correct the file"]),

@@ -125,7 +125,7 @@ def _read_recording(source: SourceFile, name: str, task: Task, *, drop_nan: bool
         )
     ends = _episode_ends(len(data), labels)
     _check_episodes(source, data[:, 0], ends, rows, task)
-    scale = np.array([1.0, *(c.scale for c in channels)])
+    scale = np.array([task.log.time_scale, *(c.scale for c in channels)])
     offset = np.array([0.0, *(c.offset for c in channels)])
     with np.errstate(over="ignore"):
         data = data * scale + offset
@@ -215,11 +215,12 @@ def _not_increasing(source: SourceFile, time: np.ndarray, rows: np.ndarray, back
     before, after = float(time[back[0]]), float(time[back[0] + 1])
     how = "stands still" if after == before else "goes back"
     here, there = source.place(rows[back[0] + 1]), source.place(rows[back[0]])
+    unit = " s" if task.log.time_scale == 1 else ""  # as written in the file
     more = "" if back.size == 1 else f"; it happens {back.size} times"
     restarts = task.log.episode is None and before - after > 0.5 * (before - time[0])
     return LogError(
         f"{source.path}: column {task.log.time!r} {how} at {here}: "
-        f"{after!r} s after {before!r} s at {there}{more}",
+        f"{after!r}{unit} after {before!r}{unit} at {there}{more}",
         cure="if an episode begins there, name the column that tells episodes apart in [log] episode, "
         "or make it a file of its own"
         if restarts
@@ -277,5 +278,6 @@ def _check_long_enough(log: MeasuredLog, task: Task) -> None:
     if window is not None and longest < SHORTEST_EPISODE * window:
         raise LogError(
             f"the longest episode lasts {longest:.3g} s, which is shorter than a window of {window:g} s",
-            cure="record longer, or set a shorter [log] window in the task.toml; times are in seconds",
+            cure="record longer, or set a shorter [log] window in the task.toml; if the time column is not in "
+            "seconds, give [log] time_scale, the seconds in one unit of it",
         )

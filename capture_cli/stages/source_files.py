@@ -256,5 +256,5 @@ class ParquetFile(SourceFile):
             raise LogError(
                 f"{self.path}: column {name!r} is of type {column.type}, not a number; "
                 f"{self.place(0)} holds {str(column[0].as_py())!r:.60}",
-                cure="write it as a number, in seconds if it is a time",
+                cure="write it as a number; a time in seconds, or in the unit that [log] time_scale gives",
             ) from error

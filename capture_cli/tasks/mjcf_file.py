@@ -172,14 +172,21 @@ class MjcfFile(Task):
 
     @staticmethod
     def _log_columns(entry: dict[str, Any], where: str) -> LogColumns:
-        _known(entry, {"time", "episode", "window"}, where)
+        _known(entry, {"time", "time_scale", "episode", "window"}, where)
         window = _value(entry, "window", float, where, default=None)
         if window is not None and window <= 0:
             raise TaskError(f"{where}: window = {window:g}", cure="give a positive number of seconds")
+        time_scale = _value(entry, "time_scale", float, where, default=1.0)
+        if time_scale <= 0:
+            raise TaskError(
+                f"{where}: time_scale = {time_scale:g}",
+                cure="give the seconds in one unit of the time column, say 1e-3 for milliseconds",
+            )
         return LogColumns(
             time=_value(entry, "time", str, where, default="time"),
             episode=_value(entry, "episode", str, where, default=None),
             window=window,
+            time_scale=time_scale,
         )
 
 
