@@ -296,6 +296,20 @@ def test_an_output_that_exists_is_refused_before_the_files_are_read(tmp_path, sl
         import_log(files=[tmp_path / "nowhere.csv"], task=str(slider_task), out=tmp_path / "run.zarr")
 
 
+def test_a_file_that_the_log_holds_is_not_added_again(tmp_path, slider_task):
+    out = tmp_path / "run.zarr"
+    options = {"task": str(slider_task), "out": out, "append": True}
+    first = csv(tmp_path / "a.csv", *ROWS)
+    import_log(files=[first], task=str(slider_task), out=out)
+    import_log(files=[csv(tmp_path / "b.csv", *ROWS[1:])], **options)
+    import_log(files=[first], task=str(slider_task), out=tmp_path / "same.zarr")
+    for again in (first, csv(tmp_path / "copy.csv", *ROWS), tmp_path / "same.zarr"):
+        with pytest.raises(LogError, match=r"is in .*run\.zarr already, as the recording 'a'") as caught:
+            import_log(files=[again], **options)
+        assert "leave it out" in caught.value.cure
+    assert MeasuredLog.read(out).recording_names == ("a", "b")
+
+
 # --- whatever a file holds ---
 
 numbers = st.floats(allow_nan=False, allow_infinity=False)

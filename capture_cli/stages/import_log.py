@@ -37,7 +37,7 @@ def import_log(
     Within a file a new episode begins where the value of the task's episode column changes. Of a task of actions, the
     columns action.NAME hold the action of each episode. A file may be a measured log as well. drop_nan: leave
     out rows in which a value is missing, NaN or infinite; each recording's `dropped_rows` says how many were.
-    append: `out` is a log already, and the episodes come after those in it.
+    append: `out` is a log already, and the episodes come after those in it; a file that it holds is refused.
     Raises LogError, TaskError, ModelError, StoreError or OutputError before anything is written.
     """
     options = {**locals(), "files": [str(f) for f in files]}
@@ -60,6 +60,8 @@ def import_log(
     logs += [MeasuredLog.read(path) for path in stored]
     for log in logs:
         _check_task(log, machine)
+    if append:
+        _check_new(logs[0], logs[1:])
     log = reduce(MeasuredLog.followed_by, logs).check()
     _check_long_enough(log, machine)
     with new_directory(out, force=force or append) as folder:
@@ -79,6 +81,17 @@ def _check_task(log: MeasuredLog, task: Task) -> None:
             cure="give the task it was made with, or another --out",
         )
     check_fits(log, task)
+
+
+def _check_new(log: MeasuredLog, others: Sequence[MeasuredLog]) -> None:
+    """Raise LogError where a recording of `others` was read from a file that `log` holds already, whatever its name."""
+    held = {r["sha256"]: r["name"] for r in log.recordings if r.get("sha256")}
+    for recording in (r for other in others for r in other.recordings):
+        if recording.get("sha256") in held:
+            raise LogError(
+                f"{recording['source']} is in {log.path} already, as the recording {held[recording['sha256']]!r}",
+                cure="leave it out; to read a file in anew, import all files again with --force, without --append",
+            )
 
 
 @dataclass(frozen=True)
