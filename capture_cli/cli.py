@@ -374,13 +374,17 @@ def inspect(
 
 
 def _show_inspection(path: Path, task: str | None, json_: bool, quiet: bool) -> None:
-    if quiet and not json_:
-        return
+    """The inspection on stdout; if `quiet`, what must not go unseen on stderr."""
     from capture_cli.stages.inspect import inspect as stage
 
     document = stage(path, task)
     if json_:
         _print_json(document)
+    elif quiet:
+        from capture_cli.reports.inspection import complaints
+
+        for message in complaints(document):
+            print(message, file=sys.stderr)
     else:
         from capture_cli.reports.inspection import render
 

@@ -183,6 +183,17 @@ def test_quiet_says_nothing(capture, log, without_pages):
     assert capture(*identify(log, "--out", "e", "--quiet")) == (0, "", "")
 
 
+def test_quiet_hides_no_warnings_of_an_import(capture, tmp_path):
+    rows = [f"{0.004 * i:.3f},{np.sin(i):.3f},1,a" for i in range(500)]
+    (tmp_path / "still.csv").write_text("\n".join(["t_s,force_N,q_m,episode", *rows]))
+    code, out, err = capture("import-log", "still.csv", "--task", SLIDER, "--out", "s.zarr", "--quiet")
+    assert (code, out) == (0, "")
+    assert err.startswith("error: s.zarr: output q: never changes")
+    assert "\n  cure: check the sensor" in err and "note" not in err
+    code, out, err = capture("import-log", "s.zarr", "--task", SLIDER, "--out", "t.zarr")
+    assert (code, err) == (0, "") and "never changes" in out
+
+
 @pytest.mark.parametrize("command", ["tasks", "effects"])
 def test_listings(capture, command):
     code, out, _ = capture(command, "--task", SLIDER)
