@@ -282,6 +282,7 @@ def test_mendable_errors_exit_with_2_and_write_nothing(capture, log, tmp_path, f
         ((*RECORD, "--out", "r.zarr", "--param", "mass"), ["NAME=NUMBER", "--param"]),
         ((*RECORD, "--out", "r.zarr", "--effect", "coulomb@x=1"), ["'coulomb'", "coulomb-friction"]),
         ((*RECORD, "--out", "r.zarr", "--effect", "coulomb-friction@y=1"), ["'y'", "x"]),
+        ((*RECORD, "--out", "r.zarr", "--effect", "wind@x=1"), ["as a whole", "without @x"]),
         ((*RECORD[:-2], "--out", "r.zarr", "--noise", "v=1"), ["'v'", "q"]),
         ((*RECORD[:-2], "--out", "r.zarr", "--noise", "-1"), ["--noise q=-1", "0 or more"]),
         ((*RECORD[:-2], "--out", "r.zarr", "--noise", "much"), ["--noise 'much'"]),
@@ -297,6 +298,7 @@ def test_mendable_errors_exit_with_2_and_write_nothing(capture, log, tmp_path, f
         (("export", existing, "--out", "m.xml"), ["estimate.json"]),
         (("inspect", "nothing.zarr"), ["nothing.zarr"]),
         (("tasks", "--task", "nothing"), ["'nothing'"]),
+        (("tasks", "--task", "air-hocky"), ["'air-hocky'", "did you mean 'air-hockey'"]),
     ]
     before = sorted(tmp_path.rglob("*"))
     for arguments, named in cases:

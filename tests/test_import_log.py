@@ -214,6 +214,23 @@ def test_a_missing_column_names_those_that_exist(tmp_path, slider_task):
     assert "no column 'q_m': did you mean 'q_mm'? There are: q_mm, t_s, u_N" in error.message
 
 
+def test_a_column_in_other_letters_is_pointed_to(tmp_path, slider_task):
+    error = refusal(csv(tmp_path / "run.csv", *ROWS, header="T_S,U_N,Q_M"), slider_task)
+    assert "no column 't_s': did you mean 'T_S'? There are" in error.message
+
+
+def test_a_comment_before_the_header_is_to_be_removed(tmp_path, slider_task):
+    error = refusal(csv(tmp_path / "run.csv", HEADER, *ROWS, header="# logger v3"), slider_task)
+    assert "no column 't_s': there are: # logger v3" in error.message
+    assert "remove the first line" in error.cure
+
+
+def test_a_row_of_units_is_to_be_removed(tmp_path, slider_task):
+    error = refusal(csv(tmp_path / "run.csv", "s,N,m", *ROWS), slider_task)
+    assert "'t_s' holds 's' at line 2, not a number" in error.message
+    assert "remove the row" in error.cure
+
+
 def test_a_file_without_a_header_is_told_so(tmp_path, slider_task):
     error = refusal(csv(tmp_path / "run.csv", *ROWS[1:], header=ROWS[0]), slider_task)
     assert "the first line must name the columns" in error.message

@@ -161,7 +161,7 @@ def test_a_nominal_outside_the_bounds_is_brought_inside_if_it_is_the_models(writ
 
 # replaced text, by what; where; what the message and its cure must name
 MISTAKES = {
-    "format-missing": ("format = 1\n", "", "task.toml", ["format", "None", "`format = 1`"]),
+    "format-missing": ("format = 1\n", "", "task.toml", ["'format' is missing", "`format = 1`"]),
     "format-version": ("format = 1", "format = 2", "task.toml", ["format = 2", "reads 1", "`format = 1`"]),
     "unknown-key": ("name =", "nme =", "task.toml", ["'nme'", "did you mean 'name'"]),
     "unknown-table": ("[inputs.push]", "[input.push]", "task.toml", ["'input'", "'inputs'"]),
@@ -173,7 +173,7 @@ MISTAKES = {
     "parameter-missing-low": ("low = 0.5\n", "", PARAMETER, ["'low' is missing", "a number"]),
     "parameter-missing-high": ("high = 4.0\n", "", PARAMETER, ["'high' is missing", "a number"]),
     "parameter-missing-unit": ('unit = "kg"\n', "", PARAMETER, ["'unit' is missing", "a string"]),
-    "parameter-missing-set": ('set = "body:left:mass"\n', "", PARAMETER, ["set = None", "KIND:NAME:ATTRIBUTE"]),
+    "parameter-missing-set": ('set = "body:left:mass"\n', "", PARAMETER, ["'set' is missing", "KIND:NAME:ATTRIBUTE"]),
     "parameter-empty-set": ('"body:left:mass"', "[]", PARAMETER, ["set = []", "KIND:NAME:ATTRIBUTE"]),
     "parameter-set-type": ('"body:left:mass"', "[1]", PARAMETER, ["set = [1]", "KIND:NAME:ATTRIBUTE"]),
     "parameter-low-type": ("low = 0.5", 'low = "0.5"', PARAMETER, ["low = '0.5'", "a number"]),
@@ -208,7 +208,7 @@ MISTAKES = {
     "input-interpolate": ('unit = "N"', 'unit = "N"\ninterpolate = "cubic"', INPUT, ["'cubic'", '"hold"', '"linear"']),
     "output-sensor": ("outputs.q", "outputs.qq", "[outputs.qq]", ["no sensor 'qq'", "'q'", "where"]),
     "output-unknown-key": ('column = "q_m"', 'column = "q_m"\nnoise = 1', OUTPUT, ["'noise'", "'noise_sd'"]),
-    "output-column": ('column = "q_m"\n', "", OUTPUT, ["column = None", "one column"]),
+    "output-column": ('column = "q_m"\n', "", OUTPUT, ["'column' is missing", "has 1 value\n", "one column"]),
     "output-column-type": ('column = "q_m"', "column = 3", OUTPUT, ["column = 3", "one column"]),
     "output-columns": ("outputs.q", "outputs.where", "[outputs.where]", ["3 values", "a list of 3"]),
     "output-unit": ('unit = "m"\n', "", OUTPUT, ["'unit' is missing"]),

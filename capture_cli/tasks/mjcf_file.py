@@ -32,7 +32,7 @@ class MjcfFile(Task):
         _known(table, {"format", "name", "model", "parameters", "inputs", "outputs", "log"}, where)
         if table.get("format") != FORMAT:
             raise TaskError(
-                f"{where}: format = {table.get('format')!r}; this program reads {FORMAT}",
+                f"{where}: {_given(table, 'format')}; this program reads {FORMAT}",
                 cure=f"begin the file with `format = {FORMAT}`",
             )
         self.name = _value(table, "name", str, where, default=self.path.parent.name)
@@ -73,7 +73,7 @@ class MjcfFile(Task):
         texts = [texts] if isinstance(texts, str) else texts
         if not isinstance(texts, list) or not texts or not all(isinstance(t, str) for t in texts):
             raise TaskError(
-                f"{where}: set = {entry.get('set')!r}",
+                f"{where}: {_given(entry, 'set')}",
                 cure='write set = "KIND:NAME:ATTRIBUTE", or a list of such',
             )
         targets = [parse_target(text, self.model, where) for text in texts]
@@ -145,7 +145,7 @@ class MjcfFile(Task):
             or not all(isinstance(c, str) for c in columns)
         ):
             raise TaskError(
-                f"{where}: column = {entry.get('column')!r}, and the sensor has {size} values",
+                f"{where}: {_given(entry, 'column')}, and the sensor has {size} value{'s' * (size > 1)}",
                 cure="name one column of the log"
                 if size == 1
                 else f"give a list of {size} columns of the log",
@@ -258,6 +258,11 @@ def _tables(table: dict[str, Any], key: str, where: str) -> list[tuple[str, dict
     if not isinstance(section, dict):
         raise TaskError(f"{where}: {key} is {section!r}", cure=f"write [{key}.NAME] tables")
     return list(section.items())
+
+
+def _given(table: dict[str, Any], key: str) -> str:
+    """What `table` says of `key`, for a message."""
+    return f"{key} = {table[key]!r}" if key in table else f"{key!r} is missing"
 
 
 _REQUIRED = object()
