@@ -204,7 +204,7 @@ def identify(
         str | None,
         typer.Option(
             "--identifier",
-            help="A directory of train-sysid, least-squares or cma-es; default the task's own, if one is shipped.",
+            help="least-squares, cma-es, or a directory of train-sysid; default the task's own, or least-squares.",
         ),
     ] = None,
     test: Test = None,
@@ -215,7 +215,7 @@ def identify(
         typer.Option(
             "--rounds",
             min=1,
-            help="At most so many: of a learned identifier over episodes, or of simulations.",
+            help="Most rounds: an episode each if the identifier is learned, else a batch of simulations each.",
         ),
     ] = None,
     fail_on: Annotated[
@@ -374,13 +374,17 @@ def inspect(
 
 
 def _show_inspection(path: Path, task: str | None, json_: bool, quiet: bool) -> None:
-    if quiet and not json_:
-        return
+    """The inspection on stdout; if `quiet`, what must not go unseen on stderr."""
     from capture_cli.stages.inspect import inspect as stage
 
     document = stage(path, task)
     if json_:
         _print_json(document)
+    elif quiet:
+        from capture_cli.reports.inspection import complaints
+
+        for message in complaints(document):
+            print(message, file=sys.stderr)
     else:
         from capture_cli.reports.inspection import render
 
@@ -425,7 +429,12 @@ def record(
         Path | None, typer.Option("--inputs-from", help="Log whose inputs to replay.")
     ] = None,
     amplitude: Annotated[list[str], typer.Option("--amplitude", help="INPUT=PEAK of the multisine.")] = [],  # noqa: B006
-    band: Annotated[tuple[float, float], typer.Option("--band", help="Hz, of the multisine.")] = (0.1, 3.0),
+    band: Annotated[
+        tuple[float, float],
+        typer.Option(
+            "--band", help="Lowest and highest Hz of the multisine; default --band 0.1 3.", show_default=False
+        ),
+    ] = (0.1, 3.0),
     start: Annotated[list[str], typer.Option("--start", help="JOINT=POSITION or JOINT=LOW:HIGH.")] = [],  # noqa: B006
     start_velocity: Annotated[
         list[str], typer.Option("--start-velocity", help="JOINT=VELOCITY or LOW:HIGH.")
@@ -588,7 +597,10 @@ def gen_histories(
         list[str], typer.Option("--amplitude", help="For a task.toml: INPUT=PEAK of the multisines.")
     ] = [],  # noqa: B006
     band: Annotated[
-        tuple[float, float] | None, typer.Option("--band", help="For a task.toml: Hz, of the multisines.")
+        tuple[float, float] | None,
+        typer.Option(
+            "--band", help="For a task.toml: lowest and highest Hz of the multisines, say --band 0.1 3."
+        ),
     ] = None,
     executor: Annotated[
         str, typer.Option("--executor", help="Where to simulate: local, or ray for a cluster.")

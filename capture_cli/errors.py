@@ -63,7 +63,8 @@ def did_you_mean(name: str, candidates: Iterable[str]) -> str:
     candidates = sorted(set(candidates))
     if not candidates:
         return "there are none"
-    close = difflib.get_close_matches(name, candidates, n=3, cutoff=0.5)
+    same = [c for c in candidates if c.casefold() == name.casefold()]
+    close = same or difflib.get_close_matches(name, candidates, n=3, cutoff=0.5)
     if close:
         return f"did you mean {', '.join(map(repr, close))}? There are: {', '.join(candidates)}"
     return f"there are: {', '.join(candidates)}"

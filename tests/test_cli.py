@@ -183,6 +183,17 @@ def test_quiet_says_nothing(capture, log, without_pages):
     assert capture(*identify(log, "--out", "e", "--quiet")) == (0, "", "")
 
 
+def test_quiet_hides_no_warnings_of_an_import(capture, tmp_path):
+    rows = [f"{0.004 * i:.3f},{np.sin(i):.3f},1,a" for i in range(500)]
+    (tmp_path / "still.csv").write_text("\n".join(["t_s,force_N,q_m,episode", *rows]))
+    code, out, err = capture("import-log", "still.csv", "--task", SLIDER, "--out", "s.zarr", "--quiet")
+    assert (code, out) == (0, "")
+    assert err.startswith("error: s.zarr: output q: never changes")
+    assert "\n  cure: check the sensor" in err and "note" not in err
+    code, out, err = capture("import-log", "s.zarr", "--task", SLIDER, "--out", "t.zarr")
+    assert (code, err) == (0, "") and "never changes" in out
+
+
 @pytest.mark.parametrize("command", ["tasks", "effects"])
 def test_listings(capture, command):
     code, out, _ = capture(command, "--task", SLIDER)
@@ -271,6 +282,7 @@ def test_mendable_errors_exit_with_2_and_write_nothing(capture, log, tmp_path, f
         ((*RECORD, "--out", "r.zarr", "--param", "mass"), ["NAME=NUMBER", "--param"]),
         ((*RECORD, "--out", "r.zarr", "--effect", "coulomb@x=1"), ["'coulomb'", "coulomb-friction"]),
         ((*RECORD, "--out", "r.zarr", "--effect", "coulomb-friction@y=1"), ["'y'", "x"]),
+        ((*RECORD, "--out", "r.zarr", "--effect", "wind@x=1"), ["as a whole", "without @x"]),
         ((*RECORD[:-2], "--out", "r.zarr", "--noise", "v=1"), ["'v'", "q"]),
         ((*RECORD[:-2], "--out", "r.zarr", "--noise", "-1"), ["--noise q=-1", "0 or more"]),
         ((*RECORD[:-2], "--out", "r.zarr", "--noise", "much"), ["--noise 'much'"]),
@@ -286,6 +298,7 @@ def test_mendable_errors_exit_with_2_and_write_nothing(capture, log, tmp_path, f
         (("export", existing, "--out", "m.xml"), ["estimate.json"]),
         (("inspect", "nothing.zarr"), ["nothing.zarr"]),
         (("tasks", "--task", "nothing"), ["'nothing'"]),
+        (("tasks", "--task", "air-hocky"), ["'air-hocky'", "did you mean 'air-hockey'"]),
     ]
     before = sorted(tmp_path.rglob("*"))
     for arguments, named in cases:

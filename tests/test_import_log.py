@@ -81,6 +81,19 @@ def test_scale_and_offset_bring_columns_to_the_unit_of_the_channel(tmp_path, sli
     np.testing.assert_allclose(log.outputs[:, 0], 0.5 - 0.02 * np.arange(12), atol=1e-12)
 
 
+def test_time_may_be_in_another_unit(tmp_path, slider_task):
+    slider_task.write_text(slider_task.read_text().replace('"t_s"', '"t_s"\ntime_scale = 1e-3'))
+    rows = [f"{100 * i},0.0,{i}" for i in range(12)]
+    log = import_log(
+        files=[csv(tmp_path / "run.csv", *rows)], task=str(slider_task), out=tmp_path / "run.zarr"
+    )
+    np.testing.assert_allclose(log.time, 0.1 * np.arange(12), atol=1e-12)
+    error = refusal(csv(tmp_path / "run.csv", *rows, "900,0,0"), slider_task)
+    assert "goes back at line 14: 900.0 after 1100.0 at line 13" in error.message
+    short = refusal(csv(tmp_path / "run.csv", *rows[:3]), slider_task)
+    assert "lasts 0.2 s" in short.message and "[log] time_scale" in short.cure
+
+
 def test_times_need_not_begin_at_zero(tmp_path, slider_task):
     rows = [f"{1.7e9 + 0.1 * i!r},0.0,{i}" for i in range(12)]
     log = import_log(
@@ -201,6 +214,23 @@ def test_a_missing_column_names_those_that_exist(tmp_path, slider_task):
     assert "no column 'q_m': did you mean 'q_mm'? There are: q_mm, t_s, u_N" in error.message
 
 
+def test_a_column_in_other_letters_is_pointed_to(tmp_path, slider_task):
+    error = refusal(csv(tmp_path / "run.csv", *ROWS, header="T_S,U_N,Q_M"), slider_task)
+    assert "no column 't_s': did you mean 'T_S'? There are" in error.message
+
+
+def test_a_comment_before_the_header_is_to_be_removed(tmp_path, slider_task):
+    error = refusal(csv(tmp_path / "run.csv", HEADER, *ROWS, header="# logger v3"), slider_task)
+    assert "no column 't_s': there are: # logger v3" in error.message
+    assert "remove the first line" in error.cure
+
+
+def test_a_row_of_units_is_to_be_removed(tmp_path, slider_task):
+    error = refusal(csv(tmp_path / "run.csv", "s,N,m", *ROWS), slider_task)
+    assert "'t_s' holds 's' at line 2, not a number" in error.message
+    assert "remove the row" in error.cure
+
+
 def test_a_file_without_a_header_is_told_so(tmp_path, slider_task):
     error = refusal(csv(tmp_path / "run.csv", *ROWS[1:], header=ROWS[0]), slider_task)
     assert "the first line must name the columns" in error.message
@@ -274,13 +304,27 @@ def test_a_parquet_column_of_times_of_day_is_refused(tmp_path, slider_task):
     )
     error = refusal(tmp_path / "run.parquet", slider_task)
     assert "'t_s' is of type timestamp[ms]" in error.message
-    assert "seconds" in error.cure
+    assert "seconds" in error.cure and "time_scale" in error.cure
 
 
 def test_an_output_that_exists_is_refused_before_the_files_are_read(tmp_path, slider_task):
     (tmp_path / "run.zarr").mkdir()
     with pytest.raises(OutputError, match="exists already"):
         import_log(files=[tmp_path / "nowhere.csv"], task=str(slider_task), out=tmp_path / "run.zarr")
+
+
+def test_a_file_that_the_log_holds_is_not_added_again(tmp_path, slider_task):
+    out = tmp_path / "run.zarr"
+    options = {"task": str(slider_task), "out": out, "append": True}
+    first = csv(tmp_path / "a.csv", *ROWS)
+    import_log(files=[first], task=str(slider_task), out=out)
+    import_log(files=[csv(tmp_path / "b.csv", *ROWS[1:])], **options)
+    import_log(files=[first], task=str(slider_task), out=tmp_path / "same.zarr")
+    for again in (first, csv(tmp_path / "copy.csv", *ROWS), tmp_path / "same.zarr"):
+        with pytest.raises(LogError, match=r"is in .*run\.zarr already, as the recording 'a'") as caught:
+            import_log(files=[again], **options)
+        assert "leave it out" in caught.value.cure
+    assert MeasuredLog.read(out).recording_names == ("a", "b")
 
 
 # --- whatever a file holds ---

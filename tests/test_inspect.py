@@ -323,6 +323,21 @@ def test_models_that_do_not_suit_the_log_are_found(tmp_path, slider_task, old, n
     assert words in finding["message"]
 
 
+def test_a_log_is_checked_against_the_task_beside_it(tmp_path, slider_task):
+    beside = slider_task.parent
+    slider_task.write_text(slider_task.read_text().replace("window = 0.5", "window = 30.0"))
+    assert "a window 30 s" in only(inspected(sound_log(), beside))["message"]
+    assert inspected(sound_log(), tmp_path)["findings"] == []
+    assert inspected(replace(sound_log(), task="cart"), beside)["findings"] == []
+    slider_task.write_text("not a task")
+    assert inspected(sound_log(), beside)["findings"] == []
+
+
+def test_a_log_of_a_built_in_task_is_checked_against_it(tmp_path):
+    found = inspected(replace(sound_log(), task="air-hockey"), tmp_path)["findings"]
+    assert "task 'air-hockey' has (mallet_vx" in found[0]["message"]
+
+
 def test_a_control_at_the_end_of_its_range_may_be_rounded(tmp_path, slider_task):
     log = sound_log()
     peak = np.abs(log.inputs).max() * (1 - 1e-8)

@@ -275,6 +275,46 @@ def test_several_targets_export_together(model, source, tmp_path):
     assert np.abs(path_of(loaded) - path_of(model)).max() > 1e-2
 
 
+FROM_GEOMS = """
+<mujoco>
+  <compiler inertiafromgeom="true"/>
+  <worldbody>
+    <body name="arm">
+      <joint name="j"/>
+      <inertial pos="0 0 0" mass="9" diaginertia="1 1 1"/>
+      <geom name="box" type="box" size=".1 .2 .3" mass="2" pos=".1 0 0" euler="10 20 30"/>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+
+
+@pytest.mark.parametrize("text", ["body:arm:mass", "body:arm:com_x", "geom:box:size", "joint:j:damping"])
+def test_inertia_that_follows_the_geoms_is_exported_as_identified(tmp_path, text):
+    (tmp_path / "model.xml").write_text(FROM_GEOMS)
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "model.xml"))
+    fields = written(model, (text, 0.15))
+    (tmp_path / "out.xml").write_text(to_mjcf(tmp_path / "model.xml", fields, tmp_path / "out.xml"))
+    loaded = mujoco.MjModel.from_xml_path(str(tmp_path / "out.xml"))
+    assert parse_target(text, loaded, "here").read(loaded) == pytest.approx(0.15)
+    for name in ("body_mass", "body_inertia", "body_ipos", "body_iquat"):
+        wanted = fields[name][0] if name in fields.values else getattr(model, name)
+        np.testing.assert_allclose(getattr(loaded, name), wanted, rtol=1e-13, err_msg=name)
+
+
+def test_an_attached_model_whose_inertia_follows_its_geoms_is_named_with_the_cure(tmp_path):
+    (tmp_path / "sub.xml").write_text(FROM_GEOMS)
+    (tmp_path / "model.xml").write_text("""
+        <mujoco>
+          <asset><model name="sub" file="sub.xml"/></asset>
+          <worldbody><body name="base"><attach model="sub" body="arm" prefix="my_"/></body></worldbody>
+        </mujoco>""")
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "model.xml"))
+    with pytest.raises(ModelError, match="my_arm") as caught:
+        to_mjcf(tmp_path / "model.xml", written(model, ("body:my_arm:mass", 0.15)), tmp_path / "out.xml")
+    assert 'inertiafromgeom="auto"' in caught.value.cure
+
+
 # --- what they mean ---
 
 

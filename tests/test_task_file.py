@@ -88,6 +88,7 @@ def test_a_task_in_full(write):
     ]
     assert [(c.name, c.column, c.index, c.noise_sd) for c in task.outputs] == [("q", "q_m", 0, None)]
     assert (task.log.time, task.log.episode, task.log.window) == ("t_s", None, 0.5)
+    assert task.log.time_scale == 1.0
 
 
 def test_a_folder_stands_for_the_task_in_it(write):
@@ -102,7 +103,7 @@ def test_optional_keys(write):
                 ('unit = "kg"', 'unit = "kg"\nnominal = 3'),
                 ('unit = "N"', 'unit = "N"\nscale = 2\noffset = -1.5\ninterpolate = "linear"'),
                 ('column = "q_m"', 'column = "q_m"\nscale = 0.001\noffset = 0.25\nnoise_sd = 1e-4'),
-                ('time = "t_s"\nwindow = 0.5', 'episode = "run"'),
+                ('time = "t_s"\nwindow = 0.5', 'episode = "run"\ntime_scale = 1e-6'),
             )
         )
     )
@@ -112,6 +113,7 @@ def test_optional_keys(write):
     assert (push.scale, push.offset, push.linear) == (2.0, -1.5, True)
     assert (q.scale, q.offset, q.noise_sd) == (0.001, 0.25, 1e-4)
     assert (task.log.time, task.log.episode, task.log.window) == ("time", "run", None)
+    assert task.log.time_scale == 1e-6
 
 
 def test_sensors_with_several_values_become_an_output_each(write):
@@ -159,7 +161,7 @@ def test_a_nominal_outside_the_bounds_is_brought_inside_if_it_is_the_models(writ
 
 # replaced text, by what; where; what the message and its cure must name
 MISTAKES = {
-    "format-missing": ("format = 1\n", "", "task.toml", ["format", "None", "`format = 1`"]),
+    "format-missing": ("format = 1\n", "", "task.toml", ["'format' is missing", "`format = 1`"]),
     "format-version": ("format = 1", "format = 2", "task.toml", ["format = 2", "reads 1", "`format = 1`"]),
     "unknown-key": ("name =", "nme =", "task.toml", ["'nme'", "did you mean 'name'"]),
     "unknown-table": ("[inputs.push]", "[input.push]", "task.toml", ["'input'", "'inputs'"]),
@@ -171,7 +173,7 @@ MISTAKES = {
     "parameter-missing-low": ("low = 0.5\n", "", PARAMETER, ["'low' is missing", "a number"]),
     "parameter-missing-high": ("high = 4.0\n", "", PARAMETER, ["'high' is missing", "a number"]),
     "parameter-missing-unit": ('unit = "kg"\n', "", PARAMETER, ["'unit' is missing", "a string"]),
-    "parameter-missing-set": ('set = "body:left:mass"\n', "", PARAMETER, ["set = None", "KIND:NAME:ATTRIBUTE"]),
+    "parameter-missing-set": ('set = "body:left:mass"\n', "", PARAMETER, ["'set' is missing", "KIND:NAME:ATTRIBUTE"]),
     "parameter-empty-set": ('"body:left:mass"', "[]", PARAMETER, ["set = []", "KIND:NAME:ATTRIBUTE"]),
     "parameter-set-type": ('"body:left:mass"', "[1]", PARAMETER, ["set = [1]", "KIND:NAME:ATTRIBUTE"]),
     "parameter-low-type": ("low = 0.5", 'low = "0.5"', PARAMETER, ["low = '0.5'", "a number"]),
@@ -181,6 +183,18 @@ MISTAKES = {
     "parameter-bounds": ("high = 4.0", "high = 0.25", PARAMETER, ["low = 0.5, high = 0.25", "low < high"]),
     "parameter-bounds-equal": ("high = 4.0", "high = 0.5", PARAMETER, ["low = 0.5, high = 0.5", "low < high"]),
     "parameter-nominal": ("high = 4.0", "high = 4.0\nnominal = 5", PARAMETER, ["nominal = 5", "[0.5, 4]", "inside"]),
+    "parameter-same-target": (
+        'unit = "kg"',
+        'unit = "kg"\n[parameters.load]\nset = ["body:right:mass", "body:left:mass"]\nlow = 1\nhigh = 2\nunit = "kg"',
+        "[parameters.load]",
+        ["sets 'body:left:mass'", "[parameters.mass]", "one of them"],
+    ),
+    "parameter-target-twice": (
+        '"body:left:mass"',
+        '["body:left:mass", "body:right:mass", "body:left:mass"]',
+        PARAMETER,
+        ["'body:left:mass' twice", "once"],
+    ),
     "target-kind": ("body:left:mass", "bod:left:mass", PARAMETER, ["'bod:left:mass'", "'body'", "joint"]),
     "target-name": ("body:left:mass", "body:lft:mass", PARAMETER, ["no body 'lft'", "'left'", "right"]),
     "target-attribute": ("body:left:mass", "body:left:mas", PARAMETER, ["'mas'", "'mass'", "inertia"]),
@@ -190,18 +204,22 @@ MISTAKES = {
     "input-column-type": ('column = "u"', 'column = ["u"]', INPUT, ["column = ['u']", "a string"]),
     "input-unit": ('unit = "N"\n', "", INPUT, ["'unit' is missing"]),
     "input-scale": ('unit = "N"', 'unit = "N"\nscale = "2"', INPUT, ["scale = '2'", "a number"]),
+    "input-scale-zero": ('unit = "N"', 'unit = "N"\nscale = 0', INPUT, ["scale = 0", "the factor"]),
     "input-interpolate": ('unit = "N"', 'unit = "N"\ninterpolate = "cubic"', INPUT, ["'cubic'", '"hold"', '"linear"']),
     "output-sensor": ("outputs.q", "outputs.qq", "[outputs.qq]", ["no sensor 'qq'", "'q'", "where"]),
     "output-unknown-key": ('column = "q_m"', 'column = "q_m"\nnoise = 1', OUTPUT, ["'noise'", "'noise_sd'"]),
-    "output-column": ('column = "q_m"\n', "", OUTPUT, ["column = None", "one column"]),
+    "output-column": ('column = "q_m"\n', "", OUTPUT, ["'column' is missing", "has 1 value\n", "one column"]),
     "output-column-type": ('column = "q_m"', "column = 3", OUTPUT, ["column = 3", "one column"]),
     "output-columns": ("outputs.q", "outputs.where", "[outputs.where]", ["3 values", "a list of 3"]),
     "output-unit": ('unit = "m"\n', "", OUTPUT, ["'unit' is missing"]),
+    "output-scale-zero": ('unit = "m"', 'unit = "m"\nscale = 0.0', OUTPUT, ["scale = 0", "the factor"]),
     "output-noise": ('unit = "m"', 'unit = "m"\nnoise_sd = 0', OUTPUT, ["noise_sd = 0", "positive"]),
     "outputs-none": ('[outputs.q]\ncolumn = "q_m"\nunit = "m"', "", "task.toml", ["no [outputs.NAME]", "sensor"]),
     "log-unknown-key": ("window", "windows", LOG, ["'windows'", "did you mean 'window'"]),
     "log-window": ("window = 0.5", "window = -1.0", LOG, ["window = -1", "positive"]),
     "log-window-type": ("window = 0.5", 'window = "0.5"', LOG, ["window = '0.5'", "a number"]),
+    "log-time-scale": ("window = 0.5", "time_scale = 0", LOG, ["time_scale = 0", "1e-3 for milliseconds"]),
+    "log-time-scale-type": ("window = 0.5", 'time_scale = "ms"', LOG, ["time_scale = 'ms'", "a number"]),
     "log-time-type": ('time = "t_s"', "time = 5", LOG, ["time = 5", "a string"]),
     "log-no-table": ("[log]", "[[log]]", LOG, ["not a table", "[table]"]),
     "not-toml": ("format = 1", "format = ", "task.toml", ["is not TOML", "line 2", "correct the file"]),

@@ -38,6 +38,16 @@ def render(document: Mapping[str, Any], console: Console) -> None:
     _print_findings(console, document["findings"])
 
 
+def complaints(document: Mapping[str, Any]) -> list[str]:
+    """The findings that results will suffer from, in the form of error messages: what, where, and the cure."""
+    serious = sorted(document["findings"], key=lambda f: SEVERITIES.index(f["severity"]))
+    return [
+        f"{f['severity']}: {document['path']}: {f['where']}: {f['message']}\n  cure: {f['cure']}"
+        for f in serious
+        if f["severity"] != "note"
+    ]
+
+
 def _headline(document: Mapping[str, Any]) -> str:
     store, provenance = document["store"], document["provenance"]
     parts = [_KINDS[document["kind"]]]

@@ -24,7 +24,8 @@ def to_mjcf(source: Path, fields: ModelFields, target: Path) -> str:
     """
     spec = mujoco.MjSpec.from_file(str(source))
     _point_at_assets(spec, source, target)
-    if "geom_size" in fields.values:
+    from_geoms = spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
+    if "geom_size" in fields.values or (from_geoms and any(n.startswith("body_") for n in fields.values)):
         _fix_inertia(spec)
     if "actuator_biastype" in fields.values:
         for actuator, kind in zip(spec.actuators, fields["actuator_biastype"][0], strict=True):
@@ -42,12 +43,19 @@ def to_mjcf(source: Path, fields: ModelFields, target: Path) -> str:
     except ValueError as error:
         raise ModelError(
             f"{source}: these values cannot be written as MJCF: {error}",
-            cure="give the elements that parameters set explicit attributes in the model file",
+            cure=_cure(str(error)),
         ) from error
     for body, was in zip(spec.bodies, simple, strict=True):
         body.simple = was
     with _full_precision():
         return spec.to_xml()
+
+
+def _cure(message: str) -> str:
+    """What mends a model whose values MuJoCo will not write, by its `message`."""
+    if "inertiafromgeom" in message:  # of a model that is attached: the model's own was dealt with
+        return 'write inertiafromgeom="auto" in the <compiler> of the attached model, and identify again'
+    return "give the elements that parameters set explicit attributes in the model file"
 
 
 def free_centres(spec: mujoco.MjSpec, names: Collection[str] = ()) -> None:
@@ -62,8 +70,10 @@ def free_centres(spec: mujoco.MjSpec, names: Collection[str] = ()) -> None:
 
 
 def _fix_inertia(spec: mujoco.MjSpec) -> None:
-    """Write the inertia of every body down, or it would follow the new sizes of its geoms."""
+    """Write the inertia of every body down, or it would follow its geoms, with their new sizes."""
     model = spec.compile()
+    if spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE:
+        spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
     for body in spec.bodies[1:]:
         body.explicitinertial = True
         body.mass = model.body_mass[body.id]

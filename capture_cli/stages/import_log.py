@@ -37,7 +37,7 @@ def import_log(
     Within a file a new episode begins where the value of the task's episode column changes. Of a task of actions, the
     columns action.NAME hold the action of each episode. A file may be a measured log as well. drop_nan: leave
     out rows in which a value is missing, NaN or infinite; each recording's `dropped_rows` says how many were.
-    append: `out` is a log already, and the episodes come after those in it.
+    append: `out` is a log already, and the episodes come after those in it; a file that it holds is refused.
     Raises LogError, TaskError, ModelError, StoreError or OutputError before anything is written.
     """
     options = {**locals(), "files": [str(f) for f in files]}
@@ -61,6 +61,8 @@ def import_log(
     logs += [MeasuredLog.read(path) for path in stored]
     for log in logs:
         _check_task(log, machine)
+    if append:
+        _check_new(logs[0], logs[1:])
     log = reduce(MeasuredLog.followed_by, logs).check()
     _check_long_enough(log, machine)
     with new_directory(out, force=force or append) as folder:
@@ -80,6 +82,17 @@ def _check_task(log: MeasuredLog, task: Task) -> None:
             cure="give the task it was made with, or another --out",
         )
     check_fits(log, task)
+
+
+def _check_new(log: MeasuredLog, others: Sequence[MeasuredLog]) -> None:
+    """Raise LogError where a recording of `others` was read from a file that `log` holds already, whatever its name."""
+    held = {r["sha256"]: r["name"] for r in log.recordings if r.get("sha256")}
+    for recording in (r for other in others for r in other.recordings):
+        if recording.get("sha256") in held:
+            raise LogError(
+                f"{recording['source']} is in {log.path} already, as the recording {held[recording['sha256']]!r}",
+                cure="leave it out; to read a file in anew, import all files again with --force, without --append",
+            )
 
 
 @dataclass(frozen=True)
@@ -126,7 +139,7 @@ def _read_recording(source: SourceFile, name: str, task: Task, *, drop_nan: bool
         )
     ends = _episode_ends(len(data), labels)
     _check_episodes(source, data[:, 0], ends, rows, task)
-    scale = np.array([1.0, *(c.scale for c in channels)])
+    scale = np.array([task.log.time_scale, *(c.scale for c in channels)])
     offset = np.array([0.0, *(c.offset for c in channels)])
     with np.errstate(over="ignore"):
         data = data * scale + offset
@@ -217,11 +230,12 @@ def _not_increasing(source: SourceFile, time: np.ndarray, rows: np.ndarray, back
     before, after = float(time[back[0]]), float(time[back[0] + 1])
     how = "stands still" if after == before else "goes back"
     here, there = source.place(rows[back[0] + 1]), source.place(rows[back[0]])
+    unit = " s" if task.log.time_scale == 1 else ""  # as written in the file
     more = "" if back.size == 1 else f"; it happens {back.size} times"
     restarts = task.log.episode is None and before - after > 0.5 * (before - time[0])
     return LogError(
         f"{source.path}: column {task.log.time!r} {how} at {here}: "
-        f"{after!r} s after {before!r} s at {there}{more}",
+        f"{after!r}{unit} after {before!r}{unit} at {there}{more}",
         cure="if an episode begins there, name the column that tells episodes apart in [log] episode, "
         "or make it a file of its own"
         if restarts
@@ -279,5 +293,6 @@ def _check_long_enough(log: MeasuredLog, task: Task) -> None:
     if window is not None and longest < SHORTEST_EPISODE * window:
         raise LogError(
             f"the longest episode lasts {longest:.3g} s, which is shorter than a window of {window:g} s",
-            cure="record longer, or set a shorter [log] window in the task.toml; times are in seconds",
+            cure="record longer, or set a shorter [log] window in the task.toml; if the time column is not in "
+            "seconds, give [log] time_scale, the seconds in one unit of it",
         )

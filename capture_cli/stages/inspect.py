@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from capture_cli.errors import StoreError
+from capture_cli.errors import CaptureError, StoreError
 from capture_cli.stages.log_findings import finding, log_findings, task_findings
 from capture_cli.stages.log_health import channel, excitation, quantisation, spikes, timing
+from capture_cli.stages.prepared_log import find_task
 from capture_cli.stores.estimate import Estimate, read_result
 from capture_cli.stores.histories import SCHEMA as HISTORIES_SCHEMA
 from capture_cli.stores.histories import Histories
@@ -20,6 +21,7 @@ from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.stores.output import PROVENANCE, sha256
 from capture_cli.stores.schema import array_paths, open_group
 from capture_cli.tasks import load_task
+from capture_cli.tasks.base import Task
 
 FORMAT = "capture/inspection"
 VERSION = 1
@@ -33,7 +35,8 @@ def inspect(path: Path, task: str | None = None) -> dict[str, Any]:
     Always: format, version (of this document), path, kind ("measured-log", "estimate", "diagnosis", "zarr" or
     "directory"), store (the format and version found, bytes on disk), provenance, sizes and findings, each
     {severity, where, message, cure}. A measured log has recordings, episodes (timing) and channels (values)
-    too, and is checked against `task` where one is given. Damage is a finding rather than an exception.
+    too, and is checked against `task`, or against its own where that is built in or lies beside it. Damage is a
+    finding rather than an exception.
 
     Raises StoreError where there is nothing that can be recognised, TaskError or ModelError for a bad task.
     """
@@ -90,7 +93,7 @@ def _bytes(path: Path) -> int:
 # --- measured log ---
 
 
-def _inspect_log(path: Path, document: dict[str, Any], machine) -> None:
+def _inspect_log(path: Path, document: dict[str, Any], machine: Task | None) -> None:
     _header(document, dict(open_group(path).attrs))
     log = MeasuredLog.read_unchecked(path)
     document["task"] = log.task
@@ -133,8 +136,17 @@ def _inspect_log(path: Path, document: dict[str, Any], machine) -> None:
         if r.get("dropped_rows")
     ]
     findings += log_findings(document)
+    machine = machine or _own_task(log)
     if machine is not None:
         findings += task_findings(log, document, machine)
+
+
+def _own_task(log: MeasuredLog) -> Task | None:
+    """The task that `identify` would take without --task; None where there is none, or it cannot be read."""
+    try:
+        return find_task(None, log)
+    except CaptureError:
+        return None
 
 
 def _recording(log: MeasuredLog, number: int, episodes: list[dict[str, Any]]) -> dict[str, Any]:

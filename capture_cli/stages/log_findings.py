@@ -258,7 +258,8 @@ def _lengths(episodes: Sequence[Mapping[str, Any]], task: Task) -> Iterator[Find
             "warning",
             "time",
             f"a window of {window:g} s holds {window / interval:.2g} samples, {interval:.3g} s apart",
-            "set a longer [log] window, and check that the time column is in seconds",
+            "set a longer [log] window; if the time column is not in seconds, give [log] time_scale (1e-3 for ms) "
+            "and import the files again",
         )
     if task.timestep > 1.001 * interval:
         yield finding(

@@ -200,6 +200,11 @@ def _site(name: str, site: str | None, sites: list[str]) -> str:
         return sites[0]
     if site is None and GLOBAL in sites:
         return GLOBAL
+    if sites == [GLOBAL] and site:
+        raise OptionError(
+            f"--effect {name}@{site}: the effect concerns the model as a whole, and sits nowhere in it",
+            cure=f"write it without @{site}",
+        )
     if site is None or site not in sites:
         found = "no site is given" if site is None else f"{site!r} is not a site"
         raise OptionError(

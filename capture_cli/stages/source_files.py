@@ -13,6 +13,7 @@ import numpy as np
 from capture_cli.errors import LogError, did_you_mean
 
 SUFFIXES = (".csv", ".tsv", ".txt", ".parquet", ".pq")
+COMMENTS = ("#", "%", "//")
 DELIMITERS = ",;\t"
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(inf|infinity|nan)", re.IGNORECASE)
 
@@ -48,10 +49,10 @@ class SourceFile(ABC):
         for name in names:
             if name not in self.columns:
                 there_are = did_you_mean(name, self.columns) + self._no_header()
-                raise LogError(
-                    f"{self.path} has no column {name!r}: {there_are}",
-                    cure="correct the column in the task.toml, or in the first line of the file",
-                )
+                cure = "correct the column in the task.toml, or in the first line of the file"
+                if any(c.startswith(COMMENTS) for c in self.columns[:1]):
+                    cure = "remove the first line if it is a comment, or the mark at its start if it names the columns"
+                raise LogError(f"{self.path} has no column {name!r}: {there_are}", cure=cure)
             if self.columns.count(name) > 1:
                 raise LogError(
                     f"{self.path} has {self.columns.count(name)} columns named {name!r}",
@@ -64,9 +65,12 @@ class SourceFile(ABC):
         return ""
 
     def _not_a_number(self, name: str, row: int, value: object) -> LogError:
+        cure = "correct that cell; an empty one counts as missing, and --drop-nan drops its row"
+        if row == 0:
+            cure = "remove the row if it holds units; otherwise correct that cell"
         return LogError(
             f"{self.path}: column {name!r} holds {str(value)!r:.60} at {self.place(row)}, not a number",
-            cure="correct that cell; an empty one counts as missing, and --drop-nan drops its row",
+            cure=cure,
         )
 
     def _numbers_of(self, name: str, texts: Sequence[str | None], *, decimal_comma: bool) -> np.ndarray:
@@ -256,5 +260,5 @@ class ParquetFile(SourceFile):
             raise LogError(
                 f"{self.path}: column {name!r} is of type {column.type}, not a number; "
                 f"{self.place(0)} holds {str(column[0].as_py())!r:.60}",
-                cure="write it as a number, in seconds if it is a time",
+                cure="write it as a number; a time in seconds, or in the unit that [log] time_scale gives",
             ) from error

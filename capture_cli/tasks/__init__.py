@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from capture_cli.errors import TaskError
+from capture_cli.errors import TaskError, did_you_mean
 from capture_cli.registry import Registry
 from capture_cli.tasks.base import Task
 
@@ -21,11 +21,9 @@ def load_task(name: str) -> Task:
     if path.is_dir() and (path / "task.toml").is_file():
         path = path / "task.toml"
     if not path.is_file():
-        names = REGISTRY.names()
-        built_in = f"; the built-in ones are {', '.join(names)}" if names else ""
         raise TaskError(
             f"--task {name!r} is neither a built-in task nor a file",
-            cure=f"give the path of a task.toml{built_in}",
+            cure=f"give the path of a task.toml, or the name of a task: {did_you_mean(name, REGISTRY.names())}",
         )
     from capture_cli.tasks.mjcf_file import MjcfFile
 

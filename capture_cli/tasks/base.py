@@ -40,11 +40,15 @@ class Channel:
 
 @dataclass(frozen=True)
 class LogColumns:
-    """Which columns of a source file hold time and episode, and how long a window is, in s (None: the episode)."""
+    """Which columns of a source file hold time and episode, and how long a window is, in s (None: the episode).
+
+    time_scale: s per unit of the time column, so that seconds = time_scale * column.
+    """
 
     time: str = "time"
     episode: str | None = None
     window: float | None = None
+    time_scale: float = 1.0
 
 
 class Task(ABC):

@@ -32,7 +32,7 @@ class MjcfFile(Task):
         _known(table, {"format", "name", "model", "parameters", "inputs", "outputs", "log"}, where)
         if table.get("format") != FORMAT:
             raise TaskError(
-                f"{where}: format = {table.get('format')!r}; this program reads {FORMAT}",
+                f"{where}: {_given(table, 'format')}; this program reads {FORMAT}",
                 cure=f"begin the file with `format = {FORMAT}`",
             )
         self.name = _value(table, "name", str, where, default=self.path.parent.name)
@@ -40,8 +40,9 @@ class MjcfFile(Task):
         self.model = compile_model(self.model_path, _moved_centres(table))
         self._targets = []
         parameters = []
+        set_by: dict[str, str] = {}
         for name, entry in _tables(table, "parameters", where):
-            parameter, targets = self._parameter(name, entry, f"{where}: [parameters.{name}]")
+            parameter, targets = self._parameter(name, entry, set_by, f"{where}: [parameters.{name}]")
             parameters.append(parameter)
             self._targets.append(targets)
         self.space = ParameterSpace(parameters)
@@ -65,16 +66,18 @@ class MjcfFile(Task):
             for target in targets:
                 target.write(fields, parameters[:, column])
 
-    def _parameter(self, name: str, entry: dict[str, Any], where: str):
+    def _parameter(self, name: str, entry: dict[str, Any], set_by: dict[str, str], where: str):
+        """The parameter and its targets. set_by: which parameter sets each target so far; `name` is added."""
         _known(entry, {"set", "low", "high", "unit", "nominal"}, where)
         texts = entry.get("set")
         texts = [texts] if isinstance(texts, str) else texts
         if not isinstance(texts, list) or not texts or not all(isinstance(t, str) for t in texts):
             raise TaskError(
-                f"{where}: set = {entry.get('set')!r}",
+                f"{where}: {_given(entry, 'set')}",
                 cure='write set = "KIND:NAME:ATTRIBUTE", or a list of such',
             )
         targets = [parse_target(text, self.model, where) for text in texts]
+        _set_once(texts, name, set_by, where)
         low, high = (_value(entry, key, float, where) for key in ("low", "high"))
         if not low < high:
             raise TaskError(f"{where}: low = {low:g}, high = {high:g}", cure="give bounds with low < high")
@@ -99,7 +102,7 @@ class MjcfFile(Task):
             unit=_value(entry, "unit", str, where),
             column=_value(entry, "column", str, where),
             index=number,
-            scale=_value(entry, "scale", float, where, default=1.0),
+            scale=_scale(entry, where),
             offset=_value(entry, "offset", float, where, default=0.0),
             linear=how == "linear",
         )
@@ -142,7 +145,7 @@ class MjcfFile(Task):
             or not all(isinstance(c, str) for c in columns)
         ):
             raise TaskError(
-                f"{where}: column = {entry.get('column')!r}, and the sensor has {size} values",
+                f"{where}: {_given(entry, 'column')}, and the sensor has {size} value{'s' * (size > 1)}",
                 cure="name one column of the log"
                 if size == 1
                 else f"give a list of {size} columns of the log",
@@ -160,7 +163,7 @@ class MjcfFile(Task):
                 column=columns[i],
                 index=first + i,
                 sensor=number,
-                scale=_value(entry, "scale", float, where, default=1.0),
+                scale=_scale(entry, where),
                 offset=_value(entry, "offset", float, where, default=0.0),
                 noise_sd=noise_sd,
             )
@@ -169,14 +172,21 @@ class MjcfFile(Task):
 
     @staticmethod
     def _log_columns(entry: dict[str, Any], where: str) -> LogColumns:
-        _known(entry, {"time", "episode", "window"}, where)
+        _known(entry, {"time", "time_scale", "episode", "window"}, where)
         window = _value(entry, "window", float, where, default=None)
         if window is not None and window <= 0:
             raise TaskError(f"{where}: window = {window:g}", cure="give a positive number of seconds")
+        time_scale = _value(entry, "time_scale", float, where, default=1.0)
+        if time_scale <= 0:
+            raise TaskError(
+                f"{where}: time_scale = {time_scale:g}",
+                cure="give the seconds in one unit of the time column, say 1e-3 for milliseconds",
+            )
         return LogColumns(
             time=_value(entry, "time", str, where, default="time"),
             episode=_value(entry, "episode", str, where, default=None),
             window=window,
+            time_scale=time_scale,
         )
 
 
@@ -196,6 +206,31 @@ def compile_model(path: Path, moved_centres: Collection[str] = ()) -> mujoco.MjM
         raise ModelError(
             f"{path} does not compile: {error}", cure="correct the MJCF at the place named"
         ) from error
+
+
+def _scale(entry: dict[str, Any], where: str) -> float:
+    """The factor on a channel's column. Raises TaskError where it is 0, which would leave nothing of the column."""
+    scale = _value(entry, "scale", float, where, default=1.0)
+    if scale == 0:
+        raise TaskError(
+            f"{where}: scale = 0 makes every value the same",
+            cure="give the factor that brings the column to the unit, or leave it out if that is 1",
+        )
+    return scale
+
+
+def _set_once(texts: list[str], name: str, set_by: dict[str, str], where: str) -> None:
+    """Note in `set_by` that the parameter `name` sets `texts`. Raises TaskError where one of them is set already."""
+    for text in texts:
+        other = set_by.get(text)
+        if other == name:
+            raise TaskError(f"{where}: set names {text!r} twice", cure="name it once")
+        if other is not None:
+            raise TaskError(
+                f"{where}: sets {text!r}, and so does [parameters.{other}]",
+                cure="leave it out of one of them: the log could not tell the two apart",
+            )
+        set_by[text] = name
 
 
 def _moved_centres(table: dict[str, Any]) -> set[str]:
@@ -223,6 +258,11 @@ def _tables(table: dict[str, Any], key: str, where: str) -> list[tuple[str, dict
     if not isinstance(section, dict):
         raise TaskError(f"{where}: {key} is {section!r}", cure=f"write [{key}.NAME] tables")
     return list(section.items())
+
+
+def _given(table: dict[str, Any], key: str) -> str:
+    """What `table` says of `key`, for a message."""
+    return f"{key} = {table[key]!r}" if key in table else f"{key!r} is missing"
 
 
 _REQUIRED = object()
