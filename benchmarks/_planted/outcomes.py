@@ -69,7 +69,7 @@ EQUIVALENTS = (
     ),
     _alike(
         "pan_tilt",
-        "constant-force@pan sensor-bias@pan spring-preload@pan",
+        "constant-force@pan sensor-bias@pan",
         "a servo that holds against a constant force stands so much off, whichever way it points",
     ),
     _covers(
