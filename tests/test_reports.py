@@ -19,7 +19,15 @@ from capture_cli.reports.curve_plots import MOST_POINTS, curve_views
 from capture_cli.reports.curves import Curves, autocorrelation, thin
 from capture_cli.reports.estimate_page import render
 from capture_cli.reports.figures import write_figures
-from capture_cli.reports.findings import UNTRUSTED, combination, correlation, notes, output_errors, sentence
+from capture_cli.reports.findings import (
+    UNTRUSTED,
+    combination,
+    correlation,
+    notes,
+    output_errors,
+    sentence,
+    suspicions,
+)
 from capture_cli.reports.quantities import MISSING, bound, scaled_unit, significant, to_precision_of
 from capture_cli.reports.terminal import print_estimate
 from capture_cli.stages.progress import Progress
@@ -516,6 +524,15 @@ def test_time_left_follows_from_what_came_before(monkeypatch):
     assert progress.part("score", 0, 10) == "score 1 of 10"
     assert progress.part("score", 2, 10) == "score 3 of 10, 16 s left of these"
     assert progress.part("refit", 0, 5) == "refit 1 of 5"
+
+
+def test_a_fit_that_is_worse_than_none_asks_for_unit_and_sign():
+    estimate = make()
+    assert suspicions(estimate) == []
+    far = {name: 1e3 for name in estimate.document["error"]["fit"]["rmse"]}
+    estimate.document["error"]["fit"]["rmse"] = far
+    (said,) = suspicions(estimate)
+    assert all(name in said for name in far) and "unit and sign" in said
 
 
 def test_notes():

@@ -1,0 +1,130 @@
+"""Results find the task and the model they were made with, wherever they were moved, and no other."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from capture_cli.errors import LogError, OptionError, OutputError
+from capture_cli.stages import diagnose as diagnose_stage
+from capture_cli.stages import identify as identify_stage
+from capture_cli.stages.export import export
+from capture_cli.stages.import_log import import_log
+from capture_cli.stages.propose import propose
+from capture_cli.stages.record import record
+from capture_cli.stores.measured_log import MeasuredLog
+from capture_cli.tasks import load_task
+
+SLIDER = Path(__file__).parents[1] / "benchmarks" / "machines" / "slider"
+
+
+@pytest.fixture
+def made(tmp_path, monkeypatch):
+    """A folder with a machine, a log of it and an estimate, made from within it by relative paths."""
+    monkeypatch.setattr(identify_stage, "_write_pages", lambda *_: None)
+    folder = tmp_path / "made"
+    shutil.copytree(SLIDER, folder)
+    monkeypatch.chdir(folder)
+    record(
+        task="task.toml", out=Path("log.zarr"), noise=5e-4, episodes=2, duration=1.5, rate=250.0, threads=1
+    )
+    identify_stage.identify(
+        real_log=Path("log.zarr"), task="task.toml", out=Path("estimate"), starts=1, threads=1, quiet=True
+    )
+    return folder
+
+
+def edit(path: Path, old: str, new: str) -> None:
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+
+
+def test_from_another_folder_the_task_is_that_of_the_result(made, tmp_path, monkeypatch):
+    """In the other folder lies a task of the same text, whose model is another."""
+    other = tmp_path / "other"
+    shutil.copytree(SLIDER, other)
+    edit(other / "model.xml", 'mass="2"', 'mass="7"')
+    monkeypatch.chdir(other)
+    export(result=Path("../made/estimate"), out=Path("found.xml"))
+    exported = mujoco.MjModel.from_xml_path("found.xml")
+    assert exported.body("carriage").mass[0] == pytest.approx(2.0, rel=0.01)
+    assert propose(result=Path("../made/estimate"), threads=1)["task"] == "slider"
+    with pytest.raises(OptionError, match=r"model\.xml is not the model"):
+        export(result=Path("../made/estimate"), out=Path("wrong.xml"), task="task.toml")
+    assert not Path("wrong.xml").exists()
+
+
+def test_a_model_that_changed_since_is_refused(made):
+    edit(made / "model.xml", 'mass="2"', 'mass="3"')
+    for run in (
+        lambda: export(result=Path("estimate"), out=Path("m.xml")),
+        lambda: propose(result=Path("estimate")),
+        lambda: diagnose_stage.diagnose(real_log=Path("log.zarr"), estimate=Path("estimate"), out=Path("d")),
+    ):
+        with pytest.raises(OptionError, match=r"model\.xml is not the model") as caught:
+            run()
+        assert caught.value.cure
+
+
+def test_a_task_that_is_gone_is_named(made):
+    (made / "task.toml").rename(made / "renamed.toml")
+    with pytest.raises(OptionError, match=r"task\.toml, which is neither here nor beside it") as caught:
+        export(result=Path("estimate"), out=Path("m.xml"))
+    assert "--task" in caught.value.cure
+    export(result=Path("estimate"), out=Path("m.xml"), task="renamed.toml")
+
+
+@pytest.mark.parametrize("out", ["log.zarr", "."])
+def test_an_output_is_not_what_is_read(made, out):
+    with pytest.raises(OutputError):
+        identify_stage.identify(
+            real_log=Path("log.zarr"), task="task.toml", out=Path(out), force=True, threads=1, quiet=True
+        )
+    for mine in ("model.xml", "task.toml"):
+        with pytest.raises(OutputError, match="which is read"):
+            export(result=Path("estimate"), out=Path(mine), force=True)
+    assert (made / "log.zarr" / "zarr.json").is_file() and "<mujoco" in (made / "model.xml").read_text()
+
+
+def test_recordings_that_fit_alone_do_not_explain_what_is_held_out(made):
+    """Monday's mass is not Tuesday's: the fit to one is no explanation of the other."""
+    for name, mass in (("monday", 1.2), ("tuesday", 2.4)):
+        record(
+            task="task.toml",
+            out=Path(f"{name}.zarr"),
+            parameters={"mass": mass, "damping": 4.0, "stiffness": 60.0},
+            noise=5e-4,
+            episodes=2,
+            duration=1.5,
+            rate=250.0,
+            threads=1,
+        )
+    import_log(files=[Path("monday.zarr"), Path("tuesday.zarr")], task="task.toml", out=Path("both.zarr"))
+    log = MeasuredLog.read(Path("both.zarr"))
+    held = log.recording_names[-1]
+    found = identify_stage.identify(
+        real_log=Path("both.zarr"), task="task.toml", out=Path("e"), test=held, threads=1, quiet=True
+    ).document
+    assert found["lack_of_fit"]["normalized"] < 1.1 < 1.4 < found["error"]["test"]["normalized"]
+    assert found["verdict"] == "unexplained"
+    assert "not what was held out" in found["summary"]
+
+
+def test_a_log_is_not_read_by_a_task_of_other_scales(made):
+    log, task = MeasuredLog.read(Path("log.zarr")), load_task("task.toml")
+    columns = ["t_s", "episode", *(c.column for c in (*task.inputs, *task.outputs))]
+    table = np.column_stack([log.time, np.zeros(len(log.time)), log.inputs, log.outputs])[log.episodes[0]]
+    np.savetxt("run.csv", table, delimiter=",", header=",".join(columns), comments="")
+    import_log(files=[Path("run.csv")], task="task.toml", out=Path("run.zarr"))
+    column = f'column = "{task.outputs[0].column}"'
+    edit(made / "task.toml", column, f"{column}\nscale = 0.5")
+    with pytest.raises(LogError, match="was imported as 1 \\*") as caught:
+        identify_stage.identify(
+            real_log=Path("run.zarr"), task="task.toml", out=Path("e"), threads=1, quiet=True
+        )
+    assert "import it again" in caught.value.cure
