@@ -7,7 +7,7 @@ import numpy as np
 from capture_cli.effects._periodic_force import PeriodicForce
 from capture_cli.parameters import Parameter
 
-FINEST = 400  # to a turn: the teeth of a worm wheel or of a strain wave gear
+FINEST = 150  # to a turn: teeth of a worm wheel; finer ones cost every log as many more shapes that may fit by chance
 
 
 def cogging(qpos, *, sine, cosine, period):
