@@ -325,9 +325,9 @@ class Simulator:
         memory = sum(effect.memory(values) for effect, values in own)
         # one step at least: what came first is taken to have been for ever
         past = max(min(int(np.ceil(memory / self.task.timestep)), lead), 1)
-        at = np.arange(lead - past, lead + steps)
-        controls = _between(controls, row, drift[:, None] / self.task.timestep + at)
-        unknown = drift[:, None] / self.task.timestep + at < lead - known[:, None]
+        at = drift[:, None] / self.task.timestep + np.arange(lead - past, lead + steps)
+        controls = _between(controls, row, at)
+        unknown = at < lead - known[:, None]
         controls += unknown[..., None] * self._before(hidden)[:, None]
         for effect, values in own:
             controls = effect.drive(controls, values, self.task.timestep)

@@ -9,9 +9,7 @@ import numpy as np
 from capture_cli.linearization import Linearization, autocorrelation_time
 
 PRACTICAL = 1.1  # error over the noise floor below which nobody would look for a missing effect
-NEAR_FLOOR = (
-    1.2  # error over the noise floor, on what was held out, up to which a model counts as the explanation
-)
+NEAR_FLOOR = 1.2  # the same on what was held out, up to which a model counts as the explanation
 FLOOR_SHARE = 2.0  # variance of a floor from second differences over that of a mean square: 1.9
 FLOOR_UNCERTAINTY = 0.03  # of the noise floor's own standard deviation, on top of its sampling error
 Z = 3.0  # one-sided, p = 0.0013
