@@ -15,8 +15,10 @@ from pyarrow import parquet
 
 from capture_cli.errors import CaptureError, LogError, OutputError
 from capture_cli.stages.import_log import import_log
+from capture_cli.stages.prepared_log import check_fits
 from capture_cli.stages.source_files import open_source
 from capture_cli.stores.measured_log import MeasuredLog
+from capture_cli.tasks import load_task
 
 HEADER = "t_s,u_N,q_m"
 ROWS = [f"{0.1 * i:.1f},{math.sin(i):.6f},{0.01 * i:.3f}" for i in range(12)]
@@ -45,6 +47,14 @@ def refusal(path: Path, task: Path, **options) -> LogError:
 
 
 # --- what is read ---
+
+
+def test_an_actuator_and_a_sensor_may_have_one_name(tmp_path, slider_task):
+    for path in slider_task.parent.iterdir():
+        path.write_text(path.read_text().replace("drive", "q"))
+    log = import_log(files=[csv(tmp_path / "a.csv", *ROWS)], task=str(slider_task), out=tmp_path / "a.zarr")
+    assert log.input_names == log.output_names == ("q",)
+    check_fits(MeasuredLog.read(tmp_path / "a.zarr"), load_task(str(slider_task)))
 
 
 def test_a_csv_becomes_a_log_that_reads_back(tmp_path, slider_task):

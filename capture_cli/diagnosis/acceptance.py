@@ -13,6 +13,7 @@ SELECT_LEVEL = 0.05  # one-sided, of the paired test on data that was not fitted
 # While other effects are still missing the right one need not help everywhere: it may enter, and is judged at the end.
 ENTRY_LEVEL = 0.25
 ENTRY_RATIO = 0.9  # of squared errors: or it lowers the whole, if not window by window
+HALVED = 0.5  # of squared errors, with all others in: few windows cannot say more steadily that so much is no chance
 RESAMPLES = 4000
 RESAMPLES_AT_A_TIME = 100  # so that a long log's take some MB
 FEW_BLOCKS = 12  # a bootstrap of so few is too sure of itself
@@ -33,9 +34,13 @@ class Support:
 
     def reason_against(self) -> str | None:
         """Why the effect is not accepted, or None."""
-        if self.p_select is not None and self.p_select > SELECT_LEVEL:
+        if self.p_select is not None and self.p_select > self._select_level:
             return self._reason_of_fit() or self._not_better()
         return self._reason_of_fit()
+
+    @property
+    def _select_level(self) -> float:
+        return ENTRY_LEVEL if self.select_ratio < HALVED else SELECT_LEVEL
 
     def reason_against_entry(self) -> str | None:
         """Why the effect may not even enter while others may still be missing, or None."""

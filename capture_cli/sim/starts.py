@@ -2,7 +2,7 @@
 
 Where an output measures a coordinate or its velocity, its motion around the window's first sample gives value and
 derivative. What no output measures is taken from one simulation of the whole episode, and may be off by more than it
-moves there: a coordinate that rests stays where it is.
+moves there: a coordinate that rests stays where it is. Both are then made to satisfy the equality constraints.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import numpy as np
 
 from capture_cli.sim.engine import Rollouts, Starts
 from capture_cli.sim.local_motion import HALF_WIDTHS, Neighbours, local_motion
+from capture_cli.sim.loop_closure import LoopClosure
 from capture_cli.sim.reported_motion import KNOT_INTERVAL, MOST_LATE, ReportedMotion, extended
 
 # The local fit uses samples that the window is fitted to as well, so it may not vote with its full weight twice.
@@ -108,10 +109,50 @@ def estimate_starts(
         size = np.linalg.norm(change, axis=1, keepdims=True) if source.kind == "orientation" else change
         sd[:, nv + dofs[new]] = PRIOR_INFLATION * np.hypot(fit.slope_sd, LAG_LEFT * size)[:, new]
     starts = Starts(qpos, qvel, act, np.asarray(time)[window_first].astype(float))
+    if model.neq:
+        starts, sd = _closed(
+            model, sources, starts, sd, time, outputs, episodes, window_first, window_episode, noise_sd
+        )
     reported = _reported(
         extended(path, knots.before, knots.known), knots.before, sources, measured_velocity, nv, lag
     )
     return StartEstimate(starts, sd, reported)
+
+
+def _closed(
+    model: mujoco.MjModel,
+    sources: Sequence[_Source],
+    starts: Starts,
+    sd: np.ndarray,
+    time: np.ndarray,
+    outputs: np.ndarray,
+    episodes: Sequence[slice],
+    window_first: np.ndarray,
+    window_episode: np.ndarray,
+    noise_sd: np.ndarray,
+) -> tuple[Starts, np.ndarray]:
+    """Starts and their sd (window, state) that satisfy the model's equality constraints."""
+    positions = [s for s in sources if s.kind != "velocity"]
+    columns, qpos, dofs = (
+        np.array([i for s in positions for i in getattr(s, n)], dtype=int)
+        for n in ("columns", "qpos", "dofs")
+    )
+    known = np.concatenate([noise_sd[list(s.columns)][: len(s.dofs)] for s in positions] or [np.zeros(0)])
+    begin = model_starts(model, 1).starts.qpos[0]
+    loops = LoopClosure(model)
+    followed = np.zeros_like(starts.qpos)
+    for number, steps in enumerate(episodes):
+        own = window_episode == number
+        followed[own] = loops.follow(
+            time[steps],
+            outputs[steps][:, columns],
+            qpos,
+            dofs,
+            known,
+            begin,
+            window_first[own] - steps.start,
+        )
+    return loops.close(starts, sd, followed)
 
 
 @dataclass(frozen=True)

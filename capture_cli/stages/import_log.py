@@ -149,7 +149,11 @@ def _read_recording(source: SourceFile, name: str, task: Task, *, drop_nan: bool
         "source": str(source.path),
         "sha256": sha256(source.path),
         "dropped_rows": dropped,
-        "channels": {c.name: list(c.read_as) for c in channels},
+        # an actuator and a sensor may have the same name
+        "channels": {
+            "inputs": {c.name: list(c.read_as) for c in task.inputs},
+            "outputs": {c.name: list(c.read_as) for c in task.outputs},
+        },
     }
     begins = np.array([0, *ends[:-1]])
     return _Recording(data, ends, described, None if actions is None else actions[begins])

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -28,7 +29,7 @@ from capture_cli.sim.windows import Windows, cut
 from capture_cli.simulator import Simulator
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.tasks import REGISTRY, load_task
-from capture_cli.tasks.base import ActionTask, Task
+from capture_cli.tasks.base import ActionTask, Channel, Task
 
 MOVES_SHARE = 0.05  # of the range: the step with which a parameter must move some output
 MOVES_LEAST = 1e-4  # of the noise floor: less is nothing
@@ -269,25 +270,32 @@ def _simulate_episodes(log: MeasuredLog, task: Task, windows: Windows, threads: 
 
 def check_fits(log: MeasuredLog, task: Task) -> None:
     """Raise LogError where the log's channels are not the task's, or were made of other columns or scales."""
-    for kind, found, expected in (
-        ("inputs", log.input_names, tuple(c.name for c in task.inputs)),
-        ("outputs", log.output_names, tuple(c.name for c in task.outputs)),
+    for kind, found, channels in (
+        ("inputs", log.input_names, task.inputs),
+        ("outputs", log.output_names, task.outputs),
     ):
+        expected = tuple(c.name for c in channels)
         if tuple(found) != expected:
             raise LogError(
                 f"{log.path}: its {kind} are ({', '.join(found)}); task {task.name!r} has ({', '.join(expected)})",
                 cure="import the log again with this task, or give the task it was made with",
             )
-    for recording in log.recordings:
-        read_as = recording.get("channels") or {}
-        for channel in (*task.inputs, *task.outputs):
-            was = tuple(read_as.get(channel.name, channel.read_as))
-            if was != channel.read_as:
-                raise LogError(
-                    f"{log.path}: {channel.name} of {recording['name']!r} was imported as {_formula(*was)}; "
-                    f"task {task.name!r} now says {_formula(*channel.read_as)}",
-                    cure="import it again: columns, scales and offsets are applied by `capture import-log`",
-                )
+        for recording in log.recordings:
+            _check_read_as(log, task, recording, kind, channels)
+
+
+def _check_read_as(
+    log: MeasuredLog, task: Task, recording: Mapping[str, Any], kind: str, channels: Sequence[Channel]
+) -> None:
+    read_as = (recording.get("channels") or {}).get(kind, {})
+    for channel in channels:
+        was = tuple(read_as.get(channel.name, channel.read_as))
+        if was != channel.read_as:
+            raise LogError(
+                f"{log.path}: {channel.name} of {recording['name']!r} was imported as {_formula(*was)}; "
+                f"task {task.name!r} now says {_formula(*channel.read_as)}",
+                cure="import it again: columns, scales and offsets are applied by `capture import-log`",
+            )
 
 
 def _formula(column: str, scale: float, offset: float) -> str:

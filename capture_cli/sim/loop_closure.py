@@ -1,0 +1,140 @@
+"""What a model's equality constraints say of its states: closed loops, coupled joints, mimicking fingers.
+
+A coordinate that no output measures is often known all the same, because a loop closes through it. The constraints are
+taken as one more measurement of the state, linearised where they hold: a Kalman update, iterated (Bell & Cathey 1993).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import copy
+
+import mujoco
+import numpy as np
+
+from capture_cli.sim.engine import Starts
+
+ROUNDS = 20  # of Newton's method at one state
+CLOSED = 1e-9  # m or rad: a step less than that ends them
+# m/s^2 or rad/s^2: soft constraints give way under loads that would accelerate by this
+LOAD = 10.0
+EVERY = 0.01  # s between the samples that a path is followed through
+DETERMINED = 0.1  # share of a coordinate's standard deviation that the constraints leave, at most
+FREE = 1.0  # rad or m: sd of what nothing measures while a path is followed
+
+
+class LoopClosure:
+    """The equality constraints of `model` that are active from the beginning."""
+
+    def __init__(self, model: mujoco.MjModel):
+        self.model = copy(model)
+        self.model.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
+        self.data = mujoco.MjData(self.model)
+
+    def follow(
+        self,
+        time: np.ndarray,
+        measured: np.ndarray,
+        qpos_columns: np.ndarray,
+        dofs: np.ndarray,
+        sd: np.ndarray,
+        begin: np.ndarray,
+        at: Sequence[int],
+    ) -> np.ndarray:
+        """Positions (place, nq) at the samples `at` (place,), followed from `begin` (nq,) by continuity.
+
+        time (step,) s; measured (step, column): positions that outputs report, which stand at qpos_columns (column,);
+        dofs, sd: which tangent coordinates they are, and how well they are known.
+        """
+        known = np.full(self.model.nv, FREE)
+        known[dofs] = sd
+        stride = max(1, int(EVERY / np.median(np.diff(time)))) if len(time) > 1 else 1
+        wanted = {int(step): place for place, step in enumerate(at)}
+        found = np.empty((len(at), self.model.nq))
+        qpos = begin.copy()
+        for step in range(max(wanted) + 1):
+            if step % stride and step not in wanted:
+                continue
+            qpos[qpos_columns] = measured[step]
+            mujoco.mj_normalizeQuat(self.model, qpos)
+            qpos, _ = self._closed(qpos, known)
+            if step in wanted:
+                found[wanted[step]] = qpos
+        return found
+
+    def close(self, starts: Starts, sd: np.ndarray, followed: np.ndarray) -> tuple[Starts, np.ndarray]:
+        """Starts that satisfy the constraints, as near to `starts` as their sd (window, state) say, and their new sd.
+
+        followed (window, nq): where coordinates are that only the constraints determine.
+        """
+        nv = self.model.nv
+        qpos, qvel, sd = starts.qpos.copy(), starts.qvel.copy(), sd.copy()
+        for window in range(len(starts)):
+            position, velocity = sd[window, :nv], sd[window, nv : 2 * nv]
+            left = self._at(followed[window], position)
+            qpos[window] = self._begun(qpos[window], followed[window], left < DETERMINED * position)
+            qpos[window], sd[window, :nv] = self._closed(qpos[window], position)
+            gain, gives = self._gain(velocity, per_second=True)
+            qvel[window] -= gain @ (self._jacobian @ qvel[window])
+            sd[window, nv : 2 * nv] = gives
+        return Starts(qpos, qvel, starts.act, starts.time), sd
+
+    def _begun(self, qpos: np.ndarray, followed: np.ndarray, determined: np.ndarray) -> np.ndarray:
+        """`qpos` with the joints that are `determined` (dof,) as they were followed to."""
+        qpos = qpos.copy()
+        for joint in range(self.model.njnt):
+            position, dofs = _places(self.model, joint)
+            if determined[dofs].all():
+                qpos[position] = followed[position]
+        return qpos
+
+    def _closed(self, qpos: np.ndarray, sd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Where the constraints hold, (nq,), the nearest to `qpos` in units of sd (dof,), and how well it is known."""
+        here = qpos.copy()
+        moved = np.zeros(self.model.nv)
+        for _ in range(ROUNDS):
+            left = self._at(here, sd)
+            if not self.data.ne:
+                return here, left
+            gain, _ = self._gain(sd)
+            mujoco.mj_differentiatePos(self.model, moved, 1.0, qpos, here)
+            whole = gain @ (self._jacobian @ moved - self.data.efc_pos[: self.data.ne])
+            here = qpos.copy()
+            mujoco.mj_integratePos(self.model, here, whole, 1.0)
+            if np.abs(whole - moved).max() < CLOSED:
+                break
+        return here, self._at(here, sd)
+
+    def _at(self, qpos: np.ndarray, sd: np.ndarray) -> np.ndarray:
+        """What the constraints leave of sd (dof,) at qpos (nq,)."""
+        self.data.qpos[:] = qpos
+        mujoco.mj_fwdPosition(self.model, self.data)
+        return self._gain(sd)[1]
+
+    @property
+    def _jacobian(self) -> np.ndarray:
+        """Of the constraints where the data are, (row, dof)."""
+        return self.data.efc_J.reshape(-1, self.model.nv)[: self.data.ne]
+
+    def _gain(self, sd: np.ndarray, per_second: bool = False) -> tuple[np.ndarray, np.ndarray]:
+        """Kalman's gain (dof, row) of the constraints, and the sd (dof,) that they leave."""
+        jacobian = self._jacobian
+        spread = jacobian * np.square(sd)
+        covariance = spread @ jacobian.T + np.diag(np.square(self._softness(per_second)))
+        gain = np.linalg.solve(covariance, spread).T
+        left = np.square(sd) - np.einsum("dr,rd->d", gain, spread)
+        return gain, np.sqrt(np.maximum(left, 0.0))
+
+    def _softness(self, per_second: bool) -> np.ndarray:
+        """How far each constraint (row,) gives way under LOAD; how fast, per second."""
+        rows = slice(self.data.ne)
+        stiffness, damping = self.data.efc_KBIP[rows, 0], self.data.efc_KBIP[rows, 1]
+        impedance = self.data.efc_KBIP[rows, 2]
+        slack = (1 - impedance) / impedance * LOAD
+        return slack / (damping if per_second else stiffness)
+
+
+def _places(model: mujoco.MjModel, joint: int) -> tuple[slice, slice]:
+    """Where a joint stands in qpos and in qvel."""
+    ends = [*model.jnt_qposadr, model.nq], [*model.jnt_dofadr, model.nv]
+    return tuple(slice(int(e[joint]), int(e[joint + 1])) for e in ends)

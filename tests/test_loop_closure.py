@@ -1,0 +1,157 @@
+"""What closes a loop says where the coordinates in it are: starts of machines of which few joints are measured."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from capture_cli.sim.engine import Engine, Starts
+from capture_cli.sim.starts import PRIOR_INFLATION, StartEstimate, estimate_starts
+
+PRESS = """
+<mujoco>
+  <option timestep="0.001" integrator="implicitfast"/>
+  <worldbody>
+    <body name="crank" pos="0 0 1">
+      <joint name="crank" axis="0 1 0" damping=".1" armature=".2"/>
+      <geom type="capsule" fromto="0 0 0 .1 0 0" size=".01" mass="1" contype="0"/>
+      <body name="rod" pos=".1 0 0">
+        <joint name="rod" axis="0 1 0"/>
+        <geom type="capsule" fromto="0 0 0 -.1 0 -.4" size=".01" mass=".5" contype="0"/>
+      </body>
+    </body>
+    <body name="ram" pos="0 0 .6">
+      <joint name="ram" type="slide" axis="0 0 1" stiffness="100"/>
+      <geom type="box" size=".05 .05 .05" mass="5" contype="0"/>
+    </body>
+  </worldbody>
+  <equality><connect body1="rod" body2="ram" anchor="-.1 0 -.4" solref="0.004 1"/></equality>
+  <actuator><motor joint="crank"/></actuator>
+  <sensor><jointpos joint="crank"/></sensor>
+</mujoco>
+"""
+FINGERS = """
+<mujoco>
+  <option timestep="0.001" integrator="implicitfast"/>
+  <worldbody>
+    <body><joint name="left" type="slide" axis="0 1 0" damping="2"/><geom size=".01" mass=".1" contype="0"/></body>
+    <body pos="0 .1 0">
+      <joint name="right" type="slide" axis="0 -1 0" damping="2"/><geom size=".01" mass=".1" contype="0"/>
+    </body>
+  </worldbody>
+  <equality><joint joint1="right" joint2="left" polycoef="0 1 0.5 0 0" solref="0.004 1"/></equality>
+  <actuator><motor joint="left"/></actuator>
+  <sensor><jointpos joint="left"/></sensor>
+</mujoco>
+"""
+CARRIED = """
+<mujoco>
+  <option timestep="0.001" integrator="implicitfast" gravity="0 0 0"/>
+  <worldbody>
+    <body name="arm"><joint name="arm" axis="0 0 1" damping=".1"/>
+      <geom type="capsule" fromto="0 0 0 .5 0 0" size=".02" mass="1" contype="0"/></body>
+    <body name="tool" pos=".6 0 0"><freejoint/><geom size=".05" mass=".3" contype="0"/></body>
+  </worldbody>
+  <equality><weld body1="arm" body2="tool" solref="0.004 1"/></equality>
+  <actuator><motor joint="arm"/></actuator>
+  <sensor><jointpos joint="arm"/></sensor>
+</mujoco>
+"""
+MACHINES = {"press": (PRESS, 3.0), "fingers": (FINGERS, 0.2), "carried": (CARRIED, 0.5)}
+STEPS, EVERY, NOISE = 3000, 4, 1e-4
+
+
+def driven(xml: str, size: float):
+    """The model, its sampled times, and the true rollout there: one joint is driven, and turns several times over."""
+    model = mujoco.MjModel.from_xml_string(xml)
+    time = model.opt.timestep * np.arange(STEPS)
+    still = Starts(model.qpos0[None] + 0.0, np.zeros((1, model.nv)), np.zeros((1, 0)), np.zeros(1))
+    drive = size * (0.5 + np.sin(4 * time))
+    done = Engine(model, 1).rollout(starts=still, controls=drive[None, :, None], steps=STEPS, states=True)
+    return model, time[::EVERY], done.sensors[0, ::EVERY], done.qpos[0, ::EVERY], done.qvel[0, ::EVERY]
+
+
+def estimated(model, time, outputs, at, believed=None) -> StartEstimate:
+    return estimate_starts(
+        model,
+        [0],
+        time=time,
+        outputs=outputs,
+        episodes=[slice(0, len(time))],
+        window_first=at,
+        window_episode=np.zeros(len(at), dtype=int),
+        noise_sd=np.full(1, NOISE),
+        unmeasured=believed or astray(model, len(at), 0),
+    )
+
+
+def astray(model, count: int, seed: int) -> StartEstimate:
+    """What is believed of coordinates that nothing measures: anything."""
+    random = np.random.default_rng(seed)
+    qpos = np.repeat(model.qpos0[None], count, axis=0)
+    for row in qpos:
+        mujoco.mj_integratePos(model, row, random.normal(0, 1.0, model.nv), 1.0)
+    qvel = random.normal(0, 1.0, (count, model.nv))
+    sd = np.full((count, 2 * model.nv), 3.0)
+    return StartEstimate(Starts(qpos, qvel, np.zeros((count, 0)), np.zeros(count)), sd)
+
+
+def errors(model, starts: Starts, qpos, qvel) -> np.ndarray:
+    """(window, state), in the tangent space."""
+    apart = np.zeros((len(starts), model.nv))
+    for row, here, there in zip(apart, starts.qpos, qpos, strict=True):
+        mujoco.mj_differentiatePos(model, row, 1.0, there, here)
+    return np.concatenate([apart, starts.qvel - qvel], axis=1)
+
+
+@pytest.mark.parametrize("name", MACHINES)
+def test_what_nothing_measures_follows_from_the_loop(name):
+    model, time, outputs, qpos, qvel = driven(*MACHINES[name])
+    noisy = outputs + np.random.default_rng(1).normal(0, NOISE, outputs.shape)
+    at = np.arange(100, len(time) - 100, 50)
+    found = estimated(model, time, noisy, at)
+    off = errors(model, found.starts, qpos[at], qvel[at])
+    assert np.abs(off[:, : model.nv]).max() < 20 * NOISE
+    assert np.abs(off[:, model.nv :]).max() < 0.1
+    assert (np.abs(off) < PRIOR_INFLATION * found.sd + 1e-6).all()  # within what it says it is known to
+    assert found.sd[:, : model.nv].max() < 0.01  # where anything had been possible
+
+
+def test_the_press_turns_over():
+    _, _, outputs, _, _ = driven(*MACHINES["press"])
+    assert np.ptp(outputs) > 4 * np.pi  # so that the phase of a simulation would be of no use
+
+
+@settings(max_examples=20, deadline=None)
+@given(seed=st.integers(0, 2**31), name=st.sampled_from(sorted(MACHINES)))
+def test_starts_satisfy_the_constraints_wherever_one_begins(seed, name):
+    model, time, outputs, *_ = driven(*MACHINES[name])
+    at = np.array([len(time) // 2])
+    found = estimated(model, time, outputs, at, astray(model, 1, seed)).starts
+    data = mujoco.MjData(model)
+    data.qpos[:], data.qvel[:] = found.qpos[0], found.qvel[0]
+    mujoco.mj_forward(model, data)
+    assert np.abs(data.efc_pos[: data.ne]).max() < 1e-4
+    assert np.abs(data.efc_vel[: data.ne]).max() < 0.05
+
+
+def test_what_no_constraint_determines_stays_where_it_was():
+    model, time, outputs, *_ = driven(CARRIED.replace("<weld", '<connect anchor="0 0 0"'), 0.5)
+    found = estimated(model, time, outputs, np.array([300]))
+    turned = slice(model.nv - 3, model.nv)  # the tool may turn about the point where it is held
+    assert (found.sd[0, turned] > 0.5).all()
+
+
+def test_without_constraints_nothing_changes():
+    _, time, outputs, *_ = driven(FINGERS, 0.2)
+    loose = mujoco.MjModel.from_xml_string(
+        FINGERS.replace("<equality>", "<!--").replace("</equality>", "-->")
+    )
+    at = np.array([200, 400])
+    believed = astray(loose, 2, 5)
+    found = estimated(loose, time, outputs, at, believed)
+    assert np.array_equal(found.starts.qpos[:, 1], believed.starts.qpos[:, 1])
+    assert np.array_equal(found.sd[:, 1], believed.sd[:, 1])
