@@ -211,6 +211,7 @@ class Simulator:
             each,
             lead=windows.lead,
             known=windows.known_lead[row],
+            began=(windows.time - windows.elapsed)[row],
             drift=drift,
             hidden=hidden,
             states=states,
@@ -227,6 +228,7 @@ class Simulator:
         *,
         lead: int = 0,
         known: np.ndarray | None = None,
+        began: np.ndarray | None = None,
         drift: np.ndarray | None = None,
         hidden: np.ndarray | None = None,
         states: bool = False,
@@ -234,14 +236,16 @@ class Simulator:
         """Rollouts whose sensors are the outputs on the grid; each (simulation, parameter).
 
         controls (row, lead + steps, nu), of which `lead` come before the first step, `known` (simulation,) of them from
-        the log; where there are fewer the last are held. drift (simulation,): how many s later than the first step a
-        simulation begins; None begins none later. hidden (simulation, state): what the effects' own states begin with;
-        0 where None.
+        the log; where there are fewer the last are held. began (simulation,): s, when the episode of each did; 0 where
+        None. drift (simulation,): how many s later than the first step a simulation begins; None begins none later.
+        hidden (simulation, state): what the effects' own states begin with; 0 where None.
         """
         drift = np.zeros(len(row)) if drift is None else drift
         known = np.zeros(len(row), dtype=int) if known is None else known
+        began = np.zeros(len(row)) if began is None else began
         hidden = np.zeros((len(row), self.hidden_states)) if hidden is None else hidden
-        controls, row = self._drive(controls, row, each, lead, steps, drift, known, hidden)
+        elapsed = starts.time - began
+        controls, row = self._drive(controls, row, each, lead, steps, drift, known, elapsed, hidden)
         measures = self._measures
         rollouts = self.engine.rollout(
             starts=starts,
@@ -249,7 +253,7 @@ class Simulator:
             control_row=row,
             steps=steps,
             fields=self._fields(each),
-            forces=self._forces(each, hidden),
+            forces=self._forces(each, hidden, began),
             columns=None if measures else self._sensors,
             states=states,
             substeps=self.substeps,
@@ -284,10 +288,10 @@ class Simulator:
             effect.write(fields, each[:, columns])
         return fields
 
-    def _forces(self, each: np.ndarray, hidden: np.ndarray) -> list[Force]:
+    def _forces(self, each: np.ndarray, hidden: np.ndarray, began: np.ndarray) -> list[Force]:
         timestep = self.task.timestep / self.substeps
         forces = [
-            effect.force_from(each[:, columns], timestep, hidden[:, own])
+            effect.force_since(each[:, columns], timestep, hidden[:, own], began)
             for (_, effect), columns, own in zip(self.effects, self._columns, self._states, strict=True)
         ]
         return [f for f in forces if f is not None]
@@ -312,6 +316,7 @@ class Simulator:
         steps: int,
         drift: np.ndarray,
         known: np.ndarray,
+        elapsed: np.ndarray,
         hidden: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Controls (simulation or row, steps, nu) as the actuators receive them, and which of them are whose."""
@@ -325,12 +330,13 @@ class Simulator:
         memory = sum(effect.memory(values) for effect, values in own)
         # one step at least: what came first is taken to have been for ever
         past = max(min(int(np.ceil(memory / self.task.timestep)), lead), 1)
+        first = elapsed - past * self.task.timestep
         at = drift[:, None] / self.task.timestep + np.arange(lead - past, lead + steps)
         controls = _between(controls, row, at)
         unknown = at < lead - known[:, None]
         controls += unknown[..., None] * self._before(hidden)[:, None]
         for effect, values in own:
-            controls = effect.drive(controls, values, self.task.timestep)
+            controls = effect.drive_since(controls, values, self.task.timestep, first)
         return controls[:, past:], np.arange(len(row))
 
     def _before(self, hidden: np.ndarray) -> np.ndarray:

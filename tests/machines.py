@@ -158,13 +158,14 @@ def run(model: mujoco.MjModel, *effect_values, count: int = 1, starts=None, tape
     """Sensors (simulation, grid, sensordata) and diverged (simulation,) with (effect, values) pairs in place."""
     step, fields, forces = model.opt.timestep, ModelFields(model, count), []
     tape = controls(model, count) if tape is None else tape
+    starts = starts or start(model, count)
     for effect, values in effect_values:
         effect.write(fields, values)
-        tape = effect.drive(tape, values, step)
+        tape = effect.drive_since(tape, values, step, starts.time)
         forces += [f for f in [effect.force(values, step)] if f]  # substeps belong to effects without a force
     substeps = math.prod(effect.substeps for effect, _ in effect_values)
     rollouts = Engine(model, 1).rollout(
-        starts=starts or start(model, count),
+        starts=starts,
         controls=tape,
         steps=tape.shape[1],
         fields=fields,

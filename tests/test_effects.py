@@ -510,6 +510,36 @@ def test_an_actuator_knows_in_a_window_what_came_before_it(name, value, toleranc
     assert np.abs(held.outputs[0] - expected)[1:].max() > 1e-4
 
 
+@pytest.mark.parametrize(("name", "site"), [("control-fade", "drive"), ("friction-fade", "x")])
+def test_what_fades_began_to_with_the_episode(name, site):
+    """In every window, wherever the log's clock begins, it is as far as in the simulation of the whole episode."""
+    task = load_task(str(SLIDER))
+    effect = effects.REGISTRY.get(name)(task.model, site)
+    time = 5 + 0.004 * np.arange(750)
+    log = {"time": time, "inputs": 30 * np.sign(np.sin(61 * time))[:, None], "outputs": np.zeros((750, 1))}
+    options = {"episodes": [slice(0, 750)], "timestep": task.timestep, "linear": np.array([False])}
+    whole, windows = (cut(**log, **options, duration=d) for d in (None, 0.5))
+    values, zero = np.array([[-0.6, 1.5]]), np.zeros(1)
+    begin = replace(model_starts(task.model, 1).starts, time=np.array([5.0]))
+    force = effect.force_since(values, task.timestep, np.zeros((1, 0)), began=begin.time)
+    rollout = Engine(task.model, 1).rollout(
+        starts=begin,
+        controls=effect.drive_since(task.controls(whole.controls), values, task.timestep, elapsed=zero),
+        steps=int(whole.grid_steps[0]),
+        forces=[f for f in [force] if f],
+        states=True,
+    )
+    at = np.rint((windows.time - 5) / task.timestep).astype(int)
+    starts = Starts(rollout.qpos[0, at], rollout.qvel[0, at], np.zeros((len(at), 0)), windows.time)
+    point = np.concatenate([task.space.nominal, values[0]])
+    simulated = Simulator(task, [(name, effect)], threads=1).simulate(windows, starts, point[None]).outputs[0]
+    expected = whole.sample(rollout.sensors, np.array([0]))[0].reshape(len(at), -1, 1)
+    np.testing.assert_allclose(simulated, expected, rtol=0, atol=1e-9)
+    anew = replace(windows, elapsed=np.zeros(len(windows)))
+    anew = Simulator(task, [(name, effect)], threads=1).simulate(anew, starts, point[None]).outputs[0]
+    assert np.abs(anew - expected)[1:].max() > 1e-4
+
+
 @pytest.mark.parametrize("error", [-0.008, 0.03])
 def test_a_clock_drifts_from_the_start_of_the_episode(error):
     """Windows that begin where the sensors say agree with the sensors of the whole episode."""

@@ -113,9 +113,21 @@ class Effect(ABC):
         """`force`, where simulations start with `states` (simulation, state): overridden where there are any."""
         return self.force(values, timestep)
 
+    def force_since(
+        self, values: np.ndarray, timestep: float, states: np.ndarray, began: np.ndarray
+    ) -> Force | None:
+        """`force_from`, of episodes that `began` (simulation,), s, by the clock of the simulation."""
+        return self.force_from(values, timestep, states)
+
     def drive(self, controls: np.ndarray, values: np.ndarray, timestep: float) -> np.ndarray:
         """Place "control": ctrl (simulation, grid, nu), on the model's grid, as the actuators receive it."""
         return controls
+
+    def drive_since(
+        self, controls: np.ndarray, values: np.ndarray, timestep: float, elapsed: np.ndarray
+    ) -> np.ndarray:
+        """`drive`, where `elapsed` (simulation,), s, have passed since the episode began at the first control."""
+        return self.drive(controls, values, timestep)
 
     def memory(self, values: np.ndarray) -> float:
         """Place "control": for how long, in s, a control still shows at `values` (simulation, parameter)."""

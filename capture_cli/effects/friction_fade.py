@@ -1,0 +1,51 @@
+"""Friction that falls, or grows, the longer the machine runs."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from capture_cli.effects._fade import TIME_CONSTANT, Growing, grown
+from capture_cli.effects._joint_effect import JointEffect
+from capture_cli.effects._joint_force import DAMPING, FRICTION
+from capture_cli.effects._kernel import Companion, call
+from capture_cli.effects._places import reference
+from capture_cli.parameters import Parameter
+
+
+class FrictionFade(JointEffect):
+    """The joint's dry friction and damping become 1 + `change` (1 - e^(-t / `time_constant`)) times as large, t since
+    the episode began: grease that warms.
+    """
+
+    place = "force"
+    summary = "friction and damping that fall, or grow, the longer the machine runs"
+    shapes = ("time_constant",)
+
+    @property
+    def parameters(self):
+        return (Parameter("change", "1", -0.9, 2.0, 0.0), TIME_CONSTANT)
+
+    def force(self, values, timestep):
+        return self.force_since(values, timestep, np.zeros((len(values), 0)), np.zeros(len(values)))
+
+    def force_since(self, values, timestep, states, began):
+        change, time_constant = values.T
+
+        def force(world):
+            rows = world.rows
+            growth = grown(world.time - began[rows], change=change[rows], time_constant=time_constant[rows])
+            for field in (FRICTION, DAMPING):
+                world.vary(field)[:, self.dof] *= growth
+
+        return force
+
+    def companion(self, name, values):
+        numbers = dict(zip(self.space.names, values, strict=True))
+        growth, state = call(name, Growing, ["data.time"], numbers)
+        fields = [f"model.{field}" for field in (FRICTION, DAMPING)]
+        lines = [
+            f"dof = model.joint({reference(self.model, 'joint', self.site)}).dofadr",
+            f"growth = {growth}",
+            *(f"{field}[dof] *= growth" for field in fields),
+        ]
+        return Companion((Growing,), tuple(lines), state, tuple(fields))
