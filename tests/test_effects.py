@@ -77,7 +77,8 @@ def test_away_from_null_every_parameter_moves_outputs_somewhere(name):
         one_less = np.repeat(base[None], len(space), axis=0)
         shape = is_shape(effect)
         # without each amplitude in turn, and with another value of each shape
-        np.fill_diagonal(one_less, np.where(shape, 0.5 * (space.low + base), space.nominal))
+        end = np.where(base > space.low, space.low, space.high)
+        np.fill_diagonal(one_less, np.where(shape, 0.5 * (end + base), space.nominal))
         sensors, _ = run(machine(where), (effect, np.vstack([base, one_less])), count=1 + len(space))
         moved = np.abs(sensors[1:] - sensors[0]).max(axis=(1, 2)) > 1e-9
         unmoved -= {p.name for p, m in zip(effect.parameters, moved, strict=True) if m}
@@ -373,13 +374,15 @@ def test_a_pair_that_is_given_is_not_taken_for_geoms_of_one_make():
     assert effect.sites(model).count("l+r") == 1
 
 
-# a rotor that drives a link, 1 kg together, through {joint}, with damping on either side, and the same as one
+# a rotor that drives a link, 1 kg together, through {joint}, both with damping and friction, and the same as one
 TWO_MASSES = """
 <mujoco><option timestep="1e-4" gravity="0 0 0" integrator="implicitfast"/>
   <default><geom type="sphere" size=".1" contype="0" conaffinity="0"/></default>
   <worldbody>
-    <body><joint name="r" type="slide" axis="1 0 0" damping="{motor}"/><geom mass="{rotor}"/></body>
-    <body><joint name="l" type="slide" axis="1 0 0" damping="{link}" stiffness="30"/><geom mass="{rest}"/></body>
+    <body><joint name="r" type="slide" axis="1 0 0" damping="{motor}" frictionloss="{dry}" solreffriction="5e-4 1"
+      solimpfriction=".999 .999"/><geom mass="{rotor}"/></body>
+    <body><joint name="l" type="slide" axis="1 0 0" damping="{link}" frictionloss="{rubs}" stiffness="30"/>
+      <geom mass="{rest}"/></body>
   </worldbody>
   <tendon><fixed name="t" {joint}><joint joint="r" coef="1"/><joint joint="l" coef="-1"/></fixed></tendon>
   <actuator><motor joint="r"/></actuator><sensor><jointpos joint="l"/></sensor>
@@ -388,7 +391,7 @@ TWO_MASSES = """
 ONE_MASS = """
 <mujoco><option timestep="1e-3" gravity="0 0 0" integrator="implicitfast"/>
   <worldbody>
-    <body><joint name="l" type="slide" axis="1 0 0" damping="4" stiffness="30"/>
+    <body><joint name="l" type="slide" axis="1 0 0" damping="4" frictionloss="{dry}" stiffness="30"/>
       <geom type="sphere" size=".1" mass="1" contype="0" conaffinity="0"/></body>
   </worldbody>
   <actuator><motor joint="l"/></actuator><sensor><jointpos joint="l"/></sensor>
@@ -413,19 +416,34 @@ ONE_MASS = """
         ),
     ],
 )
-@pytest.mark.parametrize(("rotor", "motor_damping"), [(0.3, 0.0), (0.3, 0.9), (0.8, 0.9)])
-def test_compliance_and_backlash_are_a_rotor_and_a_link(name, joint, values, begin, rotor, motor_damping):
+@pytest.mark.parametrize(
+    ("rotor", "motor_damping", "dry", "motor_friction"),
+    [
+        (0.3, 0.0, 0, 0),
+        (0.3, 0.9, 0, 0),
+        (0.8, 0.9, 0, 0),
+        (0.3, 0.5, 1, 1),
+        (0.6, 0.5, 1, 0.6),
+        (0.3, 0.5, 1, 0),
+    ],
+)
+def test_compliance_and_backlash_are_a_rotor_and_a_link(
+    name, joint, values, begin, rotor, motor_damping, dry, motor_friction
+):
     sides = {"rotor": rotor, "rest": 1 - rotor, "motor": 4 * motor_damping, "link": 4 * (1 - motor_damping)}
-    one, two = build(ONE_MASS), build(TWO_MASSES.format(joint=joint, **sides))
+    rubs = {"dry": dry * motor_friction, "rubs": dry * (1 - motor_friction)}
+    one, two = build(ONE_MASS.format(dry=dry)), build(TWO_MASSES.format(joint=joint, **sides, **rubs))
     tape = 3 * np.sign(np.cos(2 * np.pi * 1.3 * np.arange(900) * 1e-3))[None, :, None]
     # the rotor begins where the force holds it
     begin *= 1 - rotor if name == "compliance" else 1  # the link takes the rest of the force
-    held = Starts(np.array([[begin, 0]]), np.zeros((1, 2)), np.zeros((1, 0)), np.zeros(1))
+    held = Starts(np.array([[begin, 0]]), np.full((1, 2), 0.1), np.zeros((1, 0)), np.zeros(1))
     truth = run(two, tape=np.repeat(tape, 10, axis=1), starts=held)[0][:, ::10]
-    rigid = run(one, tape=tape)[0]
+    start = Starts(np.zeros((1, 1)), np.full((1, 1), 0.1), np.zeros((1, 0)), np.zeros(1))
+    rigid = run(one, tape=tape, starts=start)[0]
     effect = effects.REGISTRY.get(name)(one, "l")
-    at = effect.space.to_vector({**values, "rotor": rotor, "motor_damping": motor_damping})
-    sensors = run(one, (effect, at[None]), tape=tape)[0]
+    values = {**values, "rotor": rotor, "motor_damping": motor_damping}
+    at = effect.space.to_vector(values | ({"motor_friction": motor_friction} if dry else {}))
+    sensors = run(one, (effect, at[None]), tape=tape, starts=start)[0]
     error, error_rigid = (np.sqrt(np.mean((s - truth) ** 2)) for s in (sensors, rigid))
     assert error < 0.1 * error_rigid
 

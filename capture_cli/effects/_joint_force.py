@@ -19,6 +19,7 @@ _READ = {
     "time": "data.time",
     "qpos": "data.qpos[at]",
     DAMPING: f"model.{DAMPING}[dof]",
+    FRICTION: f"model.{FRICTION}[dof]",
     INERTIA: "inertia_felt(model, data.qLD, data.qLDiagInv, int(dof[0]))",
 }
 
@@ -42,9 +43,9 @@ def inertia_felt(model, factor, inverse_diagonal, dof):
 class JointForce(JointEffect):
     """An effect that adds what `kernel` gives to the joint's force, dry friction or damping, `adds_to`.
 
-    The kernel's inputs are named as the fields of MjData that they are, at the joint, or dof_damping, or inertia: what
-    a force on the joint alone has to accelerate. Friction and damping are those of the model, which MuJoCo integrates
-    implicitly, and never fall below zero.
+    The kernel's inputs are named as the fields of MjData that they are, at the joint, or dof_damping, dof_frictionloss,
+    or inertia: what a force on the joint alone has to accelerate. Friction and damping are those of the model, which
+    MuJoCo integrates implicitly, and never fall below zero.
     """
 
     place = "force"
@@ -59,10 +60,10 @@ class JointForce(JointEffect):
         return ForceOfKernel(self, self.coefficients(values), timestep)
 
     def read(self, world: World, field: str) -> np.ndarray:
-        """A field of MjData, its damping or its inertia, at the joint, (simulation,)."""
+        """A field of MjData, its damping, dry friction or inertia, at the joint, (simulation,)."""
         if field == "time":
             return world.time
-        if field == DAMPING:
+        if field in (DAMPING, FRICTION):
             return world.vary(field)[:, self.dof]
         if field == INERTIA:
             return inertia_felt(self.model, world.qLD, world.qLDiagInv, self.dof)

@@ -27,7 +27,6 @@ class Spring(TwoMass):
     def __init__(self, *, compliance, damping_time, rotor, timestep, **rest):
         super().__init__(rotor=rotor, timestep=timestep, **rest)
         self.compliance, self.damping_time = compliance, damping_time
-        self.acceleration = 0.0 * rotor
 
     def at_rest(self, passed):
         return self.compliance * passed
@@ -35,7 +34,7 @@ class Spring(TwoMass):
     def advance(self, passed, against, slowing):
         h, inverse = self.timestep, self.compliance * against
         damping = self.damping_time + inverse * slowing
-        before, rate, jerk = self.deflection, self.rate, self.acceleration
+        before, rate, jerk = self.deflection, self.rate, self.jerk
         # both as they would be at the end of the step if d'' were 0 there
         coming_rate = rate + h * (1 - GAMMA) * jerk
         coming = before + h * rate + h * h * (0.5 - BETA) * jerk
@@ -44,20 +43,19 @@ class Spring(TwoMass):
         stiffness = (1 - ALPHA_F) * (damping * GAMMA * h + BETA * h * h)
         wound = self.compliance * passed - inverse * ALPHA_M * jerk
         now = (wound - resisting) / (inverse * (1 - ALPHA_M) + stiffness)
-        self.acceleration = now
-        return coming + h * h * BETA * now, coming_rate + h * GAMMA * now
+        return coming + h * h * BETA * now, coming_rate + h * GAMMA * now, now
 
 
 class Compliance(TransmissionEffect):
     """A spring between drive and joint that winds up by `compliance` (m/N or rad/(N m)) per unit of force.
 
-    `rotor` (kg or kg m^2) is the part of the joint's inertia on the motor's side, and `motor_damping` the share of its
-    damping there. The spring's friction is `damping_time` (s) times its stiffness. The equations are in
-    _two_mass.py; the step is implicit in the spring, so that any stiffness is stable.
+    `rotor` (kg or kg m^2) is the part of the joint's inertia on the motor's side, `motor_damping` and `motor_friction`
+    the shares of its damping and of its dry friction there. The spring's friction is `damping_time` (s) times its
+    stiffness. The equations are in _two_mass.py; the step is implicit in the spring, so that any stiffness is stable.
     """
 
     summary = "a transmission that gives: the joint vibrates against its motor"
-    shapes = ("rotor", "motor_damping", "damping_time")
+    shapes = ("rotor", "motor_damping", "damping_time", "motor_friction")
     kernel = Spring
 
     @property
@@ -68,6 +66,7 @@ class Compliance(TransmissionEffect):
             self.rotor,
             self.motor_damping,
             Parameter("damping_time", "s", 1e-4, 2e-2, 2e-3),
+            *self.motor_friction,
         )
 
     def looseness(self, values):
