@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import takewhile
 
 import numpy as np
 
-from capture_cli.diagnosis.acceptance import Support, bic_gain
+from capture_cli.diagnosis.acceptance import TINY, Support, bic_gain
+from capture_cli.diagnosis.lack_of_fit import NEAR_FLOOR
 from capture_cli.diagnosis.score import similarity
 from capture_cli.diagnosis.split import Folds
 from capture_cli.effects.base import GLOBAL
@@ -33,18 +35,29 @@ from capture_cli.stages.narrow_shapes import NarrowShapes
 MOST_EFFECTS = 6
 # Of the squared error above the noise floor: an effect that takes less away corrects a model that is wrong otherwise
 MATERIAL = 0.1
+# Of what the declared model leaves above the noise floor: one that takes less is minor. A model that is wrong in a way
+# that no effect is takes any number of minor ones, so they stand only where with them nothing is left, or one alone
+# comes near the floor.
+MINOR, MOST_MINOR = 0.05, 2
 AT_BOUND = 1e-3  # of an amplitude's range
 RIVALS = 4  # other candidates that an accepted effect is compared with once everything else is in the model
+# Before it is said that nothing explains the log, so often are the next best fitted, of this share of the best score:
+# where contacts make the error rough, a score at null says little.
+FURTHER, WORTH = 2, 0.2
 SIMILAR = 0.97  # cosine of responses beyond which a candidate that was not fitted may still be a rival
 
 
 @dataclass
 class Accepted:
-    """An effect in the model, candidates that did as well when it entered, and how it stands in the last model."""
+    """An effect in the model, candidates that did as well when it entered, and how it stands in the last model.
+
+    share: of the squared error above the noise floor of the declared model, what it took when it entered.
+    """
 
     effect: Placed
     rivals: list[Candidate]
     support: Support
+    share: float
     tied: list[Candidate] = field(default_factory=list)
 
     @property
@@ -78,6 +91,7 @@ class Attribution:
         self.on_step = on_step
         self.candidates = all_candidates(fits.prepared) if candidates is None else list(candidates)
         self.accepted: list[Accepted] = []
+        self.excess = TINY  # squared error above the noise floor of the declared model
 
     def run(self, declared: Fit) -> Fit:
         """Add effects to the declared model until none is accepted or nothing is left; returns the last model."""
@@ -85,6 +99,8 @@ class Attribution:
         self.models.know(declared)
         while len(self.accepted) < MOST_EFFECTS and not self.models.is_explained(current):
             known = len(self.accepted)
+            if not known:
+                self.excess = max(current.error**2 - 1, TINY)
             found = self._forward(current)
             if found is None:
                 break
@@ -95,8 +111,33 @@ class Attribution:
                 continue
             current = self._at_each_place(found.fit)
             current = self._backward(current, self.accepted[:known], Support.reason_against_entry)
+            if len(self._minor) == MOST_MINOR and not self.models.is_explained(current):
+                break
+        current = self._without_minor(current)
         current = self._backward(current, self.accepted, Support.reason_against)
         return self._compare_with_rivals(current)
+
+    @property
+    def _minor(self) -> list[Accepted]:
+        """The last of the accepted effects, as far as they are minor."""
+        return list(takewhile(lambda a: a.share < MINOR, reversed(self.accepted)))
+
+    def _without_minor(self, current: Fit) -> Fit:
+        """`current` less the minor effects that came last, where they explain nothing after all."""
+        minor = self._minor
+        if self.models.is_explained(current) or (len(minor) == 1 and current.error <= NEAR_FLOOR):
+            return current
+        for accepted in minor:
+            without = self.models.without(current, accepted.name)
+            if without is None:
+                break
+            self.accepted.remove(accepted)
+            self._candidate(accepted.name).why_rejected = (
+                f"it takes {accepted.share:.1%} of what the declared model left above the noise floor, and with it "
+                "something is left all the same: a correction of a model that is wrong otherwise"
+            )
+            current = without
+        return current
 
     def _at_each_place(self, current: Fit) -> Fit:
         """The newest effect at each of its places on its own, where it was accepted at all of them together, and that
@@ -121,7 +162,7 @@ class Attribution:
             return current
         joint = self.accepted.pop()
         self._candidate(joint.name).why_rejected = "better at each of its places on its own"
-        self.accepted += [Accepted(place, [], joint.support) for place in places]
+        self.accepted += [Accepted(place, [], joint.support, joint.share) for place in places]
         return fit
 
     def _step(self, what: str, number: int, total: int) -> None:
@@ -139,19 +180,30 @@ class Attribution:
             score_at_null(narrow, candidate)
         ranked = sorted((c for c in tried if c.why_rejected is None), key=lambda c: -c.score.gain)
         refitted, others = worth_a_refit(ranked)
+        supported = self._refit_all(current, refitted, len(tried))
+        for _ in range(FURTHER):
+            if supported or self.accepted:
+                break
+            least_gain = WORTH * ranked[0].score.gain
+            refitted, left = worth_a_refit([c for c in others if c.score.gain > least_gain])
+            others = [*left, *(c for c in others if c.score.gain <= least_gain)]
+            supported = self._refit_all(current, refitted, len(tried))
         for candidate in others:
             candidate.why_rejected = (
                 f"explains less at first sight ({candidate.score.gain:.3g} of {ranked[0].score.gain:.3g})"
             )
-        before, best = self.models.judge(current), None
-        for number, candidate in enumerate(refitted):
-            self._step("refit", number, len(refitted))
-            self._refit(current, candidate, before, len(tried), best)
-            best = least([best, candidate.fit])
-        supported = [c for c in refitted if c.why_rejected is None]
         if not supported:
             return None
-        return self._choose(supported, others)
+        return self._choose(current, supported, others)
+
+    def _refit_all(self, current: Fit, candidates: Sequence[Candidate], tried: int) -> list[Candidate]:
+        """Fit the model with each of the candidates in it; those that are supported."""
+        before, best = self.models.judge(current), None
+        for number, candidate in enumerate(candidates):
+            self._step("refit", number, len(candidates))
+            self._refit(current, candidate, before, tried, best)
+            best = least([best, candidate.fit])
+        return [c for c in candidates if c.why_rejected is None]
 
     def _refit(
         self, current: Fit, candidate: Candidate, before: PartFit | None, tried: int, rival: Fit | None
@@ -213,7 +265,7 @@ class Attribution:
                 return f"it drives {fit.space.names[i]} to its bound ({fit.point[i]:.3g})"
         return None
 
-    def _choose(self, supported: list[Candidate], unfitted: list[Candidate]) -> Candidate:
+    def _choose(self, current: Fit, supported: list[Candidate], unfitted: list[Candidate]) -> Candidate:
         """The best of the candidates that are supported; among those it cannot be told from, the simplest, and then
         the one that fits best.
 
@@ -226,7 +278,9 @@ class Attribution:
         for candidate in rivals:
             candidate.why_rejected = f"{chosen.name} explains as much with less, or more"
         alike = [c for c in unfitted if abs(similarity(chosen.score.response, c.score.response)) > SIMILAR]
-        self.accepted.append(Accepted(chosen.effect, [*rivals[:RIVALS], *alike[:RIVALS]], chosen.support))
+        share = (current.error**2 - chosen.fit.error**2) / self.excess
+        rivals = [*rivals[:RIVALS], *alike[:RIVALS]]
+        self.accepted.append(Accepted(chosen.effect, rivals, chosen.support, share))
         return chosen
 
     # --- backward ---
