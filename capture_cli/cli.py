@@ -280,6 +280,9 @@ def diagnose(
     ] = None,
     window: Window = None,
     starts: Starts = 3,
+    most_effects: Annotated[
+        int, typer.Option("--most-effects", min=1, help="Stop when so many effects are found.")
+    ] = 6,
     expression: Annotated[
         bool, typer.Option("--expression", help="Look for a formula of what no effect explains.")
     ] = False,
@@ -309,6 +312,7 @@ def diagnose(
         test=test,
         window=window,
         starts=starts,
+        most_effects=most_effects,
         expression=expression,
         seed=seed,
         threads=threads,

@@ -454,3 +454,7 @@ def test_lags_that_differ_are_told_apart_although_they_come_together(tmp_path, m
     assert {e["name"] for e in document["effects"]} == {"control-lag"}
     assert found == {"shoulder": pytest.approx(0.03, rel=0.1), "elbow": pytest.approx(0.05, rel=0.1)}
     assert document["verdict"] == "effect-found"
+    one = diagnose(
+        real_log=tmp_path / "arm.zarr", task=str(arm), out=tmp_path / "one", quiet=True, most_effects=1
+    ).document
+    assert len(one["effects"]) == 1

@@ -73,8 +73,8 @@ class Attribution:
     """Forward selection with a backward step.
 
     folds: what is fitted, and what judges; nothing judges where the log is one window long. is_explained: whether a
-    model leaves nothing but noise. candidates: the whole catalogue where None. on_step is told what is being
-    tried, the number of it, of how many, and what was found so far.
+    model leaves nothing but noise. most_effects: to add. candidates: the whole catalogue where None. on_step is told
+    what is being tried, the number of it, of how many, and what was found so far.
     """
 
     def __init__(
@@ -84,10 +84,12 @@ class Attribution:
         *,
         seed: int,
         is_explained: Callable[[Fit], bool],
+        most_effects: int = MOST_EFFECTS,
         candidates: Sequence[Candidate] | None = None,
         on_step: Callable[[str, int, int, Sequence[str]], None] = lambda *_: None,
     ):
         self.models = ModelComparison(fits, folds, seed=seed, is_explained=is_explained)
+        self.most_effects = most_effects
         self.on_step = on_step
         self.candidates = all_candidates(fits.prepared) if candidates is None else list(candidates)
         self.accepted: list[Accepted] = []
@@ -97,7 +99,7 @@ class Attribution:
         """Add effects to the declared model until none is accepted or nothing is left; returns the last model."""
         current = declared
         self.models.know(declared)
-        while len(self.accepted) < MOST_EFFECTS and not self.models.is_explained(current):
+        while len(self.accepted) < self.most_effects and not self.models.is_explained(current):
             known = len(self.accepted)
             if not known:
                 self.excess = max(current.error**2 - 1, TINY)
@@ -147,7 +149,7 @@ class Attribution:
         if together.site != GLOBAL:
             return current
         sites = [s for s in together.sites(together.model) if s != GLOBAL]
-        if len(sites) < 2 or len(self.accepted) - 1 + len(sites) > MOST_EFFECTS:
+        if len(sites) < 2 or len(self.accepted) - 1 + len(sites) > self.most_effects:
             return current
         places = [(name, type(together)(together.model, site)) for site in sites]
         size = len(together.parameters)

@@ -16,7 +16,7 @@ from capture_cli.diagnosis.split import select_folds
 from capture_cli.errors import FitError, OptionError, StoreError
 from capture_cli.identifiers.intervals import Intervals, intervals
 from capture_cli.simulator import Motion, placed_name
-from capture_cli.stages.attribution import Attribution
+from capture_cli.stages.attribution import MOST_EFFECTS, Attribution
 from capture_cli.stages.candidates import Candidate
 from capture_cli.stages.model_fits import EXACT, Fit, ModelFits, PartFit
 from capture_cli.stages.next_experiment import next_experiment
@@ -50,6 +50,7 @@ def diagnose(
     test: str | None = None,
     window: float | None = None,
     starts: int = 3,
+    most_effects: int = MOST_EFFECTS,
     expression: bool = False,
     seed: int = 0,
     threads: int | None = None,
@@ -59,8 +60,8 @@ def diagnose(
     """Diagnose the log at `real_log`; write a diagnosis directory at `out`.
 
     estimate: the estimate directory of the same log, whose task, windows and held-out part are taken over. Without
-    it `task`, `test` and `window` are as for identify. expression: where the catalogue leaves something, look for a
-    formula of the missing force. Raises CaptureError for whatever the user can mend.
+    it `task`, `test` and `window` are as for identify. most_effects: to add. expression: where the catalogue leaves
+    something, look for a formula of the missing force. Raises CaptureError for whatever the user can mend.
     """
     options = {k: v for k, v in locals().items() if k not in ("quiet", "force")}
     refuse_existing(out, force=force)
@@ -90,6 +91,7 @@ def diagnose(
             progress,
             simulator.rollouts + rollouts,
             starts=starts,
+            most_effects=most_effects,
             expression=expression,
             seed=seed,
             threads=threads,
@@ -108,6 +110,7 @@ def _diagnose(
     rollouts: int,
     *,
     starts: int,
+    most_effects: int,
     expression: bool,
     seed: int,
     threads: int | None,
@@ -122,12 +125,14 @@ def _diagnose(
     if begins_as_acted(prepared):
         acted = ModelFits(as_acted(prepared), threads)
         acted.rollouts = rollouts
-        work = _Work(acted.prepared, acted, progress, seed)
+        work = _Work(acted.prepared, acted, progress, seed, most_effects)
         diagnosis = work.run(nominal, starts)
         if work.explains_what_was_fitted:
             return diagnosis
         free.rollouts = acted.rollouts
-    return _Work(prepared, free, progress, seed).run(nominal, starts, with_expression=expression)
+    return _Work(prepared, free, progress, seed, most_effects).run(
+        nominal, starts, with_expression=expression
+    )
 
 
 def _check_estimate(folder: Path, real_log: Path) -> tuple[Estimate, dict[str, Any]]:
@@ -185,11 +190,14 @@ class _Model:
 class _Work:
     """The protocol, step by step, on a prepared log."""
 
-    def __init__(self, prepared: PreparedLog, fits: ModelFits, progress: Progress, seed: int):
+    def __init__(
+        self, prepared: PreparedLog, fits: ModelFits, progress: Progress, seed: int, most_effects: int
+    ):
         self.prepared = prepared
         self.fits = fits
         self.progress = progress
         self.seed = seed
+        self.most_effects = most_effects
         is_test = prepared.split.is_test
         self.folds = select_folds(prepared.windows.episode, is_test)
         self.part = np.where(is_test, TEST, np.where(self.folds.fit, FIT, SELECT))
@@ -241,6 +249,7 @@ class _Work:
             self.folds,
             seed=self.seed,
             is_explained=lambda fit: not lack_of_fit(fit.at).lacking,
+            most_effects=self.most_effects,
             candidates=candidates,
             on_step=self._tell,
         )
