@@ -184,7 +184,7 @@ class Attribution:
         refitted, others = worth_a_refit(ranked)
         supported = self._refit_all(current, refitted, len(tried))
         for _ in range(FURTHER):
-            if supported or self.accepted:
+            if supported or self.accepted or not others:
                 break
             least_gain = WORTH * ranked[0].score.gain
             refitted, left = worth_a_refit([c for c in others if c.score.gain > least_gain])

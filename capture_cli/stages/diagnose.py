@@ -191,7 +191,12 @@ class _Work:
     """The protocol, step by step, on a prepared log."""
 
     def __init__(
-        self, prepared: PreparedLog, fits: ModelFits, progress: Progress, seed: int, most_effects: int
+        self,
+        prepared: PreparedLog,
+        fits: ModelFits,
+        progress: Progress,
+        seed: int,
+        most_effects: int = MOST_EFFECTS,
     ):
         self.prepared = prepared
         self.fits = fits
