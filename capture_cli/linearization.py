@@ -21,8 +21,9 @@ import numpy as np
 
 from capture_cli.parameters import ParameterSpace
 
-START_STEP = 0.1  # of the prior sd, within the limits below
-START_STEP_LIMITS = (1e-6, 1e-3)  # m, rad, m/s, rad/s
+# Of the prior sd, within the limits below; the latter where bodies touch, and short differences are jumps
+START_STEP, ROUGH_START_STEP = 0.1, 1.0
+SHORTEST, LONGEST = 1e-6, 1e-2  # m, rad, m/s, rad/s; the longest is of the sd itself
 STANDS_OUT = 2.0  # times the squared error of the median window
 BY_WINDOW = ("offsets", "residual", "by_parameter", "by_start")  # arrays of a linearization, (window, ...)
 
@@ -34,8 +35,8 @@ class Evidence:
     measured (window, step, output); mask (window, step), False for padding. noise_sd (output,): the noise floor,
     which weighs outputs against each other. start_sd (window, state): how well each start is known beforehand;
     0 where it may not be moved. hidden_tried (point, hidden state): the last of the states are effects' own, of which
-    the log says nothing; values at which they are looked for, nan where one is left as it is. movable: the states that
-    may be moved, in one window at least.
+    the log says nothing; values at which they are looked for, nan where one is left as it is. start_step: of finite
+    differences, as a share of start_sd. movable: the states that may be moved, in one window at least.
     """
 
     space: ParameterSpace
@@ -44,6 +45,7 @@ class Evidence:
     noise_sd: np.ndarray
     start_sd: np.ndarray
     hidden_tried: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    start_step: float = START_STEP
     movable: np.ndarray | None = None
 
     def __post_init__(self):
@@ -123,7 +125,7 @@ def parameter_steps(space: ParameterSpace, x: np.ndarray) -> np.ndarray:
 
 
 def _start_steps(evidence: Evidence) -> np.ndarray:
-    return np.clip(START_STEP * evidence.start_sd, *START_STEP_LIMITS)
+    return np.maximum(evidence.start_step * np.minimum(evidence.start_sd, LONGEST), SHORTEST)
 
 
 @dataclass(frozen=True)

@@ -40,6 +40,7 @@ class Simulator:
     """Simulates windows of a log under candidate parameters: those of the task, then those of each effect.
 
     An effect's parameters are named EFFECT@SITE.PARAMETER. `rollouts` counts the simulations run so far.
+    difference_step: the least share of a parameter's range that finite differences take.
     """
 
     def __init__(
@@ -48,16 +49,17 @@ class Simulator:
         effects: Sequence[tuple[str, Effect]] = (),
         threads: int | None = None,
         engine: Engine | None = None,
+        difference_step: float = 0.0,
     ):
         self.task = task
         self.effects = tuple(effects)
         self.engine = engine or Engine(task.model, threads)
         self.rollouts = 0
-        self.space = task.space
+        longest = max([difference_step, *task.space.steps])
+        self.space = ParameterSpace([replace(p, step=max(p.step, difference_step)) for p in task.space])
         self._columns: list[slice] = []  # of each effect's parameters
         self._states: list[slice] = []  # of each effect's hidden states
         self.hidden_states = 0
-        longest = max(task.space.steps, default=0.0)
         for name, effect in self.effects:
             self._columns.append(slice(len(self.space), len(self.space) + len(effect.parameters)))
             self._states.append(slice(self.hidden_states, self.hidden_states + len(effect.states)))

@@ -305,7 +305,8 @@ class ModelFits:
 
     def simulator(self, effects: Sequence[Placed]) -> Simulator:
         """Simulates the task with `effects` on the shared engine."""
-        return Simulator(self.prepared.task, effects, engine=self.engine)
+        own = self.prepared
+        return Simulator(own.task, effects, engine=self.engine, difference_step=own.difference_step)
 
     def _carried(
         self, offsets: np.ndarray, theirs: Sequence[Placed], effects: Sequence[Placed], evidence: Evidence

@@ -13,6 +13,7 @@ from capture_cli.diagnosis.noise_floor import NoiseFloor, noise_floor
 from capture_cli.diagnosis.split import Split, split_windows
 from capture_cli.errors import FitError, LogError, OptionError
 from capture_cli.identifiers.base import Evidence, Trial
+from capture_cli.linearization import ROUGH_START_STEP, START_STEP
 from capture_cli.sim.engine import Engine, ModelFields
 from capture_cli.sim.quaternion_signs import aligned, continuous, quaternion_columns
 from capture_cli.sim.reported_motion import MOST_LATE
@@ -27,6 +28,7 @@ from capture_cli.sim.starts import (
 )
 from capture_cli.sim.windows import Windows, cut
 from capture_cli.simulator import Simulator
+from capture_cli.stages.difference_step import difference_step
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.tasks import REGISTRY, load_task
 from capture_cli.tasks.base import ActionTask, Channel, Task
@@ -41,7 +43,10 @@ REPEATED_SAMPLES = (16, 100)  # half a window within these: over how long repeat
 
 @dataclass(frozen=True)
 class PreparedLog:
-    """Everything `identify` and `diagnose` know before the first simulation."""
+    """Everything `identify` and `diagnose` know before the first simulation.
+
+    difference_step: the least share of a parameter's range that finite differences take, as of `difference_step`.
+    """
 
     task: Task
     log: MeasuredLog
@@ -49,6 +54,7 @@ class PreparedLog:
     starts: StartEstimate
     noise: NoiseFloor
     split: Split
+    difference_step: float = 0.0
 
     @property
     def recording(self) -> np.ndarray:
@@ -65,6 +71,7 @@ class PreparedLog:
             self.starts.rows(keep),
             self.noise,
             Split(self.split.is_test[keep], self.split.how),
+            self.difference_step,
         )
 
     def evidence(self, simulator: Simulator) -> Evidence:
@@ -76,6 +83,7 @@ class PreparedLog:
             self.noise.sd,
             self._start_sd(simulator),
             hidden_tried=simulator.hidden_tried(),
+            start_step=ROUGH_START_STEP if self.difference_step else START_STEP,
         )
 
     def _start_sd(self, simulator: Simulator) -> np.ndarray:
@@ -154,7 +162,8 @@ def prepare(
         test=test,
         seed=seed,
     )
-    return PreparedLog(task, log, windows, starts, noise, split)
+    prepared = PreparedLog(task, log, windows, starts, noise, split)
+    return replace(prepared, difference_step=difference_step(prepared, threads))
 
 
 def driven_by(log: MeasuredLog) -> Sequence[np.ndarray]:

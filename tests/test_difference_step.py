@@ -1,0 +1,90 @@
+"""Finite differences are as long as contacts need them, and no longer."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from capture_cli.stages.model_fits import ModelFits
+from capture_cli.stages.prepared_log import prepare
+from capture_cli.stages.record import record
+from capture_cli.stores.measured_log import MeasuredLog
+from capture_cli.tasks import load_task
+
+TRAY_XML = """
+<mujoco model="tray">
+  <option timestep="0.001" integrator="implicitfast" cone="elliptic" impratio="10"/>
+  <worldbody>
+    <body name="tray">
+      <joint name="tray" type="slide" axis="1 0 0" damping="10"/>
+      <geom name="tray" type="box" size=".5 .4 .01" pos="0 0 -.01" mass="2.5" friction=".3 .001 .0001"/>
+    </body>
+    <body name="box" pos="0 0 .0299">
+      <freejoint name="box"/>
+      <geom name="box" type="box" size=".05 .04 .03" mass=".4" friction="{friction} .001 .0001"/>
+    </body>
+  </worldbody>
+  <actuator><position name="drive" joint="tray" kp="2500" kv="90" ctrlrange="-.05 .05"/></actuator>
+  <sensor><jointpos name="tray" joint="tray"/><framepos name="box" objtype="xbody" objname="box"/></sensor>
+</mujoco>
+"""
+TRAY_TOML = """
+format = 1
+name = "tray"
+model = "model.xml"
+parameters.friction = {{ set = ["geom:box:friction", "geom:tray:friction"], low = {low}, high = 0.8, unit = "1" }}
+parameters.mass = {{ set = "body:tray:mass", low = 1.5, high = 6.0, unit = "kg", nominal = {mass} }}
+inputs.drive = {{ column = "u", unit = "m" }}
+outputs.tray = {{ column = "q", unit = "m" }}
+outputs.box = {{ column = ["x", "y", "z"], unit = "m" }}
+log.window = 1.0
+"""
+
+
+def tray(folder: Path, mass: float) -> Path:
+    """The task.toml of a tray that shakes a box; friction 0.3 and a tray of `mass` kg where it begins."""
+    folder.mkdir()
+    (folder / "model.xml").write_text(TRAY_XML.format(friction=0.3))
+    (folder / "task.toml").write_text(TRAY_TOML.format(low=0.1, mass=mass))
+    return folder / "task.toml"
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory) -> Path:
+    """Of a tray of 3.1 kg."""
+    folder = tmp_path_factory.mktemp("tray")
+    out = folder / "log.zarr"
+    record(
+        task=str(tray(folder / "true", 3.1)), out=out, noise=3e-4, episodes=2, duration=2.0, rate=100, seed=1
+    )
+    return out
+
+
+def prepared(log: Path, task: Path):
+    return prepare(MeasuredLog.read(log), load_task(str(task)), window=None, test=None, seed=0)
+
+
+def test_a_box_that_rocks_on_a_tray_needs_long_differences(log, tmp_path):
+    assert prepared(log, tray(tmp_path / "tray", 3.1)).difference_step == pytest.approx(1e-2)
+
+
+def test_without_contacts_they_stay_short(tmp_path, slider_task):
+    out = tmp_path / "slider.zarr"
+    record(
+        task=str(slider_task),
+        out=out,
+        noise=1e-4,
+        episodes=2,
+        duration=2.0,
+        rate=100,
+        amplitude={"drive": 2.0},
+    )
+    assert prepared(out, slider_task).difference_step == 0.0
+
+
+def test_parameters_are_found_through_contacts(log, tmp_path):
+    ready = prepared(log, tray(tmp_path / "tray", 2.2))
+    found = ModelFits(ready, threads=2).fit(ready, [], ready.task.space.nominal)
+    assert found.point == pytest.approx([0.3, 3.1], abs=0.05)
+    assert found.error < 1.2
