@@ -23,6 +23,7 @@ PRIOR_INFLATION = 10.0
 LAG_LEFT = 0.02  # of the correction for the integrator's lag: higher orders of the timestep
 # Times the motion of an unmeasured coordinate in a simulated episode, which may be of another phase and another size
 UNMEASURED_MOTION = 3.0
+STILL = 1e-9  # m, rad, or per s: what moves less does not, but for rounding
 
 
 @dataclass(frozen=True)
@@ -287,6 +288,7 @@ def from_episodes(model: mujoco.MjModel, whole: Rollouts, *, window_episode, win
         for step, position in enumerate(path):
             mujoco.mj_differentiatePos(model, moved[episode, step], 1.0, path[0], position)
     motion = np.concatenate([states.std(axis=1) for states in (moved, qvel, act)], axis=1)
+    motion[motion < STILL] = 0.0
     return StartEstimate(starts, UNMEASURED_MOTION * motion[window_episode])
 
 
