@@ -24,7 +24,8 @@ from capture_cli.stages.model_fits import Fit, ModelFits, PartFit, Placed
 AGAIN_ROUNDS = 20  # in which a model without an effect is to get where it got with it
 INDISTINCT = 0.05  # two models are tied where the paired test between them is not below this
 CLEARLY_BETTER = 10.0  # of BIC: "very strong" (Kass & Raftery 1995)
-BARE_MENTION = 2.0  # of BIC: less is "not worth more than a bare mention", however steadily it comes
+STRONG = 6.0  # of BIC, odds of 20 to 1: of less no winner is made, however steadily it comes
+CHANCE = 3.0  # sd of what hidden states of windows take by chance, beyond its mean, which is not counted
 BETTER, TIED = "better", "tied with {mine}: this log cannot tell them apart"
 WORSE, NOT_WORTH_IT = "{mine} explains more", "no better than {mine}, with more parameters"
 SAME_RESPONSE = 0.9999  # cosine of two effects' responses beyond which no parameter value tells them apart
@@ -174,7 +175,7 @@ class ModelComparison:
     def as_good(self, best: Candidate, other: Candidate) -> bool:
         """Whether neither the fitted windows nor those that judge tell `other` from `best`."""
         _, gain = self._more_and_gain(best, other)
-        return gain > -CLEARLY_BETTER and self._indistinct(best, other)
+        return gain > -CLEARLY_BETTER - _chance(best, other) and self._indistinct(best, other)
 
     def _more_and_gain(self, mine: Candidate, other: Candidate) -> tuple[int, float]:
         """How many parameters `other` has more than `mine`, and what its fit gains by BIC."""
@@ -215,11 +216,17 @@ class ModelComparison:
         more, gain = self._more_and_gain(mine, other)
         if more > 0 and gain < CLEARLY_BETTER:
             return NOT_WORTH_IT
-        if abs(gain) > BARE_MENTION and not self._indistinct(mine, other):
+        if abs(gain) > STRONG and not self._indistinct(mine, other):
             return WORSE if self.loss(mine) <= self.loss(other) else BETTER
-        if abs(gain) > CLEARLY_BETTER:
+        if abs(gain) > CLEARLY_BETTER + _chance(mine, other):
             return WORSE if gain < 0 else BETTER
         return TIED
+
+
+def _chance(one: Candidate, other: Candidate) -> float:
+    """Of BIC: by how much the fits of two effects may differ for what their hidden states took of the noise."""
+    taken = one.fit.at.fitted_hidden.sum() + other.fit.at.fitted_hidden.sum()
+    return CHANCE * float(np.sqrt(2 * taken))
 
 
 def effective_samples(fit: Fit) -> float:
