@@ -29,6 +29,8 @@ CHANCE = 3.0  # sd of what hidden states of windows take by chance, beyond its m
 BETTER, TIED = "better", "tied with {mine}: this log cannot tell them apart"
 WORSE, NOT_WORTH_IT = "{mine} explains more", "no better than {mine}, with more parameters"
 SAME_RESPONSE = 0.9999  # cosine of two effects' responses beyond which no parameter value tells them apart
+# Beyond which an effect that has parameters more is tied, too, if it does no better: a lag of either order, and a delay
+SAME_HERE = 0.999
 
 
 class ModelComparison:
@@ -215,7 +217,8 @@ class ModelComparison:
         """BETTER, TIED or why not, of `other` in the place of `mine`."""
         more, gain = self._more_and_gain(mine, other)
         if more > 0 and gain < CLEARLY_BETTER:
-            return NOT_WORTH_IT
+            is_same = similarity(mine.score.response, other.score.response) > SAME_HERE
+            return TIED if is_same and self._indistinct(mine, other) else NOT_WORTH_IT
         if abs(gain) > STRONG and not self._indistinct(mine, other):
             return WORSE if self.loss(mine) <= self.loss(other) else BETTER
         if abs(gain) > CLEARLY_BETTER + _chance(mine, other):
