@@ -17,6 +17,7 @@ SEVERITIES = ("error", "warning", "note")
 # More rows would push the findings off the screen; --json has them all.
 MOST_ROWS = 12
 LEAST_REST = 0.01  # share of the samples
+FINE = 0.01  # of the change from sample to sample: steps below it are how many digits the file has
 _KINDS = {
     "measured-log": "measured log",
     "estimate": "estimate",
@@ -115,10 +116,10 @@ def _channels(channels: Sequence[Mapping[str, Any]]) -> list[list[str]]:
 
 def _movement(channel: Mapping[str, Any]) -> str:
     if channel["kind"] == "output":
-        step = channel["quantisation"]["step"]
-        return (
-            "output" if step is None else f"output, steps of {bound(float(f'{step:.3g}'))} {channel['unit']}"
-        )
+        step, change = channel["quantisation"]["step"], channel["quantisation"]["change"]
+        if step is None or (change is not None and step < FINE * change):
+            return "output"
+        return f"output, steps of {bound(float(f'{step:.3g}'))} {channel['unit']}"
     moves = channel["excitation"]
     parts = ["input"]
     if moves["at_rest"] is not None and moves["at_rest"] >= LEAST_REST:
