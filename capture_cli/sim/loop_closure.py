@@ -71,7 +71,7 @@ class LoopClosure:
         qpos, qvel, sd = starts.qpos.copy(), starts.qvel.copy(), sd.copy()
         for window in range(len(starts)):
             position, velocity = sd[window, :nv], sd[window, nv : 2 * nv]
-            left = self._at(followed[window], position)
+            _, left = self._at(followed[window], position)
             qpos[window] = self._begun(qpos[window], followed[window], left < DETERMINED * position)
             qpos[window], sd[window, :nv] = self._closed(qpos[window], position)
             gain, gives = self._gain(velocity, per_second=True)
@@ -93,23 +93,22 @@ class LoopClosure:
         here = qpos.copy()
         moved = np.zeros(self.model.nv)
         for _ in range(ROUNDS):
-            left = self._at(here, sd)
+            gain, left = self._at(here, sd)
             if not self.data.ne:
                 return here, left
-            gain, _ = self._gain(sd)
             mujoco.mj_differentiatePos(self.model, moved, 1.0, qpos, here)
             whole = gain @ (self._jacobian @ moved - self.data.efc_pos[: self.data.ne])
             here = qpos.copy()
             mujoco.mj_integratePos(self.model, here, whole, 1.0)
             if np.abs(whole - moved).max() < CLOSED:
                 break
-        return here, self._at(here, sd)
+        return here, self._at(here, sd)[1]
 
-    def _at(self, qpos: np.ndarray, sd: np.ndarray) -> np.ndarray:
-        """What the constraints leave of sd (dof,) at qpos (nq,)."""
+    def _at(self, qpos: np.ndarray, sd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The constraints' gain at qpos (nq,), and what they leave of sd (dof,)."""
         self.data.qpos[:] = qpos
         mujoco.mj_fwdPosition(self.model, self.data)
-        return self._gain(sd)[1]
+        return self._gain(sd)
 
     @property
     def _jacobian(self) -> np.ndarray:
