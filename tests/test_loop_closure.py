@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from capture_cli.sim.engine import Engine, Starts
+from capture_cli.sim.loop_closure import LoopClosure
 from capture_cli.sim.starts import PRIOR_INFLATION, StartEstimate, estimate_starts
 
 PRESS = """
@@ -155,3 +156,11 @@ def test_without_constraints_nothing_changes():
     found = estimated(loose, time, outputs, at, believed)
     assert np.array_equal(found.starts.qpos[:, 1], believed.starts.qpos[:, 1])
     assert np.array_equal(found.sd[:, 1], believed.sd[:, 1])
+
+
+def test_an_episode_without_windows_is_not_followed():
+    model, time, outputs, *_ = driven(*MACHINES["press"])
+    followed = LoopClosure(model).follow(
+        time, outputs, np.array([0]), np.array([0]), np.full(1, NOISE), model.qpos0, at=[]
+    )
+    assert followed.shape == (0, model.nq)

@@ -52,7 +52,7 @@ class LoopClosure:
         wanted = {int(step): place for place, step in enumerate(at)}
         found = np.empty((len(at), self.model.nq))
         qpos = begin.copy()
-        for step in range(max(wanted) + 1):
+        for step in range(max(wanted, default=-1) + 1):
             if step % stride and step not in wanted:
                 continue
             qpos[qpos_columns] = measured[step]
