@@ -123,7 +123,9 @@ class TwoMass(ABC):
         self.motor_damping = motor_damping  # B over the joint's damping
         self.motor_friction = motor_friction  # over the joint's dry friction
         self.ahead = ahead  # of where it would rest, at the start
-        self.deflection = self.extra = self.jerk = 0.0 * rotor  # d, the force of the last step, and d''
+        self.deflection = self.extra = self.acceleration = (
+            0.0 * rotor
+        )  # d, the force of the last step, and d''
         self.rate = turning + 0.0 * rotor  # d'
         self.speed = None  # of the joint, at the last step
 
@@ -153,7 +155,7 @@ class TwoMass(ABC):
             change = resisted(friction)[2] - turning
             stops = np.clip(np.divide(-turning, change, out=np.ones_like(change), where=change != 0), 0, 1)
             state, extra, _ = resisted(friction * stops)
-        self.deflection, self.rate, self.jerk = state
+        self.deflection, self.rate, self.acceleration = state
         self.extra, self.speed = extra, np.array(qvel)
         return extra
 

@@ -34,14 +34,14 @@ class Spring(TwoMass):
     def advance(self, passed, against, slowing):
         h, inverse = self.timestep, self.compliance * against
         damping = self.damping_time + inverse * slowing
-        before, rate, jerk = self.deflection, self.rate, self.jerk
+        before, rate, acceleration = self.deflection, self.rate, self.acceleration
         # both as they would be at the end of the step if d'' were 0 there
-        coming_rate = rate + h * (1 - GAMMA) * jerk
-        coming = before + h * rate + h * h * (0.5 - BETA) * jerk
+        coming_rate = rate + h * (1 - GAMMA) * acceleration
+        coming = before + h * rate + h * h * (0.5 - BETA) * acceleration
         resisting = damping * ((1 - ALPHA_F) * coming_rate + ALPHA_F * rate)
         resisting += (1 - ALPHA_F) * coming + ALPHA_F * before
         stiffness = (1 - ALPHA_F) * (damping * GAMMA * h + BETA * h * h)
-        wound = self.compliance * passed - inverse * ALPHA_M * jerk
+        wound = self.compliance * passed - inverse * ALPHA_M * acceleration
         now = (wound - resisting) / (inverse * (1 - ALPHA_M) + stiffness)
         return coming + h * h * BETA * now, coming_rate + h * GAMMA * now, now
 
