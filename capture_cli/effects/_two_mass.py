@@ -123,10 +123,8 @@ class TwoMass(ABC):
         self.motor_damping = motor_damping  # B over the joint's damping
         self.motor_friction = motor_friction  # over the joint's dry friction
         self.ahead = ahead  # of where it would rest, at the start
-        self.deflection = self.extra = self.acceleration = (
-            0.0 * rotor
-        )  # d, the force of the last step, and d''
-        self.rate = turning + 0.0 * rotor  # d'
+        self.deflection = self.extra = 0.0 * rotor  # d, and the force of the last step
+        self.rate, self.acceleration = turning + 0.0 * rotor, 0.0 * rotor  # d', d''
         self.speed = None  # of the joint, at the last step
 
     def __call__(self, qvel, qacc, qfrc_actuator, dof_damping, dof_frictionloss, inertia):
