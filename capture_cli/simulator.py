@@ -264,7 +264,7 @@ class Simulator:
             return rollouts
         sensors = rollouts.sensors
         for (_, effect), columns, own in zip(self.effects, self._columns, self._states, strict=True):
-            sensors = effect.measure_from(sensors, each[:, columns], self.task.timestep, hidden[:, own])
+            sensors = effect.measure(sensors, each[:, columns], self.task.timestep, states=hidden[:, own])
         return replace(rollouts, sensors=sensors[..., self._sensors])
 
     def _lateness(self, each: np.ndarray) -> np.ndarray:
@@ -293,7 +293,7 @@ class Simulator:
     def _forces(self, each: np.ndarray, hidden: np.ndarray, began: np.ndarray) -> list[Force]:
         timestep = self.task.timestep / self.substeps
         forces = [
-            effect.force_since(each[:, columns], timestep, hidden[:, own], began)
+            effect.force(each[:, columns], timestep, states=hidden[:, own], began=began)
             for (_, effect), columns, own in zip(self.effects, self._columns, self._states, strict=True)
         ]
         return [f for f in forces if f is not None]
@@ -338,7 +338,7 @@ class Simulator:
         unknown = at < lead - known[:, None]
         controls += unknown[..., None] * self._before(hidden)[:, None]
         for effect, values in own:
-            controls = effect.drive_since(controls, values, self.task.timestep, first)
+            controls = effect.drive(controls, values, self.task.timestep, elapsed=first)
         return controls[:, past:], np.arange(len(row))
 
     def _before(self, hidden: np.ndarray) -> np.ndarray:

@@ -161,7 +161,7 @@ def run(model: mujoco.MjModel, *effect_values, count: int = 1, starts=None, tape
     starts = starts or start(model, count)
     for effect, values in effect_values:
         effect.write(fields, values)
-        tape = effect.drive_since(tape, values, step, starts.time)
+        tape = effect.drive(tape, values, step, elapsed=starts.time)
         forces += [f for f in [effect.force(values, step)] if f]  # substeps belong to effects without a force
     substeps = math.prod(effect.substeps for effect, _ in effect_values)
     rollouts = Engine(model, 1).rollout(

@@ -539,10 +539,10 @@ def test_what_fades_began_to_with_the_episode(name, site):
     whole, windows = (cut(**log, **options, duration=d) for d in (None, 0.5))
     values, zero = np.array([[-0.6, 1.5]]), np.zeros(1)
     begin = replace(model_starts(task.model, 1).starts, time=np.array([5.0]))
-    force = effect.force_since(values, task.timestep, np.zeros((1, 0)), began=begin.time)
+    force = effect.force(values, task.timestep, began=begin.time)
     rollout = Engine(task.model, 1).rollout(
         starts=begin,
-        controls=effect.drive_since(task.controls(whole.controls), values, task.timestep, elapsed=zero),
+        controls=effect.drive(task.controls(whole.controls), values, task.timestep, elapsed=zero),
         steps=int(whole.grid_steps[0]),
         forces=[f for f in [force] if f],
         states=True,

@@ -57,7 +57,7 @@ class ExpressionTerm(Effect):
         most = ROOM * characteristic_force(self.model, self.joint) / self.term.scale
         return (Parameter("coefficient", f"{force} per {self.term.unit}", -most, most, 0.0),)
 
-    def force(self, values, timestep):
+    def force(self, values, timestep, **_):
         def push(world: World) -> None:
             world.qfrc_applied[:, self.dof] += values[world.rows, 0] * self.term.value(world)
 

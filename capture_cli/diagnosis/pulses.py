@@ -53,7 +53,7 @@ class Pulses(JointEffect):
         """Hz: the fastest force that they can add up to."""
         return RESOLVED / (self.spacing * float(self.model.opt.timestep))
 
-    def force(self, values, timestep) -> Force:
+    def force(self, values, timestep, **_) -> Force:
         return _Force(self, values, round(float(self.model.opt.timestep) / timestep))
 
     def shares(self, steps: np.ndarray) -> np.ndarray:

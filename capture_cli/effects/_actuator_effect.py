@@ -45,7 +45,7 @@ class ActuatorEffect(Effect):
         """The kernel's coefficients, (simulation,) each, from `values` (simulation, parameter)."""
         return dict(zip(self.space.names, values.T, strict=True))
 
-    def drive(self, controls, values, timestep):
+    def drive(self, controls, values, timestep, **_):
         controls = controls.copy()
         each = np.repeat(values, len(self.columns), axis=0)  # a row for every control of every simulation
         arrive = bound(self.kernel, self.coefficients(each), timestep)

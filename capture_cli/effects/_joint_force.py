@@ -56,7 +56,7 @@ class JointForce(JointEffect):
         """The kernel's coefficients, (simulation,) each, from `values` (simulation, parameter)."""
         return dict(zip(self.space.names, values.T, strict=True))
 
-    def force(self, values, timestep):
+    def force(self, values, timestep, **_):
         return ForceOfKernel(self, self.coefficients(values), timestep)
 
     def read(self, world: World, field: str) -> np.ndarray:

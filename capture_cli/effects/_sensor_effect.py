@@ -149,7 +149,7 @@ class SensorEffect(Effect):
         found = [(quantity(self.model, s), int(self.model.sensor_dim[s])) for s in sensors]
         return np.concatenate([np.full(count, q.size if q else 1.0) for q, count in found])
 
-    def measure(self, sensors, values, timestep):
+    def measure(self, sensors, values, timestep, **_):
         return self.measured(sensors, values, timestep)
 
     def measured(self, sensors: np.ndarray, values: np.ndarray, timestep: float, **states: np.ndarray):

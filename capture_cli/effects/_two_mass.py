@@ -65,10 +65,8 @@ class TransmissionEffect(JointForce):
         grid[:, self.space.names.index("rotor")] = spread(self.rotor, count)
         return grid
 
-    def force(self, values, timestep):
-        return self.force_from(values, timestep, np.zeros((len(values), len(self.states))))
-
-    def force_from(self, values, timestep, states):
+    def force(self, values, timestep, *, states=None, **_):
+        states = np.zeros((len(values), len(self.states))) if states is None else states
         room, speed = self.looseness(values)
         start = {"ahead": room * states[:, 0], "turning": speed * states[:, 1]}
         return TransmissionForce(self, self.coefficients(values) | start, timestep)

@@ -102,32 +102,35 @@ class Effect(ABC):
     def write(self, fields: ModelFields, values: np.ndarray) -> None:  # noqa: B027
         """Place "model": set fields from `values` (simulation, parameter), on top of what is there."""
 
-    def force(self, values: np.ndarray, timestep: float) -> Force | None:
+    def force(
+        self,
+        values: np.ndarray,
+        timestep: float,
+        *,
+        states: np.ndarray | None = None,
+        began: np.ndarray | float = 0.0,
+    ) -> Force | None:
         """Place "force": a fresh force with the coefficients `values` (simulation, parameter).
 
         The force is called on chunks: it indexes its coefficients, and any state it keeps, with `world.rows`.
+        states (simulation, state): what its own states begin with; 0 where None. began (simulation,): when the episodes
+        did, s, by the clock of the simulation.
         """
         return None
 
-    def force_from(self, values: np.ndarray, timestep: float, states: np.ndarray) -> Force | None:
-        """`force`, where simulations start with `states` (simulation, state): overridden where there are any."""
-        return self.force(values, timestep)
-
-    def force_since(
-        self, values: np.ndarray, timestep: float, states: np.ndarray, began: np.ndarray
-    ) -> Force | None:
-        """`force_from`, of episodes that `began` (simulation,), s, by the clock of the simulation."""
-        return self.force_from(values, timestep, states)
-
-    def drive(self, controls: np.ndarray, values: np.ndarray, timestep: float) -> np.ndarray:
-        """Place "control": ctrl (simulation, grid, nu), on the model's grid, as the actuators receive it."""
-        return controls
-
-    def drive_since(
-        self, controls: np.ndarray, values: np.ndarray, timestep: float, elapsed: np.ndarray
+    def drive(
+        self,
+        controls: np.ndarray,
+        values: np.ndarray,
+        timestep: float,
+        *,
+        elapsed: np.ndarray | float = 0.0,
     ) -> np.ndarray:
-        """`drive`, where `elapsed` (simulation,), s, have passed since the episode began at the first control."""
-        return self.drive(controls, values, timestep)
+        """Place "control": ctrl (simulation, grid, nu), on the model's grid, as the actuators receive it.
+
+        elapsed (simulation,): s, since the episode began, at the first control.
+        """
+        return controls
 
     def memory(self, values: np.ndarray) -> float:
         """Place "control": for how long, in s, a control still shows at `values` (simulation, parameter)."""
@@ -140,15 +143,14 @@ class Effect(ABC):
         """
         return 0.0
 
-    def measure(self, sensors: np.ndarray, values: np.ndarray, timestep: float) -> np.ndarray:
-        """Place "measurement": sensordata (simulation, grid, column), on that grid, as it is reported."""
-        return sensors
-
-    def measure_from(
-        self, sensors: np.ndarray, values: np.ndarray, timestep: float, states: np.ndarray
+    def measure(
+        self, sensors: np.ndarray, values: np.ndarray, timestep: float, *, states: np.ndarray | None = None
     ) -> np.ndarray:
-        """`measure`, where simulations start with `states` (simulation, state): overridden where there are any."""
-        return self.measure(sensors, values, timestep)
+        """Place "measurement": sensordata (simulation, grid, column), on that grid, as it is reported.
+
+        states (simulation, state): what its own states begin with; 0 where None.
+        """
+        return sensors
 
     @property
     def reported(self) -> frozenset[int]:

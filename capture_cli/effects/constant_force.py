@@ -44,7 +44,7 @@ class ConstantForce(Effect):
         unit = "N m" if self.model.jnt_type[self.joint] == HINGE else "N"
         return (Parameter("force", unit, -high, high, 0.0),)
 
-    def force(self, values, timestep):
+    def force(self, values, timestep, **_):
         body, dof = self.model.jnt_bodyid[self.joint], self.model.jnt_dofadr[self.joint]
 
         def on_joint(world: World) -> None:

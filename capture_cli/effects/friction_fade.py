@@ -25,11 +25,9 @@ class FrictionFade(JointEffect):
     def parameters(self):
         return (Parameter("change", "1", -0.9, 2.0, 0.0), TIME_CONSTANT)
 
-    def force(self, values, timestep):
-        return self.force_since(values, timestep, np.zeros((len(values), 0)), np.zeros(len(values)))
-
-    def force_since(self, values, timestep, states, began):
+    def force(self, values, timestep, *, began=0.0, **_):
         change, time_constant = values.T
+        began = np.broadcast_to(began, len(values))
 
         def force(world):
             rows = world.rows

@@ -50,7 +50,7 @@ class MagnusLift(Effect):
         high = 0.1 * float(self.model.body_mass[self.body])
         return (Parameter("lift", "kg", -high, high, 0.0),)
 
-    def force(self, values, timestep):
+    def force(self, values, timestep, **_):
         centre = self.model.body_ipos[self.body]
 
         def on_body(world: World) -> None:

@@ -59,6 +59,18 @@ class _Source:
     qpos: tuple[int, ...]
 
 
+@dataclass(frozen=True)
+class _Places:
+    """Where windows start in a log: time (step,) s; the steps of its episodes; of each window its first step and its
+    episode, (window,).
+    """
+
+    time: np.ndarray
+    episodes: Sequence[slice]
+    first: np.ndarray
+    episode: np.ndarray
+
+
 def estimate_starts(
     model: mujoco.MjModel,
     sensors: Sequence[int],
@@ -83,7 +95,8 @@ def estimate_starts(
     sd = believed.sd.copy()
     sources = _sources(model, sensors)
     lag = _velocity_lag(model)
-    knots = _Knots.of(time, episodes, window_first, window_episode)
+    places = _Places(np.asarray(time), episodes, window_first, window_episode)
+    knots = _Knots.of(places)
     path = np.zeros((count, knots.count, 3, model.nsensordata))
     measured_velocity = {d for s in sources if s.kind == "velocity" for d in s.dofs}
     for source in sources:
@@ -109,11 +122,9 @@ def estimate_starts(
         qvel[:, dofs[new]] = (fit.slope - change)[:, new]
         size = np.linalg.norm(change, axis=1, keepdims=True) if source.kind == "orientation" else change
         sd[:, nv + dofs[new]] = PRIOR_INFLATION * np.hypot(fit.slope_sd, LAG_LEFT * size)[:, new]
-    starts = Starts(qpos, qvel, act, np.asarray(time)[window_first].astype(float))
+    starts = Starts(qpos, qvel, act, places.time[window_first].astype(float))
     if model.neq:
-        starts, sd = _closed(
-            model, sources, starts, sd, time, outputs, episodes, window_first, window_episode, noise_sd
-        )
+        starts, sd = _closed(LoopClosure(model), starts, sd, sources, outputs, places, noise_sd)
     reported = _reported(
         extended(path, knots.before, knots.known), knots.before, sources, measured_velocity, nv, lag
     )
@@ -121,15 +132,12 @@ def estimate_starts(
 
 
 def _closed(
-    model: mujoco.MjModel,
-    sources: Sequence[_Source],
+    loops: LoopClosure,
     starts: Starts,
     sd: np.ndarray,
-    time: np.ndarray,
+    sources: Sequence[_Source],
     outputs: np.ndarray,
-    episodes: Sequence[slice],
-    window_first: np.ndarray,
-    window_episode: np.ndarray,
+    places: _Places,
     noise_sd: np.ndarray,
 ) -> tuple[Starts, np.ndarray]:
     """Starts and their sd (window, state) that satisfy the model's equality constraints."""
@@ -139,20 +147,13 @@ def _closed(
         for n in ("columns", "qpos", "dofs")
     )
     known = np.concatenate([noise_sd[list(s.columns)][: len(s.dofs)] for s in positions] or [np.zeros(0)])
-    begin = model_starts(model, 1).starts.qpos[0]
-    loops = LoopClosure(model)
+    begin = model_starts(loops.model, 1).starts.qpos[0]
     followed = np.zeros_like(starts.qpos)
-    for number, steps in enumerate(episodes):
-        own = window_episode == number
-        followed[own] = loops.follow(
-            time[steps],
-            outputs[steps][:, columns],
-            qpos,
-            dofs,
-            known,
-            begin,
-            window_first[own] - steps.start,
-        )
+    for number, steps in enumerate(places.episodes):
+        own = places.episode == number
+        at = places.first[own] - steps.start
+        measured = outputs[steps][:, columns]
+        followed[own] = loops.follow(places.time[steps], measured, qpos, dofs, known, begin, at)
     return loops.close(starts, sd, followed)
 
 
@@ -175,13 +176,12 @@ class _Knots:
         return self.before.shape[1]
 
     @classmethod
-    def of(
-        cls, time: np.ndarray, episodes: Sequence[slice], window_first: np.ndarray, window_episode: np.ndarray
-    ) -> _Knots:
+    def of(cls, places: _Places) -> _Knots:
+        time, episodes, window_first = places.time, places.episodes, places.first
         interval = float(np.median(np.concatenate([np.diff(time[e]) for e in episodes])))
         stride = max(1, round(KNOT_INTERVAL / interval))
         count = 1 + int(np.ceil(MOST_LATE / (stride * interval) - 1e-6))
-        first, stop = (np.array([getattr(e, n) for e in episodes])[window_episode] for n in ("start", "stop"))
+        first, stop = (np.array([getattr(e, n) for e in episodes])[places.episode] for n in ("start", "stop"))
         at = window_first[:, None] - stride * np.arange(count)
         even = stride * interval * np.arange(count)
         before = time[window_first][:, None] - time[np.maximum(at, first[:, None])]
