@@ -289,7 +289,10 @@ def diagnose(
     fail_on: Annotated[
         str | None, typer.Option("--fail-on", help="Exit with 3 on this verdict: unexplained.")
     ] = None,
-    seed: Seed = 0,
+    seed: Annotated[
+        int | None,
+        typer.Option("--seed", help="Seed of every random choice; default that of the estimate, or 0."),
+    ] = None,
     threads: Threads = None,
     force: Force = False,
     json_: Json = False,

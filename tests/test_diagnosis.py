@@ -36,6 +36,7 @@ from capture_cli.stages.identify import identify
 from capture_cli.stages.model_fits import ModelFits, PartFit
 from capture_cli.stages.prepared_log import prepare
 from capture_cli.stages.record import record
+from capture_cli.stores.estimate import Estimate
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.tasks import load_task
 
@@ -378,6 +379,29 @@ def test_an_estimate_of_another_log_is_refused(logs, tmp_path, monkeypatch):
     with pytest.raises(OptionError, match=r"(?s)plain\.zarr.*capture identify"):
         diagnose(real_log=logs["friction"], estimate=tmp_path / "estimate", out=tmp_path / "x", quiet=True)
     assert not (tmp_path / "x").exists()
+
+
+def test_what_the_estimate_held_out_stays_so(logs, tmp_path, monkeypatch):
+    monkeypatch.setattr("capture_cli.stages.identify._write_pages", lambda *_: None)
+    monkeypatch.setattr(diagnose_stage, "_write_pages", lambda *_: None)
+    options = {"real_log": logs["plain"], "quiet": True, "threads": 1, "starts": 1}
+    made = identify(task=str(SLIDER), out=tmp_path / "estimate", seed=5, **options)
+    # as when an estimate was taken up again with more episodes: not what the seed would hold out
+    held = np.isin(made.arrays["window/episode"], [1, 6])
+    made.arrays["window/is_test"][:] = held
+    Estimate(made.document, made.arrays, made.attributes).write(tmp_path / "estimate")
+    found = diagnose(estimate=tmp_path / "estimate", out=tmp_path / "same", **options)
+    assert np.array_equal(found.arrays["window/part"] == diagnose_stage.TEST, held)
+    provenance = json.loads((tmp_path / "same" / "provenance.json").read_text())
+    assert provenance["options"]["seed"] == 5
+    shorter = diagnose(
+        estimate=tmp_path / "estimate", out=tmp_path / "shorter", window=0.3, seed=7, **options
+    )
+    test = shorter.arrays["window/part"] == diagnose_stage.TEST
+    assert set(shorter.arrays["window/episode"][test]) == {1, 6}
+    assert not set(shorter.arrays["window/episode"][~test]) & {1, 6}
+    provenance = json.loads((tmp_path / "shorter" / "provenance.json").read_text())
+    assert provenance["options"]["seed"] == 7
 
 
 def test_an_existing_output_is_refused_before_any_work(logs, tmp_path):

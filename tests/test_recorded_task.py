@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
 import mujoco
 import numpy as np
@@ -14,6 +15,7 @@ from capture_cli.stages import diagnose as diagnose_stage
 from capture_cli.stages import identify as identify_stage
 from capture_cli.stages.export import export
 from capture_cli.stages.import_log import import_log
+from capture_cli.stages.prepared_log import all_diverged
 from capture_cli.stages.propose import propose
 from capture_cli.stages.record import record
 from capture_cli.stores.measured_log import MeasuredLog
@@ -122,9 +124,25 @@ def test_a_log_is_not_read_by_a_task_of_other_scales(made):
     np.savetxt("run.csv", table, delimiter=",", header=",".join(columns), comments="")
     import_log(files=[Path("run.csv")], task="task.toml", out=Path("run.zarr"))
     column = f'column = "{task.outputs[0].column}"'
+    sound = (made / "task.toml").read_text()
+    edit(made / "task.toml", 'time = "t_s"', 'time = "t_s"\ntime_scale = 1e-3')
+    with pytest.raises(LogError, match=r"was imported as 1 s a unit.*now says 0\.001") as caught:
+        identify_stage.identify(
+            real_log=Path("run.zarr"), task="task.toml", out=Path("e"), threads=1, quiet=True
+        )
+    assert "import it again" in caught.value.cure
+    (made / "task.toml").write_text(sound)
     edit(made / "task.toml", column, f"{column}\nscale = 0.5")
     with pytest.raises(LogError, match="was imported as 1 \\*") as caught:
         identify_stage.identify(
             real_log=Path("run.zarr"), task="task.toml", out=Path("e"), threads=1, quiet=True
         )
     assert "import it again" in caught.value.cure
+
+
+def test_joints_that_nothing_measures_are_named_where_all_diverges(made):
+    task = load_task("task.toml")
+    assert "measure" not in all_diverged(task).cure
+    blind = SimpleNamespace(model=task.model, outputs=())
+    joints = [task.model.joint(j).name for j in range(task.model.njnt)]
+    assert f"measure the position of {', '.join(joints)}" in all_diverged(blind).cure

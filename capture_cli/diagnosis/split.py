@@ -22,6 +22,27 @@ class Split:
     how: str
 
 
+@dataclass(frozen=True)
+class HeldOut:
+    """What was held out of a log before, so that it stays so.
+
+    first (window,): steps of the log at which the windows of then began, in their order. is_test (window,); how, in
+    words.
+    """
+
+    first: np.ndarray
+    is_test: np.ndarray
+    how: str
+
+    def split(self, first: np.ndarray, samples: np.ndarray) -> Split:
+        """Of windows that begin at the steps `first` (window,) and have so many samples: those that hold any of it."""
+        begins, ends = (
+            np.searchsorted(self.first, at, side="right") - 1 for at in (first, first + samples - 1)
+        )
+        held = np.concatenate([[0], np.cumsum(self.is_test)])
+        return Split(held[ends + 1] > held[begins], self.how)
+
+
 def split_windows(
     *, episode: np.ndarray, recording: np.ndarray, recording_names: Sequence[str], test: str | None, seed: int
 ) -> Split:

@@ -116,8 +116,7 @@ def shift(row: Moved) -> str:
 
 
 def outcome(candidate: Mapping[str, Any], document: Mapping[str, Any]) -> str:
-    """TELLING = 0.1  # share of a residual's variance that is worth a word
-    ACCEPTED, TIED, NOT_TRIED, or "" for one that was rejected."""
+    """ACCEPTED, TIED, NOT_TRIED, or "" for one that was rejected."""
     name = placed(candidate)
     if any(placed(e) == name for e in document["effects"]):
         return ACCEPTED

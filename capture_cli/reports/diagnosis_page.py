@@ -135,8 +135,8 @@ def _effects(document: Mapping[str, Any]) -> str:
     if formula:
         parts.append(_formula(document, formula))
     lead = (
-        "p, fitted: the chance that the effect is nothing, corrected for the number of candidates tried. "
-        "p, unseen: the chance that it does not help on data it was not fitted to."
+        "p, fitted: how often chance alone would gain as much if there were no such effect, corrected for the number "
+        "of candidates tried. p, unseen: how often it would help as much on data that it was not fitted to."
     )
     return section("What the model lacks", *parts, lead=lead if rows else "")
 

@@ -108,8 +108,8 @@ def _errors(estimate: Estimate) -> str:
     if not any(e.floor_source for e in errors):
         head, rows = head[:-1], [row[:-1] for row in rows]
     lead = (
-        "RMSE of measured minus simulated. Held-out windows were never fitted; nominal is the model as it "
-        "was declared, on the same windows. No model can do better than the noise floor."
+        "RMSE of measured minus simulated. Of held-out windows nothing was fitted but where they start; "
+        "nominal is the model as it was declared, from the same starts. No model can do better than the noise floor."
     )
     return section("Error", table(head, rows, numeric=(1, 2, 3, 4, 5)), lead=lead)
 

@@ -212,12 +212,7 @@ def _absorbed_line(document: Mapping[str, Any]) -> str:
     if not rows:
         return "nothing: no declared parameter had been standing in for it"
     more = f", and {len(rows) - MOST_NAMED} more" if len(rows) > MOST_NAMED else ""
-    return ", ".join(_shift(row) for row in rows[:MOST_NAMED]) + more
-
-
-def _shift(row: diagnosis_findings.Moved) -> str:
-    after = with_unit(significant(row.after), row.unit)
-    return f"{row.name} {significant(row.before)} → {after}"
+    return ", ".join(f"{row.name} {diagnosis_findings.shift(row)}" for row in rows[:MOST_NAMED]) + more
 
 
 def _formula_line(document: Mapping[str, Any]) -> str:

@@ -274,6 +274,12 @@ def measures_every_coordinate(model: mujoco.MjModel, sensors: Sequence[int]) -> 
     return len(dofs) == model.nv and model.na == 0
 
 
+def unmeasured_joints(model: mujoco.MjModel, sensors: Sequence[int]) -> list[str]:
+    """Names of the joints whose position no output gives; "#3" is the fourth of those without a name."""
+    dofs = {d for s in _sources(model, sensors) if s.kind != "velocity" for d in s.dofs}
+    return [model.joint(j).name or f"#{j}" for j in range(model.njnt) if int(model.jnt_dofadr[j]) not in dofs]
+
+
 def from_episodes(model: mujoco.MjModel, whole: Rollouts, *, window_episode, window_step) -> StartEstimate:
     """Starts of windows from simulations of `whole` episodes, with their states. window_step (window,): on their grid.
 

@@ -108,12 +108,13 @@ class Attribution:
                 break
             better = self.models.better_from(current, found.fit)
             if better is not None:
-                self.accepted.pop()
+                withdrawn = self._candidate(self.accepted.pop().name)
+                withdrawn.why_rejected = "without it, fitted again from where it led, the model does as well"
                 current = better
                 continue
             current = self._at_each_place(found.fit)
             current = self._backward(current, self.accepted[:known], Support.reason_against_entry)
-            if len(self._minor) == MOST_MINOR and not self.models.is_explained(current):
+            if len(self._minor) >= MOST_MINOR and not self.models.is_explained(current):
                 break
         current = self._without_minor(current)
         current = self._backward(current, self.accepted, Support.reason_against)

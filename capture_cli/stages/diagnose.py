@@ -12,8 +12,8 @@ import numpy as np
 from capture_cli.diagnosis.expression import expression_terms, formula
 from capture_cli.diagnosis.lack_of_fit import NEAR_FLOOR, LackOfFit, holds, lack_of_fit
 from capture_cli.diagnosis.localisation import accelerations, curve, largest_around
-from capture_cli.diagnosis.split import select_folds
-from capture_cli.errors import FitError, OptionError, StoreError
+from capture_cli.diagnosis.split import HeldOut, select_folds
+from capture_cli.errors import OptionError, StoreError
 from capture_cli.identifiers.intervals import Intervals, intervals
 from capture_cli.simulator import Motion, placed_name
 from capture_cli.stages.attribution import MOST_EFFECTS, Attribution
@@ -22,6 +22,7 @@ from capture_cli.stages.model_fits import EXACT, Fit, ModelFits, PartFit
 from capture_cli.stages.next_experiment import next_experiment
 from capture_cli.stages.prepared_log import (
     PreparedLog,
+    all_diverged,
     as_acted,
     begins_as_acted,
     check_parameters_move_outputs,
@@ -52,16 +53,17 @@ def diagnose(
     starts: int = 3,
     most_effects: int = MOST_EFFECTS,
     expression: bool = False,
-    seed: int = 0,
+    seed: int | None = None,
     threads: int | None = None,
     force: bool = False,
     quiet: bool = False,
 ) -> Diagnosis:
     """Diagnose the log at `real_log`; write a diagnosis directory at `out`.
 
-    estimate: the estimate directory of the same log, whose task, windows and held-out part are taken over. Without
-    it `task`, `test` and `window` are as for identify. most_effects: to add. expression: where the catalogue leaves
-    something, look for a formula of the missing force. Raises CaptureError for whatever the user can mend.
+    estimate: the estimate directory of the same log, whose task, windows, held-out part and seed are taken over where
+    nothing else is said. Without it `task`, `test`, `window` and `seed` are as for identify. most_effects: to add.
+    expression: where the catalogue leaves something, look for a formula of the missing force. Raises CaptureError for
+    whatever the user can mend.
     """
     options = {k: v for k, v in locals().items() if k not in ("quiet", "force")}
     refuse_existing(out, force=force)
@@ -70,16 +72,17 @@ def diagnose(
     if estimate is not None:
         begin, made = _check_estimate(estimate, real_log)
         found = load_recorded(estimate, made, task, str(real_log))
-        test = test or made["options"]["test"]
         window = window if window is not None else made["options"]["window"]
-        seed = made["options"]["seed"]
+        seed = seed if seed is not None else made["options"]["seed"]
     else:
         found = find_task(task, log)
+    seed = seed or 0
     options |= {"task": task or named(found), "test": test, "window": window, "seed": seed}
     inputs = {"real_log": real_log, **task_inputs(found), "estimate": estimate}
     refuse_inputs(out, inputs.values())
     provenance = Provenance("diagnose", options, inputs)
-    prepared = prepare(log, found, window=window, test=test, seed=seed, threads=threads)
+    held_out = None if begin is None or test is not None else _held_out(begin)
+    prepared = prepare(log, found, window=window, test=test, held_out=held_out, seed=seed, threads=threads)
     simulator = ModelFits(prepared, threads).simulator(())
     check_parameters_move_outputs(prepared, simulator, seed)
     nominal = _nominal(found, begin)
@@ -144,6 +147,11 @@ def _check_estimate(folder: Path, real_log: Path) -> tuple[Estimate, dict[str, A
         )
     again = "make the estimate again with `capture identify`"
     return found, read_result(folder, "provenance.json", "capture/provenance", 1, again)
+
+
+def _held_out(estimate: Estimate) -> HeldOut:
+    arrays = estimate.arrays
+    return HeldOut(arrays["window/first"], arrays["window/is_test"], estimate.document["split"]["how"])
 
 
 def _nominal(task, estimate: Estimate | None) -> np.ndarray:
@@ -213,10 +221,7 @@ class _Work:
             self._windows(FIT), [], start, starts=starts, tolerance=EXACT, seed=self.seed
         )
         if declared is None:
-            raise FitError(
-                "every simulation of the declared model diverged",
-                cure="tighten the parameters' bounds, shorten the window, or reduce the model's timestep",
-            )
+            raise all_diverged(self.prepared.task)
         attribution = self._attribution()
         last = attribution.run(declared)
         diagnosis = self._diagnosis(attribution, self._models(attribution, last))

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 
 from capture_cli.diagnosis.lack_of_fit import PRACTICAL, lack_of_fit
-from capture_cli.errors import FitError
 from capture_cli.identifiers.base import Best, Identifier, Trial, run
 from capture_cli.identifiers.intervals import intervals
 from capture_cli.identifiers.least_squares import LeastSquares
@@ -20,7 +19,7 @@ from capture_cli.simulator import Simulator
 from capture_cli.stages.identifier_checkpoint import IdentifierCheckpoint
 from capture_cli.stages.in_context import InContext, LoggedRounds, logged_rounds, walk_log
 from capture_cli.stages.model_fits import TOLERANCE, Fit, ModelFits
-from capture_cli.stages.prepared_log import PreparedLog, as_acted
+from capture_cli.stages.prepared_log import PreparedLog, all_diverged, as_acted
 from capture_cli.stages.progress import Progress
 
 # Simulated hits make the error a little rough: near the noise a descent can look for ever for what is not there.
@@ -117,10 +116,7 @@ def by_physics(
     best = run(solver, evaluate, on_round)
     fits.rollouts += simulator.rollouts
     if not np.isfinite(best.error):
-        raise FitError(
-            "every simulation tried diverged",
-            cure="tighten the parameters' bounds, shorten the window, or reduce the model's timestep",
-        )
+        raise all_diverged(fits.prepared.task)
     return Found(fits, best, history, tried)
 
 

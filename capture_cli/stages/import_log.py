@@ -149,6 +149,7 @@ def _read_recording(source: SourceFile, name: str, task: Task, *, drop_nan: bool
         "source": str(source.path),
         "sha256": sha256(source.path),
         "dropped_rows": dropped,
+        "time_scale": task.log.time_scale,
         # an actuator and a sensor may have the same name
         "channels": {
             "inputs": {c.name: list(c.read_as) for c in task.inputs},

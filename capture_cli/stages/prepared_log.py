@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from capture_cli.diagnosis.noise_floor import NoiseFloor, noise_floor
-from capture_cli.diagnosis.split import Split, split_windows
+from capture_cli.diagnosis.split import HeldOut, Split, split_windows
 from capture_cli.errors import FitError, LogError, OptionError
 from capture_cli.identifiers.base import Evidence, Trial
 from capture_cli.linearization import ROUGH_START_STEP, START_STEP
@@ -24,6 +24,7 @@ from capture_cli.sim.starts import (
     known_starts,
     measures_every_coordinate,
     model_starts,
+    unmeasured_joints,
     with_known,
 )
 from capture_cli.sim.windows import Windows, cut
@@ -38,6 +39,7 @@ MOVES_LEAST = 1e-4  # of the noise floor: less is nothing
 AGREES = 1e-3  # p of the first samples of episodes below which they do not begin where their actions say
 FEWEST_SAMPLES = 8  # of the longest episode
 FEWEST_IN_WINDOW = 4  # samples: with fewer, the start of a window explains all of it
+IMPORT_AGAIN = "import it again: columns, scales and offsets are applied by `capture import-log`"
 REPEATED_SAMPLES = (16, 100)  # half a window within these: over how long repeats are compared
 
 
@@ -138,9 +140,14 @@ def prepare(
     window: float | None,
     test: str | None,
     seed: int,
+    held_out: HeldOut | None = None,
     threads: int | None = None,
 ) -> PreparedLog:
-    """Check that the log fits the task, and make it ready. Raises LogError or OptionError."""
+    """Check that the log fits the task, and make it ready. Raises LogError or OptionError.
+
+    held_out: what an estimate of the same log kept back, which is kept back again; `test` and `seed` say what where
+    None.
+    """
     check_fits(log, task)
     log = replace(log, outputs=continuous(log.outputs, log.episodes, _attitudes(task)))
     duration = window if window is not None else task.log.window
@@ -155,12 +162,16 @@ def prepare(
         block=int(np.clip(np.median(windows.samples) / 2, *REPEATED_SAMPLES)),
     )
     starts = _starts(log, task, windows, noise, threads)
-    split = split_windows(
-        episode=windows.episode,
-        recording=log.recording,
-        recording_names=log.recording_names,
-        test=test,
-        seed=seed,
+    split = (
+        held_out.split(windows.first, windows.samples)
+        if held_out is not None
+        else split_windows(
+            episode=windows.episode,
+            recording=log.recording,
+            recording_names=log.recording_names,
+            test=test,
+            seed=seed,
+        )
     )
     prepared = PreparedLog(task, log, windows, starts, noise, split)
     return replace(prepared, difference_step=difference_step(prepared, threads))
@@ -277,6 +288,18 @@ def _simulate_episodes(log: MeasuredLog, task: Task, windows: Windows, threads: 
     return from_episodes(model, rollouts, window_episode=number, window_step=step)
 
 
+def all_diverged(task: Task) -> FitError:
+    """What to say where no simulation of the log's windows stayed finite."""
+    cure = "tighten the parameters' bounds, shorten the window, or reduce the model's timestep"
+    unseen = unmeasured_joints(task.model, [c.sensor for c in task.outputs])
+    if unseen:
+        cure += (
+            f"; or measure the position of {', '.join(unseen)}, which no output gives: windows begin where a "
+            "simulation of the whole episode, driven by the log's inputs, takes it, and that may run away"
+        )
+    return FitError("every simulation tried diverged", cure=cure)
+
+
 def check_fits(log: MeasuredLog, task: Task) -> None:
     """Raise LogError where the log's channels are not the task's, or were made of other columns or scales."""
     for kind, found, channels in (
@@ -291,6 +314,14 @@ def check_fits(log: MeasuredLog, task: Task) -> None:
             )
         for recording in log.recordings:
             _check_read_as(log, task, recording, kind, channels)
+    for recording in log.recordings:
+        was = recording.get("time_scale", task.log.time_scale)
+        if was != task.log.time_scale:
+            raise LogError(
+                f"{log.path}: the time of {recording['name']!r} was imported as {was:g} s a unit; task {task.name!r} "
+                f"now says {task.log.time_scale:g}",
+                cure=IMPORT_AGAIN,
+            )
 
 
 def _check_read_as(
@@ -303,7 +334,7 @@ def _check_read_as(
             raise LogError(
                 f"{log.path}: {channel.name} of {recording['name']!r} was imported as {_formula(*was)}; "
                 f"task {task.name!r} now says {_formula(*channel.read_as)}",
-                cure="import it again: columns, scales and offsets are applied by `capture import-log`",
+                cure=IMPORT_AGAIN,
             )
 
 

@@ -27,7 +27,7 @@ SCHEMA = Schema(
     arrays=(
         ArraySpec("window/episode", ("window",), "int64", "-", "episode each window comes from"),
         ArraySpec("window/first", ("window",), "int64", "steps", "first step of each window in the log"),
-        ArraySpec("window/is_test", ("window",), "bool", "-", "True: held out, never fitted"),
+        ArraySpec("window/is_test", ("window",), "bool", "-", "True: held out; only its start is fitted"),
         ArraySpec("window/start_offset", ("window", "state"), "float64", "SI", "refinement of the start"),
         ArraySpec("step/window", ("step",), "int64", "-", "window each step belongs to"),
         ArraySpec("step/time", ("step",), "float64", "s", "time of each step, on the log's clock"),
