@@ -65,8 +65,7 @@ def drive_by_actions(
     driven = task.episodes(actions)
     steps = round(task.point_times[-1] * rate) + 1
     time = np.arange(steps) / rate
-    linear = np.array([c.linear for c in task.inputs], dtype=bool)
-    inputs = np.stack([_sampled(tape, task.timestep, time, linear) for tape in driven.inputs])
+    inputs = np.stack([_sampled(tape, task.timestep, time, task.linear) for tape in driven.inputs])
     return Drive(
         time=np.tile(time, episodes),
         inputs=inputs.reshape(episodes * steps, -1),

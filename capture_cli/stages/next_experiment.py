@@ -12,6 +12,7 @@ from capture_cli.sim.windows import Windows, cut
 from capture_cli.simulator import placed_name
 from capture_cli.stages.model_fits import Fit, ModelFits
 from capture_cli.stages.multisine import multisine
+from capture_cli.tasks.base import Task
 
 BANDS = ((0.1, 0.5), (0.5, 3.0), (3.0, 10.0))  # Hz
 SHARES = (0.3, 1.0)  # of the largest input in the log
@@ -34,7 +35,9 @@ def next_experiment(fits: ModelFits, mine: Fit, others: Sequence[Fit], seed: int
     for band in BANDS:
         for share in SHARES:
             tape = share * peaks * multisine(_times(task), len(peaks), band, np.random.default_rng(seed))
-            separation = min(_separation(fits, mine, other, _windows(task, tape)) for other in others)
+            separation = min(
+                _separation(fits, mine, other, driven_window(task, _times(task), tape)) for other in others
+            )
             if np.isfinite(separation) and (best is None or separation > best["separation"]):
                 best = {"band_hz": list(band), "peaks": (share * peaks).tolist(), "separation": separation}
     return None if best is None else {**best, "duration_s": DURATION, "text": _text(task, best, mine, others)}
@@ -45,15 +48,16 @@ def _times(task) -> np.ndarray:
     return interval * np.arange(int(DURATION / interval) + 1)
 
 
-def _windows(task, tape: np.ndarray) -> Windows:
+def driven_window(task: Task, time: np.ndarray, tape: np.ndarray) -> Windows:
+    """One window under the inputs `tape` (step, input) at `time` (step,), in which nothing was measured."""
     return cut(
-        time=_times(task),
+        time=time,
         inputs=tape,
-        outputs=np.zeros((len(tape), len(task.outputs))),
-        episodes=[slice(0, len(tape))],
+        outputs=np.zeros((len(time), len(task.outputs))),
+        episodes=[slice(0, len(time))],
         timestep=task.timestep,
         duration=None,
-        linear=np.array([c.linear for c in task.inputs], dtype=bool),
+        linear=task.linear,
     )
 
 

@@ -264,7 +264,7 @@ def _cut(log: MeasuredLog, task: Task, duration: float | None) -> Windows:
         episodes=log.episodes,
         timestep=task.timestep,
         duration=duration,
-        linear=np.array([c.linear for c in task.inputs], dtype=bool),
+        linear=task.linear,
     )
 
 

@@ -10,10 +10,9 @@ import numpy as np
 
 from capture_cli.errors import OptionError, StoreError
 from capture_cli.sim.starts import model_starts
-from capture_cli.sim.windows import Windows, cut
 from capture_cli.simulator import Simulator
 from capture_cli.stages.multisine import from_rest, multisine, peak
-from capture_cli.stages.next_experiment import BANDS, DURATION, RATE, SHARES
+from capture_cli.stages.next_experiment import BANDS, DURATION, RATE, SHARES, driven_window
 from capture_cli.stages.policy_checkpoint import load_policy
 from capture_cli.stages.recorded_task import load_recorded
 from capture_cli.stores.estimate import Estimate, read_result
@@ -174,7 +173,7 @@ def _multisine(simulator: Simulator, estimate: Estimate, amplitude, generator) -
     ]
     scaled, sound = [], []
     for _, _, tape in menu:
-        windows = _windows(task, time, tape)
+        windows = driven_window(task, time, tape)
         simulated = simulator.simulate(windows, model_starts(task.model, 1).starts, points)
         scaled.append((simulated.outputs[:, 0] / noise).reshape(len(points), -1))
         sound.append(not simulated.diverged.any() and bool(np.isfinite(scaled[-1]).all()))
@@ -252,15 +251,3 @@ def _peaks(task: Task, estimate: Estimate, amplitude: Mapping[str, float]) -> np
     except StoreError:
         pass  # the log was moved: then the model says how far
     return np.array([peak(task.model, channel, known) for channel in task.inputs])
-
-
-def _windows(task: Task, time: np.ndarray, tape: np.ndarray) -> Windows:
-    return cut(
-        time=time,
-        inputs=tape,
-        outputs=np.zeros((len(time), len(task.outputs))),
-        episodes=[slice(0, len(time))],
-        timestep=task.timestep,
-        duration=None,
-        linear=np.array([c.linear for c in task.inputs], dtype=bool),
-    )

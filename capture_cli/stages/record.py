@@ -268,7 +268,7 @@ def _simulate(simulator: Simulator, drive: Drive, point: np.ndarray) -> np.ndarr
         episodes=episodes,
         timestep=machine.timestep,
         duration=None,
-        linear=np.array([c.linear for c in machine.inputs], dtype=bool),
+        linear=machine.linear,
     )
     simulated = simulator.simulate(windows, drive.starts, point[None])
     if simulated.diverged.any():

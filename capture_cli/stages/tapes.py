@@ -71,7 +71,6 @@ def tape_task(
 def log_tapes(prepared: PreparedLog, point_times: np.ndarray) -> Tapes:
     """The windows of a log that the log covers to their end. Raises LogError where there is none."""
     task, log, windows = prepared.task, prepared.log, prepared.windows
-    linear = np.array([c.linear for c in task.inputs], dtype=bool)
     grid = task.timestep * np.arange(round(point_times[-1] / task.timestep) + 1)
     inputs, outputs, whole = [], [], []
     for w, (episode, start) in enumerate(zip(windows.episode, windows.time, strict=True)):
@@ -79,7 +78,7 @@ def log_tapes(prepared: PreparedLog, point_times: np.ndarray) -> Tapes:
         time = log.time[steps]
         if time[-1] < start + point_times[-1] - np.median(np.diff(time)):
             continue
-        inputs.append(inputs_at(start + grid, time, log.inputs[steps], task.timestep, linear))
+        inputs.append(inputs_at(start + grid, time, log.inputs[steps], task.timestep, task.linear))
         outputs.append(
             np.stack([np.interp(start + point_times, time, y) for y in log.outputs[steps].T], axis=1)
         )

@@ -74,6 +74,11 @@ class Task(ABC):
         """Model step, s."""
         return float(self.model.opt.timestep)
 
+    @property
+    def linear(self) -> np.ndarray:
+        """Which inputs change evenly between samples, rather than being held, (input,)."""
+        return np.array([c.linear for c in self.inputs], dtype=bool)
+
     def controls(self, inputs: np.ndarray) -> np.ndarray:
         """Inputs (..., input) as ctrl (..., nu); actuators that are no input get 0."""
         ctrl = np.zeros((*inputs.shape[:-1], self.model.nu))
