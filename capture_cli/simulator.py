@@ -36,6 +36,15 @@ class Motion:
     contacts: np.ndarray
 
 
+@dataclass(frozen=True)
+class _Placed:
+    """An effect with where its parameters stand among all, and its states among the hidden ones."""
+
+    effect: Effect
+    parameters: slice
+    states: slice
+
+
 class Simulator:
     """Simulates windows of a log under candidate parameters: those of the task, then those of each effect.
 
@@ -57,13 +66,13 @@ class Simulator:
         self.rollouts = 0
         longest = max([difference_step, *task.space.steps])
         self.space = ParameterSpace([replace(p, step=max(p.step, difference_step)) for p in task.space])
-        self._columns: list[slice] = []  # of each effect's parameters
-        self._states: list[slice] = []  # of each effect's hidden states
+        self._placed: list[_Placed] = []
         self.hidden_states = 0
         for name, effect in self.effects:
-            self._columns.append(slice(len(self.space), len(self.space) + len(effect.parameters)))
-            self._states.append(slice(self.hidden_states, self.hidden_states + len(effect.states)))
-            self.hidden_states += len(effect.states)
+            parameters = slice(len(self.space), len(self.space) + len(effect.parameters))
+            states = slice(self.hidden_states, self.hidden_states + len(effect.states))
+            self._placed.append(_Placed(effect, parameters, states))
+            self.hidden_states = states.stop
             self.space = self.space + ParameterSpace(
                 [
                     replace(p, name=f"{placed_name(name, effect)}.{p.name}", step=max(p.step, longest))
@@ -85,9 +94,9 @@ class Simulator:
         What was before is known where neither an episode nor a stretch after a gap begins there.
         """
         sd = np.ones((len(windows), self.hidden_states))
-        for (_, effect), own in zip(self.effects, self._states, strict=True):
-            if effect.states_before:
-                sd[windows.known > 0, own] = 0.0
+        for own in self._placed:
+            if own.effect.states_before:
+                sd[windows.known > 0, own.states] = 0.0
         return sd
 
     def hidden_tried(self) -> np.ndarray:
@@ -95,10 +104,11 @@ class Simulator:
         the other's; nan leaves a state as it is.
         """
         points = [np.zeros((0, self.hidden_states))]
-        for (_, effect), own in zip(self.effects, self._states, strict=True):
-            if len(effect.states_tried):
-                points.append(np.full((len(effect.states_tried), self.hidden_states), np.nan))
-                points[-1][:, own] = effect.states_tried
+        for own in self._placed:
+            tried = own.effect.states_tried
+            if len(tried):
+                points.append(np.full((len(tried), self.hidden_states), np.nan))
+                points[-1][:, own.states] = tried
         return np.concatenate(points)
 
     def simulate(
@@ -263,15 +273,15 @@ class Simulator:
         if not measures:
             return rollouts
         sensors = rollouts.sensors
-        for (_, effect), columns, own in zip(self.effects, self._columns, self._states, strict=True):
-            sensors = effect.measure(sensors, each[:, columns], self.task.timestep, states=hidden[:, own])
+        for own in self._placed:
+            values, states = each[:, own.parameters], hidden[:, own.states]
+            sensors = own.effect.measure(sensors, values, self.task.timestep, states=states)
         return replace(rollouts, sensors=sensors[..., self._sensors])
 
     def _lateness(self, each: np.ndarray) -> np.ndarray:
         """How late each column of sensordata is reported, s, (simulation, column)."""
-        own = zip(self.effects, self._columns, strict=True)
         none = np.zeros((len(each), self.task.model.nsensordata))
-        return sum((effect.lateness(each[:, columns]) for (_, effect), columns in own), none)
+        return sum((own.effect.lateness(each[:, own.parameters]) for own in self._placed), none)
 
     def _start_change(self, reported: ReportedMotion, before: np.ndarray, each: np.ndarray) -> np.ndarray:
         """How far starts are from where the sensors showed them where windows begin, (simulation, state).
@@ -279,22 +289,22 @@ class Simulator:
         before (simulation, column): s, before that, that what was so at a start was reported.
         """
         true = reported.at(before)
-        for (_, effect), columns in reversed(list(zip(self.effects, self._columns, strict=True))):
-            true = effect.true_motion(true, each[:, columns])
+        for own in reversed(self._placed):
+            true = own.effect.true_motion(true, each[:, own.parameters])
         return reported.start_change(true, self._own_states)
 
     def _fields(self, each: np.ndarray) -> ModelFields:
         fields = ModelFields(self.task.model, len(each))
         self.task.write(fields, each[:, : len(self.task.space)])
-        for (_, effect), columns in zip(self.effects, self._columns, strict=True):
-            effect.write(fields, each[:, columns])
+        for own in self._placed:
+            own.effect.write(fields, each[:, own.parameters])
         return fields
 
     def _forces(self, each: np.ndarray, hidden: np.ndarray, began: np.ndarray) -> list[Force]:
         timestep = self.task.timestep / self.substeps
         forces = [
-            effect.force(each[:, columns], timestep, states=hidden[:, own], began=began)
-            for (_, effect), columns, own in zip(self.effects, self._columns, self._states, strict=True)
+            own.effect.force(each[:, own.parameters], timestep, states=hidden[:, own.states], began=began)
+            for own in self._placed
         ]
         return [f for f in forces if f is not None]
 
@@ -304,10 +314,8 @@ class Simulator:
 
     def _drift(self, each: np.ndarray, elapsed: np.ndarray) -> np.ndarray:
         """How far the sensors' clock is behind that of the controls, s, (simulation,)."""
-        own = zip(self.effects, self._columns, strict=True)
-        return sum(
-            (effect.drift(each[:, columns], elapsed) for (_, effect), columns in own), np.zeros(len(each))
-        )
+        none = np.zeros(len(each))
+        return sum((own.effect.drift(each[:, own.parameters], elapsed) for own in self._placed), none)
 
     def _drive(
         self,
@@ -322,14 +330,12 @@ class Simulator:
         hidden: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Controls (simulation or row, steps, nu) as the actuators receive them, and which of them are whose."""
-        own = [
-            (effect, each[:, columns])
-            for (_, effect), columns in zip(self.effects, self._columns, strict=True)
-            if effect.place == "control"
+        acting = [
+            (own.effect, each[:, own.parameters]) for own in self._placed if own.effect.place == "control"
         ]
-        if not own and not drift.any() and lead + steps <= controls.shape[1]:
+        if not acting and not drift.any() and lead + steps <= controls.shape[1]:
             return controls[:, lead : lead + steps], row
-        memory = sum(effect.memory(values) for effect, values in own)
+        memory = sum(effect.memory(values) for effect, values in acting)
         # one step at least: what came first is taken to have been for ever
         past = max(min(int(np.ceil(memory / self.task.timestep)), lead), 1)
         first = elapsed - past * self.task.timestep
@@ -337,15 +343,14 @@ class Simulator:
         controls = _between(controls, row, at)
         unknown = at < lead - known[:, None]
         controls += unknown[..., None] * self._before(hidden)[:, None]
-        for effect, values in own:
+        for effect, values in acting:
             controls = effect.drive(controls, values, self.task.timestep, elapsed=first)
         return controls[:, past:], np.arange(len(row))
 
     def _before(self, hidden: np.ndarray) -> np.ndarray:
         """By how much controls before an episode began differed from its first, (simulation, nu)."""
-        own = zip(self.effects, self._states, strict=True)
         change = np.zeros((len(hidden), self.task.model.nu))
-        return sum((effect.before(hidden[:, states]) for (_, effect), states in own), change)
+        return sum((own.effect.before(hidden[:, own.states]) for own in self._placed), change)
 
 
 def placed_name(name: str, effect: Effect) -> str:
