@@ -95,7 +95,7 @@ def test_pulses_follow_a_force_that_they_are_fast_enough_for():
 
 def test_the_best_peaks_are_local_maxima():
     gains = np.array([1.0, 5.0, 4.0, 9.0, 8.0, 8.5, 0.0, 7.0])
-    assert _peaks(gains).tolist() == [3, 5, 7]
+    assert _peaks(gains, 3).tolist() == [3, 5, 7]
 
 
 def test_pulses_that_move_nothing_promise_nothing():
@@ -108,7 +108,7 @@ def test_pulses_that_move_nothing_promise_nothing():
     )
     gains = response.gains(np.random.default_rng(0).standard_normal((4, 2, 3, 2)))
     assert not gains.any()
-    assert len(_peaks(gains)) == 1
+    assert len(_peaks(gains, 3)) == 1
 
 
 @pytest.fixture(scope="module")
@@ -118,6 +118,7 @@ def logs(tmp_path_factory):
     made = {}
     for name, effects in (
         ("time", ["periodic-disturbance@x.sine=1.5", "periodic-disturbance@x.frequency=2.29"]),
+        ("slow", ["periodic-disturbance@x.sine=1.5", "periodic-disturbance@x.frequency=0.7"]),
         ("space", ["cogging@x.cosine=1.2", "cogging@x.period=0.097"]),
         ("none", []),
     ):
@@ -146,7 +147,11 @@ def attribution(prepared, names) -> tuple[Attribution, ModelFits]:
 
 @pytest.mark.parametrize(
     ("log", "name", "shape", "tolerance"),
-    [("time", "periodic-disturbance", 2.29, 0.005), ("space", "cogging", 0.097, 0.0005)],
+    [
+        ("time", "periodic-disturbance", 2.29, 0.005),
+        ("slow", "periodic-disturbance", 0.7, 0.005),  # 1.4 periods: believed as it leaves nothing
+        ("space", "cogging", 0.097, 0.0005),
+    ],
 )
 def test_a_force_that_repeats_is_found_wherever_its_frequency_lies(logs, log, name, shape, tolerance):
     search, fits = attribution(logs[log], PERIODIC)
@@ -167,6 +172,7 @@ def test_what_pulses_promise_is_what_the_simulated_effect_scores(logs):
     effect = REGISTRY.get("periodic-disturbance")(prepared.task.model, "x")
     points, tried = narrow.points(effect)
     assert tried > 50 and points[0, 2] == pytest.approx(2.29, abs=0.25)
+    assert [narrow.doubts(effect, p) for p in points].count(True) == 1
     pulses, response = narrow._response(effect)
     promised = narrow._gains(effect, points[:1], narrow._path(effect), pulses, response)[0]
     probes = points[[0, 0]] + 1e-3 * effect.space.span * np.eye(3)[:2]

@@ -215,7 +215,11 @@ class Attribution:
         declared = self._nudged(current, candidate)
         starts = [s for s in (candidate.start, candidate.start_elsewhere) if s is not None]
         starts = [np.concatenate([declared, s]) for s in starts]
-        fit = self.models.fit([*current.effects, candidate.effect], starts[0], current, rival, starts[1:])
+        effects = [*current.effects, candidate.effect]
+        fit = self.models.fit(effects, starts[0], current, rival, starts[1:])
+        if candidate.start_doubted is not None and (fit is None or not self.models.is_explained(fit)):
+            start = np.concatenate([declared, candidate.start_doubted])
+            fit = self.models.explained_from(start, effects, current) or fit
         if fit is None or fit.squares >= current.squares:
             far = fit is not None and not fit.finished
             candidate.why_rejected = (

@@ -41,7 +41,8 @@ ABSORBED = 0.02  # share of a sensitivity that must be left once the declared pa
 class Candidate:
     """An effect at a site, and what became of it in the last round that it was tried in.
 
-    start: where a refit begins; start_elsewhere: at another peak, of an effect that repeats.
+    start: where a refit begins; start_elsewhere: at another peak, of an effect that repeats. start_doubted: where more
+    would be explained, by values that are not believed (`Effect.doubt`) while anything is left.
     """
 
     effect: Placed
@@ -53,6 +54,7 @@ class Candidate:
     why_rejected: str | None = None
     shapes_tried: int = 1
     start_elsewhere: np.ndarray | None = None
+    start_doubted: np.ndarray | None = None
 
     @property
     def name(self) -> str:
@@ -119,15 +121,18 @@ def thinned(part: PreparedLog, fit: Fit) -> tuple[PreparedLog, Linearization]:
 def score_at_null(narrow: NarrowShapes, candidate: Candidate) -> None:
     """Fill in the candidate's score and where a refit should start, or why it is out."""
     candidate.fit = candidate.select = candidate.support = candidate.score = None
-    candidate.why_rejected = candidate.start_elsewhere = None
+    candidate.why_rejected = candidate.start_elsewhere = candidate.start_doubted = None
     shapes, candidate.shapes_tried = _shapes(narrow, candidate.effect[1])
     scored, moves = _scores(narrow, candidate, shapes, PROBES)
     if candidate.effect[1].has_threshold or not moves:
         farther, far_moves = _scores(narrow, candidate, shapes, FAR_PROBES)
         scored, moves = sorted(scored + farther, key=lambda s: -s[0].gain), moves or far_moves
     if scored:
-        candidate.score, candidate.start = scored[0]
-        candidate.start_elsewhere = _at_another_peak(candidate.effect[1], [s for _, s in scored])
+        effect = candidate.effect[1]
+        believed = [s for s in scored if not narrow.doubts(effect, s[1])] or scored
+        candidate.score, candidate.start = believed[0]
+        candidate.start_elsewhere = _at_another_peak(effect, [s for _, s in believed])
+        candidate.start_doubted = None if believed[0] is scored[0] else scored[0][1]
     if candidate.score is None:
         candidate.why_rejected = "every simulation with it diverged"
     elif not moves:

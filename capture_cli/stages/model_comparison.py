@@ -96,6 +96,14 @@ class ModelComparison:
                 break
         return found
 
+    def explained_from(self, start: np.ndarray, effects: Sequence[Placed], near: Fit) -> Fit | None:
+        """The fit from `start` (parameter,), taken for the one of its effects, if it leaves nothing but noise."""
+        found = self._fit_from([start], effects, near, None)
+        if found is None or not self.is_explained(found):
+            return None
+        self.know(found)
+        return found
+
     def better_from(self, current: Fit, found: Fit) -> Fit | None:
         """A better fit of the `current` model, begun where `found` ended, which has one effect more.
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from capture_cli.diagnosis.pulses import NAME, PulseResponse, Pulses
 from capture_cli.effects._periodic_force import PeriodicForce
+from capture_cli.effects.base import Effect
 from capture_cli.stages.model_fits import Fit, ModelFits
 from capture_cli.stages.prepared_log import PreparedLog
 
@@ -31,8 +32,6 @@ class NarrowShapes:
         path = self._path(effect)
         points = effect.sweep(float(np.ptp(path)), MOST)
         rest = effect.shape_grid()
-        fits_in = np.array([effect.doubt(p, self._longest) is None for p in points])
-        points = points[fits_in] if fits_in.any() else points
         if (
             effect.along == "time"
         ):  # of what is too fast for the pulses a few values are simulated, as they are
@@ -44,8 +43,16 @@ class NarrowShapes:
         if not len(points):
             return rest, len(rest)
         gains = self._gains(effect, points, path, pulses, response)
-        best = np.concatenate([points[_peaks(gains)], rest])
-        return best, len(points) + len(rest)
+        doubted = np.array([self.doubts(effect, p) for p in points])
+        best = [
+            _peaks(np.where(doubted, -np.inf, gains), PEAKS),
+            _peaks(np.where(doubted, gains, -np.inf), 1),
+        ]
+        return np.concatenate([points[np.concatenate(best)], rest]), len(points) + len(rest)
+
+    def doubts(self, effect: Effect, values: np.ndarray) -> bool:
+        """Whether the log's episodes are too short to believe an effect of these values (parameter,)."""
+        return effect.doubt(values, self._longest) is not None
 
     def _gains(self, effect, points, path, pulses: Pulses, response: PulseResponse) -> np.ndarray:
         every = max(1, pulses.spacing // SAMPLES)
@@ -89,8 +96,8 @@ class NarrowShapes:
         return float(max(log.time[e.stop - 1] - log.time[e.start] for e in log.episodes))
 
 
-def _peaks(gains: np.ndarray) -> np.ndarray:
-    """The largest local maxima of gains (point,), best first."""
+def _peaks(gains: np.ndarray, most: int) -> np.ndarray:
+    """The largest local maxima of gains (point,), best first; -inf is none."""
     higher = np.concatenate([[-np.inf], gains, [-np.inf]])
     maxima = np.flatnonzero((gains >= higher[:-2]) & (gains > higher[2:]))
-    return maxima[np.argsort(-gains[maxima], kind="stable")][:PEAKS]
+    return maxima[np.argsort(-gains[maxima], kind="stable")][:most]
