@@ -70,7 +70,7 @@ def diagnose(
     if estimate is not None:
         begin, made = _check_estimate(estimate, real_log)
         found = load_recorded(estimate, made, task, str(real_log))
-        test = test or made["options"]["test"]
+        test = test if test is not None else made["options"]["test"]
         window = window if window is not None else made["options"]["window"]
         seed = made["options"]["seed"]
     else:
