@@ -120,8 +120,18 @@ def _effects(rows, model, command: str) -> Placed:
     for row in rows:
         effect = REGISTRY.get(row["name"])(model, row["site"])
         name = placed_name(row["name"], effect)
-        effects[name] = (effect, _values(row["parameters"], effect.space, name, command))
+        values = _values(row["parameters"], effect.space, name, command)
+        effects[name] = (effect, _null_of_here(effect.space, values, row["parameters"]))
     return effects
+
+
+def _null_of_here(space: ParameterSpace, values: np.ndarray, recorded: Mapping[str, Any]) -> np.ndarray:
+    """`values` (parameter,), and where one is null in the diagnosis, as which it is `recorded`, the null of `space`.
+
+    A limit's null is the end of its range, and `diagnose` has that from how far the log drove the actuators.
+    """
+    ends = np.array([recorded[name]["high"] for name in space.names])
+    return np.where((space.nominal == space.high) & (values == ends), space.nominal, values)
 
 
 def _left_out(found: Mapping[str, Any]) -> str:
