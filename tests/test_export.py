@@ -100,7 +100,7 @@ def document(task: Path, found: Found) -> dict:
         "version": VERSION,
         "task": machine_.name,
         "verdict": "effect-found",
-        "log": {"path": "log.zarr"},
+        "log": {"path": "log.zarr", "first_time": 1.7e9},
         "parameters": parameters(machine_.space, [DECLARED[machine_.name][1]]),
         "effects": [
             {
@@ -343,6 +343,7 @@ def test_the_header_says_what_is_where(tasks, tmp_path):
     assert written.companion == tmp_path / "m_effects.py"
     header = written.model.read_text().split("-->")[0]
     assert "verdict: effect-found" in header and "declared = 2.5 SI" in header
+    assert "time 0 was 1700000000.000000 s in the log" in header
     assert "coulomb-friction@x\n" in header and "stribeck-friction@x (in m_effects.py)" in header
     assert 'MjModel.from_xml_path("m.xml")' in written.companion.read_text()
     assert written.left_out == "" and "left out" not in header

@@ -318,7 +318,11 @@ class _Work:
             "format": FORMAT,
             "version": VERSION,
             "task": task.name,
-            "log": {"path": str(log.path), "sha256": sha256(log.path)},
+            "log": {
+                "path": str(log.path),
+                "sha256": sha256(log.path),
+                "first_time": float(log.time[0]),
+            },
             "verdict": verdict,
             "summary": _summary(verdict, stages, attribution, lacking, last),
             "effects": self._effects(attribution, after, found),

@@ -146,6 +146,8 @@ def _header(
     """An XML comment that says what the file holds, and what it does not."""
     lines = [f"made by `capture {command}` and `capture export`; verdict: {found['verdict']}"]
     lines += [f"  {_size(p, v)}" for p, v in zip(space, values, strict=True)]
+    if effects and "first_time" in found["log"]:
+        lines.append(f"  time 0 was {found['log']['first_time']:.6f} s in the log")
     for name, (effect, own) in effects.items():
         where = "" if effect.place == "model" else f" (in {companion.name})"
         lines.append(f"  {name}{where}")

@@ -262,7 +262,7 @@ def _simulate(simulator: Simulator, drive: Drive, point: np.ndarray) -> np.ndarr
     machine = simulator.task
     episodes = [slice(a, b) for a, b in zip([0, *drive.ends[:-1]], drive.ends, strict=True)]
     windows = cut(
-        time=drive.time,
+        time=drive.time - drive.time[0],  # the inputs may be those of a log
         inputs=drive.inputs,
         outputs=np.zeros((len(drive.time), len(machine.outputs))),
         episodes=episodes,
@@ -270,7 +270,7 @@ def _simulate(simulator: Simulator, drive: Drive, point: np.ndarray) -> np.ndarr
         duration=None,
         linear=np.array([c.linear for c in machine.inputs], dtype=bool),
     )
-    simulated = simulator.simulate(windows, drive.starts, point[None])
+    simulated = simulator.simulate(windows, replace(drive.starts, time=windows.time), point[None])
     if simulated.diverged.any():
         raise FitError(
             f"the simulation diverged in {int(simulated.diverged.sum())} of {len(windows)} episodes",
