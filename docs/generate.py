@@ -262,6 +262,7 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str]]] = {
             "task": "name of the task",
             "log.path": "the log, as it was named",
             "log.sha256": "hash of its files",
+            "log.first_time": "s, its first time, since which effects and expressions count theirs",
             "verdict": "explained, effect-found, tied or unexplained",
             "summary": "the verdict in one sentence",
             "effects[].name": "an effect that the model lacks, in the order in which they were accepted",

@@ -179,6 +179,19 @@ def test_two_episodes_hold_out_the_last():
     assert split.is_test.tolist() == [False, False, True, True]
 
 
+@pytest.mark.parametrize("test", ["", ",", " , "])
+def test_holding_out_nothing_has_to_be_said(test):
+    windows = {
+        "episode": np.array([0, 0, 1, 1]),
+        "recording": np.array([0, 1]),
+        "recording_names": ["a", "b"],
+    }
+    with pytest.raises(OptionError, match="names no recording") as error:
+        split_windows(**windows, test=test, seed=0)
+    assert "--test none" in error.value.cure
+    assert not split_windows(**windows, test="none", seed=0).is_test.any()
+
+
 @pytest.mark.parametrize("blocks", [3, 4, 16])
 def test_paired_test_has_its_level_and_its_power(blocks):
     generator = np.random.default_rng(0)

@@ -249,6 +249,18 @@ def printed(diagnosis, width: int) -> str:
     return out.getvalue()
 
 
+def test_a_clock_of_an_epoch_is_drawn_since_the_start():
+    plain, epoch = make(), make()
+    row = [c["against"] for c in epoch.attributes["curves"]].index("time")
+    epoch.arrays["bin/centre"][row] += 1.7e9
+    epoch.arrays["step/time"] = epoch.arrays["step/time"] + 1.7e9
+    x, title = diagnosis_plots.drawn_against(epoch, row)
+    assert title == "time since the start [s]"
+    np.testing.assert_allclose(x, diagnosis_plots.drawn_against(plain, row)[0], atol=1e-6)
+    drawn = diagnosis_plots.localisation(epoch, 0)["data"][row]["x"]
+    assert len(set(drawn)) == len(x), "six digits tell them apart"
+
+
 # ---- the page ----
 
 

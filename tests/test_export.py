@@ -20,6 +20,7 @@ from capture_cli.errors import ModelError, OutputError, StoreError
 from capture_cli.sim.windows import MOST_DRIFT, cut
 from capture_cli.simulator import Simulator, placed_name
 from capture_cli.stages.export import Exported, export
+from capture_cli.stages.record import parse_effects
 from capture_cli.stores.diagnosis import FORMAT, VERSION, Diagnosis
 from capture_cli.stores.provenance import Provenance
 from capture_cli.tasks import load_task
@@ -89,14 +90,17 @@ def document(task: Path, found: Found) -> dict:
     machine_ = load_task(str(task))
 
     def parameters(space, values):
-        return {n: {"value": float(v), "unit": "SI"} for n, v in zip(space.names, values, strict=True)}
+        return {
+            p.name: {"value": float(v), "unit": "SI", "low": p.low, "high": p.high}
+            for p, v in zip(space, values, strict=True)
+        }
 
     return {
         "format": FORMAT,
         "version": VERSION,
         "task": machine_.name,
         "verdict": "effect-found",
-        "log": {"path": "log.zarr"},
+        "log": {"path": "log.zarr", "first_time": 1.7e9},
         "parameters": parameters(machine_.space, [DECLARED[machine_.name][1]]),
         "effects": [
             {
@@ -205,6 +209,54 @@ def test_all_effects_of_a_machine_fit_in_one_module(where, tmp_path):
     assert all(name in path.read_text() for name in found)
 
 
+# what an actuator takes is not in the model but in the log, which drove it further than the model's mass lets expect
+UNLIMITED = """
+<mujoco>
+  <option timestep="0.002"/>
+  <worldbody>
+    <body><joint name="x" type="slide" axis="1 0 0" damping="2"/><geom type="sphere" size=".1" mass="1"/></body>
+  </worldbody>
+  <actuator>{}</actuator>
+  <sensor><jointpos name="x" joint="x"/></sensor>
+</mujoco>
+"""
+LIMITS = {
+    "control-saturation": ('<motor name="drive" joint="x"/>', 100.0, 60.0),
+    "actuator-force-limit": ('<velocity name="drive" joint="x" kv="20"/>', 10.0, 60.0),
+}
+
+
+@pytest.mark.parametrize("name", LIMITS)
+@pytest.mark.parametrize("which", ["diagnosed", "given to record", "null"])
+def test_a_limit_beyond_what_the_model_alone_lets_expect_is_exported(name, which, tmp_path):
+    actuator, driven, limit = LIMITS[name]
+    (tmp_path / "model.xml").write_text(UNLIMITED.format(actuator))
+    task = tmp_path / "task.toml"
+    task.write_text(
+        'format = 1\nname = "slider"\nmodel = "model.xml"\n[parameters.declared]\nset = "joint:x:damping"\n'
+        'low = 0.0\nhigh = 5.0\nunit = "N s/m"\n[inputs.drive]\ncolumn = "drive"\nunit = "N"\n'
+        '[outputs.x]\ncolumn = "x"\nunit = "m"\n'
+    )
+    as_driven = mujoco.MjModel.from_xml_path(str(tmp_path / "model.xml"))
+    as_driven.actuator_ctrllimited[0], as_driven.actuator_ctrlrange[0] = True, (-driven, driven)
+    effect = effects.REGISTRY.get(name)(as_driven, "drive")
+    [(_, here)], given = parse_effects([f"{name}@drive={limit}"], load_task(str(task)).model)
+    assert here.space.high[0] < limit < effect.space.high[0]
+    found = {
+        "diagnosed": (effect, np.array([limit])),
+        "given to record": (here, given),
+        "null": (effect, effect.space.nominal),
+    }[which]
+    written = export(result=diagnosis(tmp_path / "d", task, {f"{name}@drive": found}), out=tmp_path / "m.xml")
+    model = mujoco.MjModel.from_xml_path(str(written.model))
+    data = mujoco.MjData(model)
+    beside = imported(written.companion).Effects(model) if written.companion else None
+    data.ctrl[0] = 3 * driven
+    beside.step(model, data, data.ctrl.copy()) if beside else mujoco.mj_step(model, data)
+    asked_for = 3 * driven * model.actuator_gainprm[0, 0]
+    assert data.actuator_force[0] == pytest.approx(asked_for if which == "null" else limit)
+
+
 def test_several_effects_act_together(tasks, tmp_path):
     found = found_at(
         "coulomb-friction@x",
@@ -291,6 +343,7 @@ def test_the_header_says_what_is_where(tasks, tmp_path):
     assert written.companion == tmp_path / "m_effects.py"
     header = written.model.read_text().split("-->")[0]
     assert "verdict: effect-found" in header and "declared = 2.5 SI" in header
+    assert "time 0 was 1700000000.000000 s in the log" in header
     assert "coulomb-friction@x\n" in header and "stribeck-friction@x (in m_effects.py)" in header
     assert 'MjModel.from_xml_path("m.xml")' in written.companion.read_text()
     assert written.left_out == "" and "left out" not in header

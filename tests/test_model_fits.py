@@ -104,6 +104,32 @@ def test_what_an_actuator_was_told_before_an_episode_is_a_nuisance(tmp_path, nam
     assert first[0] < 0.95 * first[1]
 
 
+def test_what_the_logs_clock_shows_does_not_matter(tmp_path, began=1.7e9):
+    prepared, truth = planted(tmp_path, "periodic-disturbance@x.sine=20")
+    log = replace(prepared.log, time=prepared.log.time + began)
+    later = prepare(log, prepared.task, window=None, test=None, seed=0)
+    effect = ("periodic-disturbance", REGISTRY.get("periodic-disturbance")(prepared.task.model, "x"))
+    fits = [ModelFits(p, 1).fit(p, [effect], truth) for p in (prepared, later)]
+    np.testing.assert_allclose(fits[1].at.by_parameter, fits[0].at.by_parameter, rtol=1e-3, atol=0.1)
+    assert abs(fits[1].point[-1] - 1.0) < 0.01, "Hz"
+    assert fits[1].error == pytest.approx(fits[0].error, rel=1e-3)
+    assert log.time[0] == began, "the log keeps its clock"
+
+
+def test_a_machine_driven_by_the_inputs_of_a_log_begins_with_it(tmp_path):
+    prepared, _ = planted(tmp_path, "coulomb-friction@x=2")
+    options = {"task": str(SLIDER), "effects": ["control-fade@drive=-0.5", "periodic-disturbance@x.sine=20"]}
+    recorded = []
+    for began in (0.0, 1.7e9):
+        (tmp_path / "clock.zarr").mkdir(exist_ok=True)
+        log = replace(prepared.log, time=prepared.log.time + began)
+        log.write(tmp_path / "clock.zarr")
+        made = record(**options, out=tmp_path / "again.zarr", inputs_from=tmp_path / "clock.zarr", force=True)
+        assert np.array_equal(made.log.time, log.time)
+        recorded.append(made.log.outputs)
+    np.testing.assert_allclose(*recorded, atol=1e-6)
+
+
 @pytest.mark.parametrize("delay", [0.02, 0.2])
 @pytest.mark.parametrize("sensor", ["pole", ""])
 def test_a_window_of_a_late_sensor_begins_with_what_it_saw_before(tmp_path, sensor, delay):

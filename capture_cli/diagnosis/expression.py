@@ -2,7 +2,7 @@
 
 Each term is an effect with one coefficient, so that terms are scored, fitted through the simulator and accepted by the
 rules that hold for the catalogue. (Sparse regression as in Brunton et al. 2016, but through the simulator, so that
-neither accelerations nor noise-free states are needed.)
+neither accelerations nor noise-free states are needed.) The time t is that since the log's first sample.
 """
 
 from __future__ import annotations

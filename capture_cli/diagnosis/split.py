@@ -49,7 +49,7 @@ def split_windows(
     """Split windows by recording (`test`, names or patterns divided by commas), by episode, or by contiguous block.
 
     episode (window,); recording (episode,). `test` "none" keeps nothing back. Raises OptionError for a pattern that
-    matches no recording or all of them, LogError where the log is too short.
+    matches no recording or all of them, or where there is none; LogError where the log is too short.
     """
     if test == "none":
         return Split(np.zeros(len(episode), dtype=bool), "nothing held out")
@@ -67,6 +67,11 @@ def split_windows(
 
 def _by_recording(episode, recording, names, test: str) -> Split:
     patterns = [p.strip() for p in test.split(",") if p.strip()]
+    if not patterns:  # as of a shell's variable that is not set
+        raise OptionError(
+            f"--test {test!r} names no recording",
+            cure="name those to hold out, or leave --test out; to hold out nothing, pass --test none",
+        )
     for pattern in patterns:
         if not any(fnmatchcase(name, pattern) for name in names):
             raise OptionError(

@@ -88,6 +88,10 @@ At the null value of its parameters the simulation is, bit by bit, the one witho
 marked *shape* say what the effect looks like; while the others are null they mean nothing, whatever they
 are.
 
+Time counts from the first sample of the log, whatever its clock shows there, and in an exported model from the start of
+the simulation: the phase of `periodic-disturbance` is that at this moment. `log.first_time` of diagnosis.json says when
+it was.
+
 Effects of the place *model* are native MuJoCo features. Those of the place *force* act at every step:
 friction and damping that depend on the state change MuJoCo's own `frictionloss` and `damping` step by
 step, so that they are integrated implicitly and stick as MuJoCo's do; compliance and backlash keep the

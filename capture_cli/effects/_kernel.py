@@ -67,7 +67,7 @@ def number(value) -> str:
     """A number, or an array of one dimension, as source that evaluates to it, bit by bit."""
     if np.ndim(value):
         return f"np.array([{', '.join(number(v) for v in value)}])"
-    return repr(float(value)) if np.isfinite(value) else f"{'-' * (value < 0)}np.inf"
+    return repr(float(value)) if np.isfinite(value) else f"{'-' if value < 0 else ''}np.inf"
 
 
 def _takes_timestep(kernel: Callable) -> bool:

@@ -14,7 +14,8 @@ UNLIMITED = 1e10  # N or N m
 
 
 class ActuatorForceLimit(Effect):
-    """The actuator gives no more than `limit` (N or N m) either way; at its upper bound nothing is cut off.
+    """The actuator gives no more than `limit` (N or N m) either way; at its null, the end of its range, nothing is
+    cut off. Beyond that, where the actuator has no forcerange, it cuts off as it does below.
 
     Of servos, whose force is not their control's alone; what a motor cannot give is control-saturation. A limit that no
     force reaches moves nothing, so the outputs have no slope at null.
@@ -51,7 +52,7 @@ class ActuatorForceLimit(Effect):
         return (Parameter("limit", "N or N m", 0.02 * scale, high, high),)
 
     def write(self, fields, values):
-        limit = np.where(values[:, 0] >= self.parameters[0].high, UNLIMITED, values[:, 0])
+        limit = np.where(values[:, 0] == self.parameters[0].nominal, UNLIMITED, values[:, 0])
         fields["actuator_forcelimited"][:, self.actuator] = True
         low, high = self.own
         fields["actuator_forcerange"][:, self.actuator, 0] = np.maximum(low, -limit)

@@ -14,8 +14,8 @@ def saturated(control, *, limit):
 
 
 class ControlSaturation(ActuatorEffect):
-    """Controls beyond +-`limit` (in the control's own unit) arrive as `limit`; at its upper bound nothing is
-    cut off.
+    """Controls beyond +-`limit` (in the control's own unit) arrive as `limit`; at its null, the end of its range,
+    nothing is cut off. Beyond that, where the control has no range of its own, it cuts off as it does below.
 
     A limit that no control reaches moves nothing, so the outputs have no slope at null.
     """
@@ -31,4 +31,4 @@ class ControlSaturation(ActuatorEffect):
         return (Parameter("limit", UNIT, 0.02 * self.scale, high, high),)
 
     def coefficients(self, values):
-        return {"limit": np.where(values[:, 0] >= self.parameters[0].high, np.inf, values[:, 0])}
+        return {"limit": np.where(values[:, 0] == self.parameters[0].nominal, np.inf, values[:, 0])}

@@ -11,14 +11,14 @@ FEWEST_PERIODS = 2.0
 
 
 def periodic_disturbance(time, *, sine, cosine, frequency):
-    """Joint force: sine sin(2 pi f t) + cosine cos(2 pi f t), f the frequency in Hz, t the log's time."""
+    """Joint force: sine sin(2 pi f t) + cosine cos(2 pi f t), f the frequency in Hz, t in s since the log began."""
     phase = 2 * np.pi * frequency * time
     return sine * np.sin(phase) + cosine * np.cos(phase)
 
 
 class PeriodicDisturbance(PeriodicForce):
-    """The joint force `sine` sin(2 pi f t) + `cosine` cos(2 pi f t) with f the `frequency` and t the log's
-    time.
+    """The joint force `sine` sin(2 pi f t) + `cosine` cos(2 pi f t) with f the `frequency` and t in s
+    since the log began: since its first time, whatever that is.
     """
 
     summary = "a force that repeats with time: vibration from outside"

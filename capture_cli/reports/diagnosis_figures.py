@@ -13,6 +13,7 @@ from capture_cli.reports.diagnosis_plots import (
     COLORS,
     acceleration_scale,
     curve_title,
+    drawn_against,
     drawn_curves,
     localisation_columns,
     place,
@@ -33,7 +34,7 @@ from capture_cli.reports.figure_parts import (
     save,
     title,
 )
-from capture_cli.reports.quantities import significant, titled, with_unit
+from capture_cli.reports.quantities import significant, with_unit
 from capture_cli.stores.diagnosis import Diagnosis
 
 BAR = 0.24  # of the distance between two models
@@ -138,8 +139,9 @@ def _localisation(diagnosis: Diagnosis) -> Figure:
 def _draw_curve(axis, diagnosis: Diagnosis, k: int, row: int) -> list:
     factor, unit = acceleration_scale(diagnosis, k)
     against = diagnosis.attributes["curves"][row]
-    x, before, after, error = (
-        np.asarray(diagnosis.arrays[f"bin/{kind}"])[row] for kind in ("centre", "before", "after", "error")
+    x, x_title = drawn_against(diagnosis, row)
+    before, after, error = (
+        np.asarray(diagnosis.arrays[f"bin/{kind}"])[row] for kind in ("before", "after", "error")
     )
     before, after, error = factor * before, factor * after, factor * error
     color = PALETTE["--before"]
@@ -151,6 +153,6 @@ def _draw_curve(axis, diagnosis: Diagnosis, k: int, row: int) -> list:
         handles += axis.plot(x, after, label="with what was found", **look)
     name = diagnosis.attributes["outputs"][k]["name"]
     title(axis, f"residual of {name}: {curve_title(against)}")
-    axis.set(xlabel=titled(against["against"], against["unit"]), ylabel=f"[{unit}]")
+    axis.set(xlabel=x_title, ylabel=f"[{unit}]")
     restrain(axis)
     return handles

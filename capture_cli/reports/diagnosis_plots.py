@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from capture_cli.reports.curves import LONGEST_CLOCK
 from capture_cli.reports.diagnosis_findings import PARTS, Moved, StageErrors, moved, shift, stage_errors
 from capture_cli.reports.plotly_parts import Plot, heading, line, rounded
 from capture_cli.reports.quantities import scaled_unit, significant, titled, with_unit
@@ -120,7 +121,7 @@ def localisation(diagnosis: Diagnosis, k: int) -> Plot | None:
         against = diagnosis.attributes["curves"][row]
         data += _curve(diagnosis, row, factor, unit, number, has_effects)
         axes |= _cell(*divmod(place_, columns), grid, columns, number)
-        axes[f"xaxis{number}"]["title"] = {"text": titled(against["against"], against["unit"]), "standoff": 4}
+        axes[f"xaxis{number}"]["title"] = {"text": drawn_against(diagnosis, row)[1], "standoff": 4}
         annotations.append(heading(curve_title(against), number))
     axes["yaxis"]["title"] = {"text": f"[{unit}]", "standoff": 4}
     layout = {
@@ -155,6 +156,14 @@ def drawn_curves(diagnosis: Diagnosis, k: int) -> list[int]:
     centre = np.asarray(diagnosis.arrays["bin/centre"])
     rows = [row for row, c in enumerate(diagnosis.attributes["curves"]) if c["output"] == name]
     return [row for row in rows if np.ptp(centre[row]) > 0]
+
+
+def drawn_against(diagnosis: Diagnosis, row: int) -> tuple[np.ndarray, str]:
+    """What a curve is drawn against, (bin,), and the title of that axis; by a clock of an epoch, since the start."""
+    x, curve = np.asarray(diagnosis.arrays["bin/centre"])[row], diagnosis.attributes["curves"][row]
+    if curve["against"] != "time" or np.abs(x).max() <= LONGEST_CLOCK:
+        return x, titled(curve["against"], curve["unit"])
+    return x - np.asarray(diagnosis.arrays["step/time"]).min(), "time since the start [s]"
 
 
 def acceleration_scale(diagnosis: Diagnosis, k: int) -> tuple[float, str]:
@@ -248,8 +257,9 @@ def _arrow(before: float, after: float, name: str) -> Plot:
 def _curve(
     diagnosis: Diagnosis, row: int, factor: float, unit: str, number: str, has_effects: bool
 ) -> list[Plot]:
-    x, before, after, error = (
-        np.asarray(diagnosis.arrays[f"bin/{kind}"])[row] for kind in ("centre", "before", "after", "error")
+    x, _ = drawn_against(diagnosis, row)
+    before, after, error = (
+        np.asarray(diagnosis.arrays[f"bin/{kind}"])[row] for kind in ("before", "after", "error")
     )
     before, after, error = factor * before, factor * after, factor * error
     hover = {"hovertemplate": f"%{{y:.3g}} {unit}<extra></extra>"}

@@ -26,8 +26,8 @@ class Windows:
     """Windows of a log, padded to one shape.
 
     episode (window,): which episode each comes from. first (window,): its first step in the log.
-    time (window,): s, the log's time at its start. elapsed (window,): s, since its episode began. known (window,): s,
-    since its inputs are known: since then, or since a gap.
+    time (window,): s, at its start, by the clock it was cut by. elapsed (window,): s, since its episode began.
+    known (window,): s, since its inputs are known: since then, or since a gap.
     grid_steps (window,): model steps needed.
     tape (window, lead + grid + ahead, input): inputs at the model's steps, from `lead` steps before the window to some
     after it; where the log does not reach so far, its first and last values.

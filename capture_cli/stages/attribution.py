@@ -247,18 +247,16 @@ class Attribution:
         if self.models.is_explained(fit):
             return None
         x = fit.space.to_unit(fit.point)
-        prefix = candidate.name + "."
-        own = [i for i, n in enumerate(fit.space.names) if n.startswith(prefix)]
-        shares = [prefix + name for name in candidate.effect[1].shares]
+        own, effect = fit.columns(candidate.name), candidate.effect[1]
         log = self.models.fits.prepared.log
         duration = max(log.time[e.stop - 1] - log.time[e.start] for e in log.episodes)
-        doubt = candidate.effect[1].doubt(fit.point[own], float(duration))
+        doubt = effect.doubt(fit.point[own], float(duration))
         if doubt:
             return doubt
-        for i in own:
+        for i, name in zip(range(own.start, own.stop), effect.space.names, strict=True):
             null = (fit.space.nominal[i] - fit.space.low[i]) / fit.space.span[i]
             at_end = min(x[i], 1 - x[i]) < AT_BOUND and abs(x[i] - null) > AT_BOUND
-            if at_end and fit.space.names[i] not in shares:
+            if at_end and name not in effect.shares:
                 return (
                     f"it would have to be at the end of its range ({fit.space.names[i]} = {fit.point[i]:.3g})"
                 )

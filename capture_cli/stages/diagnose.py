@@ -323,7 +323,11 @@ class _Work:
             "format": FORMAT,
             "version": VERSION,
             "task": task.name,
-            "log": {"path": str(log.path), "sha256": sha256(log.path)},
+            "log": {
+                "path": str(log.path),
+                "sha256": sha256(log.path),
+                "first_time": float(log.time[0]),
+            },
             "verdict": verdict,
             "summary": _summary(verdict, stages, attribution, lacking, last),
             "effects": self._effects(attribution, after, found),
@@ -376,15 +380,14 @@ class _Work:
     def _effects(self, attribution: Attribution, after: Fit, found: Intervals) -> list[dict[str, Any]]:
         rows = []
         for accepted in attribution.accepted:
-            prefix = accepted.name + "."
-            own = [i for i, n in enumerate(after.space.names) if n.startswith(prefix)]
-            parameters = _parameters(after, found, own)
+            own = after.columns(accepted.name)
+            parameters = _parameters(after, found, range(own.start, own.stop)).values()
             rows.append(
                 {
                     "name": accepted.effect[0],
                     "site": accepted.effect[1].site,
                     "summary": accepted.effect[1].summary,
-                    "parameters": {name[len(prefix) :]: p for name, p in parameters.items()},
+                    "parameters": dict(zip(accepted.effect[1].space.names, parameters, strict=True)),
                     "p_value": accepted.support.p_fit,
                     "p_select": accepted.support.p_select,
                     "tied_with": accepted.tied_with,

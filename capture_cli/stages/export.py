@@ -120,8 +120,18 @@ def _effects(rows, model, command: str) -> Placed:
     for row in rows:
         effect = REGISTRY.get(row["name"])(model, row["site"])
         name = placed_name(row["name"], effect)
-        effects[name] = (effect, _values(row["parameters"], effect.space, name, command))
+        values = _values(row["parameters"], effect.space, name, command)
+        effects[name] = (effect, _null_of_here(effect.space, values, row["parameters"]))
     return effects
+
+
+def _null_of_here(space: ParameterSpace, values: np.ndarray, recorded: Mapping[str, Any]) -> np.ndarray:
+    """`values` (parameter,), and where one is null in the diagnosis, as which it is `recorded`, the null of `space`.
+
+    A limit's null is the end of its range, and `diagnose` has that from how far the log drove the actuators.
+    """
+    ends = np.array([recorded[name]["high"] for name in space.names])
+    return np.where((space.nominal == space.high) & (values == ends), space.nominal, values)
 
 
 def _left_out(found: Mapping[str, Any]) -> str:
@@ -136,6 +146,8 @@ def _header(
     """An XML comment that says what the file holds, and what it does not."""
     lines = [f"made by `capture {command}` and `capture export`; verdict: {found['verdict']}"]
     lines += [f"  {_size(p, v)}" for p, v in zip(space, values, strict=True)]
+    if effects and "first_time" in found["log"]:
+        lines.append(f"  time 0 was {found['log']['first_time']:.6f} s in the log")
     for name, (effect, own) in effects.items():
         where = "" if effect.place == "model" else f" (in {companion.name})"
         lines.append(f"  {name}{where}")

@@ -129,8 +129,7 @@ class ModelComparison:
     def without(self, current: Fit, name: str) -> Fit | None:
         """The fit of `current` less the effect that is called `name` there."""
         effects = [e for e in current.effects if placed_name(*e) != name]
-        keep = [i for i, n in enumerate(current.space.names) if not n.startswith(name + ".")]
-        return self.fit(effects, current.point[keep], current)
+        return self.fit(effects, np.delete(current.point, current.columns(name)), current)
 
     def nested(self, last: Fit, count: int) -> Fit:
         """The fit of the declared model with the first `count` effects of `last`."""

@@ -134,6 +134,16 @@ class Fit:
     at: Linearization
     finished: bool = True
 
+    def columns(self, name: str) -> slice:
+        """Which of its parameters are those of the effect that is called `name`."""
+        stop = len(self.space)
+        for effect in reversed(self.effects):
+            start = stop - len(effect[1].parameters)
+            if placed_name(*effect) == name:
+                return slice(start, stop)
+            stop = start
+        raise KeyError(name)
+
     def is_far_behind(self, rival: Fit | None) -> bool:
         """Whether there is no hope of doing as well as `rival`."""
         return rival is not None and self.error > HOPELESS * rival.error

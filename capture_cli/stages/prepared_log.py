@@ -177,6 +177,15 @@ def prepare(
     return replace(prepared, difference_step=difference_step(prepared, threads))
 
 
+def clock(log: MeasuredLog) -> np.ndarray:
+    """Time (step,), s, by the clock of simulations, which counts from the log's first time.
+
+    By a clock that began long before the log the phase of a force that repeats would turn many times over within a
+    finite difference of its frequency.
+    """
+    return log.time - log.time[0]
+
+
 def driven_by(log: MeasuredLog) -> Sequence[np.ndarray]:
     """What drove each episode: its inputs (step, input), or its action."""
     return [log.inputs[e] for e in log.episodes] if log.actions is None else log.actions
@@ -207,7 +216,7 @@ def _starts(
     read = estimate_starts(
         task.model,
         sensors,
-        time=log.time,
+        time=clock(log),
         outputs=log.outputs,
         episodes=log.episodes,
         window_first=windows.first,
@@ -256,9 +265,9 @@ def begins_as_acted(prepared: PreparedLog) -> bool:
 
 
 def _cut(log: MeasuredLog, task: Task, duration: float | None) -> Windows:
-    """Windows of `duration` s, or of whole episodes where None."""
+    """Windows of `duration` s, or of whole episodes where None, by the clock of simulations."""
     return cut(
-        time=log.time,
+        time=clock(log),
         inputs=log.inputs,
         outputs=log.outputs,
         episodes=log.episodes,

@@ -27,7 +27,10 @@ from capture_cli.tasks.base import ActionTask, Channel, Task
 WORLDS = ("plant", "robosuite")
 BELIEFS = ("nominal", "random")
 TRUTH = ("parameters", "effects")  # options that a log's provenance keeps to itself
-_EFFECT = re.compile(r"^(?P<name>[a-z-]+)(@(?P<site>[^.=]*))?(\.(?P<parameter>\w+))?(=(?P<value>.+))?$")
+# what stands after @ is a site, or a site and a parameter: names in a model may have dots and more in them
+_EFFECT = re.compile(
+    r"^(?P<name>[a-z-]+)(@(?P<place>.*?)|\.(?P<parameter>\w+))?(=(?P<value>[^=]+))?$", re.DOTALL
+)
 
 
 @dataclass(frozen=True)
@@ -162,26 +165,36 @@ def parse_effects(texts: Sequence[str], model: mujoco.MjModel) -> tuple[list[tup
                 cure="for example --effect coulomb-friction@x=3.5; `capture effects` lists what there is",
             )
         cls = REGISTRY.get(match["name"])
-        site = _site(match["name"], match["site"], cls.sites(model))
-        effect = cls(model, site)
+        site, parameter = match["place"], match["parameter"]
+        if site is not None:
+            site, parameter = _site_and_parameter(site, cls, model)
+        effect = cls(model, _site(match["name"], site, cls.sites(model)))
         key = placed_name(match["name"], effect)
         _, effect, values = placed.setdefault(key, (match["name"], effect, effect.space.nominal.copy()))
-        if not effect.parameters and not match["parameter"] and not match["value"]:
+        if not effect.parameters and not parameter and not match["value"]:
             continue
-        which = _parameter(text, match, effect.space.names)
+        which = _parameter(text, match, parameter, effect.space.names)
         values[which] = _number(match["value"], f"--effect {text!r}")
     effects = [(name, effect) for name, effect, _ in placed.values()]
     return effects, np.concatenate([np.zeros(0), *(values for _, _, values in placed.values())])
 
 
-def _parameter(text: str, match: re.Match, names: Sequence[str]) -> int:
-    """Which of the effect's parameters `text` sets."""
+def _site_and_parameter(place: str, cls: type[Effect], model: mujoco.MjModel) -> tuple[str, str | None]:
+    """SITE.PARAMETER or SITE, where a site may have dots in it: parted at the last one, if that makes sense."""
+    sites = cls.sites(model)
+    site, dot, parameter = place.rpartition(".")
+    makes_sense = site in sites and parameter in cls(model, site).space.names
+    return (site, parameter) if dot and (makes_sense or place not in sites) else (place, None)
+
+
+def _parameter(text: str, match: re.Match, parameter: str | None, names: Sequence[str]) -> int:
+    """Which of the effect's parameters `text` sets; the first where it names none."""
     if not names:
         raise OptionError(
             f"--effect {text!r}: {match['name']} has no parameters",
             cure="leave the value out: it is there, or it is not",
         )
-    parameter = match["parameter"] or names[0]
+    parameter = names[0] if parameter is None else parameter
     if parameter not in names:
         raise OptionError(
             f"--effect {text!r}: {match['name']} has no parameter {parameter!r}",
@@ -262,7 +275,7 @@ def _simulate(simulator: Simulator, drive: Drive, point: np.ndarray) -> np.ndarr
     machine = simulator.task
     episodes = [slice(a, b) for a, b in zip([0, *drive.ends[:-1]], drive.ends, strict=True)]
     windows = cut(
-        time=drive.time,
+        time=drive.time - drive.time[0],  # the inputs may be those of a log
         inputs=drive.inputs,
         outputs=np.zeros((len(drive.time), len(machine.outputs))),
         episodes=episodes,
@@ -270,7 +283,7 @@ def _simulate(simulator: Simulator, drive: Drive, point: np.ndarray) -> np.ndarr
         duration=None,
         linear=machine.linear,
     )
-    simulated = simulator.simulate(windows, drive.starts, point[None])
+    simulated = simulator.simulate(windows, replace(drive.starts, time=windows.time), point[None])
     if simulated.diverged.any():
         raise FitError(
             f"the simulation diverged in {int(simulated.diverged.sum())} of {len(windows)} episodes",

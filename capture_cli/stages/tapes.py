@@ -13,7 +13,7 @@ from capture_cli.sim.engine import Engine, ModelFields, Starts
 from capture_cli.sim.starts import model_starts
 from capture_cli.sim.windows import inputs_at
 from capture_cli.stages.multisine import BAND, multisine, peak
-from capture_cli.stages.prepared_log import PreparedLog, prepare
+from capture_cli.stages.prepared_log import PreparedLog, clock, prepare
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.tasks.base import Task
 from capture_cli.tasks.tape_task import TapeTask, actions_of, resample
@@ -75,7 +75,7 @@ def log_tapes(prepared: PreparedLog, point_times: np.ndarray) -> Tapes:
     inputs, outputs, whole = [], [], []
     for w, (episode, start) in enumerate(zip(windows.episode, windows.time, strict=True)):
         steps = log.episodes[int(episode)]
-        time = log.time[steps]
+        time = clock(log)[steps]
         if time[-1] < start + point_times[-1] - np.median(np.diff(time)):
             continue
         inputs.append(inputs_at(start + grid, time, log.inputs[steps], task.timestep, task.linear))
