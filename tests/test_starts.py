@@ -13,6 +13,7 @@ from capture_cli.sim.starts import (
     StartEstimate,
     estimate_starts,
     from_episodes,
+    known_starts,
     measures_every_coordinate,
     model_starts,
     shift,
@@ -109,6 +110,15 @@ def test_errors_are_within_the_standard_deviation_and_that_is_not_idle(model, mo
     in_sd = np.abs(error) / found.sd  # the sd is a prior's, of a local fit inflated by PRIOR_INFLATION
     assert in_sd.max() < 1
     assert in_sd.max(axis=0).min() > 0.3 / PRIOR_INFLATION
+
+
+def test_an_attitude_is_known_alike_about_every_axis(model):
+    """Near level w has no noise to speak of, and x, y and z half of the rotation's each."""
+    ids, _ = columns(model, "how")
+    found = known_starts(model, ids, model_starts(model, 2).starts, np.array([1e-6, 1e-3, 1e-3, 1e-3]))
+    flyer = slice(7, 10)
+    np.testing.assert_allclose(found.sd[:, flyer], PRIOR_INFLATION * 2e-3, rtol=1e-6)
+    assert found.sd.sum() == pytest.approx(found.sd[:, flyer].sum())
 
 
 def test_better_than_one_sample_and_one_difference(model, motion):

@@ -58,6 +58,14 @@ class _Source:
     dofs: tuple[int, ...]
     qpos: tuple[int, ...]
 
+    def noise(self, noise_sd: np.ndarray) -> np.ndarray:
+        """The noise of each coordinate, (dof,), from that of all outputs, (output,).
+
+        Of an orientation: of a rotation about each axis, half of which is in the four numbers together.
+        """
+        own = noise_sd[list(self.columns)]
+        return np.full(3, 2 * np.sqrt(np.square(own).sum() / 3)) if self.kind == "orientation" else own
+
 
 @dataclass(frozen=True)
 class _Places:
@@ -104,7 +112,7 @@ def estimate_starts(
         if source.kind == "orientation":
             quaternions = outputs[knots.starts.index][..., columns]
             rotation = _rotation_vectors(quaternions, HALF_WIDTHS[-1])
-            fit = local_motion(knots.starts, rotation, 2 * noise_sd[columns[:3]])
+            fit = local_motion(knots.starts, rotation, source.noise(noise_sd))
             qpos[:, list(source.qpos)] = _turned(quaternions[:, HALF_WIDTHS[-1]], fit.value)
         else:
             every = local_motion(knots.near, outputs[knots.near.index][..., columns], noise_sd[columns])
@@ -146,7 +154,7 @@ def _closed(
         np.array([i for s in positions for i in getattr(s, n)], dtype=int)
         for n in ("columns", "qpos", "dofs")
     )
-    known = np.concatenate([noise_sd[list(s.columns)][: len(s.dofs)] for s in positions] or [np.zeros(0)])
+    known = np.concatenate([s.noise(noise_sd) for s in positions] or [np.zeros(0)])
     begin = model_starts(loops.model, 1).starts.qpos[0]
     followed = np.zeros_like(starts.qpos)
     for number, steps in enumerate(places.episodes):
@@ -251,7 +259,7 @@ def known_starts(model: mujoco.MjModel, sensors, starts: Starts, noise_sd: np.nd
     sd = np.zeros((len(starts), 2 * model.nv + model.na))
     for source in _sources(model, sensors):
         if source.kind != "velocity":
-            sd[:, list(source.dofs)] = PRIOR_INFLATION * noise_sd[list(source.columns)][: len(source.dofs)]
+            sd[:, list(source.dofs)] = PRIOR_INFLATION * source.noise(noise_sd)
     return StartEstimate(starts, sd)
 
 

@@ -104,7 +104,7 @@ class PreparedLog:
         simulated = simulator.simulate(
             self.windows, starts.starts, trial.parameters, trial.offsets * may_move, starts.reported
         )
-        outputs = aligned(simulated.outputs, self.windows.measured, _attitudes(self.task))
+        outputs = aligned(simulated.outputs, self.windows.measured, attitudes(self.task))
         return outputs, simulated.diverged
 
 
@@ -142,7 +142,7 @@ def prepare(
 ) -> PreparedLog:
     """Check that the log fits the task, and make it ready. Raises LogError or OptionError."""
     check_fits(log, task)
-    log = replace(log, outputs=continuous(log.outputs, log.episodes, _attitudes(task)))
+    log = replace(log, outputs=continuous(log.outputs, log.episodes, attitudes(task)))
     duration = window if window is not None else task.log.window
     _check_long_enough(log, duration)
     windows = _cut(log, task, duration)
@@ -153,6 +153,7 @@ def prepare(
         time=log.time,
         driven_by=driven_by(log),
         block=int(np.clip(np.median(windows.samples) / 2, *REPEATED_SAMPLES)),
+        attitudes=attitudes(task),
     )
     starts = _starts(log, task, windows, noise, threads)
     split = split_windows(
@@ -177,7 +178,7 @@ def with_noise(prepared: PreparedLog, noise: NoiseFloor, threads: int | None) ->
     return replace(prepared, noise=noise, starts=starts)
 
 
-def _attitudes(task: Task) -> list[np.ndarray]:
+def attitudes(task: Task) -> list[np.ndarray]:
     """Which outputs make up each attitude, (4,) each."""
     return quaternion_columns(task.model, [c.sensor for c in task.outputs])
 
