@@ -109,15 +109,15 @@ def estimate_starts(
     measured_velocity = {d for s in sources if s.kind == "velocity" for d in s.dofs}
     for source in sources:
         columns, dofs = list(source.columns), np.array(source.dofs)
+        every = local_motion(knots.near, outputs[knots.near.index][..., columns], noise_sd[columns])
+        motion = np.stack([every.value, every.slope, every.curvature], axis=1)
+        path[..., list(source.data)] = motion.reshape(count, knots.count, 3, -1)
         if source.kind == "orientation":
             quaternions = outputs[knots.starts.index][..., columns]
             rotation = _rotation_vectors(quaternions, HALF_WIDTHS[-1])
             fit = local_motion(knots.starts, rotation, source.noise(noise_sd))
             qpos[:, list(source.qpos)] = _turned(quaternions[:, HALF_WIDTHS[-1]], fit.value)
         else:
-            every = local_motion(knots.near, outputs[knots.near.index][..., columns], noise_sd[columns])
-            motion = np.stack([every.value, every.slope, every.curvature], axis=1)
-            path[..., list(source.data)] = motion.reshape(count, knots.count, 3, -1)
             fit = every.rows(slice(None, None, knots.count))
             if source.kind == "position":
                 qpos[:, list(source.qpos)] = fit.value
@@ -213,9 +213,16 @@ def _turned(quaternions: np.ndarray, rotations: np.ndarray) -> np.ndarray:
 def _reported(
     path, before, sources: list[_Source], measured_velocity: set[int], nv: int, lag: float
 ) -> ReportedMotion:
-    pairs: dict[str, list[tuple[int, int]]] = {"position": [], "velocity": [], "orientation": [], "slope": []}
+    pairs: dict[str, list[tuple[int, int]]] = {"position": [], "velocity": [], "slope": []}
+    orientation = []
     for source in sources:
-        for column, dof in zip(source.data, source.dofs, strict=False):
+        if source.kind == "orientation":
+            column, dof = source.data[0], source.dofs[0]
+            orientation.append(
+                (slice(column, column + 4), slice(dof, dof + 3), slice(nv + dof, nv + dof + 3))
+            )
+            continue
+        for column, dof in zip(source.data, source.dofs, strict=True):
             pairs[source.kind].append((column, dof + nv if source.kind == "velocity" else dof))
             if source.kind == "position" and dof not in measured_velocity:
                 pairs["slope"].append((column, dof + nv))
@@ -225,6 +232,7 @@ def _reported(
         tuple(pairs["position"]),
         tuple(pairs["velocity"]),
         tuple(pairs["slope"]),
+        tuple(orientation),
         lag,
         np.ones(len(path), dtype=bool),
     )
