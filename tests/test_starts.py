@@ -292,7 +292,12 @@ def test_a_corrected_report_moves_the_coordinates_that_were_read_off_it(model, m
 
 @pytest.mark.parametrize("sensor", ["ball", "how"])
 @pytest.mark.parametrize(
-    ("name", "values"), [("sensor-frame-rotation", [0.2, -0.1, 0.15]), ("sensor-delay", [0.02])]
+    ("name", "values"),
+    [
+        ("sensor-frame-rotation", [0.2, -0.1, 0.15]),
+        ("sensor-mount-rotation", [0.2, -0.1, 0.15]),
+        ("sensor-delay", [0.02]),
+    ],
 )
 def test_a_corrected_attitude_moves_orientation_and_turning(model, motion, sensor, name, values):
     """Starts that were read off an attitude that is reported turned, or late, come to where they were."""
