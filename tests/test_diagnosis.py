@@ -11,6 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from coloured_noise import coloured
+from scipy.spatial.transform import Rotation
 
 from capture_cli.diagnosis.acceptance import (
     bic_gain,
@@ -69,6 +70,27 @@ def test_noise_floor_takes_what_is_declared_and_sees_a_coarse_encoder():
     assert found.sd[0] == 0.5
     assert found.source[0] == "declared"
     assert found.sd[1] >= 0.01 / np.sqrt(12) * 0.99
+
+
+@pytest.mark.parametrize("turn", [0.1, 3.0])
+def test_the_four_numbers_of_an_attitude_have_one_floor(turn):
+    """Of a body that is mostly level, w has next to no noise but while it turns."""
+    generator = np.random.default_rng(0)
+    time = np.arange(4000) / 200
+    angle = turn * np.clip(np.sin(0.2 * np.pi * time) - 0.6, 0, 1) / 0.4
+    true = Rotation.from_rotvec(angle[:, None] * [1.0, 0.0, 0.0])
+    noise = Rotation.from_rotvec(0.005 * generator.standard_normal((len(time), 3)))
+    exact, outputs = (r.as_quat(canonical=False)[:, [3, 0, 1, 2]] for r in (true, true * noise))
+    arguments = dict(time=time, driven_by=[np.zeros((4000, 0))], block=50, attitudes=[np.arange(4)])
+    found = noise_floor(outputs, [slice(0, 4000)], [None] * 4, **arguments)
+    assert (found.sd == found.sd[0]).all()
+    assert found.source == ("differences",) * 4
+    assert np.sqrt(np.mean(np.square(outputs - exact))) / found.sd[0] == pytest.approx(1, abs=0.04)
+    declared = noise_floor(outputs, [slice(0, 4000)], [0.0025] * 4, **arguments)
+    assert declared.sd == pytest.approx([0.0025] * 4)
+    # without noise two of the numbers are 0 throughout, which is no floor of 1
+    still = noise_floor(exact, [slice(0, 4000)], [None] * 4, **arguments)
+    assert still.sd.max() < 1e-6
 
 
 REPEATS, STEPS = 4, 500

@@ -633,6 +633,19 @@ def test_a_frame_is_turned_in_the_plane_and_in_space():
     )
 
 
+def test_an_attitude_is_turned_in_the_world_or_on_its_body():
+    from scipy.spatial.transform import Rotation
+
+    model, turn = machine("ball"), np.array([[0.2, -0.1, 0.05]])
+    true, by = Rotation.from_rotvec([0.5, 1.0, -0.4]), Rotation.from_rotvec(turn[0])
+    sensors = np.zeros((1, 1, model.nsensordata))
+    sensors[0, 0, 3:7] = true.as_quat()[[3, 0, 1, 2]]
+    for name, seen in (("sensor-frame-rotation", by * true), ("sensor-mount-rotation", true * by)):
+        effect = effects.REGISTRY.get(name)(model, "attitude")
+        reported = effect.measure(sensors, turn, 1.0)[0, 0, 3:7]
+        assert np.allclose(reported, seen.as_quat()[[3, 0, 1, 2]])
+
+
 def test_lift_is_perpendicular_to_spin_and_flight():
     effect = effects.REGISTRY.get("magnus-lift")(machine("ball"), "ball")
     lift = 0.005

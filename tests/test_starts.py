@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from capture_cli import effects
 from capture_cli.sim.engine import Engine, Rollouts, Starts
 from capture_cli.sim.local_motion import Neighbours, local_motion
 from capture_cli.sim.starts import (
@@ -13,6 +14,7 @@ from capture_cli.sim.starts import (
     StartEstimate,
     estimate_starts,
     from_episodes,
+    known_starts,
     measures_every_coordinate,
     model_starts,
     shift,
@@ -109,6 +111,15 @@ def test_errors_are_within_the_standard_deviation_and_that_is_not_idle(model, mo
     in_sd = np.abs(error) / found.sd  # the sd is a prior's, of a local fit inflated by PRIOR_INFLATION
     assert in_sd.max() < 1
     assert in_sd.max(axis=0).min() > 0.3 / PRIOR_INFLATION
+
+
+def test_an_attitude_is_known_alike_about_every_axis(model):
+    """Near level w has no noise to speak of, and x, y and z half of the rotation's each."""
+    ids, _ = columns(model, "how")
+    found = known_starts(model, ids, model_starts(model, 2).starts, np.array([1e-6, 1e-3, 1e-3, 1e-3]))
+    flyer = slice(7, 10)
+    np.testing.assert_allclose(found.sd[:, flyer], PRIOR_INFLATION * 2e-3, rtol=1e-6)
+    assert found.sd.sum() == pytest.approx(found.sd[:, flyer].sum())
 
 
 def test_better_than_one_sample_and_one_difference(model, motion):
@@ -277,6 +288,36 @@ def test_a_corrected_report_moves_the_coordinates_that_were_read_off_it(model, m
         np.testing.assert_allclose(change, expected)
         assert not reported.start_change(reported.jets, 2 * nv).any()
     assert found.rows(slice(2)).reported.jets.shape[0] == 2
+
+
+@pytest.mark.parametrize("sensor", ["ball", "how"])
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("sensor-frame-rotation", [0.2, -0.1, 0.15]),
+        ("sensor-mount-rotation", [0.2, -0.1, 0.15]),
+        ("sensor-delay", [0.02]),
+    ],
+)
+def test_a_corrected_attitude_moves_orientation_and_turning(model, motion, sensor, name, values):
+    """Starts that were read off an attitude that is reported turned, or late, come to where they were."""
+    time, sensors, qpos, qvel = motion
+    nv, interval, first = model.nv, time[1] - time[0], np.array([40, 90, 140])
+    effect, values = effects.REGISTRY.get(name)(model, sensor), np.tile(values, (3, 1))
+    seen = effect.measure(sensors[None], values[:1], interval)[0]
+    found, before = estimate(model, (time, seen, qpos, qvel), ALL, noise=0.0, first=first)
+    # starts are of a time as much earlier as this sensor is late, when the others reported other numbers
+    late = effect.lateness(values) * np.ones((3, model.nsensordata))
+    true = effect.true_motion(found.reported.at(late.max() - late), values)
+    starts = shift(model, found.starts, found.reported.start_change(true, 2 * nv))
+    at = first - round(late.max() / interval)
+    error = starts.qvel - qvel[at]
+    for row, step in enumerate(at):
+        apart = np.zeros(nv)
+        mujoco.mj_differentiatePos(model, apart, 1.0, qpos[step], starts.qpos[row])
+        error[row] = np.maximum(np.abs(error[row]), np.abs(apart))
+    assert error.max() < 2e-3 < 0.02 < np.abs(before).max()
+    assert not found.reported.start_change(found.reported.jets, 2 * nv).any()
 
 
 def test_the_path_before_a_start_is_that_of_the_log(model, motion):

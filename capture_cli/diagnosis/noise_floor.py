@@ -8,6 +8,8 @@ lacks.
 
 A sensor that reports in steps has a floor of its own, the step over the square root of 12: its steps are noise, nothing
 that a model lacks.
+
+The four numbers of an attitude have one floor: what each shows of the same noise depends on the orientation.
 """
 
 from __future__ import annotations
@@ -45,20 +47,23 @@ def noise_floor(
     time: np.ndarray,
     driven_by: Sequence[np.ndarray],
     block: int,
+    attitudes: Sequence[np.ndarray] = (),
 ) -> NoiseFloor:
     """Of outputs (step, output); `declared` (output,) are known values, None where there are none.
 
     time (step,) s; driven_by: the inputs or the action of each episode; block: samples over which repeats are compared.
+    attitudes: which outputs make up each quaternion, (4,).
     """
     series = [[outputs[steps, k] for steps in episodes] for k in range(len(declared))]
     times = [time[steps] for steps in episodes]
-    sd = np.array([from_differences(s, times) for s in series])
+    sd = shared(np.array([from_differences(s, times) for s in series]), attitudes)
     source = ["differences"] * len(declared)
     numbers = repeats(time, driven_by, outputs, episodes, sd)
     groups = [[episodes[number] for number in group] for group in numbers]
+    smallest = SMALLEST * outputs.std(axis=0)
     for k, known in enumerate(declared):
         if known is not None:
-            sd[k], source[k] = known, "declared"
+            sd[k], smallest[k], source[k] = known, 0.0, "declared"
             continue
         deviations, degrees = from_repeats([np.stack([outputs[s, k] for s in g]) for g in groups], block)
         if degrees >= FEWEST:
@@ -66,8 +71,24 @@ def noise_floor(
         by_resolution = resolution(series[k]) / np.sqrt(12)
         if by_resolution > sd[k]:
             sd[k], source[k] = by_resolution, "resolution"
-        sd[k] = max(sd[k], SMALLEST * float(np.std(outputs[:, k]))) or 1.0
-    return NoiseFloor(sd, tuple(source))
+    for columns in attitudes:
+        noisiest = source[columns[np.argmax(sd[columns])]]
+        for k in columns:
+            source[k] = noisiest
+    sd = np.maximum(shared(sd, attitudes), shared(smallest, attitudes))
+    return NoiseFloor(np.where(sd > 0, sd, 1.0), tuple(source))
+
+
+def shared(sd: np.ndarray, attitudes: Sequence[np.ndarray]) -> np.ndarray:
+    """Standard deviations (output,), those of the four numbers of each attitude replaced by their root mean square.
+
+    A small turn changes the four by half of it in all; the orientation only says how that is shared out. Near level
+    w has next to no noise, and more of it in the moments that the trimming leaves out.
+    """
+    sd = sd.copy()
+    for columns in attitudes:
+        sd[columns] = np.sqrt(np.mean(np.square(sd[columns])))
+    return sd
 
 
 def trimmed_sd(numbers: np.ndarray) -> float:

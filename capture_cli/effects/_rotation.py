@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+LARGEST_TURN = 0.3  # rad, that a sensor may be off by
+
 
 def rotate(vectors: np.ndarray, rotation: np.ndarray) -> np.ndarray:
     """Vectors (..., 3) turned by the rotation vectors (..., 3), in rad (Rodrigues)."""
@@ -22,6 +24,20 @@ def rotate_quaternions(quaternions: np.ndarray, rotation: np.ndarray) -> np.ndar
         [
             scalar * w - (vector * v).sum(axis=-1, keepdims=True),
             scalar * v + w * vector + np.cross(vector, v),
+        ],
+        axis=-1,
+    )
+
+
+def rotate_in_own_frame(quaternions: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+    """Unit quaternions (..., 4) turned, in their own frames, by the rotation vectors (..., 3), in rad."""
+    angle = np.linalg.norm(rotation, axis=-1, keepdims=True)
+    scalar, vector = np.cos(angle / 2), 0.5 * np.sinc(angle / (2 * np.pi)) * rotation
+    w, v = quaternions[..., :1], quaternions[..., 1:]
+    return np.concatenate(
+        [
+            scalar * w - (vector * v).sum(axis=-1, keepdims=True),
+            scalar * v + w * vector + np.cross(v, vector),
         ],
         axis=-1,
     )

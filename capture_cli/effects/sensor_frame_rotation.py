@@ -1,4 +1,4 @@
-"""A sensor that was mounted, or calibrated, askew."""
+"""A sensor of vectors that was mounted, or calibrated, askew; an orientation told in a frame that is turned."""
 
 from __future__ import annotations
 
@@ -8,14 +8,13 @@ import mujoco
 import numpy as np
 
 from capture_cli.effects._places import reference, site_id, site_name
-from capture_cli.effects._rotation import rotate, rotate_quaternions
+from capture_cli.effects._rotation import LARGEST_TURN, rotate, rotate_quaternions
 from capture_cli.effects._scales import SLIDE
 from capture_cli.effects._sensor_effect import SensorEffect, quantity
 from capture_cli.effects.base import GLOBAL
 from capture_cli.parameters import Parameter
 from capture_cli.sim.quaternion_signs import is_quaternion
 
-LARGEST = 0.3  # rad
 PERPENDICULAR = 1e-6
 
 
@@ -29,11 +28,14 @@ def turned_in_plane(series, *, angle):
 class SensorFrameRotation(SensorEffect):
     """What a sensor of a vector or an orientation reports, turned by a rotation vector (rad).
 
+    That is the frame the numbers are told in: of gyros and accelerometers on the body, of positions and orientations
+    in the world. A sensor of orientation that is askew on its body is `sensor-mount-rotation`.
+
     Two sensors of the same kind on perpendicular slide joints of one body are a vector in the plane,
     SENSOR+SENSOR, turned by one `angle` from the first towards the second.
     """
 
-    summary = "a sensor's frame is turned: a camera or an IMU mounted askew"
+    summary = "a sensor's frame is turned: a camera, a gyro or an accelerometer askew, a north that is off"
     where = "every sensor of a vector or an orientation, every pair of sensors on perpendicular slides"
 
     def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
@@ -48,7 +50,7 @@ class SensorFrameRotation(SensorEffect):
     @property
     def parameters(self):
         names = ("angle",) if self.pair else ("x", "y", "z")
-        return tuple(Parameter(name, "rad", -LARGEST, LARGEST, 0.0) for name in names)
+        return tuple(Parameter(name, "rad", -LARGEST_TURN, LARGEST_TURN, 0.0) for name in names)
 
     @property
     def kernel(self):

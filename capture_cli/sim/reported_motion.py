@@ -16,9 +16,10 @@ class ReportedMotion:
 
     path (window, knot, 3, column): value, slope and curvature, per s and s^2, of each column of sensordata; 0 where it
     is not an output. before (window, knot): s, how long before the start that was; 0 first, then increasing.
-    position, velocity: pairs (column, tangent coordinate) that each was taken from. lag: s, how long before the time
-    of a state its velocity is that of its path. read (window,): False for starts that somebody knows, which no sensor
-    has to be believed for.
+    position, velocity, slope: pairs (column, tangent coordinate) that each was taken from. orientation: of each
+    attitude its four columns, its tangent coordinates and their velocities. lag: s, how long before the time of a
+    state its velocity is that of its path. read (window,): False for starts that somebody knows, which no sensor has to
+    be believed for.
     """
 
     path: np.ndarray
@@ -26,6 +27,7 @@ class ReportedMotion:
     position: tuple[tuple[int, int], ...]
     velocity: tuple[tuple[int, int], ...]
     slope: tuple[tuple[int, int], ...]
+    orientation: tuple[tuple[slice, slice, slice], ...]
     lag: float
     read: np.ndarray
 
@@ -50,15 +52,25 @@ class ReportedMotion:
     def start_change(self, true: np.ndarray, states: int) -> np.ndarray:
         """How far starts move, (simulation, state), where the jets (simulation, 3, column) were `true` in truth.
 
-        Orientations are left as they were reported.
+        Orientations by a rotation vector in the frame of the body, rad, in which their velocities are given, too.
         """
-        change = (true - self.jets) * self.read[:, None, None]
-        return self._of_states(change[:, 0], change[:, 1] - self.lag * change[:, 2], states)
+        change = true - self.jets
+        found = self._of_states(change[:, 0], change[:, 1] - self.lag * change[:, 2], states)
+        for columns, rotation, turning in self.orientation:
+            then, now = self.jets[..., columns], true[..., columns]
+            found[:, rotation] = _rotation(then[:, 0], now[:, 0])
+            later, earlier = (_turning(q[:, 0], q[:, 1] - self.lag * q[:, 2]) for q in (now, then))
+            found[:, turning] = later - earlier
+        return found * self.read[:, None]
 
     def unseen(self, states: int) -> np.ndarray:
         """How far a state MOST_LATE before the log began may be from one of even acceleration, (window, state)."""
-        acceleration = np.abs(self.jets[:, 2]) * self.read[:, None]
-        return self._of_states(MOST_LATE**2 / 2 * acceleration, MOST_LATE * acceleration, states)
+        acceleration = np.abs(self.jets[:, 2])
+        found = self._of_states(MOST_LATE**2 / 2 * acceleration, MOST_LATE * acceleration, states)
+        for columns, rotation, turning in self.orientation:
+            turned = np.abs(_turning(self.jets[:, 0, columns], self.jets[:, 2, columns]))
+            found[:, rotation], found[:, turning] = MOST_LATE**2 / 2 * turned, MOST_LATE * turned
+        return found * self.read[:, None]
 
     def _of_states(self, value: np.ndarray, slope: np.ndarray, states: int) -> np.ndarray:
         """(window, state) of what was read off columns whose values and slopes are these, (window, column) each."""
@@ -67,6 +79,30 @@ class ReportedMotion:
             for column, state in pairs:
                 found[:, state] = numbers[:, column]
         return found
+
+
+def _rotation(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """From the quaternions `start` to `end` (window, 4) of any length, in the frame of `start`: (window, 3), rad."""
+    scalar, vector = _quotient(start, end)
+    size = np.linalg.norm(vector, axis=-1, keepdims=True)
+    angle = 2 * np.arctan2(size, np.abs(scalar))
+    return np.copysign(1.0, scalar) * vector * np.divide(angle, size, out=np.zeros_like(size), where=size > 0)
+
+
+def _turning(quaternions: np.ndarray, derivative: np.ndarray) -> np.ndarray:
+    """Angular velocity (window, 3), in the body's frame, of quaternions (window, 4) of any length with that derivative.
+
+    Of the second derivative, in the same way, the angular acceleration.
+    """
+    _, vector = _quotient(quaternions, derivative)
+    squared = np.square(quaternions).sum(axis=-1, keepdims=True)
+    return 2 * np.divide(vector, squared, out=np.zeros_like(vector), where=squared > 0)
+
+
+def _quotient(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The quaternions conj(a) b, of (window, 4) each: scalar (window, 1) and vector (window, 3)."""
+    vector = a[..., :1] * b[..., 1:] - b[..., :1] * a[..., 1:] - np.cross(a[..., 1:], b[..., 1:])
+    return (a * b).sum(axis=-1, keepdims=True), vector
 
 
 def _quintic(later: np.ndarray, earlier: np.ndarray, interval: np.ndarray, back: np.ndarray) -> np.ndarray:

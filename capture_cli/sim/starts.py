@@ -58,6 +58,14 @@ class _Source:
     dofs: tuple[int, ...]
     qpos: tuple[int, ...]
 
+    def noise(self, noise_sd: np.ndarray) -> np.ndarray:
+        """The noise of each coordinate, (dof,), from that of all outputs, (output,).
+
+        Of an orientation: of a rotation about each axis, half of which is in the four numbers together.
+        """
+        own = noise_sd[list(self.columns)]
+        return np.full(3, 2 * np.sqrt(np.square(own).sum() / 3)) if self.kind == "orientation" else own
+
 
 @dataclass(frozen=True)
 class _Places:
@@ -101,15 +109,15 @@ def estimate_starts(
     measured_velocity = {d for s in sources if s.kind == "velocity" for d in s.dofs}
     for source in sources:
         columns, dofs = list(source.columns), np.array(source.dofs)
+        every = local_motion(knots.near, outputs[knots.near.index][..., columns], noise_sd[columns])
+        motion = np.stack([every.value, every.slope, every.curvature], axis=1)
+        path[..., list(source.data)] = motion.reshape(count, knots.count, 3, -1)
         if source.kind == "orientation":
             quaternions = outputs[knots.starts.index][..., columns]
             rotation = _rotation_vectors(quaternions, HALF_WIDTHS[-1])
-            fit = local_motion(knots.starts, rotation, 2 * noise_sd[columns[:3]])
+            fit = local_motion(knots.starts, rotation, source.noise(noise_sd))
             qpos[:, list(source.qpos)] = _turned(quaternions[:, HALF_WIDTHS[-1]], fit.value)
         else:
-            every = local_motion(knots.near, outputs[knots.near.index][..., columns], noise_sd[columns])
-            motion = np.stack([every.value, every.slope, every.curvature], axis=1)
-            path[..., list(source.data)] = motion.reshape(count, knots.count, 3, -1)
             fit = every.rows(slice(None, None, knots.count))
             if source.kind == "position":
                 qpos[:, list(source.qpos)] = fit.value
@@ -146,7 +154,7 @@ def _closed(
         np.array([i for s in positions for i in getattr(s, n)], dtype=int)
         for n in ("columns", "qpos", "dofs")
     )
-    known = np.concatenate([noise_sd[list(s.columns)][: len(s.dofs)] for s in positions] or [np.zeros(0)])
+    known = np.concatenate([s.noise(noise_sd) for s in positions] or [np.zeros(0)])
     begin = model_starts(loops.model, 1).starts.qpos[0]
     followed = np.zeros_like(starts.qpos)
     for number, steps in enumerate(places.episodes):
@@ -205,9 +213,16 @@ def _turned(quaternions: np.ndarray, rotations: np.ndarray) -> np.ndarray:
 def _reported(
     path, before, sources: list[_Source], measured_velocity: set[int], nv: int, lag: float
 ) -> ReportedMotion:
-    pairs: dict[str, list[tuple[int, int]]] = {"position": [], "velocity": [], "orientation": [], "slope": []}
+    pairs: dict[str, list[tuple[int, int]]] = {"position": [], "velocity": [], "slope": []}
+    orientation = []
     for source in sources:
-        for column, dof in zip(source.data, source.dofs, strict=False):
+        if source.kind == "orientation":
+            column, dof = source.data[0], source.dofs[0]
+            orientation.append(
+                (slice(column, column + 4), slice(dof, dof + 3), slice(nv + dof, nv + dof + 3))
+            )
+            continue
+        for column, dof in zip(source.data, source.dofs, strict=True):
             pairs[source.kind].append((column, dof + nv if source.kind == "velocity" else dof))
             if source.kind == "position" and dof not in measured_velocity:
                 pairs["slope"].append((column, dof + nv))
@@ -217,6 +232,7 @@ def _reported(
         tuple(pairs["position"]),
         tuple(pairs["velocity"]),
         tuple(pairs["slope"]),
+        tuple(orientation),
         lag,
         np.ones(len(path), dtype=bool),
     )
@@ -251,7 +267,7 @@ def known_starts(model: mujoco.MjModel, sensors, starts: Starts, noise_sd: np.nd
     sd = np.zeros((len(starts), 2 * model.nv + model.na))
     for source in _sources(model, sensors):
         if source.kind != "velocity":
-            sd[:, list(source.dofs)] = PRIOR_INFLATION * noise_sd[list(source.columns)][: len(source.dofs)]
+            sd[:, list(source.dofs)] = PRIOR_INFLATION * source.noise(noise_sd)
     return StartEstimate(starts, sd)
 
 

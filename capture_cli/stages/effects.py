@@ -19,7 +19,10 @@ _EXAMPLE = """
     <body name="free" pos="0 0 1"><freejoint name="free"/><geom name="ball" size=".1"/></body>
   </worldbody>
   <actuator><position name="actuator" joint="joint" kp="10" ctrlrange="-1 1"/></actuator>
-  <sensor><jointpos name="sensor" joint="joint"/><framepos name="where" objtype="xbody" objname="free"/></sensor>
+  <sensor>
+    <jointpos name="sensor" joint="joint"/>
+    <framepos name="where" objtype="xbody" objname="free"/><framequat name="how" objtype="xbody" objname="free"/>
+  </sensor>
 </mujoco>
 """
 

@@ -106,7 +106,7 @@ class PreparedLog:
         simulated = simulator.simulate(
             self.windows, starts.starts, trial.parameters, trial.offsets * may_move, starts.reported
         )
-        outputs = aligned(simulated.outputs, self.windows.measured, _attitudes(self.task))
+        outputs = aligned(simulated.outputs, self.windows.measured, attitudes(self.task))
         return outputs, simulated.diverged
 
 
@@ -149,7 +149,7 @@ def prepare(
     None.
     """
     check_fits(log, task)
-    log = replace(log, outputs=continuous(log.outputs, log.episodes, _attitudes(task)))
+    log = replace(log, outputs=continuous(log.outputs, log.episodes, attitudes(task)))
     duration = window if window is not None else task.log.window
     _check_long_enough(log, duration)
     windows = _cut(log, task, duration)
@@ -160,6 +160,7 @@ def prepare(
         time=log.time,
         driven_by=driven_by(log),
         block=int(np.clip(np.median(windows.samples) / 2, *REPEATED_SAMPLES)),
+        attitudes=attitudes(task),
     )
     starts = _starts(log, task, windows, noise, threads)
     split = (
@@ -197,7 +198,7 @@ def with_noise(prepared: PreparedLog, noise: NoiseFloor, threads: int | None) ->
     return replace(prepared, noise=noise, starts=starts)
 
 
-def _attitudes(task: Task) -> list[np.ndarray]:
+def attitudes(task: Task) -> list[np.ndarray]:
     """Which outputs make up each attitude, (4,) each."""
     return quaternion_columns(task.model, [c.sensor for c in task.outputs])
 

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from capture_cli.diagnosis.noise_floor import trimmed_sd
+from capture_cli.diagnosis.noise_floor import shared, trimmed_sd
 from capture_cli.diagnosis.repeats import FEWEST, pure_error, repeats
 from capture_cli.identifiers.base import Best
 from capture_cli.stages.model_fits import ModelFits
-from capture_cli.stages.prepared_log import PreparedLog, driven_by, with_noise
+from capture_cli.stages.prepared_log import PreparedLog, attitudes, driven_by, with_noise
 
 
 def with_noise_of_repeats(
@@ -34,6 +34,7 @@ def with_noise_of_repeats(
     for k, source in enumerate(prepared.noise.source):
         if source == "repeats" and degrees[k] >= FEWEST:
             sd[k] *= trimmed_sd(deviations[k])
+    sd = shared(sd, attitudes(prepared.task))
     return with_noise(prepared, replace(prepared.noise, sd=sd), threads), fits.rollouts
 
 
