@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from capture_cli.errors import OptionError, did_you_mean
+
+STEP = 1e-4  # of the range: well above the solver's tolerance, well below curvature
 
 
 @dataclass(frozen=True)
@@ -18,7 +20,8 @@ class Parameter:
     nominal: the model's own value. For the parameter of an effect it is the null value, at which the model with
         the effect is exactly the model without it.
     step: of finite differences, as a share of the range. A simulation with contacts needs a longer one than one
-        without: where between two steps a body arrives makes outputs a little rough.
+        without: where between two steps a body arrives makes outputs a little rough. One that is shorter than STEP is
+        what the parameter needs, and stays so.
     """
 
     name: str
@@ -26,7 +29,7 @@ class Parameter:
     low: float
     high: float
     nominal: float
-    step: float = 1e-4  # well above the solver's tolerance, well below curvature
+    step: float = STEP
 
     def __post_init__(self):
         values = (self.low, self.high, self.nominal)
@@ -40,6 +43,10 @@ class Parameter:
     def span(self) -> float:
         """high - low, in `unit`."""
         return self.high - self.low
+
+    def with_step_of(self, least: float) -> Parameter:
+        """With finite differences of that share of the range at least, where it does not need shorter ones."""
+        return self if self.step < STEP else replace(self, step=max(self.step, least))
 
 
 class ParameterSpace:

@@ -65,7 +65,7 @@ class Simulator:
         self.engine = engine or Engine(task.model, threads)
         self.rollouts = 0
         longest = max([difference_step, *task.space.steps])
-        self.space = ParameterSpace([replace(p, step=max(p.step, difference_step)) for p in task.space])
+        self.space = ParameterSpace([p.with_step_of(difference_step) for p in task.space])
         self._placed: list[_Placed] = []
         self.hidden_states = 0
         for name, effect in self.effects:
@@ -75,7 +75,7 @@ class Simulator:
             self.hidden_states = states.stop
             self.space = self.space + ParameterSpace(
                 [
-                    replace(p, name=f"{placed_name(name, effect)}.{p.name}", step=max(p.step, longest))
+                    replace(p.with_step_of(longest), name=f"{placed_name(name, effect)}.{p.name}")
                     for p in effect.parameters
                 ]
             )

@@ -11,6 +11,11 @@ FASTEST = 20.0  # Hz
 PEAKS = 2.0  # shapes per width of a peak: over a span T the peaks of a spectrum are 1 / T wide
 
 
+SHAPE_STEP = (
+    1e-6  # of the range: a longer one turns the phase by radians, at the far end of a log or of a travel
+)
+
+
 class PeriodicForce(JointForce):
     """A joint force with the amplitudes `sine` and `cosine` and the one shape `narrow`, which its kernel makes of the
     one input that it repeats along.

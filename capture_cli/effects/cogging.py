@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from capture_cli.effects._periodic_force import PeriodicForce
+from capture_cli.effects._periodic_force import SHAPE_STEP, PeriodicForce
 from capture_cli.parameters import Parameter
 
 FINEST = 150  # to a turn: teeth of a worm wheel; finer ones cost every log as many more shapes that may fit by chance
@@ -36,5 +36,5 @@ class Cogging(PeriodicForce):
         return (
             Parameter("sine", unit, -high, high, 0.0),
             Parameter("cosine", unit, -high, high, 0.0),
-            Parameter("period", self.unit("m", "rad"), full / FINEST, full, full / 6),
+            Parameter("period", self.unit("m", "rad"), full / FINEST, full, full / 6, SHAPE_STEP),
         )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from capture_cli.effects._periodic_force import PeriodicForce
+from capture_cli.effects._periodic_force import SHAPE_STEP, PeriodicForce
 from capture_cli.parameters import Parameter
 
 FEWEST_PERIODS = 2.0
@@ -37,5 +37,5 @@ class PeriodicDisturbance(PeriodicForce):
         return (
             Parameter("sine", unit, -high, high, 0.0),
             Parameter("cosine", unit, -high, high, 0.0),
-            Parameter("frequency", "Hz", 0.1, 1 / self.shortest_period, 1.0),
+            Parameter("frequency", "Hz", 0.1, 1 / self.shortest_period, 1.0, SHAPE_STEP),
         )
