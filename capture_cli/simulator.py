@@ -208,7 +208,7 @@ class Simulator:
             starts = shift(self.task.model, starts, offsets[:, : self._own_states])
             hidden = offsets[:, self._own_states :]
         early = np.zeros(len(row))
-        if reported is not None and self._measures:
+        if reported is not None and (self._measures or self.substeps > 1):
             here = reported.rows(row)
             late = self._lateness(each)
             early = late[:, self._sensors].max(axis=1) * here.read
@@ -291,7 +291,7 @@ class Simulator:
         true = reported.at(before)
         for own in reversed(self._placed):
             true = own.effect.true_motion(true, each[:, own.parameters])
-        return reported.start_change(true, self._own_states)
+        return reported.start_change(true, self._own_states, self.substeps)
 
     def _fields(self, each: np.ndarray) -> ModelFields:
         fields = ModelFields(self.task.model, len(each))

@@ -657,3 +657,33 @@ def test_lift_is_perpendicular_to_spin_and_flight():
     steps = [run(machine("ball"), (effect, np.array([[k]])), tape=tape, starts=begin)[0] for k in (0.0, lift)]
     rise = (steps[1] - steps[0])[0, 1, :3] / machine("ball").opt.timestep ** 2
     assert np.allclose(rise, np.cross([0, 10, 0], [2, 0, 0]) * lift / 0.05, atol=1e-6)
+
+
+def test_a_wheel_in_a_free_body_turns_it_as_one_that_is_modelled():
+    """The momentum of a part that spins is what a body with that part in it, spinning freely, feels."""
+    body = """<body name="b" pos="0 0 1"><freejoint name="f"/>
+      <geom type="box" size="0.1 0.08 0.05" mass="1"/>{wheel}</body>"""
+    wheel = """<body><joint name="spin" type="hinge" axis="0 1 0"/>
+      <geom type="cylinder" size="0.04 0.01" euler="90 0 0" mass="0.2"/></body>"""
+    locked = wheel.replace('<joint name="spin" type="hinge" axis="0 1 0"/>', "")
+    xml = "<mujoco><option timestep='0.0005' gravity='0 0 0'/><worldbody>{body}</worldbody></mujoco>"
+    with_wheel, plain = (
+        mujoco.MjModel.from_xml_string(xml.format(body=body.format(wheel=w))) for w in (wheel, locked)
+    )
+    speed, turning = 300.0, [0.5, 0.0, 0.3]
+    truth = mujoco.MjData(with_wheel)
+    truth.qvel[3:7] = [*turning, speed]
+    held = mujoco.MjData(plain)
+    held.qvel[3:6] = turning
+    effect = effects.REGISTRY.get("internal-momentum")(plain, "f")
+    axial = 0.2 * 0.04**2 / 2
+    momentum = np.array([[0.0, axial * speed, 0.0]])
+    force = effect.force(momentum, 0.0005)
+    starts = Starts(held.qpos[None], held.qvel[None], np.zeros((1, 0)), np.zeros(1))
+    rollout = Engine(plain, 1).rollout(
+        starts=starts, controls=np.zeros((1, 400, 0)), steps=400, forces=[force], states=True
+    )
+    for _ in range(400):
+        mujoco.mj_step(with_wheel, truth)
+    np.testing.assert_allclose(rollout.qpos[0, -1, 3:7], truth.qpos[3:7], atol=2e-3)
+    assert np.abs(truth.qpos[3:7] - rollout.qpos[0, 0, 3:7]).max() > 0.02

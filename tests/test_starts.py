@@ -287,6 +287,11 @@ def test_a_corrected_report_moves_the_coordinates_that_were_read_off_it(model, m
         expected[:, nv] = 0.25 if moves_velocity else 0.125
         np.testing.assert_allclose(change, expected)
         assert not reported.start_change(reported.jets, 2 * nv).any()
+        finer = reported.start_change(reported.jets, 2 * nv, substeps=4)
+        lag_less = 0.75 * 0.5 * model.opt.timestep  # a quarter of the step lags a quarter as much
+        expected[:, 0] = 0.0
+        expected[:, nv] = lag_less * reported.jets[:, 2, x] if moves_velocity else 0.0
+        np.testing.assert_allclose(finer[:, : nv + 1], expected[:, : nv + 1], atol=1e-15)
     assert found.rows(slice(2)).reported.jets.shape[0] == 2
 
 

@@ -49,18 +49,20 @@ class ReportedMotion:
             jets = np.where((before > later)[:, None], between, jets)
         return jets
 
-    def start_change(self, true: np.ndarray, states: int) -> np.ndarray:
+    def start_change(self, true: np.ndarray, states: int, substeps: int = 1) -> np.ndarray:
         """How far starts move, (simulation, state), where the jets (simulation, 3, column) were `true` in truth.
 
+        substeps: that are simulated for each step of the model: velocities are that much nearer to those of the path.
         Orientations by a rotation vector in the frame of the body, rad, in which their velocities are given, too.
         """
-        change = true - self.jets
-        found = self._of_states(change[:, 0], change[:, 1] - self.lag * change[:, 2], states)
+        lag = self.lag / substeps
+        slope = (true[:, 1] - lag * true[:, 2]) - (self.jets[:, 1] - self.lag * self.jets[:, 2])
+        found = self._of_states(true[:, 0] - self.jets[:, 0], slope, states)
         for columns, rotation, turning in self.orientation:
             then, now = self.jets[..., columns], true[..., columns]
             found[:, rotation] = _rotation(then[:, 0], now[:, 0])
-            later, earlier = (_turning(q[:, 0], q[:, 1] - self.lag * q[:, 2]) for q in (now, then))
-            found[:, turning] = later - earlier
+            later = _turning(now[:, 0], now[:, 1] - lag * now[:, 2])
+            found[:, turning] = later - _turning(then[:, 0], then[:, 1] - self.lag * then[:, 2])
         return found * self.read[:, None]
 
     def unseen(self, states: int) -> np.ndarray:
