@@ -26,6 +26,7 @@ from machines import (
 from scipy.linalg import expm
 
 from capture_cli import effects
+from capture_cli.effects._joint_effect import JointMotion
 from capture_cli.effects._joint_force import inertia_felt
 from capture_cli.effects.base import GLOBAL, PLACES
 from capture_cli.errors import ModelError
@@ -687,3 +688,14 @@ def test_a_wheel_in_a_free_body_turns_it_as_one_that_is_modelled():
         mujoco.mj_step(with_wheel, truth)
     np.testing.assert_allclose(rollout.qpos[0, -1, 3:7], truth.qpos[3:7], atol=2e-3)
     assert np.abs(truth.qpos[3:7] - rollout.qpos[0, 0, 3:7]).max() > 0.02
+
+
+@pytest.mark.parametrize(
+    ("name", "where"), [("one-sided-spring", "position"), ("position-dependent-friction", "centre")]
+)
+def test_what_sits_at_a_position_may_sit_wherever_the_log_went(name, where):
+    """A joint without limits turns further than the 1 rad that is taken for its travel otherwise."""
+    effect = effects.REGISTRY.get(name)(machine("arm"), "elbow")
+    effect.seen = JointMotion(-6.0, 1.0, 2.0)
+    position = effect.parameters[effect.space.names.index(where)]
+    assert (position.low, position.high) == (-6.0, 1.0)

@@ -81,6 +81,11 @@ class JointEffect(Effect):
         return float(self.model.jnt_range[self.joint].mean()) if self.model.jnt_limited[self.joint] else 0.0
 
     @property
+    def reach(self) -> float:
+        """m or rad: how far about the middle the joint goes in the log, or else in its range."""
+        return self.seen.travel if self.seen else self.travel
+
+    @property
     def characteristic_travel(self) -> float:
         """m or rad: half of how far it goes in the log."""
         return min(self.travel, self.seen.travel) if self.seen else self.travel

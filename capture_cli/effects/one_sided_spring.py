@@ -25,7 +25,7 @@ class OneSidedSpring(JointForce):
     @property
     def parameters(self):
         high, middle = 20 * self.characteristic_force / self.characteristic_travel, self.middle
-        reach, unit = self.characteristic_travel, self.unit("N/m", "N m/rad")
+        reach, unit = self.reach, self.unit("N/m", "N m/rad")
         return (
             Parameter("above", unit, 0.0, high, 0.0),
             Parameter("below", unit, 0.0, high, 0.0),

@@ -23,7 +23,7 @@ class PositionDependentFriction(JointForce):
 
     @property
     def parameters(self):
-        middle, travel = self.middle, self.seen.travel if self.seen else self.travel
+        middle, travel = self.middle, self.reach
         length = self.unit("m", "rad")
         return (
             Parameter("friction", self.unit("N", "N m"), 0.0, self.characteristic_force, 0.0),

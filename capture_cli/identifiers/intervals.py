@@ -8,8 +8,9 @@ A^-1 [J'M (G + B B') M J] A^-1 with G the residual's autocovariance, pooled over
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -18,9 +19,11 @@ from capture_cli.linearization import (
     autocovariance,
     correlation_length,
 )
+from capture_cli.parameters import ParameterSpace
 
 # Posterior sd beyond this share of the range: the 95 % interval spans two thirds of what was known before.
 UNDETERMINED_SD = 1 / 6
+AT_BOUND = 1e-4  # of the range: nearer to its end a parameter is at it
 LOST_SD = 1.0  # of the range, where the log says nothing at all
 
 
@@ -41,6 +44,23 @@ class Intervals:
     undetermined: np.ndarray
     undetermined_sd: np.ndarray
     degrees: float
+
+    def rows(self, space: ParameterSpace, point: np.ndarray, which: Iterable[int]) -> list[dict[str, Any]]:
+        """The parameters numbered `which` at `point` (parameter,), as result files have them."""
+        x = space.to_unit(point)
+        return [
+            {
+                "value": float(point[i]),
+                "unit": space.parameters[i].unit,
+                "low": float(space.low[i]),
+                "high": float(space.high[i]),
+                "sd": float(self.sd[i]),
+                "ci95": [float(self.low[i]), float(self.high[i])],
+                "at_bound": bool(min(x[i], 1 - x[i]) < AT_BOUND),
+                "identifiable": bool(self.identifiable[i]),
+            }
+            for i in which
+        ]
 
 
 def intervals(at: Linearization, minima: Sequence[Linearization] = ()) -> Intervals:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -319,6 +319,7 @@ class _Work:
         verdict = _verdict(lacking_before, lacking, *held_out, attribution)
         self.explains_what_was_fitted = not _leaves_something(lacking)
         last = "test" if stages[-1]["test"] else "fit"
+        declared = found.rows(after.space, after.point, range(len(task.space)))
         document = {
             "format": FORMAT,
             "version": VERSION,
@@ -331,7 +332,7 @@ class _Work:
             "verdict": verdict,
             "summary": _summary(verdict, stages, attribution, lacking, last),
             "effects": self._effects(attribution, after, found),
-            "parameters": _parameters(after, found, range(len(task.space))),
+            "parameters": dict(zip(task.space.names, declared, strict=True)),
             "stages": stages,
             "before": {"test": stages[0]["test"]},
             "after": {"test": stages[-1]["test"]},
@@ -381,7 +382,7 @@ class _Work:
         rows = []
         for accepted in attribution.accepted:
             own = after.columns(accepted.name)
-            parameters = _parameters(after, found, range(own.start, own.stop)).values()
+            parameters = found.rows(after.space, after.point, range(own.start, own.stop))
             rows.append(
                 {
                     "name": accepted.effect[0],
@@ -507,23 +508,6 @@ def _leaves_something(after: LackOfFit) -> bool:
     return after.lacking and after.normalized > NEAR_FLOOR
 
 
-def _parameters(fit: Fit, found: Intervals, which) -> dict[str, Any]:
-    x = fit.space.to_unit(fit.point)
-    return {
-        fit.space.names[i]: {
-            "value": float(fit.point[i]),
-            "unit": fit.space.parameters[i].unit,
-            "low": float(fit.space.low[i]),
-            "high": float(fit.space.high[i]),
-            "sd": float(found.sd[i]),
-            "ci95": [float(found.low[i]), float(found.high[i])],
-            "at_bound": bool(min(x[i], 1 - x[i]) < 1e-4),
-            "identifiable": bool(found.identifiable[i]),
-        }
-        for i in which
-    }
-
-
 def _absorbed(before: Fit, after: Fit, sd: np.ndarray) -> dict[str, Any]:
     """How far each declared parameter moved when the effects came in, in sd (parameter,) of the later one."""
     if len(after.space) == len(before.space):
@@ -548,6 +532,12 @@ def _ranked(attribution: Attribution):
     )
 
 
+def _listed(names: Iterable[str]) -> str:
+    """As in "a, b and c"."""
+    *most, last = names
+    return f"{', '.join(most)} and {last}" if most else last
+
+
 def _summary(verdict: str, stages, attribution: Attribution, lacking: LackOfFit, part: str) -> str:
     if verdict == "explained":
         return f"Nothing is missing: the error is {lacking.normalized:.3g} times the noise floor."
@@ -563,7 +553,7 @@ def _summary(verdict: str, stages, attribution: Attribution, lacking: LackOfFit,
             f"None of these: the {where} error is {last:.3g} times the noise floor, and no effect of the catalogue "
             "explains it."
         )
-    found = " and ".join(
+    found = _listed(
         a.name + (f" (or {', '.join(a.tied_with)})" if a.tied_with else "") for a in attribution.accepted
     )
     if part == "test" and last >= first:

@@ -36,7 +36,6 @@ from capture_cli.stores.provenance import Provenance
 
 ROUNDS = 100  # of simulations, at most, unless told otherwise
 ROUGH = 1.0  # of the objective over k: a standard error
-AT_BOUND = 1e-4  # of the range
 NEEDED_LAST = ("scipy.special", "capture_cli.reports.figures")
 DISAGREE_P = 0.01  # of all parameters together, Bonferroni
 
@@ -248,13 +247,14 @@ class _Report:
             verdict = "unexplained"
         else:
             verdict = "explained" if found.identifiable.all() else "not-identifiable"
+        rows = found.rows(self.space, self.best.parameters, range(len(self.space)))
         document = {
             "format": FORMAT,
             "version": VERSION,
             "task": prepared.task.name,
             "log": {"path": str(log.path), "sha256": sha256(log.path)},
             "identifier": self.identifier,
-            "parameters": self._parameters(found),
+            "parameters": dict(zip(self.space.names, rows, strict=True)),
             "error": error,
             "noise_floor": dict(zip(names, prepared.noise.sd.tolist(), strict=True)),
             "noise_floor_source": dict(zip(names, prepared.noise.source, strict=True)),
@@ -299,22 +299,6 @@ class _Report:
             return before
         now = self.result.in_context.walk.rounds
         return now if before is None else before.followed_by(now)
-
-    def _parameters(self, found: Intervals) -> dict:
-        x = self.space.to_unit(self.best.parameters)
-        return {
-            p.name: {
-                "value": float(self.best.parameters[i]),
-                "unit": p.unit,
-                "low": p.low,
-                "high": p.high,
-                "sd": float(found.sd[i]),
-                "ci95": [float(found.low[i]), float(found.high[i])],
-                "at_bound": bool(min(x[i], 1 - x[i]) < AT_BOUND),
-                "identifiable": bool(found.identifiable[i]),
-            }
-            for i, p in enumerate(self.space)
-        }
 
     def _error(self, simulated: np.ndarray, which: np.ndarray) -> dict | None:
         """RMSE and mean absolute error per output, and RMSE over the noise floor; None where nothing was held out."""
