@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -532,13 +532,9 @@ def _ranked(attribution: Attribution):
     )
 
 
-def _listed(names: Iterable[str]) -> str:
-    """As in "a, b and c"."""
-    *most, last = names
-    return f"{', '.join(most)} and {last}" if most else last
-
-
 def _summary(verdict: str, stages, attribution: Attribution, lacking: LackOfFit, part: str) -> str:
+    from capture_cli.reports.diagnosis_findings import listed
+
     if verdict == "explained":
         return f"Nothing is missing: the error is {lacking.normalized:.3g} times the noise floor."
     first, last = (s[part]["normalized"] for s in (stages[0], stages[-1]))
@@ -553,8 +549,8 @@ def _summary(verdict: str, stages, attribution: Attribution, lacking: LackOfFit,
             f"None of these: the {where} error is {last:.3g} times the noise floor, and no effect of the catalogue "
             "explains it."
         )
-    found = _listed(
-        a.name + (f" (or {', '.join(a.tied_with)})" if a.tied_with else "") for a in attribution.accepted
+    found = listed(
+        [a.name + (f" (or {', '.join(a.tied_with)})" if a.tied_with else "") for a in attribution.accepted]
     )
     if part == "test" and last >= first:
         return (
