@@ -434,6 +434,13 @@ def test_terminal_says_what_was_found():
     assert re.search(r"coulomb-friction@x +friction +21\.83 N +21\.44 to 22\.22", "\n".join(lines))
 
 
+def test_terminal_tells_the_sizes_of_several_effects_where_there_is_no_room_for_a_table():
+    lines = printed(RECORDS["full"](), 80).splitlines()
+    told = " ".join(" ".join(lines[lines.index(next(x for x in lines if x.startswith("report"))) :]).split())
+    assert "coulomb-friction@x friction 21.83 N; direction-dependent-viscous@x" in told
+    assert len(lines) <= 12
+
+
 def test_terminal_tells_the_size_of_a_single_effect_and_the_runner_up():
     lines = printed(make(effects=(COULOMB,)), 120).splitlines()
     assert lines[0] == "effect found  The model lacks coulomb-friction@x (friction 21.83 N)."

@@ -80,10 +80,15 @@ def print_diagnosis(diagnosis: Diagnosis, console: Console, out_path: Path) -> N
         if line:
             screen.wrapped(f"{mark:<{MARK}}", line, "dim")
     screen.whole(f"{'report':<{MARK}}", f"  {Path(out_path) / 'report.html'}")
+    if len(document["effects"]) < 2:
+        return
     rows = _effects(document)
-    if len(document["effects"]) > 1 and screen.lines + len(rows) + 2 <= MOST_LINES:
+    if screen.lines + len(rows) + 2 <= MOST_LINES:
         screen.blank()
         screen.table(rows)
+    elif screen.lines < MOST_LINES:
+        sizes = "; ".join(f"{words.placed(e)} {_sizes(e)}".strip() for e in document["effects"])
+        screen.wrapped(" " * MARK, sizes, "", most=MOST_LINES - screen.lines)
 
 
 class _Screen:
@@ -100,10 +105,11 @@ class _Screen:
     def blank(self) -> None:
         self.console.print()
 
-    def wrapped(self, mark: str, content: str, style: str) -> None:
-        """A word in `style` and a text wrapped beside it; without a word, the text in `style`."""
+    def wrapped(self, mark: str, content: str, style: str, most: int | None = None) -> None:
+        """A word in `style` and a text wrapped beside it, in `most` lines; without a word, the text in `style`."""
         start = f"{mark}  " if mark else ""
-        lines = textwrap.wrap(content, max(20, self.console.width - len(start)), break_on_hyphens=False)
+        width = max(20, self.console.width - len(start))
+        lines = textwrap.wrap(content, width, break_on_hyphens=False, max_lines=most, placeholder=" ...")
         for k, line in enumerate(lines):
             before = self._text(start, style) if k == 0 else Text(" " * len(start))
             self._print(before + self._text(line, "" if mark else style))
@@ -175,12 +181,16 @@ def _answer(document: Mapping[str, Any]) -> str:
     sentence = diagnosis_findings.lacks(document)
     if len(document["effects"]) != 1:
         return sentence
-    sizes = ", ".join(_size(name, p) for name, p in document["effects"][0]["parameters"].items())
-    return f"{sentence.removesuffix('.')} ({sizes or document['effects'][0]['summary']})."
+    effect = document["effects"][0]
+    return f"{sentence.removesuffix('.')} ({_sizes(effect) or effect['summary']})."
 
 
-def _size(name: str, p: Mapping[str, Any]) -> str:
-    return f"{name} {with_unit(to_precision_of(p['value'], p.get('sd')), p['unit'])}"
+def _sizes(effect: Mapping[str, Any]) -> str:
+    """The values of its parameters."""
+    return ", ".join(
+        f"{name} {with_unit(to_precision_of(p['value'], p.get('sd')), p['unit'])}"
+        for name, p in effect["parameters"].items()
+    )
 
 
 def _error_line(diagnosis: Diagnosis) -> str:
@@ -212,7 +222,16 @@ def _absorbed_line(document: Mapping[str, Any]) -> str:
     if not rows:
         return "nothing: no declared parameter had been standing in for it"
     more = f", and {len(rows) - MOST_NAMED} more" if len(rows) > MOST_NAMED else ""
-    return ", ".join(f"{row.name} {diagnosis_findings.shift(row)}" for row in rows[:MOST_NAMED]) + more
+    return ", ".join(_shift(row) for row in rows[:MOST_NAMED]) + more
+
+
+def _shift(row: diagnosis_findings.Moved) -> str:
+    """From where to where, in as many digits as it takes to see it; three at least."""
+    for digits in range(3, 9):
+        before, after = significant(row.before, digits), significant(row.after, digits)
+        if before != after:
+            break
+    return f"{row.name} {before} → {with_unit(after, row.unit)}"
 
 
 def _formula_line(document: Mapping[str, Any]) -> str:
