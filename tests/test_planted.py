@@ -20,6 +20,7 @@ from benchmarks._planted.cases import (
     Case,
     cases,
     direction,
+    experiment,
     size,
 )
 from benchmarks._planted.diagnosing import diagnose, line
@@ -47,6 +48,12 @@ def test_an_obvious_effect_is_found_and_nothing_else(case):
     assert row["before"]["test"] > 3, "the effect is not obvious"
     assert row["outcome"] == "exact", row["found"]
     assert row["after"]["test"] < 1.2
+
+
+@pytest.mark.parametrize("name", OUTSIDE)
+def test_an_effect_outside_the_catalogue_can_be_simulated_and_shows(name):
+    made, effect, values = experiment(Case(UNKNOWN, "slider", name, "x", 10.0, 0), 1)
+    assert np.abs(made.log(effect, values(0.5)).outputs - made.log().outputs).max() > 0
 
 
 def test_steps_that_are_too_long_are_found(tmp_path):

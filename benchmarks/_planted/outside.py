@@ -26,7 +26,7 @@ class _OneForce(JointEffect):
 class TanhCoupling(_OneForce):
     """-`size` tanh(3 q) v / (characteristic speed): damping on one side, driving on the other."""
 
-    def force(self, values, timestep):
+    def force(self, values, timestep, **_):
         def coupled(world: World) -> None:
             rate = world.qvel[:, self.dof] / self.characteristic_speed
             force = values[world.rows, 0] * np.tanh(3 * world.qpos[:, self.dof]) * rate
@@ -38,7 +38,7 @@ class TanhCoupling(_OneForce):
 class RippledDamping(_OneForce):
     """Damping that goes up and down with position, three times over the joint's travel."""
 
-    def force(self, values, timestep):
+    def force(self, values, timestep, **_):
         def rippled(world: World) -> None:
             rate = world.qvel[:, self.dof] / self.characteristic_speed
             ripple = 1 + np.sin(6 * np.pi * world.qpos[:, self.dof] / self.travel)
@@ -50,7 +50,7 @@ class RippledDamping(_OneForce):
 class RandomWalk(_OneForce):
     """A disturbance that wanders: a random walk with straight lines between its knots, another in each episode."""
 
-    def force(self, values, timestep):
+    def force(self, values, timestep, **_):
         steps = np.random.default_rng(len(values)).standard_normal((len(values), WALK_KNOTS))
         walk = np.cumsum(steps, axis=1) / np.sqrt(WALK_KNOTS)
 
@@ -67,7 +67,7 @@ class RandomWalk(_OneForce):
 class BoucWen(_OneForce):
     """Hysteretic friction (Bouc 1967, Wen 1976): a spring that yields, z' = (v - |v| z / reach) / reach."""
 
-    def force(self, values, timestep):
+    def force(self, values, timestep, **_):
         state = np.zeros(len(values))
         reach = 0.05 * self.travel
 
