@@ -10,6 +10,7 @@ import numpy as np
 
 from capture_cli.errors import OptionError, did_you_mean
 
+AT_BOUND = 1e-4  # of the range: nearer to its end a parameter is at it
 STEP = 1e-4  # of the range: well above the solver's tolerance, well below curvature
 
 

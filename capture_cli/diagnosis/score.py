@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from capture_cli.linearization import Linearization, box_step
+from capture_cli.parameters import AT_BOUND
 
-AT_BOUND = 1e-4  # of a range: nearer to its end a parameter is at it
 STEP = 0.3  # of each parameter's range: how far the linear step may go
 
 

@@ -9,11 +9,8 @@ from capture_cli.effects._kernel import inputs
 
 FASTEST = 20.0  # Hz
 PEAKS = 2.0  # shapes per width of a peak: over a span T the peaks of a spectrum are 1 / T wide
-
-
-SHAPE_STEP = (
-    1e-6  # of the range: a longer one turns the phase by radians, at the far end of a log or of a travel
-)
+# Of the range, in finite differences: a longer step turns the phase by radians, at the far end of a log or of a travel
+SHAPE_STEP = 1e-6
 
 
 class PeriodicForce(JointForce):

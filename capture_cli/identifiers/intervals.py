@@ -19,11 +19,10 @@ from capture_cli.linearization import (
     autocovariance,
     correlation_length,
 )
-from capture_cli.parameters import ParameterSpace
+from capture_cli.parameters import AT_BOUND, ParameterSpace
 
 # Posterior sd beyond this share of the range: the 95 % interval spans two thirds of what was known before.
 UNDETERMINED_SD = 1 / 6
-AT_BOUND = 1e-4  # of the range: nearer to its end a parameter is at it
 LOST_SD = 1.0  # of the range, where the log says nothing at all
 
 

@@ -286,14 +286,18 @@ def with_known(read: StartEstimate, known: StartEstimate, which: np.ndarray) -> 
 
 def measures_every_coordinate(model: mujoco.MjModel, sensors: Sequence[int]) -> bool:
     """Whether every coordinate's position is among the outputs, and there are no activations."""
-    dofs = {d for s in _sources(model, sensors) if s.kind != "velocity" for d in s.dofs}
-    return len(dofs) == model.nv and model.na == 0
+    return len(_positioned(model, sensors)) == model.nv and model.na == 0
 
 
 def unmeasured_joints(model: mujoco.MjModel, sensors: Sequence[int]) -> list[str]:
     """Names of the joints whose position no output gives; "#3" is the fourth of those without a name."""
-    dofs = {d for s in _sources(model, sensors) if s.kind != "velocity" for d in s.dofs}
+    dofs = _positioned(model, sensors)
     return [model.joint(j).name or f"#{j}" for j in range(model.njnt) if int(model.jnt_dofadr[j]) not in dofs]
+
+
+def _positioned(model: mujoco.MjModel, sensors: Sequence[int]) -> set[int]:
+    """Tangent coordinates whose position is among the outputs."""
+    return {d for s in _sources(model, sensors) if s.kind != "velocity" for d in s.dofs}
 
 
 def from_episodes(model: mujoco.MjModel, whole: Rollouts, *, window_episode, window_step) -> StartEstimate:

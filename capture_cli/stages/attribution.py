@@ -248,9 +248,7 @@ class Attribution:
             return None
         x = fit.space.to_unit(fit.point)
         own, effect = fit.columns(candidate.name), candidate.effect[1]
-        log = self.models.fits.prepared.log
-        duration = max(log.time[e.stop - 1] - log.time[e.start] for e in log.episodes)
-        doubt = effect.doubt(fit.point[own], float(duration))
+        doubt = effect.doubt(fit.point[own], self.models.fits.prepared.log.longest)
         if doubt:
             return doubt
         for i, name in zip(range(own.start, own.stop), effect.space.names, strict=True):

@@ -293,8 +293,7 @@ def _joined_actions(recordings: Sequence[_Recording]) -> np.ndarray | None:
 
 
 def _check_long_enough(log: MeasuredLog, task: Task) -> None:
-    longest = max(float(log.time[e.stop - 1] - log.time[e.start]) for e in log.episodes)
-    window = task.log.window
+    longest, window = log.longest, task.log.window
     if window is not None and longest < SHORTEST_EPISODE * window:
         raise LogError(
             f"the longest episode lasts {longest:.3g} s, which is shorter than a window of {window:g} s",

@@ -90,10 +90,9 @@ class NarrowShapes:
     def _qpos(self) -> np.ndarray:
         return self.fits.motion(self.part, self.fit).qpos
 
-    @property
+    @cached_property
     def _longest(self) -> float:
-        log = self.fits.prepared.log
-        return float(max(log.time[e.stop - 1] - log.time[e.start] for e in log.episodes))
+        return self.fits.prepared.log.longest
 
 
 def _peaks(gains: np.ndarray, most: int) -> np.ndarray:

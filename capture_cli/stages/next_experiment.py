@@ -31,13 +31,12 @@ def next_experiment(fits: ModelFits, mine: Fit, others: Sequence[Fit], seed: int
     peaks = np.abs(log.inputs).max(axis=0)
     if not task.inputs or not others or not peaks.any():
         return None
-    best = None
+    best, time = None, _times(task)
     for band in BANDS:
         for share in SHARES:
-            tape = share * peaks * multisine(_times(task), len(peaks), band, np.random.default_rng(seed))
-            separation = min(
-                _separation(fits, mine, other, driven_window(task, _times(task), tape)) for other in others
-            )
+            tape = share * peaks * multisine(time, len(peaks), band, np.random.default_rng(seed))
+            windows = driven_window(task, time, tape)
+            separation = min(_separation(fits, mine, other, windows) for other in others)
             if np.isfinite(separation) and (best is None or separation > best["separation"]):
                 best = {"band_hz": list(band), "peaks": (share * peaks).tolist(), "separation": separation}
     return None if best is None else {**best, "duration_s": DURATION, "text": _text(task, best, mine, others)}

@@ -355,7 +355,7 @@ def _formula(column: str, scale: float, offset: float) -> str:
 def _check_long_enough(log: MeasuredLog, duration: float | None) -> None:
     if duration is not None and not 0 < duration < np.inf:
         raise OptionError(f"--window {duration:g}", cure="give a positive number of seconds")
-    longest = max(log.time[e.stop - 1] - log.time[e.start] for e in log.episodes)
+    longest = log.longest
     if duration is not None and longest < 0.9 * duration:
         raise LogError(
             f"{log.path}: its longest episode lasts {longest:.3g} s, and a window {duration:.3g} s",

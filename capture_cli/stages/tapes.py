@@ -73,9 +73,10 @@ def log_tapes(prepared: PreparedLog, point_times: np.ndarray) -> Tapes:
     task, log, windows = prepared.task, prepared.log, prepared.windows
     grid = task.timestep * np.arange(round(point_times[-1] / task.timestep) + 1)
     inputs, outputs, whole = [], [], []
+    clocked = clock(log)
     for w, (episode, start) in enumerate(zip(windows.episode, windows.time, strict=True)):
         steps = log.episodes[int(episode)]
-        time = clock(log)[steps]
+        time = clocked[steps]
         if time[-1] < start + point_times[-1] - np.median(np.diff(time)):
             continue
         inputs.append(inputs_at(start + grid, time, log.inputs[steps], task.timestep, task.linear))

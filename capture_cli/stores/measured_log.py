@@ -76,6 +76,11 @@ class MeasuredLog:
         return [slice(a, b) for a, b in zip([0, *ends[:-1]], ends, strict=True)]
 
     @property
+    def longest(self) -> float:
+        """s: from the first to the last sample of the longest episode."""
+        return float(max(self.time[e.stop - 1] - self.time[e.start] for e in self.episodes))
+
+    @property
     def episodes_cover_steps(self) -> bool:
         """Whether the episodes divide the steps without overlap or rest, as those of a sound log do."""
         ends = np.asarray(self.episode_ends)
