@@ -84,7 +84,7 @@ def test_windows_hold_their_samples_of_one_episode_without_a_gap(times, duration
 
 
 def mean_over_step(begin: float, time: np.ndarray, inputs: np.ndarray, linear: bool) -> list[float]:
-    """The means from `begin` on of the first input, held, and the second, by adding up ticks: exact, times are ticks."""
+    """Means of the first input, held, and of the second from `begin` on, added up tick by tick: all times are ticks."""
     ticks = begin + TICK * np.arange(round(TIMESTEP / TICK))
     held = inputs[np.maximum(np.searchsorted(time, ticks, side="right") - 1, 0)].mean(axis=0)
     middles = np.interp(ticks + TICK / 2, time, inputs[:, 1])

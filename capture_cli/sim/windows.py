@@ -223,7 +223,9 @@ def _integral(times: np.ndarray, time: np.ndarray, inputs: np.ndarray, linear: n
     interval = np.diff(time)[:, None]
     rise = np.where(linear, np.diff(inputs, axis=0), 0.0)
     slope = np.concatenate([rise / interval, np.zeros((1, inputs.shape[1]))])
-    upto = np.concatenate([np.zeros((1, inputs.shape[1])), np.cumsum((inputs[:-1] + rise / 2) * interval, axis=0)])
+    upto = np.concatenate(
+        [np.zeros((1, inputs.shape[1])), np.cumsum((inputs[:-1] + rise / 2) * interval, axis=0)]
+    )
     at = np.searchsorted(time, times, side="right") - 1
     slope = np.where(at[:, None] < 0, 0.0, slope[at])
     at = np.maximum(at, 0)
