@@ -76,16 +76,13 @@ def drive_by_actions(
 
 
 def _sampled(tape: np.ndarray, timestep: float, time: np.ndarray, linear: np.ndarray) -> np.ndarray:
-    """A tape (grid, input) at `time` (step,): its mean until the next sample; where it is `linear`, its value.
-
-    A tape's values are means of its steps, and a linear one has them in the middle.
-    """
+    """A tape (grid, input) at `time` (step,): its value where it is `linear`, its mean until the next sample if not."""
     grid = timestep * np.arange(len(tape) + 1)
     edges = np.append(time, 2 * time[-1] - time[-2])
     values = np.empty((len(time), tape.shape[1]))
     for k, column in enumerate(tape.T):
         if linear[k]:
-            values[:, k] = np.interp(time, grid[:-1] + timestep / 2, column)
+            values[:, k] = np.interp(time, grid[:-1], column)
             continue
         # past its end a tape holds its last value
         after = np.maximum(edges - grid[-1], 0.0) * column[-1]
