@@ -73,6 +73,20 @@ def test_a_model_that_changed_since_is_refused(made):
         assert caught.value.cure
 
 
+def test_what_a_model_includes_is_part_of_it(made):
+    (made / "model.xml").rename(made / "carriage.xml")
+    (made / "model.xml").write_text('<mujoco><include file="carriage.xml"/></mujoco>')
+    identify_stage.identify(
+        real_log=Path("log.zarr"), task="task.toml", out=Path("again"), starts=1, threads=1, quiet=True
+    )
+    export(result=Path("again"), out=Path("m.xml"))
+    with pytest.raises(OutputError, match="which is read"):
+        export(result=Path("again"), out=Path("carriage.xml"), force=True)
+    edit(made / "carriage.xml", 'mass="2"', 'mass="3"')
+    with pytest.raises(OptionError, match=r"carriage\.xml is not the model"):
+        export(result=Path("again"), out=Path("n.xml"))
+
+
 def test_a_task_that_is_gone_is_named(made):
     (made / "task.toml").rename(made / "renamed.toml")
     with pytest.raises(OptionError, match=r"task\.toml, which is neither here nor beside it") as caught:

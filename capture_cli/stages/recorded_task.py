@@ -2,21 +2,29 @@
 
 from __future__ import annotations
 
+import os
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+
+import mujoco
 
 from capture_cli.errors import OptionError
 from capture_cli.stores.output import sha256
 from capture_cli.tasks import load_task
 from capture_cli.tasks.base import Task
 
+MODEL = "model"  # what the inputs of provenance.json call it
+
 
 def task_inputs(task: Task) -> dict[str, Path | None]:
-    """What provenance.json records of a task of the user's own: its file and its model. Built-in ones have a name."""
+    """What provenance.json records of a task of the user's own: its file, its model, and the files that one is made of.
+
+    Built-in ones have a name.
+    """
     path = getattr(task, "path", None)
-    return {"task": path, "model": task.model_path if path else None}
+    return {"task": path, **_model_files(task.model_path)} if path else {"task": None}
 
 
 def recorded_task(result: Path, provenance: Mapping[str, Any], log: str | None = None) -> str:
@@ -47,10 +55,9 @@ def load_recorded(
 ) -> Task:
     """The task of `--task`, or else the recorded one. Raises OptionError where its model is not what it was then."""
     found = load_task(task or recorded_task(result, provenance, log))
-    recorded = provenance["inputs"].get("model")
-    if recorded is not None and sha256(found.model_path) != recorded["sha256"]:
+    if changed := _changed(found.model_path, provenance):
         raise OptionError(
-            f"{found.model_path} is not the model that {result} was made with: it has changed since, or is another",
+            f"{changed} is not the model that {result} was made with: it has changed since, or is another",
             cure="give the task it was made with (--task), or make it again with the model as it is now",
         )
     return found
@@ -58,8 +65,24 @@ def load_recorded(
 
 def _has_model(path: Path, provenance: Mapping[str, Any]) -> bool:
     """Whether the model of the task at `path` is as recorded."""
-    recorded = provenance["inputs"].get("model")
-    if recorded is None:
-        return True
     model = path.parent / str(tomllib.loads(path.read_text(encoding="utf-8")).get("model"))
-    return model.is_file() and sha256(model) == recorded["sha256"]
+    return _changed(model, provenance) is None
+
+
+def _changed(model: Path, provenance: Mapping[str, Any]) -> Path | None:
+    """The first of the model's files that is not as recorded."""
+    recorded = {name: source for name, source in provenance["inputs"].items() if name.startswith(MODEL)}
+    files = _model_files(model) if recorded and model.is_file() else {}
+    for name, source in recorded.items():
+        path = files.get(name, model)
+        if name not in files or sha256(path) != source["sha256"]:
+            return path
+    return None
+
+
+def _model_files(model: Path) -> dict[str, Path]:
+    """The model, and what it includes: other MJCFs, meshes, textures; by what provenance.json calls them."""
+    others = {os.path.relpath(f, model.parent): Path(f) for f in mujoco.mju_getXMLDependencies(str(model))}
+    return {MODEL: model} | {
+        f"{MODEL}: {name}": f for name, f in sorted(others.items()) if name != model.name
+    }
