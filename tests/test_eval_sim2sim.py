@@ -199,6 +199,14 @@ def test_a_name_that_cannot_use_a_checkpoint(folder, trained):
         evaluate(out=folder / "none", identifiers=[str(folder)], **SMALL)
 
 
+@pytest.mark.parametrize("suite", [None, "paper"])
+def test_a_checkpoint_is_not_replaced_by_its_evaluation(folder, trained, suite):
+    task = {"task": "scooping", **SMALL} if suite is None else {"task": "scooping"}
+    with pytest.raises(OutputError, match="which is read"):
+        eval_sim2sim(suite=suite, identifiers=[str(trained)], out=trained, force=True, **task)
+    assert (trained / "identifier.json").is_file()
+
+
 def test_a_machine_without_actions_is_refused(folder):
     with pytest.raises(TaskError, match="no actions"):
         evaluate(out=folder / "none", identifiers=["cma-es"], **{**SMALL, "task": "datasets/cart/task.toml"})

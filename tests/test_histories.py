@@ -309,6 +309,16 @@ def test_existing_histories_are_not_replaced_unasked(generate):
     assert len(Histories(generate(pairs=20, force=True))) == 20
 
 
+def test_a_log_is_not_replaced_by_the_histories_that_read_it(generate, slider_task, tmp_path):
+    log = tmp_path / "log.zarr"
+    record(task=str(slider_task), out=log, duration=0.5, amplitude={"drive": 3.0}, threads=1)
+    with pytest.raises(OutputError, match="which is read"):
+        generate("log.zarr", inputs_from=log, amplitude=None, force=True)
+    with pytest.raises(OutputError, match="which is read"):
+        record(task=str(slider_task), out=log, inputs_from=log, force=True, threads=1)
+    assert len(MeasuredLog.read(log).time)
+
+
 def test_at_a_url(generate, slider_task, tmp_path):
     expected = Histories(generate()).read(0, 40)
     url = "memory://bucket/h.zarr"

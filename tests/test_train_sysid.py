@@ -306,6 +306,15 @@ def test_histories_with_nan(tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["h.zarr"]
 
 
+def test_histories_are_not_replaced_by_what_learns_from_them(small, tmp_path):
+    for out in (small, small.parent):
+        (out / "provenance.json").touch()
+        with pytest.raises(OutputError, match="which is read"):
+            train_sysid(histories=small, out=out, force=True, **TINY)
+        (out / "provenance.json").unlink()
+    assert len(Histories(small)) == 60
+
+
 def test_too_few_histories(tmp_path):
     store = write(histories(5, rounds=4), tmp_path / "h.zarr")
     with pytest.raises(StoreError, match="holds 5 histories"):

@@ -19,7 +19,7 @@ from capture_cli.stages.evaluation_time import Expected, expected
 from capture_cli.stages.progress import Progress
 from capture_cli.stages.sim2sim import Sim2Sim
 from capture_cli.stores.evaluation import FORMAT, SCHEMA, VERSION, Evaluation, joined
-from capture_cli.stores.output import refuse_existing, resumable_directory, unfinished
+from capture_cli.stores.output import refuse_existing, refuse_inputs, resumable_directory, unfinished
 from capture_cli.stores.provenance import Provenance, write_json
 
 PARTS, RECIPE = "parts", "recipe.json"  # of a run that is not complete
@@ -54,6 +54,7 @@ def evaluate(
     if resume and not force and Path(out).exists():
         return completed(Path(out), plan)
     refuse_existing(out, force=force)
+    refuse_inputs(out, plan.inputs)
     if not quiet and (left := time_left(plan, out, resume=resume)):
         print(left, file=sys.stderr, flush=True)
     return carry_out(plan, options, out, force=force, resume=resume, quiet=quiet)

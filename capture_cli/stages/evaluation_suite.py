@@ -21,7 +21,7 @@ from capture_cli.stages.evaluation_run import carry_out, completed, time_left
 from capture_cli.stages.evaluation_time import Expected
 from capture_cli.stages.identifier_checkpoint import DOCUMENT
 from capture_cli.stages.policy_checkpoint import SETTINGS
-from capture_cli.stores.output import refuse_existing, resumable_directory
+from capture_cli.stores.output import refuse_existing, refuse_inputs, resumable_directory
 from capture_cli.stores.provenance import Provenance, write_json
 
 FORMAT, VERSION = "capture/evaluation-suite", 1
@@ -107,6 +107,7 @@ def evaluate_suite(
     plans = {c: evaluation_plan(**o, spelled_out=[c.varied] if c.varied else []) for c, o in asked.items()}
     if resume and not force and Path(out).exists():
         return _completed(Path(out), plans)
+    refuse_inputs(out, [path for plan in plans.values() for path in plan.inputs])
     provenance = Provenance("eval-sim2sim", options, {})
     documents = {}
     with resumable_directory(out, force=force, resume=resume) as folder:
