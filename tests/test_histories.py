@@ -432,6 +432,8 @@ def test_a_store_that_another_version_left_half_written_is_not_resumed(
         ({"address": "auto"}, "without --executor ray"),
         ({"policy": "sac"}, "--policy 'sac'"),
         ({"amplitude": None}, "how far to drive"),
+        ({"inputs_from": "log.zarr"}, "--amplitude means nothing"),
+        ({"inputs_from": "log.zarr", "amplitude": None, "band": (0.1, 3.0)}, "--band means nothing"),
         ({"window": -1.0}, "--window -1"),
         ({"points": 1}, "--points 1"),
     ],

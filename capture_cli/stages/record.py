@@ -107,6 +107,9 @@ def record(
         raise OptionError(f"unknown --belief {belief!r}", cure=did_you_mean(belief, BELIEFS))
     if isinstance(machine, ActionTask):
         _refuse(by_inputs, {"band": BAND}, f"an episode of {machine.name!r} is what its action says")
+        if actions_from is not None:
+            chosen = {"policy": policy, "belief": belief}
+            _refuse(chosen, {"belief": "nominal"}, f"the action is that of {actions_from}")
         drive = drive_by_actions(
             machine,
             episodes=episodes,
@@ -119,6 +122,15 @@ def record(
     else:
         of_actions = {"policy": policy, "belief": belief, "actions_from": actions_from}
         _refuse(of_actions, {"belief": "nominal"}, f"{machine.name!r} has no actions")
+        if inputs_from is not None:
+            own = {
+                "episodes": episodes,
+                "duration": duration,
+                "rate": rate,
+                "amplitude": amplitude,
+                "band": band,
+            }
+            _refuse(own, {"episodes": 1, "band": BAND}, f"time and inputs are those of {inputs_from}")
         drive = drive_by_inputs(machine, episodes=episodes, rate=rate, generator=generator, **by_inputs)
     if world == "plant":
         outputs = _simulate(simulator, drive, np.concatenate([point, effect_values]))
@@ -310,7 +322,7 @@ def _noise(noise: Mapping[str, float] | float, outputs: Sequence[Channel]) -> np
     for name, sd in noise.items():
         if name not in names:
             raise OptionError(f"--noise: the task has no output {name!r}", cure=did_you_mean(name, names))
-        if not sd >= 0:
+        if not 0 <= sd < np.inf:
             raise OptionError(
                 f"--noise {name}={sd:g}", cure="give a standard deviation of 0 or more, in SI units"
             )
