@@ -17,7 +17,7 @@ from toy_rounds import SIGNATURE, draw_actions, histories, simulate, trajectorie
 from typer.testing import CliRunner
 
 from capture_cli.cli import app
-from capture_cli.errors import OptionError, OutputError, StoreError
+from capture_cli.errors import FitError, OptionError, OutputError, StoreError
 from capture_cli.identifiers import REGISTRY, _batches
 from capture_cli.identifiers._batches import Batches, Place, windows
 from capture_cli.identifiers._learned import LearnedIdentifier
@@ -171,6 +171,8 @@ def test_an_interrupted_run_goes_on_to_the_same_bytes(small, tmp_path, monkeypat
         train_sysid(out=resumed, **options)
     with pytest.raises(OptionError, match=r"training.seed was 0, now 1"):
         train_sysid(out=resumed, resume=True, seed=1, **options)
+    with pytest.raises(OptionError, match=r"device.low_precision was False, now True"):
+        train_sysid(out=resumed, resume=True, precision="bfloat16", **options)
     train_sysid(out=resumed, resume=True, **options)
     for file in FILES:
         assert (whole / file).read_bytes() == (resumed / file).read_bytes()
@@ -295,6 +297,12 @@ def test_a_gpu_that_is_not_there(small, tmp_path):
     with pytest.raises(OptionError, match="--device cuda"):
         train_sysid(histories=small, out=tmp_path / "c", device="cuda", **TINY)
     assert not any(tmp_path.iterdir())
+
+
+def test_a_training_that_diverges(small, tmp_path):
+    with pytest.raises(FitError, match="diverged: after step") as caught:
+        train_sysid(histories=small, out=tmp_path / "c", **{**TINY, "learning_rate": 1e30})
+    assert "--lr" in caught.value.cure and not (tmp_path / "c").exists()
 
 
 def test_histories_with_nan(tmp_path):

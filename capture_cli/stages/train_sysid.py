@@ -126,11 +126,12 @@ def train_sysid(
         "training": asdict(settings),
         "histories": _described(store.attributes),
     }
-    state = load_state(unfinished(out), recipe) if resume else None
+    begun = {**recipe, "device": asdict(where)}
+    state = load_state(unfinished(out), begun) if resume else None
     if state is not None:
         trainer.restore(*state)
     with resumable_directory(out, force=force, resume=resume) as folder:
-        _train(trainer, folder, recipe, quiet)
+        _train(trainer, folder, begun, quiet)
         model, report = trainer.finish()
         document = save_identifier(model, {**recipe, "result": report}, folder)
         _write_metrics(trainer.metrics, folder)
