@@ -130,7 +130,7 @@ def _distinct(found: list[Evaluated]) -> list[Evaluated]:
     """Those that share a label are told apart by their directories; raises OptionError where that is the same too."""
     labels = [e.label for e in found]
     result = [
-        replace(e, label=f"{e.label} [{e.facts['checkpoint']}]") if labels.count(e.label) > 1 else e
+        replace(e, label=f"{e.label} [{e.path.name}]") if e.path and labels.count(e.label) > 1 else e
         for e in found
     ]
     labels = [e.label for e in result]

@@ -102,11 +102,13 @@ def carry_out(
 
 def _begin(folder: Path, recipe: dict[str, Any]) -> None:
     """Take note of what is run, or see that it is what an earlier run took note of."""
-    path = folder / RECIPE
+    path, beside = folder / RECIPE, folder / f"{RECIPE}.new"
+    (folder / PARTS).mkdir(exist_ok=True)
     if path.is_file():
         _refuse_other(json.loads(path.read_text(encoding="utf-8")), recipe, folder)
-    (folder / PARTS).mkdir(exist_ok=True)
-    write_json(path, recipe)
+    else:
+        write_json(beside, recipe)
+        beside.replace(path)  # whole or not at all: a run that is killed goes on
 
 
 def _refuse_other(found: dict[str, Any], wanted: dict[str, Any], where: Path) -> None:

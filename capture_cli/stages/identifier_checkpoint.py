@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 FORMAT, VERSION = "capture/identifier", 1
 DOCUMENT, WEIGHTS = "identifier.json", "identifier.safetensors"
 _AGAIN = "train it again with `capture train-sysid`"
+_PARTS = {"identifier", "task", "architecture", "histories", "result", "signature"}
 
 
 @dataclass(frozen=True)
@@ -55,6 +56,15 @@ def save_identifier(model: TrainedModel, document: Mapping[str, Any], folder: Pa
     return document
 
 
+def read_document(path: Path) -> Mapping[str, Any]:
+    """identifier.json in the directory `path`. Raises StoreError where it is missing, damaged or of another version."""
+    document = read_result(path, DOCUMENT, FORMAT, VERSION, _AGAIN)
+    missing = _PARTS - set(document)
+    if missing:
+        raise StoreError(f"{path / DOCUMENT}: {', '.join(sorted(missing))} missing", cure=_AGAIN)
+    return document
+
+
 def load_identifier(path: str | Path, signature: Signature | None = None) -> IdentifierCheckpoint:
     """The identifier in the directory `path`, for the task of `signature` where that is given.
 
@@ -67,7 +77,7 @@ def load_identifier(path: str | Path, signature: Signature | None = None) -> Ide
     from capture_cli.identifiers._learned import TrainedModel
 
     path = Path(path)
-    document = read_result(path, DOCUMENT, FORMAT, VERSION, _AGAIN)
+    document = read_document(path)
     try:
         kind = round_identifier(document["identifier"])
         model = TrainedModel.from_state(document, load_file(path / WEIGHTS))
