@@ -30,7 +30,6 @@ from capture_cli.stages.inspect import inspect
 from capture_cli.stages.policy_checkpoint import load_policy, save_policy
 from capture_cli.stages.record import record
 from capture_cli.stages.tapes import tape_task
-from capture_cli.stores import histories as history_batches
 from capture_cli.stores.histories import DATA, Histories, HistoriesWriter
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.stores.output import sha256, unfinished
@@ -342,30 +341,6 @@ def test_a_url_of_no_known_scheme(generate):
 # --- reading ---
 
 
-def test_batches_hold_every_history_once(generate):
-    histories = Histories(generate(pairs=200, shard_pairs=64))
-    whole = histories.read(0, 200)
-    for shuffle in (None, np.random.default_rng(0)):
-        batches = list(histories.batches(48, pairs=range(10, 195), shuffle=shuffle, pool=128))
-        assert [len(b.pairs) for b in batches] == [48, 48, 48, 41]
-        order = np.concatenate([b.pairs for b in batches])
-        assert np.array_equal(np.sort(order), np.arange(10, 195))
-        assert np.array_equal(order, np.sort(order)) == (shuffle is None)
-        measured = np.concatenate([b.measured for b in batches])
-        assert np.array_equal(measured, whole.measured[order])
-
-
-def test_a_pool_bounds_what_is_held(generate, monkeypatch):
-    histories = Histories(generate(pairs=200, shard_pairs=64))
-    held = []
-    joined = history_batches._joined
-    monkeypatch.setattr(
-        history_batches, "_joined", lambda p: held.append(sum(len(b.pairs) for b in p)) or joined(p)
-    )
-    list(histories.batches(16, shuffle=np.random.default_rng(0), pool=64))
-    assert max(held) < 64 + 16
-
-
 def test_a_lost_shard_is_noticed(generate):
     path = Path(generate())
     (path / "measured" / "c" / "1" / "0" / "0" / "0").unlink()
@@ -373,6 +348,13 @@ def test_a_lost_shard_is_noticed(generate):
     histories.read(0, 16)
     with pytest.raises(StoreError, match="measured of pair 16 is missing"):
         histories.read(0, 40)
+
+
+def test_damaged_metadata_of_an_array_is_noticed(generate):
+    path = Path(generate())
+    (path / "measured" / "zarr.json").write_text("garbage")
+    with pytest.raises(StoreError, match="the metadata of measured cannot be read"):
+        Histories(path)
 
 
 def test_inspect_reads_them_through(generate):
