@@ -12,7 +12,7 @@ import torch
 import zarr
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from safetensors.numpy import load_file
+from safetensors.numpy import load_file, save_file
 from toy_rounds import SIGNATURE, draw_actions, histories, simulate, trajectories, write
 from typer.testing import CliRunner
 
@@ -366,12 +366,30 @@ def test_a_checkpoint_of_something_else(checkpoint, other, message):
         (lambda c: edit(c, format="capture/policy"), "not of the format capture/identifier"),
         (lambda c: edit(c, signature={}), "cannot be read"),
         (lambda c: edit(c, architecture={"width": 8}), "cannot be read"),
+        (lambda c: edit(c, architecture={**architecture(c), "heads": 0}), "not a multiple"),
+        (lambda c: edit(c, signature=SIGNATURE_OF_ONE), "not for its parameters"),
+        (lambda c: weigh(c, "calibration.factor", lambda a: a[:1]), r"calibration.factor has shape \(1, "),
+        (lambda c: weigh(c, "family.mean", lambda a: a[:2]), r"family.mean has shape \(2,\), expected"),
+        (lambda c: weigh(c, "network.mean_head.bias", lambda a: a * np.nan), "mean_head.bias is not finite"),
     ],
 )
 def test_a_checkpoint_that_is_damaged(checkpoint, damage, message):
     damage(checkpoint)
     with pytest.raises(StoreError, match=message):
         load_identifier(checkpoint)
+
+
+SIGNATURE_OF_ONE = {**SIGNATURE.document(), "parameters": SIGNATURE.document()["parameters"][:1]}
+
+
+def architecture(checkpoint: Path) -> dict:
+    return json.loads((checkpoint / "identifier.json").read_text())["architecture"]
+
+
+def weigh(checkpoint: Path, name: str, change) -> None:
+    path = checkpoint / "identifier.safetensors"
+    arrays = load_file(path)
+    save_file({**arrays, name: change(arrays[name])}, path)
 
 
 def edit(checkpoint: Path, **changes) -> None:

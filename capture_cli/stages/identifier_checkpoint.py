@@ -81,7 +81,7 @@ def load_identifier(path: str | Path, signature: Signature | None = None) -> Ide
     try:
         kind = round_identifier(document["identifier"])
         model = TrainedModel.from_state(document, load_file(path / WEIGHTS))
-    except (OSError, SafetensorError, KeyError, TypeError, ValueError, RuntimeError) as error:
+    except (OSError, SafetensorError, KeyError, TypeError, ValueError, OptionError) as error:
         raise StoreError(f"{path} cannot be read: {type(error).__name__}: {error}", cure=_AGAIN) from error
     found = IdentifierCheckpoint(document, kind, model)
     if signature is not None:
