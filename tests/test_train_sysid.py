@@ -24,7 +24,7 @@ from capture_cli.identifiers._learned import LearnedIdentifier
 from capture_cli.identifiers.rounds import Signature, run_rounds
 from capture_cli.parameters import Parameter, ParameterSpace
 from capture_cli.stages import train_sysid as stage
-from capture_cli.stages.identifier_checkpoint import load_identifier
+from capture_cli.stages.identifier_checkpoint import load_identifier, save_identifier
 from capture_cli.stages.train_sysid import signature_of, train_sysid
 from capture_cli.stores.histories import Histories
 from capture_cli.stores.output import unfinished
@@ -117,6 +117,19 @@ def test_its_uncertainty_covers_the_target(trained, name):
     assert error[wide].mean() > error[~wide].mean()
 
 
+def test_what_is_read_is_what_was_written(trained, tmp_path):
+    """However the arrays lay in memory."""
+    first = load_identifier(trained("posterior"))
+    model = first.model
+    model.network = {name: np.asfortranarray(array) for name, array in model.network.items()}
+    save_identifier(model, dict(first.document), tmp_path)
+    _, written = model.state()
+    _, read = load_identifier(tmp_path).model.state()
+    assert written.keys() == read.keys()
+    for name, array in written.items():
+        assert np.array_equal(array, read[name]), name
+
+
 def test_what_was_measured_decides(trained):
     found = load_identifier(trained("posterior"))
     rounds = histories(50, rounds=3, seed=5)
@@ -133,6 +146,8 @@ def test_a_log_from_outside_is_noticed(trained):
     family = load_identifier(trained("capture")).model.family
     usual = histories(200, rounds=5, seed=11)
     assert (family.share_beyond(usual) < 0.01).mean() < 0.05
+    for count in range(1, 6):  # shares of what is like the histories held out are uniform
+        assert abs(family.share_beyond(usual.first(count)).mean() - 0.5) < 0.1
     curve = np.zeros(SIGNATURE.trajectory_shape)
     curve[:, 1] = 0.03 * SIGNATURE.point_times**2
     curved = type(usual)(usual.parameters, usual.actions, usual.simulated, usual.measured + curve)
@@ -370,6 +385,7 @@ def test_a_checkpoint_of_something_else(checkpoint, other, message):
         (lambda c: edit(c, signature=SIGNATURE_OF_ONE), "not for its parameters"),
         (lambda c: weigh(c, "calibration.factor", lambda a: a[:1]), r"calibration.factor has shape \(1, "),
         (lambda c: weigh(c, "family.mean", lambda a: a[:2]), r"family.mean has shape \(2,\), expected"),
+        (lambda c: weigh(c, "family.usual", lambda a: a[:, ::-1].copy()), "do not rise"),
         (lambda c: weigh(c, "network.mean_head.bias", lambda a: a * np.nan), "mean_head.bias is not finite"),
     ],
 )

@@ -78,6 +78,9 @@ class TrainedModel:
                 raise ValueError(f"{name} has shape {array.shape}, expected {shapes[name]}")
             if not np.isfinite(array).all():
                 raise ValueError(f"{name} is not finite")
+        usual = self.family.usual
+        if np.any(np.diff(usual, axis=1) < -1e-9 * np.abs(usual).max()):
+            raise ValueError("family.usual, quantiles, do not rise")
 
     @property
     def window(self) -> int:

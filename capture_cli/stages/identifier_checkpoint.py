@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from capture_cli.errors import OptionError, StoreError
 from capture_cli.identifiers import round_identifier
 from capture_cli.identifiers.rounds import RoundIdentifier, Signature
@@ -52,7 +54,8 @@ def save_identifier(model: TrainedModel, document: Mapping[str, Any], folder: Pa
     settings, arrays = model.state()
     document = {"format": FORMAT, "version": VERSION, **document, **settings}
     write_json(folder / DOCUMENT, document)
-    save_file({k: arrays[k] for k in sorted(arrays)}, folder / WEIGHTS)
+    # safetensors writes memory as it lies: of a transposed array that is another array
+    save_file({k: np.ascontiguousarray(arrays[k]) for k in sorted(arrays)}, folder / WEIGHTS)
     return document
 
 
