@@ -126,7 +126,8 @@ Config = Annotated[
 Force = Annotated[bool, typer.Option("--force", help="Replace --out if it exists.")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")]
 Quiet = Annotated[bool, typer.Option("--quiet", help="No progress, no tables.")]
-Seed = Annotated[int, typer.Option("--seed", help="Seed of every random choice.")]
+LARGEST_SEED = 2**32 - 1  # that every generator of random numbers takes
+Seed = Annotated[int, typer.Option("--seed", min=0, max=LARGEST_SEED, help="Seed of every random choice.")]
 Threads = Annotated[int | None, typer.Option("--threads", min=1, help="Threads; all cores by default.")]
 TaskOption = Annotated[str | None, typer.Option("--task", help="Built-in task, or path of a task.toml.")]
 RealLog = Annotated[Path, typer.Option("--real-log", help="Measured log (.zarr).")]
@@ -291,7 +292,12 @@ def diagnose(
     ] = None,
     seed: Annotated[
         int | None,
-        typer.Option("--seed", help="Seed of every random choice; default that of the estimate, or 0."),
+        typer.Option(
+            "--seed",
+            min=0,
+            max=LARGEST_SEED,
+            help="Seed of every random choice; default that of the estimate, or 0.",
+        ),
     ] = None,
     threads: Threads = None,
     force: Force = False,

@@ -55,7 +55,7 @@ class OutputError(CaptureError):
 
 
 class FitError(CaptureError):
-    """A fit that cannot start: a parameter moves nothing, every trial diverges."""
+    """A fit that cannot start or go on: a parameter moves nothing, every trial diverges, a training does."""
 
 
 def did_you_mean(name: str, candidates: Iterable[str]) -> str:

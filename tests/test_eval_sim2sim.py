@@ -11,11 +11,12 @@ import pytest
 from typer.testing import CliRunner
 
 from capture_cli.cli import app
-from capture_cli.errors import CaptureError, OptionError, OutputError, TaskError
+from capture_cli.errors import CaptureError, OptionError, OutputError, StoreError, TaskError
 from capture_cli.identifiers import round_identifier
 from capture_cli.policies.random import Random
 from capture_cli.reports import paper_numbers
 from capture_cli.reports.evaluation_tables import markdown, print_evaluation, tables
+from capture_cli.stages import evaluation_run
 from capture_cli.stages.eval_sim2sim import eval_sim2sim
 from capture_cli.stages.evaluated_identifier import PAPER
 from capture_cli.stages.evaluation_run import evaluate
@@ -140,6 +141,20 @@ def test_a_run_goes_on_where_it_ended(folder, evaluated, names, monkeypatch):
     assert read.document == done.document
 
 
+def test_a_run_that_was_killed_as_it_began_goes_on(folder, monkeypatch):
+    options = {"identifiers": ["domain-randomization"], **SMALL, "pairs": 1}
+
+    def half(path, document):
+        path.write_text('{"pairs": 1,')
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(evaluation_run, "write_json", half)
+        evaluate(out=folder / "begun", **options)
+    evaluate(out=folder / "begun", resume=True, **options)
+    assert sorted(p.name for p in (folder / "begun").iterdir() if "recipe" in p.name) == []
+
+
 def test_a_checkpoint_and_another_name_for_it(folder, trained):
     identifiers = ["domain-randomization", str(trained), f"capture-refined={trained}"]
     e = evaluate(out=folder / "learned", identifiers=identifiers, noise="label", **SMALL)
@@ -183,7 +198,7 @@ def test_noise_that_cannot_be_told_is_refused(folder):
         (["posterior"], "must be trained"),
         ([], "no --identifier"),
         (["nobody"], "unknown identifier"),
-        (["cma-es", "cma-es"], "given twice"),
+        (["cma-es", "cma-es"], ": cma-es is given twice"),
     ],
 )
 def test_identifiers_that_cannot_be(folder, given, message):
@@ -197,6 +212,14 @@ def test_a_name_that_cannot_use_a_checkpoint(folder, trained):
         evaluate(out=folder / "none", identifiers=[f"tunenet={trained}"], **SMALL)
     with pytest.raises(OptionError, match=r"no identifier.json .*posterior"):
         evaluate(out=folder / "none", identifiers=[str(folder)], **SMALL)
+
+
+@pytest.mark.parametrize("suite", [None, "paper"])
+def test_a_checkpoint_is_not_replaced_by_its_evaluation(folder, trained, suite):
+    task = {"task": "scooping", **SMALL} if suite is None else {"task": "scooping"}
+    with pytest.raises(OutputError, match="which is read"):
+        eval_sim2sim(suite=suite, identifiers=[str(trained)], out=trained, force=True, **task)
+    assert (trained / "identifier.json").is_file()
 
 
 def test_a_machine_without_actions_is_refused(folder):
@@ -357,3 +380,22 @@ def test_cells_of_a_suite_are_run_alone(folder, trained):
 def test_a_suite_with_nothing_to_run_is_refused(folder):
     with pytest.raises(OptionError, match="no checkpoint for air-hockey"):
         evaluate_suite(suite="paper", identifiers=[], out=folder / "nothing", task="air-hockey")
+    with pytest.raises(OptionError, match="no task 'air-hokey'") as caught:
+        evaluate_suite(suite="paper", identifiers=[], out=folder / "nothing", task="air-hokey")
+    assert "'air-hockey'" in caught.value.cure
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("{", "is not JSON"),
+        ("{}", "not of the format"),
+        ('{"format": "capture/identifier", "version": 1, "task": "scooping"}', "architecture, histories"),
+    ],
+)
+def test_a_suite_names_the_checkpoint_that_is_damaged(tmp_path, text, message):
+    (tmp_path / "c").mkdir()
+    (tmp_path / "c" / "identifier.json").write_text(text)
+    with pytest.raises(StoreError, match=message):
+        evaluate_suite(suite="paper", identifiers=[str(tmp_path)], out=tmp_path / "out")
+    assert not (tmp_path / "out").exists()

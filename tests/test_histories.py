@@ -30,7 +30,6 @@ from capture_cli.stages.inspect import inspect
 from capture_cli.stages.policy_checkpoint import load_policy, save_policy
 from capture_cli.stages.record import record
 from capture_cli.stages.tapes import tape_task
-from capture_cli.stores import histories as history_batches
 from capture_cli.stores.histories import DATA, Histories, HistoriesWriter
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.stores.output import sha256, unfinished
@@ -309,6 +308,16 @@ def test_existing_histories_are_not_replaced_unasked(generate):
     assert len(Histories(generate(pairs=20, force=True))) == 20
 
 
+def test_a_log_is_not_replaced_by_the_histories_that_read_it(generate, slider_task, tmp_path):
+    log = tmp_path / "log.zarr"
+    record(task=str(slider_task), out=log, duration=0.5, amplitude={"drive": 3.0}, threads=1)
+    with pytest.raises(OutputError, match="which is read"):
+        generate("log.zarr", inputs_from=log, amplitude=None, force=True)
+    with pytest.raises(OutputError, match="which is read"):
+        record(task=str(slider_task), out=log, inputs_from=log, force=True, threads=1)
+    assert len(MeasuredLog.read(log).time)
+
+
 def test_at_a_url(generate, slider_task, tmp_path):
     expected = Histories(generate()).read(0, 40)
     url = "memory://bucket/h.zarr"
@@ -332,30 +341,6 @@ def test_a_url_of_no_known_scheme(generate):
 # --- reading ---
 
 
-def test_batches_hold_every_history_once(generate):
-    histories = Histories(generate(pairs=200, shard_pairs=64))
-    whole = histories.read(0, 200)
-    for shuffle in (None, np.random.default_rng(0)):
-        batches = list(histories.batches(48, pairs=range(10, 195), shuffle=shuffle, pool=128))
-        assert [len(b.pairs) for b in batches] == [48, 48, 48, 41]
-        order = np.concatenate([b.pairs for b in batches])
-        assert np.array_equal(np.sort(order), np.arange(10, 195))
-        assert np.array_equal(order, np.sort(order)) == (shuffle is None)
-        measured = np.concatenate([b.measured for b in batches])
-        assert np.array_equal(measured, whole.measured[order])
-
-
-def test_a_pool_bounds_what_is_held(generate, monkeypatch):
-    histories = Histories(generate(pairs=200, shard_pairs=64))
-    held = []
-    joined = history_batches._joined
-    monkeypatch.setattr(
-        history_batches, "_joined", lambda p: held.append(sum(len(b.pairs) for b in p)) or joined(p)
-    )
-    list(histories.batches(16, shuffle=np.random.default_rng(0), pool=64))
-    assert max(held) < 64 + 16
-
-
 def test_a_lost_shard_is_noticed(generate):
     path = Path(generate())
     (path / "measured" / "c" / "1" / "0" / "0" / "0").unlink()
@@ -363,6 +348,13 @@ def test_a_lost_shard_is_noticed(generate):
     histories.read(0, 16)
     with pytest.raises(StoreError, match="measured of pair 16 is missing"):
         histories.read(0, 40)
+
+
+def test_damaged_metadata_of_an_array_is_noticed(generate):
+    path = Path(generate())
+    (path / "measured" / "zarr.json").write_text("garbage")
+    with pytest.raises(StoreError, match="the metadata of measured cannot be read"):
+        Histories(path)
 
 
 def test_inspect_reads_them_through(generate):
@@ -422,6 +414,8 @@ def test_a_store_that_another_version_left_half_written_is_not_resumed(
         ({"address": "auto"}, "without --executor ray"),
         ({"policy": "sac"}, "--policy 'sac'"),
         ({"amplitude": None}, "how far to drive"),
+        ({"inputs_from": "log.zarr"}, "--amplitude means nothing"),
+        ({"inputs_from": "log.zarr", "amplitude": None, "band": (0.1, 3.0)}, "--band means nothing"),
         ({"window": -1.0}, "--window -1"),
         ({"points": 1}, "--points 1"),
     ],

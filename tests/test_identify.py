@@ -157,7 +157,8 @@ def test_uneven_sampling(plant, identify):
     jitter[[0, *even.episode_ends[:-1]]] = 0
     uneven = changed(even, time=even.time + jitter)
     uneven.write(even.path.parent / "uneven.zarr")
-    log = plant(name="again", inputs_from=even.path.parent / "uneven.zarr")
+    as_logged = {"episodes": 1, "duration": None, "rate": None}
+    log = plant(name="again", inputs_from=even.path.parent / "uneven.zarr", **as_logged)
     assert np.ptp(np.diff(log.time[: log.episode_ends[0]])) > 4e-3
     found = identify(log)
     assert found.document["verdict"] == "explained"

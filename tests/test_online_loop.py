@@ -75,7 +75,9 @@ def test_a_proposal_is_what_record_runs(scooping, tmp_path):
     (tmp_path / "p.json").write_text(json.dumps(proposal))
     made = record(task="scooping", out=tmp_path / "n.zarr", actions_from=tmp_path / "p.json", threads=1)
     assert made.log.actions.tolist() == [[proposal["action"]["scoop_point"]["value"]]]
-    for bad in ("{", json.dumps({**proposal, "task": "air-hockey"}), json.dumps({**proposal, "action": {}})):
+    others = [{"task": "air-hockey"}, {"action": {}}]
+    others += [{"action": {"scoop_point": value}} for value in (0.1, {}, {"value": "far"}, {"value": np.nan})]
+    for bad in ("{", *(json.dumps({**proposal, **other}) for other in others)):
         (tmp_path / "p.json").write_text(bad)
         with pytest.raises(OptionError, match="holds no action"):
             record(task="scooping", out=tmp_path / "m.zarr", actions_from=tmp_path / "p.json")
@@ -86,6 +88,8 @@ def test_of_a_policy_its_own_action_is_proposed(scooping):
     assert propose(result=scooping / "e", policy="random", seed=1)["kind"] == "action"
     with pytest.raises(OptionError, match="neither a policy nor"):
         propose(result=scooping / "e", policy="nobody")
+    with pytest.raises(OptionError, match="is driven by actions"):
+        propose(result=scooping / "e", amplitude={"spatula_x_target": 1.0})
 
 
 def test_a_machine_of_ones_own_is_to_be_driven_by_a_multisine(slider_task, tmp_path):

@@ -188,7 +188,8 @@ def test_training_leaves_nothing_in_the_temporary_directory(tmp_path, monkeypatc
     assert not list(temporary.iterdir())
 
 
-def test_an_interrupted_training_goes_on_to_the_same_result(trained, tmp_path, monkeypatch):
+@pytest.mark.parametrize("force", [False, True])
+def test_an_interrupted_training_goes_on_to_the_same_result(trained, tmp_path, monkeypatch, force):
     out = tmp_path / "policy"
     with monkeypatch.context() as patch:
         _interrupt(patch, after=7)  # batches of 24; evaluations are 4 apart
@@ -197,9 +198,17 @@ def test_an_interrupted_training_goes_on_to_the_same_result(trained, tmp_path, m
     assert not out.exists()
     with pytest.raises(OutputError, match="unfinished"):
         stage.train_policy(out=out, **TINY)
-    stage.train_policy(out=out, resume=True, threads=2, **TINY)
+    with monkeypatch.context() as patch:
+        _interrupt(patch, after=20)  # 4 of 24 batches are not made again
+        stage.train_policy(out=out, resume=True, force=force, threads=2, **TINY)
     for name in ("policy.safetensors", "metrics.jsonl", "policy.json"):
         assert (out / name).read_bytes() == (trained / name).read_bytes()
+
+
+def test_a_training_that_diverges(tmp_path):
+    with pytest.raises(FitError, match="diverged after"):
+        stage.train_policy(out=tmp_path / "policy", **{**TINY, "learning_rate": 1e30})
+    assert not (tmp_path / "policy").exists()
 
 
 def test_going_on_with_another_training_is_refused(tmp_path, monkeypatch):

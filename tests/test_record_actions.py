@@ -158,3 +158,10 @@ def test_what_makes_no_sense_is_refused(tmp_path, options, said):
     with pytest.raises(OptionError, match=said):
         record(task="air-hockey", out=tmp_path / "log.zarr", **options)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("truth", ["log.zarr", "log.zarr/truth.json"])
+def test_the_truth_is_not_in_the_log(tmp_path, truth):
+    with pytest.raises(OptionError, match="must not find its truth"):
+        record(task="scooping", out=tmp_path / "log.zarr", truth=tmp_path / truth, threads=1)
+    assert not any(tmp_path.iterdir())

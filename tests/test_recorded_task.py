@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from pathlib import Path
 from types import SimpleNamespace
@@ -59,6 +60,22 @@ def test_from_another_folder_the_task_is_that_of_the_result(made, tmp_path, monk
     with pytest.raises(OptionError, match=r"model\.xml is not the model"):
         export(result=Path("../made/estimate"), out=Path("wrong.xml"), task="task.toml")
     assert not Path("wrong.xml").exists()
+
+
+def test_of_a_diagnosis_its_experiment_is_proposed_and_nothing_else(made):
+    experiment = {"duration_s": 1.0, "peaks": [2.0], "band_hz": [0.5, 3.0], "text": "drive it"}
+    document = {"format": "capture/diagnosis", "version": 1, "log": {"path": "log.zarr"}}
+    (made / "diagnosis").mkdir()
+    (made / "diagnosis" / "diagnosis.json").write_text(
+        json.dumps({**document, "verdict": "tied", "next_experiment": experiment})
+    )
+    shutil.copy(made / "estimate" / "provenance.json", made / "diagnosis")
+    proposal = propose(result=Path("diagnosis"), amplitude={"drive": 3.0})
+    assert proposal["text"] == "drive it" and proposal["peaks"] == {"drive": 3.0}
+    with pytest.raises(OptionError, match="no input 'motor'"):
+        propose(result=Path("diagnosis"), amplitude={"motor": 1.0})
+    with pytest.raises(OptionError, match="is a diagnosis"):
+        propose(result=Path("diagnosis"), policy="random")
 
 
 def test_a_model_that_changed_since_is_refused(made):

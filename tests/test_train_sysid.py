@@ -12,19 +12,19 @@ import torch
 import zarr
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from safetensors.numpy import load_file
+from safetensors.numpy import load_file, save_file
 from toy_rounds import SIGNATURE, draw_actions, histories, simulate, trajectories, write
 from typer.testing import CliRunner
 
 from capture_cli.cli import app
-from capture_cli.errors import OptionError, OutputError, StoreError
+from capture_cli.errors import FitError, OptionError, OutputError, StoreError
 from capture_cli.identifiers import REGISTRY, _batches
 from capture_cli.identifiers._batches import Batches, Place, windows
 from capture_cli.identifiers._learned import LearnedIdentifier
 from capture_cli.identifiers.rounds import Signature, run_rounds
 from capture_cli.parameters import Parameter, ParameterSpace
 from capture_cli.stages import train_sysid as stage
-from capture_cli.stages.identifier_checkpoint import load_identifier
+from capture_cli.stages.identifier_checkpoint import load_identifier, save_identifier
 from capture_cli.stages.train_sysid import signature_of, train_sysid
 from capture_cli.stores.histories import Histories
 from capture_cli.stores.output import unfinished
@@ -117,6 +117,19 @@ def test_its_uncertainty_covers_the_target(trained, name):
     assert error[wide].mean() > error[~wide].mean()
 
 
+def test_what_is_read_is_what_was_written(trained, tmp_path):
+    """However the arrays lay in memory."""
+    first = load_identifier(trained("posterior"))
+    model = first.model
+    model.network = {name: np.asfortranarray(array) for name, array in model.network.items()}
+    save_identifier(model, dict(first.document), tmp_path)
+    _, written = model.state()
+    _, read = load_identifier(tmp_path).model.state()
+    assert written.keys() == read.keys()
+    for name, array in written.items():
+        assert np.array_equal(array, read[name]), name
+
+
 def test_what_was_measured_decides(trained):
     found = load_identifier(trained("posterior"))
     rounds = histories(50, rounds=3, seed=5)
@@ -133,6 +146,8 @@ def test_a_log_from_outside_is_noticed(trained):
     family = load_identifier(trained("capture")).model.family
     usual = histories(200, rounds=5, seed=11)
     assert (family.share_beyond(usual) < 0.01).mean() < 0.05
+    for count in range(1, 6):  # shares of what is like the histories held out are uniform
+        assert abs(family.share_beyond(usual.first(count)).mean() - 0.5) < 0.1
     curve = np.zeros(SIGNATURE.trajectory_shape)
     curve[:, 1] = 0.03 * SIGNATURE.point_times**2
     curved = type(usual)(usual.parameters, usual.actions, usual.simulated, usual.measured + curve)
@@ -171,6 +186,8 @@ def test_an_interrupted_run_goes_on_to_the_same_bytes(small, tmp_path, monkeypat
         train_sysid(out=resumed, **options)
     with pytest.raises(OptionError, match=r"training.seed was 0, now 1"):
         train_sysid(out=resumed, resume=True, seed=1, **options)
+    with pytest.raises(OptionError, match=r"device.low_precision was False, now True"):
+        train_sysid(out=resumed, resume=True, precision="bfloat16", **options)
     train_sysid(out=resumed, resume=True, **options)
     for file in FILES:
         assert (whole / file).read_bytes() == (resumed / file).read_bytes()
@@ -297,6 +314,12 @@ def test_a_gpu_that_is_not_there(small, tmp_path):
     assert not any(tmp_path.iterdir())
 
 
+def test_a_training_that_diverges(small, tmp_path):
+    with pytest.raises(FitError, match="diverged: after step") as caught:
+        train_sysid(histories=small, out=tmp_path / "c", **{**TINY, "learning_rate": 1e30})
+    assert "--lr" in caught.value.cure and not (tmp_path / "c").exists()
+
+
 def test_histories_with_nan(tmp_path):
     rounds = histories(40, rounds=4)
     rounds.measured[23, 2, 1, 0] = np.nan
@@ -304,6 +327,15 @@ def test_histories_with_nan(tmp_path):
     with pytest.raises(StoreError, match="measured of pair 23"):
         train_sysid(histories=store, out=tmp_path / "c", **TINY)
     assert [p.name for p in tmp_path.iterdir()] == ["h.zarr"]
+
+
+def test_histories_are_not_replaced_by_what_learns_from_them(small, tmp_path):
+    for out in (small, small.parent):
+        (out / "provenance.json").touch()
+        with pytest.raises(OutputError, match="which is read"):
+            train_sysid(histories=small, out=out, force=True, **TINY)
+        (out / "provenance.json").unlink()
+    assert len(Histories(small)) == 60
 
 
 def test_too_few_histories(tmp_path):
@@ -349,12 +381,31 @@ def test_a_checkpoint_of_something_else(checkpoint, other, message):
         (lambda c: edit(c, format="capture/policy"), "not of the format capture/identifier"),
         (lambda c: edit(c, signature={}), "cannot be read"),
         (lambda c: edit(c, architecture={"width": 8}), "cannot be read"),
+        (lambda c: edit(c, architecture={**architecture(c), "heads": 0}), "not a multiple"),
+        (lambda c: edit(c, signature=SIGNATURE_OF_ONE), "not for its parameters"),
+        (lambda c: weigh(c, "calibration.factor", lambda a: a[:1]), r"calibration.factor has shape \(1, "),
+        (lambda c: weigh(c, "family.mean", lambda a: a[:2]), r"family.mean has shape \(2,\), expected"),
+        (lambda c: weigh(c, "family.usual", lambda a: a[:, ::-1].copy()), "do not rise"),
+        (lambda c: weigh(c, "network.mean_head.bias", lambda a: a * np.nan), "mean_head.bias is not finite"),
     ],
 )
 def test_a_checkpoint_that_is_damaged(checkpoint, damage, message):
     damage(checkpoint)
     with pytest.raises(StoreError, match=message):
         load_identifier(checkpoint)
+
+
+SIGNATURE_OF_ONE = {**SIGNATURE.document(), "parameters": SIGNATURE.document()["parameters"][:1]}
+
+
+def architecture(checkpoint: Path) -> dict:
+    return json.loads((checkpoint / "identifier.json").read_text())["architecture"]
+
+
+def weigh(checkpoint: Path, name: str, change) -> None:
+    path = checkpoint / "identifier.safetensors"
+    arrays = load_file(path)
+    save_file({**arrays, name: change(arrays[name])}, path)
 
 
 def edit(checkpoint: Path, **changes) -> None:

@@ -32,7 +32,7 @@ class Architecture:
     def __post_init__(self):
         if self.tokens not in TOKENS:
             raise OptionError(f"--tokens {self.tokens!r}", cure=did_you_mean(self.tokens, TOKENS))
-        if self.width % self.heads:
+        if self.heads < 1 or self.width % self.heads:
             raise OptionError(
                 f"--width {self.width} is not a multiple of --heads {self.heads}",
                 cure="the heads share the width evenly: choose, say, 128 and 4",

@@ -5,6 +5,7 @@ They differ in the examples they are trained on and in how they use the answer; 
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -13,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from capture_cli.identifiers._architecture import Architecture
-from capture_cli.identifiers._family import Family
+from capture_cli.identifiers._family import QUANTILES, Family
 from capture_cli.identifiers._inference import answer
 from capture_cli.identifiers._normalisation import Normalisation
 from capture_cli.identifiers.rounds import RoundIdentifier, Rounds, Signature
@@ -58,6 +59,28 @@ class TrainedModel:
         self.network = {name: np.asarray(array) for name, array in network.items()}
         if {name: array.shape for name, array in self.network.items()} != self.architecture.weight_shapes:
             raise ValueError("its weights are not those of its architecture")
+        self._check()
+
+    def _check(self) -> None:
+        """Raise ValueError where its parts do not belong together, or are not finite."""
+        a, trajectory = self.architecture, self.signature.trajectory_shape
+        size, actions = len(self.signature.space), len(self.signature.actions)
+        if (a.parameters, a.actions, a.points, a.features) != (size, actions, *trajectory):
+            raise ValueError("its architecture is not for its parameters, actions and points")
+        _, arrays = self.state()
+        vector = size + actions + 2 * math.prod(trajectory)
+        shapes = {f"normalisation.{name}": trajectory for name in self.normalisation.weights()}
+        shapes |= {"calibration.factor": (a.window, size)}
+        shapes |= {"family.mean": (vector,), "family.whitening": (vector, vector)}
+        shapes |= {"family.usual": (len(self.family.usual), len(QUANTILES))}
+        for name, array in arrays.items():
+            if array.shape != shapes.get(name, array.shape):
+                raise ValueError(f"{name} has shape {array.shape}, expected {shapes[name]}")
+            if not np.isfinite(array).all():
+                raise ValueError(f"{name} is not finite")
+        usual = self.family.usual
+        if np.any(np.diff(usual, axis=1) < -1e-9 * np.abs(usual).max()):
+            raise ValueError("family.usual, quantiles, do not rise")
 
     @property
     def window(self) -> int:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from capture_cli.errors import FitError
 from capture_cli.identifiers._batches import Batches, Place, Read, windows
 from capture_cli.identifiers._family import Family
 from capture_cli.identifiers._learned import LearnedIdentifier, TrainedModel, covariances
@@ -206,7 +207,7 @@ class Trainer:
         trained = float(self._summed) / max(1, self._counted)
         self._summed.zero_()
         self._counted = 0
-        return {
+        metrics = {
             "step": self.step,
             "epoch": self.place.epoch,
             "learning_rate": self.settings.rate(self.step - 1),
@@ -216,6 +217,12 @@ class Trainer:
             "last_round_error": float(np.abs(held_out.error[:, -1]).mean()),
             "negative_log_likelihood": held_out.likelihood,
         }
+        if not all(math.isfinite(value) for value in metrics.values()):
+            raise FitError(
+                f"the training diverged: after step {self.step} its loss is {trained:g}, on pairs held out {loss:g}",
+                cure=f"begin anew (--force) with an --lr below {self.settings.learning_rate:g}, or a longer --warmup",
+            )
+        return metrics
 
     def _halves(self) -> tuple[Rounds, Rounds]:
         half = len(self.held_out) // 2

@@ -10,6 +10,7 @@ import torch
 from stable_baselines3 import SAC
 from stable_baselines3.common.logger import Logger
 
+from capture_cli.errors import FitError
 from capture_cli.policies._episode_env import EpisodeVecEnv
 from capture_cli.policies.base import Trainer, TrainingSettings
 from capture_cli.policies.sac import Sac
@@ -49,7 +50,15 @@ class SacTrainer(Trainer):
         return self.sac.num_timesteps
 
     def train(self):
-        self.sac.learn(self.settings.envs, log_interval=None, reset_num_timesteps=False)
+        try:
+            self.sac.learn(self.settings.envs, log_interval=None, reset_num_timesteps=False)
+        except ValueError as error:  # torch's, of a distribution without a mean
+            if all(bool(p.isfinite().all()) for p in self.sac.actor.parameters()):
+                raise
+            raise FitError(
+                f"the training diverged after {self.step} episodes",
+                cure=f"begin anew (--force) with a lower --lr than {self.settings.learning_rate:g}",
+            ) from error
         return self.env.rewards, self.env.successes
 
     def policy(self):

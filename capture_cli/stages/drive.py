@@ -64,6 +64,7 @@ def drive_by_actions(
         actions = chooser.act(believed, generator.random((episodes, len(task.actions))))
     driven = task.episodes(actions)
     steps = round(task.point_times[-1] * rate) + 1
+    _check_samples(steps, task.point_times[-1], rate)
     time = np.arange(steps) / rate
     inputs = np.stack([_sampled(tape, task.timestep, time, task.linear) for tape in driven.inputs])
     return Drive(
@@ -130,6 +131,7 @@ def _tapes(machine, episodes, duration, rate, inputs_from, amplitude, band, gene
         raise OptionError(f"--amplitude: the task has no input {name!r}", cure=did_you_mean(name, names))
     interval = machine.timestep if rate is None else 1.0 / rate
     steps = round(duration / interval) + 1
+    _check_samples(steps, duration, 1.0 / interval)
     time = interval * np.arange(steps)
     peaks = np.array([peak(machine.model, channel, amplitude) for channel in machine.inputs])
     tapes = [peaks * multisine(time, len(peaks), band, generator) for _ in range(episodes)]
@@ -152,6 +154,14 @@ def _starts(model, count: int, positions, velocities, generator) -> Starts:
                 )
             state[:, address[number]] = generator.uniform(low, high, count)
     return Starts(qpos, qvel, np.zeros((count, model.na)), np.zeros(count))
+
+
+def _check_samples(steps: int, duration: float, rate: float) -> None:
+    if steps < 2:
+        raise OptionError(
+            f"an episode of {duration:g} s at {rate:g} Hz has a single sample",
+            cure=f"give a --rate of {1 / duration:g} Hz or more, or record for longer",
+        )
 
 
 def _check_positive(**numbers: float) -> None:

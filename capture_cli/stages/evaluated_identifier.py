@@ -23,12 +23,16 @@ PAPER = {"search": "randomized-binary", "history_rounds": 7, "window": 4, "token
 
 @dataclass(frozen=True)
 class Evaluated:
-    """An identifier to evaluate. label: what it is called in tables. facts: what the evaluation says of it."""
+    """An identifier to evaluate. label: what it is called in tables. facts: what the evaluation says of it.
+
+    path: its checkpoint's, where it has one.
+    """
 
     label: str
     kind: type[RoundIdentifier]
     model: TrainedModel | None
     facts: Mapping[str, Any]
+    path: Path | None = None
 
     def make(self, signature: Signature, start, **options) -> RoundIdentifier:
         """The identifier for pairs that begin at `start` (pair, parameter)."""
@@ -91,7 +95,7 @@ def _load(text: str, signature: Signature, spelled_out: Sequence[str]) -> Evalua
         "window": found.model.window,
         "tokens": document["architecture"]["tokens"],
     }
-    return Evaluated(_label(name, kind, facts, spelled_out), kind, found.model, facts)
+    return Evaluated(_label(name, kind, facts, spelled_out), kind, found.model, facts, path)
 
 
 def _named(name: str) -> Evaluated:
@@ -126,7 +130,7 @@ def _distinct(found: list[Evaluated]) -> list[Evaluated]:
     """Those that share a label are told apart by their directories; raises OptionError where that is the same too."""
     labels = [e.label for e in found]
     result = [
-        replace(e, label=f"{e.label} [{e.facts['checkpoint']}]") if labels.count(e.label) > 1 else e
+        replace(e, label=f"{e.label} [{e.path.name}]") if e.path and labels.count(e.label) > 1 else e
         for e in found
     ]
     labels = [e.label for e in result]

@@ -20,11 +20,15 @@ from capture_cli.tasks.base import ActionTask
 
 @dataclass(frozen=True)
 class EvaluationPlan:
-    """Identifiers, and draws of the pairs that each of them meets. attributes: of the evaluation store."""
+    """Identifiers, and draws of the pairs that each of them meets. attributes: of the evaluation store.
+
+    inputs: the checkpoints that are read.
+    """
 
     evaluated: list[Evaluated]
     draws: list[Sim2Sim]
     attributes: dict[str, Any]
+    inputs: list[Path]
 
     @property
     def task(self) -> ActionTask:
@@ -68,7 +72,9 @@ def evaluation_plan(
         for number in range(seeds)
     ]
     noise = f"{noise} (known)" if known_noise else noise
-    return EvaluationPlan(evaluated, draws, _attributes(machine, policy, noise, seed, evaluated))
+    inputs = [e.path for e in evaluated if e.path is not None]
+    inputs += [Path(policy)] if (Path(policy) / SETTINGS).is_file() else []
+    return EvaluationPlan(evaluated, draws, _attributes(machine, policy, noise, seed, evaluated), inputs)
 
 
 def _check(pairs: int, seeds: int, rounds: int) -> None:

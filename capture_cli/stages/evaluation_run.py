@@ -19,7 +19,7 @@ from capture_cli.stages.evaluation_time import Expected, expected
 from capture_cli.stages.progress import Progress
 from capture_cli.stages.sim2sim import Sim2Sim
 from capture_cli.stores.evaluation import FORMAT, SCHEMA, VERSION, Evaluation, joined
-from capture_cli.stores.output import refuse_existing, resumable_directory, unfinished
+from capture_cli.stores.output import refuse_existing, refuse_inputs, resumable_directory, unfinished
 from capture_cli.stores.provenance import Provenance, write_json
 
 PARTS, RECIPE = "parts", "recipe.json"  # of a run that is not complete
@@ -54,6 +54,7 @@ def evaluate(
     if resume and not force and Path(out).exists():
         return completed(Path(out), plan)
     refuse_existing(out, force=force)
+    refuse_inputs(out, plan.inputs)
     if not quiet and (left := time_left(plan, out, resume=resume)):
         print(left, file=sys.stderr, flush=True)
     return carry_out(plan, options, out, force=force, resume=resume, quiet=quiet)
@@ -101,11 +102,13 @@ def carry_out(
 
 def _begin(folder: Path, recipe: dict[str, Any]) -> None:
     """Take note of what is run, or see that it is what an earlier run took note of."""
-    path = folder / RECIPE
+    path, beside = folder / RECIPE, folder / f"{RECIPE}.new"
+    (folder / PARTS).mkdir(exist_ok=True)
     if path.is_file():
         _refuse_other(json.loads(path.read_text(encoding="utf-8")), recipe, folder)
-    (folder / PARTS).mkdir(exist_ok=True)
-    write_json(path, recipe)
+    else:
+        write_json(beside, recipe)
+        beside.replace(path)  # whole or not at all: a run that is killed goes on
 
 
 def _refuse_other(found: dict[str, Any], wanted: dict[str, Any], where: Path) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,9 +19,9 @@ from capture_cli.stages.evaluated_identifier import PAPER, checkpoints_in
 from capture_cli.stages.evaluation_plan import EvaluationPlan, evaluation_plan
 from capture_cli.stages.evaluation_run import carry_out, completed, time_left
 from capture_cli.stages.evaluation_time import Expected
-from capture_cli.stages.identifier_checkpoint import DOCUMENT
+from capture_cli.stages.identifier_checkpoint import DOCUMENT, read_document
 from capture_cli.stages.policy_checkpoint import SETTINGS
-from capture_cli.stores.output import refuse_existing, resumable_directory
+from capture_cli.stores.output import refuse_existing, refuse_inputs, resumable_directory
 from capture_cli.stores.provenance import Provenance, write_json
 
 FORMAT, VERSION = "capture/evaluation-suite", 1
@@ -101,12 +101,13 @@ def evaluate_suite(
     without = [c.name for c in cells if c not in asked]
     if not asked:
         raise OptionError(
-            f"--suite {suite}: no checkpoint for {', '.join(sorted({c.task for c in cells})) or task}",
+            f"--suite {suite}: no checkpoint for {', '.join(sorted({c.task for c in cells}))}",
             cure="give --identifier a folder with checkpoints that `capture train-sysid` wrote",
         )
     plans = {c: evaluation_plan(**o, spelled_out=[c.varied] if c.varied else []) for c, o in asked.items()}
     if resume and not force and Path(out).exists():
         return _completed(Path(out), plans)
+    refuse_inputs(out, [path for plan in plans.values() for path in plan.inputs])
     provenance = Provenance("eval-sim2sim", options, {})
     documents = {}
     with resumable_directory(out, force=force, resume=resume) as folder:
@@ -170,6 +171,9 @@ def _completed(out: Path, plans: dict[Cell, EvaluationPlan]) -> dict[str, Any]:
 def _cells(suite: str, task: str | None, only: Sequence[str]) -> list[Cell]:
     if suite not in SUITES:
         raise OptionError(f"--suite {suite!r}", cure=did_you_mean(suite, SUITES))
+    tasks = {c.task for c in SUITES[suite]}
+    if task is not None and task not in tasks:
+        raise OptionError(f"--suite {suite} has no task {task!r}", cure=did_you_mean(task, tasks))
     cells = {c.name: c for c in SUITES[suite] if task in (None, c.task)}
     for name in only:
         if name not in cells:
@@ -177,7 +181,7 @@ def _cells(suite: str, task: str | None, only: Sequence[str]) -> list[Cell]:
     return [c for c in cells.values() if not only or c.name in only]
 
 
-def _found(given: Sequence[str]) -> tuple[list[str], list[tuple[Path, dict[str, Any]]]]:
+def _found(given: Sequence[str]) -> tuple[list[str], list[tuple[Path, Mapping[str, Any]]]]:
     """Names, and checkpoint directories with their identifier.json."""
     names, checkpoints = list(WITHOUT_CHECKPOINT), []
     for text in given:
@@ -188,16 +192,14 @@ def _found(given: Sequence[str]) -> tuple[list[str], list[tuple[Path, dict[str, 
                     f"--identifier {text} holds no {DOCUMENT}",
                     cure="give a folder that `train-sysid` wrote to",
                 )
-            checkpoints += [
-                (path, json.loads((path / DOCUMENT).read_text(encoding="utf-8"))) for path in inside
-            ]
+            checkpoints += [(path, read_document(path)) for path in inside]
         else:
             REGISTRY.get(text)
             names += [] if text in names else [text]
     return names, checkpoints
 
 
-def _members(cell: Cell, names: list[str], checkpoints: list[tuple[Path, dict[str, Any]]]) -> list[str]:
+def _members(cell: Cell, names: list[str], checkpoints: list[tuple[Path, Mapping[str, Any]]]) -> list[str]:
     """What to give to `--identifier` for the cell; nothing where no checkpoint is for it."""
     own = [(path, d) for path, d in checkpoints if d["task"] == cell.task]
     if cell.varied:
@@ -213,7 +215,7 @@ def _members(cell: Cell, names: list[str], checkpoints: list[tuple[Path, dict[st
     return [*names, *others, *unrefined, *refined] if chosen else []
 
 
-def _place(document: dict[str, Any]) -> tuple[int, int]:
+def _place(document: Mapping[str, Any]) -> tuple[int, int]:
     """Where in a table: as in the paper's, what is ours below."""
     name, search = document["identifier"], document["histories"]["search"]
     return (
@@ -222,7 +224,7 @@ def _place(document: dict[str, Any]) -> tuple[int, int]:
     )
 
 
-def _facts(document: dict[str, Any]) -> dict[str, Any]:
+def _facts(document: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "search": document["histories"]["search"],
         "history_rounds": document["histories"]["rounds"],
@@ -231,13 +233,13 @@ def _facts(document: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _others(document: dict[str, Any], varied: str) -> set[str]:
+def _others(document: Mapping[str, Any], varied: str) -> set[str]:
     """In what a checkpoint differs from the paper's, besides `varied`."""
     facts = _facts(document)
     return {name for name, value in PAPER.items() if name != varied and facts[name] != value}
 
 
-def _own_window(document: dict[str, Any]) -> set[str]:
+def _own_window(document: Mapping[str, Any]) -> set[str]:
     """The window is no difference where the identifier has one of its own."""
     kind = REGISTRY.get(document["identifier"])
     return {"window"} if kind.fixed_window is not None or kind.default_window is None else set()

@@ -23,7 +23,7 @@ from capture_cli.stages.policy_checkpoint import SETTINGS, load_policy
 from capture_cli.stages.progress import Progress
 from capture_cli.stages.tapes import tape_task
 from capture_cli.stores.histories import SHARD_PAIRS, HistoriesWriter, is_url, shard_rows
-from capture_cli.stores.output import resumable_directory, sha256
+from capture_cli.stores.output import refuse_inputs, resumable_directory, sha256
 from capture_cli.stores.provenance import Provenance
 from capture_cli.tasks import load_task
 from capture_cli.tasks.base import ActionTask, Feature
@@ -69,6 +69,8 @@ def gen_histories(
     options = {k: v for k, v in locals().items() if k not in ("force", "resume", "quiet")}
     out = str(out).removeprefix("file://")
     _check(pairs, rounds, executor, address)
+    if not is_url(out):
+        refuse_inputs(Path(out), [inputs_from, policy if Path(policy).exists() else None])
     machine = _action_task(
         task,
         inputs_from=inputs_from,

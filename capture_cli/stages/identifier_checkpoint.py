@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from capture_cli.errors import OptionError, StoreError
 from capture_cli.identifiers import round_identifier
 from capture_cli.identifiers.rounds import RoundIdentifier, Signature
@@ -19,6 +21,7 @@ if TYPE_CHECKING:
 FORMAT, VERSION = "capture/identifier", 1
 DOCUMENT, WEIGHTS = "identifier.json", "identifier.safetensors"
 _AGAIN = "train it again with `capture train-sysid`"
+_PARTS = {"identifier", "task", "architecture", "histories", "result", "signature"}
 
 
 @dataclass(frozen=True)
@@ -51,7 +54,17 @@ def save_identifier(model: TrainedModel, document: Mapping[str, Any], folder: Pa
     settings, arrays = model.state()
     document = {"format": FORMAT, "version": VERSION, **document, **settings}
     write_json(folder / DOCUMENT, document)
-    save_file({k: arrays[k] for k in sorted(arrays)}, folder / WEIGHTS)
+    # safetensors writes memory as it lies: of a transposed array that is another array
+    save_file({k: np.ascontiguousarray(arrays[k]) for k in sorted(arrays)}, folder / WEIGHTS)
+    return document
+
+
+def read_document(path: Path) -> Mapping[str, Any]:
+    """identifier.json in the directory `path`. Raises StoreError where it is missing, damaged or of another version."""
+    document = read_result(path, DOCUMENT, FORMAT, VERSION, _AGAIN)
+    missing = _PARTS - set(document)
+    if missing:
+        raise StoreError(f"{path / DOCUMENT}: {', '.join(sorted(missing))} missing", cure=_AGAIN)
     return document
 
 
@@ -67,11 +80,11 @@ def load_identifier(path: str | Path, signature: Signature | None = None) -> Ide
     from capture_cli.identifiers._learned import TrainedModel
 
     path = Path(path)
-    document = read_result(path, DOCUMENT, FORMAT, VERSION, _AGAIN)
+    document = read_document(path)
     try:
         kind = round_identifier(document["identifier"])
         model = TrainedModel.from_state(document, load_file(path / WEIGHTS))
-    except (OSError, SafetensorError, KeyError, TypeError, ValueError, RuntimeError) as error:
+    except (OSError, SafetensorError, KeyError, TypeError, ValueError, OptionError) as error:
         raise StoreError(f"{path} cannot be read: {type(error).__name__}: {error}", cure=_AGAIN) from error
     found = IdentifierCheckpoint(document, kind, model)
     if signature is not None:

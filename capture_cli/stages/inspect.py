@@ -258,8 +258,8 @@ def _inspect_zarr(path: Path, document: dict[str, Any]) -> None:
 def _inspect_histories(path: Path, document: dict[str, Any]) -> None:
     histories = Histories(path)
     document["sizes"] |= {"pairs": len(histories), "rounds": histories.attributes["rounds"]}
-    for _ in histories.batches(CHECKED_AT_ONCE):
-        pass  # raises where a shard is missing or damaged
+    for first in range(0, len(histories), CHECKED_AT_ONCE):
+        histories.read(first, first + CHECKED_AT_ONCE)  # raises where a shard is missing or damaged
 
 
 def _header(document: dict[str, Any], attributes: Mapping[str, Any]) -> None:

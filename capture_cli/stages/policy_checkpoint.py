@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from capture_cli.errors import OptionError, StoreError, did_you_mean
 from capture_cli.parameters import ParameterSpace
 from capture_cli.policies import REGISTRY
@@ -41,7 +43,8 @@ def save_policy(
         **(more or {}),
     }
     write_json(folder / SETTINGS, document)
-    save_file(weights, folder / WEIGHTS)
+    # safetensors writes memory as it lies: of a transposed array that is another array
+    save_file({name: np.ascontiguousarray(array) for name, array in weights.items()}, folder / WEIGHTS)
     return document
 
 

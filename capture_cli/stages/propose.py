@@ -46,7 +46,13 @@ def propose(
     diagnosed = (Path(result) / "diagnosis.json").is_file()
     machine = _machine(Path(result), task, "diagnosis" if diagnosed else "estimate")
     generator = np.random.default_rng(seed)
+    _check_amplitude(machine, amplitude or {})
     if diagnosed:
+        if policy is not None:
+            raise OptionError(
+                f"--policy: {result} is a diagnosis, whose next experiment is proposed",
+                cure="leave it out, or propose from the estimate",
+            )
         return _of_diagnosis(Path(result), machine, amplitude or {}, generator)
     estimate = Estimate.read(Path(result))
     if (
@@ -63,6 +69,8 @@ def propose(
     generator = np.random.default_rng([seed, measured])  # another draw after every episode
     simulator = Simulator(machine, threads=threads)
     if isinstance(machine, ActionTask):
+        if amplitude:
+            raise OptionError(f"--amplitude: {machine.name!r} is driven by actions", cure="leave it out")
         if policy is not None:
             return _by_policy(machine, policy, estimate, generator)
         return _action(simulator, estimate, candidates, generator)
@@ -234,17 +242,20 @@ def _tape(task: Task, band, peaks: np.ndarray, time: np.ndarray, tape: np.ndarra
     }
 
 
-def _peaks(task: Task, estimate: Estimate, amplitude: Mapping[str, float]) -> np.ndarray:
-    """How far each input may be driven (input,): as told, else as its log did, else as its actuator goes."""
-    if not task.inputs:
-        raise OptionError(f"task {task.name!r} has no inputs to drive", cure="there is nothing to propose")
-    known = dict(amplitude)
-    unknown = set(known) - {c.name for c in task.inputs}
+def _check_amplitude(task: Task, amplitude: Mapping[str, float]) -> None:
+    unknown = set(amplitude) - {c.name for c in task.inputs}
     if unknown:
         raise OptionError(
             f"--amplitude: the task has no input {sorted(unknown)[0]!r}",
             cure=f"its inputs are {', '.join(c.name for c in task.inputs)}",
         )
+
+
+def _peaks(task: Task, estimate: Estimate, amplitude: Mapping[str, float]) -> np.ndarray:
+    """How far each input may be driven (input,): as told, else as its log did, else as its actuator goes."""
+    if not task.inputs:
+        raise OptionError(f"task {task.name!r} has no inputs to drive", cure="there is nothing to propose")
+    known = dict(amplitude)
     try:
         log = MeasuredLog.read(Path(estimate.document["log"]["path"]))
         known = dict(zip(log.input_names, np.abs(log.inputs).max(axis=0).tolist(), strict=True)) | known

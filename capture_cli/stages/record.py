@@ -19,7 +19,7 @@ from capture_cli.simulator import Simulator, placed_name
 from capture_cli.stages.drive import Drive, drive_by_actions, drive_by_inputs
 from capture_cli.stages.multisine import BAND
 from capture_cli.stores.measured_log import MeasuredLog
-from capture_cli.stores.output import new_directory, new_file, refuse_existing
+from capture_cli.stores.output import new_directory, new_file, refuse_existing, refuse_inputs
 from capture_cli.stores.provenance import Provenance, write_json
 from capture_cli.tasks import load_task
 from capture_cli.tasks.base import ActionTask, Channel, Task
@@ -82,6 +82,8 @@ def record(
     truth = truth or out.with_suffix(".truth.json")
     refuse_existing(out, force=force)
     refuse_existing(truth, force=force)
+    _refuse_inside(truth, out)
+    refuse_inputs(out, [inputs_from, actions_from, _if_path(policy)])
     machine = load_task(task)
     provenance = Provenance(
         "record",
@@ -105,6 +107,9 @@ def record(
         raise OptionError(f"unknown --belief {belief!r}", cure=did_you_mean(belief, BELIEFS))
     if isinstance(machine, ActionTask):
         _refuse(by_inputs, {"band": BAND}, f"an episode of {machine.name!r} is what its action says")
+        if actions_from is not None:
+            chosen = {"policy": policy, "belief": belief}
+            _refuse(chosen, {"belief": "nominal"}, f"the action is that of {actions_from}")
         drive = drive_by_actions(
             machine,
             episodes=episodes,
@@ -117,6 +122,15 @@ def record(
     else:
         of_actions = {"policy": policy, "belief": belief, "actions_from": actions_from}
         _refuse(of_actions, {"belief": "nominal"}, f"{machine.name!r} has no actions")
+        if inputs_from is not None:
+            own = {
+                "episodes": episodes,
+                "duration": duration,
+                "rate": rate,
+                "amplitude": amplitude,
+                "band": band,
+            }
+            _refuse(own, {"episodes": 1, "band": BAND}, f"time and inputs are those of {inputs_from}")
         drive = drive_by_inputs(machine, episodes=episodes, rate=rate, generator=generator, **by_inputs)
     if world == "plant":
         outputs = _simulate(simulator, drive, np.concatenate([point, effect_values]))
@@ -241,8 +255,16 @@ def _random(machine: Task, generator: np.random.Generator, wanted: bool) -> np.n
     return space.from_unit(generator.uniform(size=len(space))) if wanted else space.nominal
 
 
-def _if_path(policy: str | None) -> Path | None:
-    return Path(policy) if policy is not None and Path(policy).exists() else None
+def _if_path(name: str | None) -> Path | None:
+    return Path(name) if name is not None and Path(name).exists() else None
+
+
+def _refuse_inside(truth: Path, log: Path) -> None:
+    if log.resolve() in (truth.resolve(), *truth.resolve().parents):
+        raise OptionError(
+            f"--truth {truth} is the log at --out {log}, or in it: whoever reads a log must not find its truth",
+            cure="choose another --truth, or leave it out: the truth then goes beside the log",
+        )
 
 
 def _refuse(given: Mapping[str, object], defaults: Mapping[str, object], why: str) -> None:
@@ -300,7 +322,7 @@ def _noise(noise: Mapping[str, float] | float, outputs: Sequence[Channel]) -> np
     for name, sd in noise.items():
         if name not in names:
             raise OptionError(f"--noise: the task has no output {name!r}", cure=did_you_mean(name, names))
-        if not sd >= 0:
+        if not 0 <= sd < np.inf:
             raise OptionError(
                 f"--noise {name}={sd:g}", cure="give a standard deviation of 0 or more, in SI units"
             )

@@ -39,7 +39,7 @@ def tape_task(
     window: float | None = None,
     points: int = POINTS,
     amplitude: Mapping[str, float] | None = None,
-    band: tuple[float, float] = BAND,
+    band: tuple[float, float] | None = None,
     seed: int = 0,
 ) -> TapeTask:
     """`machine` as a task of actions: windows of `window` s (the task's own where None), read at `points` points.
@@ -58,10 +58,16 @@ def tape_task(
         raise OptionError(f"--points {points}", cure="give at least 2")
     point_times = machine.timestep * np.rint(np.linspace(0, window, points) / machine.timestep)
     if inputs_from is not None:
+        for option, given in (("amplitude", amplitude), ("band", band)):
+            if given:
+                raise OptionError(
+                    f"--{option} means nothing: the actions are the windows of {inputs_from}",
+                    cure="leave it out",
+                )
         log = MeasuredLog.read(inputs_from)
         tapes = log_tapes(prepare(log, machine, window=window, test=None, seed=seed), point_times)
     else:
-        tapes = _multisine_tapes(machine, point_times, amplitude or {}, band, seed)
+        tapes = _multisine_tapes(machine, point_times, amplitude or {}, band or BAND, seed)
     scale = tapes.outputs.std(axis=(0, 1))
     # in single precision, so that the last bits of a least-squares fit do not make another library elsewhere
     library = np.float32(tapes.actions).astype(float)

@@ -85,7 +85,7 @@ def train_policy(
         "training": asdict(settings),
         "evaluations": evaluations,
     }
-    if resume and not force:
+    if resume:
         run.restore(unfinished(out), recipe)
     with resumable_directory(out, force=force, resume=resume) as folder:
         run.train(folder, recipe, quiet)

@@ -21,7 +21,7 @@ from capture_cli.stages.identifier_checkpoint import save_identifier
 from capture_cli.stages.progress import Progress
 from capture_cli.stages.training_state import STATE, load_state, save_state
 from capture_cli.stores.histories import SCHEMA, Histories, is_url
-from capture_cli.stores.output import refuse_existing, resumable_directory, unfinished
+from capture_cli.stores.output import refuse_existing, refuse_inputs, resumable_directory, unfinished
 from capture_cli.stores.provenance import Provenance
 from capture_cli.tasks.base import Feature
 
@@ -86,6 +86,7 @@ def train_sysid(
             file=sys.stderr,
         )
     trains_on = None if is_url(str(histories)) else Path(histories)
+    refuse_inputs(out, [trains_on])
     provenance = Provenance("train-sysid", options, {"histories": trains_on})
     _check_finite(store, quiet)
     where = _device(device, precision, threads)
@@ -125,11 +126,12 @@ def train_sysid(
         "training": asdict(settings),
         "histories": _described(store.attributes),
     }
-    state = load_state(unfinished(out), recipe) if resume else None
+    begun = {**recipe, "device": asdict(where)}
+    state = load_state(unfinished(out), begun) if resume else None
     if state is not None:
         trainer.restore(*state)
     with resumable_directory(out, force=force, resume=resume) as folder:
-        _train(trainer, folder, recipe, quiet)
+        _train(trainer, folder, begun, quiet)
         model, report = trainer.finish()
         document = save_identifier(model, {**recipe, "result": report}, folder)
         _write_metrics(trainer.metrics, folder)

@@ -7,9 +7,8 @@ at any URL that zarr opens through fsspec.
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,11 +16,10 @@ from typing import Any
 import numpy as np
 
 from capture_cli.errors import StoreError
-from capture_cli.stores.schema import ArraySpec, Schema, open_group
+from capture_cli.stores.schema import ArraySpec, Schema, open_array, open_group
 
 SHARD_PAIRS = 256  # the unit of work: at most so much is lost when a run is killed
 CHUNK_PAIRS = 64  # the unit of reading
-POOL_PAIRS = 16384  # histories in memory at once where they are read in random order
 MARKS = "written"
 
 SCHEMA = Schema(
@@ -212,39 +210,6 @@ class Histories:
         arrays = {spec.path: self._read(spec.path, first, last) for spec in DATA}
         return HistoryBatch(np.arange(first, min(last, len(self))), **arrays)
 
-    def batches(
-        self,
-        size: int,
-        *,
-        pairs: range | None = None,
-        shuffle: np.random.Generator | None = None,
-        pool: int = POOL_PAIRS,
-    ) -> Iterator[HistoryBatch]:
-        """Every history of `pairs` (all where None) once, `size` at a time; the last batch may be smaller.
-
-        In order; or with `shuffle` in random order: chunks of neighbouring histories are drawn into a pool of about
-        `pool` histories, which is shuffled whole. Memory holds one pool, however many histories there are.
-        """
-        pairs = range(len(self)) if pairs is None else pairs
-        edges = [*range(pairs.start, pairs.stop, CHUNK_PAIRS), pairs.stop]
-        chunks = list(itertools.pairwise(edges))
-        if shuffle is not None:
-            shuffle.shuffle(chunks)
-        per_pool = max(1, (pool if shuffle is not None else size) // CHUNK_PAIRS)
-        rest: HistoryBatch | None = None
-        for i in range(0, len(chunks), per_pool):
-            parts = [self.read(*chunk) for chunk in chunks[i : i + per_pool]]
-            if shuffle is not None:
-                joined = _joined(parts)
-                parts = [_rows(joined, shuffle.permutation(len(joined.pairs)))]
-            held = _joined([*([rest] if rest is not None else []), *parts])
-            whole = len(held.pairs) // size * size
-            for k in range(0, whole, size):
-                yield _rows(held, slice(k, k + size))
-            rest = _rows(held, slice(whole, None))
-        if rest is not None and len(rest.pairs):
-            yield rest
-
     def _read(self, name: str, first: int, last: int) -> np.ndarray:
         again = "make the histories again with `capture gen-histories`"
         try:
@@ -261,7 +226,7 @@ class Histories:
     def _check_shapes(self) -> None:
         sizes = _sizes(self.attributes)
         for spec in DATA:
-            array = self._group.get(spec.path)
+            array = open_array(self.location, self._group, spec.path)
             expected = tuple(sizes[d] for d in spec.dims)
             found = getattr(array, "shape", None)
             if found != expected:
@@ -317,16 +282,3 @@ def _open(location: str):
             f"{location} is not a readable Zarr group: {type(error).__name__}: {error}",
             cure=_CHECK_URL,
         ) from error
-
-
-def _joined(parts: list[HistoryBatch]) -> HistoryBatch:
-    if len(parts) == 1:
-        return parts[0]
-    return HistoryBatch(*(np.concatenate([getattr(p, f) for p in parts]) for f in _FIELDS))
-
-
-def _rows(batch: HistoryBatch, rows) -> HistoryBatch:
-    return HistoryBatch(*(getattr(batch, f)[rows] for f in _FIELDS))
-
-
-_FIELDS = tuple(HistoryBatch.__dataclass_fields__)

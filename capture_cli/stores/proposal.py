@@ -22,17 +22,23 @@ def read_action(path: Path, task: str, names: Sequence[str]) -> np.ndarray:
     """
     try:
         document = json.loads(Path(path).read_text(encoding="utf-8"))
-        found = document["format"], document["version"], document["task"], document["kind"]
+        found = tuple(document[key] for key in ("format", "version", "task", "kind"))
     except (OSError, UnicodeDecodeError, json.JSONDecodeError, KeyError, TypeError) as error:
         raise _no_proposal(path, f"it cannot be read: {type(error).__name__}: {error}") from error
     expected = FORMAT, VERSION, task, "action"
     if found != expected:
         raise _no_proposal(path, f"format, version, task and kind are {found}; expected {expected}")
-    values: dict[str, Any] = document["action"]
+    values: dict[str, Any] = document.get("action", {})
     missing = [name for name in names if name not in values]
     if missing:
         raise _no_proposal(path, f"its action lacks {', '.join(missing)}")
-    return np.array([float(values[name]["value"]) for name in names])
+    try:
+        action = np.array([float(values[name]["value"]) for name in names])
+    except (KeyError, TypeError, ValueError) as error:
+        raise _no_proposal(path, f"its action has no values: {type(error).__name__}: {error}") from error
+    if not np.isfinite(action).all():
+        raise _no_proposal(path, "its action is not finite")
+    return action
 
 
 def _no_proposal(path: Path, why: str) -> OptionError:

@@ -88,7 +88,7 @@ class Schema:
         self.check_header(path, attributes)
         arrays = {}
         for spec in self.arrays:
-            array = _open_array(path, group, spec.path)
+            array = open_array(path, group, spec.path)
             if array is not None:
                 arrays[spec.path] = self._read_array(path, array, spec)
             elif not spec.optional:
@@ -186,7 +186,7 @@ def open_group(path: Path):
         ) from error
 
 
-def _open_array(path: Path, group, name: str):
+def open_array(path: Path | str, group, name: str):
     """The array called `name`, or None where there is none. Raises StoreError on damaged metadata."""
     import zarr
 
