@@ -228,6 +228,18 @@ def printed(estimate, width: int, **console) -> str:
     return out.getvalue()
 
 
+@pytest.mark.parametrize("width", [40, 60, 80])
+def test_a_narrow_terminal_cuts_nothing_off_the_tables(width):
+    estimate = full()
+    text = printed(estimate, width)
+    lines = [line.split() for line in text.splitlines() if line.strip()]
+    for error in output_errors(estimate):
+        (row,) = [line for line in lines if line[0] == error.name and "×" in line]
+        assert significant(error.floor) in row
+    for name, parameter in estimate.document["parameters"].items():
+        assert any(line[0] == name and parameter["unit"] in " ".join(line) for line in lines)
+
+
 # ---- the page ----
 
 
