@@ -347,7 +347,9 @@ def import_log(
     ],
     task: Annotated[str, typer.Option("--task", help="Path of the task.toml that names the columns.")],
     out: Annotated[Path, typer.Option("--out", help="Measured log to write (.zarr).")],
-    drop_nan: Annotated[bool, typer.Option("--drop-nan", help="Drop rows with missing values.")] = False,
+    drop_nan: Annotated[
+        bool, typer.Option("--drop-nan", help="Drop rows with missing values, inputs and all.")
+    ] = False,
     append: Annotated[
         bool, typer.Option("--append", help="Add the episodes to the log at --out, which exists.")
     ] = False,

@@ -390,6 +390,15 @@ def test_dropped_rows_are_noted(tmp_path, slider_task):
     assert notes == ["2 incomplete rows were dropped on import"]
 
 
+def test_rows_dropped_for_a_slow_sensor_are_a_warning(tmp_path, slider_task):
+    rows = [f"{0.01 * i:.2f},{np.sin(i)},{'' if i % 4 else np.cos(2 * i)}" for i in range(400)]
+    (tmp_path / "run.csv").write_text("\n".join(["t_s,u_N,q_m", *rows]))
+    import_log(files=[tmp_path / "run.csv"], task=str(slider_task), out=tmp_path / "o.zarr", drop_nan=True)
+    (found,) = [f for f in inspect(tmp_path / "o.zarr")["findings"] if f["where"] == "run"]
+    assert found["severity"] == "warning" and "300 of 400 rows" in found["message"]
+    assert "slower" in found["cure"]
+
+
 def test_a_foreign_zarr_is_described(tmp_path):
     import zarr
 

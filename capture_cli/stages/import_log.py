@@ -21,6 +21,7 @@ from capture_cli.tasks.base import ActionTask, Task
 LEAST_STEPS = 2  # of an episode
 # As in the stages that cut windows: an episode a little shorter than a window still is one.
 SHORTEST_EPISODE = 0.9  # of a window
+MANY_MISSING = 0.2  # of a column's values: hardly an accident
 
 
 def import_log(
@@ -195,10 +196,20 @@ def _usable(source: SourceFile, columns, data, labels, task: Task, *, drop_nan: 
     else:
         bad = int(np.flatnonzero(~finite[row])[0])
         column, value = columns[bad], "missing or NaN" if np.isnan(data[row, bad]) else str(data[row, bad])
+    cure = (
+        "add --drop-nan to leave such rows out, with what drove the machine in them; or fill them in the file"
+    )
+    rare = {columns[k]: int(n) for k, n in enumerate((~finite).sum(axis=0)) if n > MANY_MISSING * len(data)}
+    if rare:
+        named = ", ".join(f"{name!r} ({n} rows)" for name, n in rare.items())
+        cure = (
+            f"{named}: if that is a sensor slower than the others, take its output out of the task.toml; "
+            "--drop-nan would leave the rows out, and with them what drove the machine"
+        )
     raise LogError(
         f"{source.path}: column {column!r} is {value} at {source.place(row)} "
         f"({(~usable).sum()} of {len(data)} rows are incomplete)",
-        cure="add --drop-nan to leave such rows out, or fill them in the file",
+        cure=cure,
     )
 
 
