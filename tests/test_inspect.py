@@ -301,6 +301,21 @@ def test_windows_that_do_not_suit_the_log_are_found(tmp_path, slider_task, old, 
     assert words in only(inspected(sound_log(), tmp_path, slider_task))["message"]
 
 
+def test_a_heading_that_begins_anew_after_a_turn_is_found(tmp_path, slider_task):
+    model = slider_task.parent / "model.xml"
+    sound = sound_log()
+    turning = 1.2 * np.tile(np.arange(STEPS) / RATE, 2)[:, None]
+    wrapped = (turning + np.pi) % (2 * np.pi) - np.pi
+    slides = inspected(replace(sound, outputs=wrapped), tmp_path / "slide", slider_task)
+    assert not any("turn" in f["message"] for f in slides["findings"])
+    model.write_text(model.read_text().replace('type="slide"', 'type="hinge"'))
+    assert inspected(replace(sound, outputs=turning), tmp_path / "whole", slider_task)["findings"] == []
+    found = inspected(replace(sound, outputs=wrapped), tmp_path / "wrapped", slider_task)["findings"]
+    (turn,) = [f for f in found if "whole turn" in f["message"]]
+    assert turn["severity"] == "warning" and "unwrap" in turn["cure"]
+    assert "in 4 places" in turn["message"]
+
+
 @pytest.mark.parametrize(
     ("old", "new", "where", "words"),
     [
