@@ -699,7 +699,12 @@ def train_sysid(
     weight_decay: Annotated[float, typer.Option("--weight-decay", min=0, help="Of AdamW.")] = 0.01,
     validation: Annotated[float, typer.Option("--validation", help="Share of the pairs held out.")] = 0.1,
     patience: Annotated[
-        int, typer.Option("--patience", min=1, help="Stop after so many evaluations, of 50, without a gain.")
+        int,
+        typer.Option(
+            "--patience",
+            min=1,
+            help="Stop after so many evaluations, of 50, without a gain since the warm-up.",
+        ),
     ] = 10,
     precision: Annotated[
         str, typer.Option("--precision", help="float32, bfloat16, or auto: bfloat16 on a GPU.")
