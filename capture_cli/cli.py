@@ -353,7 +353,9 @@ def import_log(
     ],
     task: Annotated[str, typer.Option("--task", help="Path of the task.toml that names the columns.")],
     out: Annotated[Path, typer.Option("--out", help="Measured log to write (.zarr).")],
-    drop_nan: Annotated[bool, typer.Option("--drop-nan", help="Drop rows with missing values.")] = False,
+    drop_nan: Annotated[
+        bool, typer.Option("--drop-nan", help="Drop rows with missing values, inputs and all.")
+    ] = False,
     append: Annotated[
         bool, typer.Option("--append", help="Add the episodes to the log at --out, which exists.")
     ] = False,
@@ -703,7 +705,12 @@ def train_sysid(
     weight_decay: Annotated[float, typer.Option("--weight-decay", min=0, help="Of AdamW.")] = 0.01,
     validation: Annotated[float, typer.Option("--validation", help="Share of the pairs held out.")] = 0.1,
     patience: Annotated[
-        int, typer.Option("--patience", min=1, help="Stop after so many evaluations, of 50, without a gain.")
+        int,
+        typer.Option(
+            "--patience",
+            min=1,
+            help="Stop after so many evaluations, of 50, without a gain since the warm-up.",
+        ),
     ] = 10,
     precision: Annotated[
         str, typer.Option("--precision", help="float32, bfloat16, or auto: bfloat16 on a GPU.")

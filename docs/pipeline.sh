@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
 # Every stage once, on sizes that take minutes and teach little: what it takes for real stands in the comments.
-# Use: docs/pipeline.sh FOLDER [TASK]
+# Use: docs/pipeline.sh FOLDER
 set -euo pipefail
-folder=$1 task=${2:-scooping}
+folder=$1 task=scooping
 capture=${CAPTURE:-capture}
 mkdir -p "$folder"
 cd "$folder"
@@ -22,3 +22,4 @@ $capture record --task "$task" --policy policy --random-parameters --effect sens
   --noise 0.0003 --episodes 4 --seed 3 --out log.zarr --quiet
 $capture identify --real-log log.zarr --identifier identifier --out estimate --quiet
 $capture diagnose --real-log log.zarr --estimate estimate --starts 1 --out diagnosis --quiet
+echo "done: $PWD/diagnosis/report.html says what was found"

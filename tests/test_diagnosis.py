@@ -32,7 +32,7 @@ from capture_cli.parameters import Parameter, ParameterSpace
 from capture_cli.stages import diagnose as diagnose_stage
 from capture_cli.stages.attribution import _slight
 from capture_cli.stages.candidates import REFITTED, all_candidates, worth_a_refit
-from capture_cli.stages.diagnose import _verdict, diagnose
+from capture_cli.stages.diagnose import _summary, _verdict, diagnose
 from capture_cli.stages.identify import identify
 from capture_cli.stages.model_fits import ModelFits, PartFit
 from capture_cli.stages.prepared_log import prepare
@@ -517,3 +517,14 @@ def test_lags_that_differ_are_told_apart_although_they_come_together(tmp_path, m
         real_log=tmp_path / "arm.zarr", task=str(arm), out=tmp_path / "one", quiet=True, most_effects=1
     ).document
     assert len(one["effects"]) == 1
+
+
+def test_what_is_left_is_told_with_where_it_is():
+    stages = [{"test": {"normalized": 45.1}}, {"test": {"normalized": 16.1}}]
+    found = SimpleNamespace(accepted=[SimpleNamespace(name="cogging@q", tied_with=())])
+    for fitted, words in (
+        (24.7, "left on what was fitted is still 24.7 times"),
+        (9.0, "left is still 16.1 times"),
+    ):
+        lacking = SimpleNamespace(normalized=fitted, lacking=True)
+        assert words in _summary("unexplained", stages, found, lacking, "test")

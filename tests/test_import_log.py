@@ -214,6 +214,23 @@ def test_bad_rows_are_refused_with_their_place(tmp_path, slider_task, rows, word
     assert words in refusal(csv(tmp_path / "run.csv", *rows), slider_task).message
 
 
+def test_stamps_in_nanoseconds_are_named_as_the_file_has_them(tmp_path, slider_task):
+    slider_task.write_text(slider_task.read_text() + "time_scale = 1e-9\n")
+    stamps = [1732180000000000000 + 10_000_000 * i for i in (*range(100), 99)]
+    error = refusal(csv(tmp_path / "run.csv", *(f"{stamp},1,2" for stamp in stamps)), slider_task)
+    assert (
+        "stands still at line 102: 1732180000990000128 after 1732180000990000128 at line 101" in error.message
+    )
+
+
+def test_a_slow_sensor_is_told_from_lost_samples(tmp_path, slider_task):
+    lost = refusal(csv(tmp_path / "lost.csv", *ROWS, "2.0,1,"), slider_task)
+    assert lost.cure.startswith("add --drop-nan")
+    rows = [f"{0.1 * i:.1f},{i % 3},{'' if i % 4 else i}" for i in range(40)]
+    slow = refusal(csv(tmp_path / "slow.csv", *rows), slider_task)
+    assert slow.cure.startswith("'q_m' (30 rows): if that is a sensor slower than the others")
+
+
 def test_nothing_left_after_drop_nan_is_refused(tmp_path, slider_task):
     error = refusal(csv(tmp_path / "run.csv", *["0.0,,"] * 3), slider_task, drop_nan=True)
     assert "not one of its 3 rows is complete" in error.message

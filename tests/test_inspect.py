@@ -301,6 +301,21 @@ def test_windows_that_do_not_suit_the_log_are_found(tmp_path, slider_task, old, 
     assert words in only(inspected(sound_log(), tmp_path, slider_task))["message"]
 
 
+def test_a_heading_that_begins_anew_after_a_turn_is_found(tmp_path, slider_task):
+    model = slider_task.parent / "model.xml"
+    sound = sound_log()
+    turning = 1.2 * np.tile(np.arange(STEPS) / RATE, 2)[:, None]
+    wrapped = (turning + np.pi) % (2 * np.pi) - np.pi
+    slides = inspected(replace(sound, outputs=wrapped), tmp_path / "slide", slider_task)
+    assert not any("turn" in f["message"] for f in slides["findings"])
+    model.write_text(model.read_text().replace('type="slide"', 'type="hinge"'))
+    assert inspected(replace(sound, outputs=turning), tmp_path / "whole", slider_task)["findings"] == []
+    found = inspected(replace(sound, outputs=wrapped), tmp_path / "wrapped", slider_task)["findings"]
+    (turn,) = [f for f in found if "whole turn" in f["message"]]
+    assert turn["severity"] == "warning" and "unwrap" in turn["cure"]
+    assert "in 4 places" in turn["message"]
+
+
 @pytest.mark.parametrize(
     ("old", "new", "where", "words"),
     [
@@ -388,6 +403,15 @@ def test_dropped_rows_are_noted(tmp_path, slider_task):
     import_log(files=[tmp_path / "run.csv"], task=str(slider_task), out=tmp_path / "o.zarr", drop_nan=True)
     notes = [f["message"] for f in inspect(tmp_path / "o.zarr")["findings"] if f["where"] == "run"]
     assert notes == ["2 incomplete rows were dropped on import"]
+
+
+def test_rows_dropped_for_a_slow_sensor_are_a_warning(tmp_path, slider_task):
+    rows = [f"{0.01 * i:.2f},{np.sin(i)},{'' if i % 4 else np.cos(2 * i)}" for i in range(400)]
+    (tmp_path / "run.csv").write_text("\n".join(["t_s,u_N,q_m", *rows]))
+    import_log(files=[tmp_path / "run.csv"], task=str(slider_task), out=tmp_path / "o.zarr", drop_nan=True)
+    (found,) = [f for f in inspect(tmp_path / "o.zarr")["findings"] if f["where"] == "run"]
+    assert found["severity"] == "warning" and "300 of 400 rows" in found["message"]
+    assert "slower" in found["cure"]
 
 
 def test_a_foreign_zarr_is_described(tmp_path):

@@ -174,6 +174,7 @@ def test_a_log_is_not_read_by_a_task_of_other_scales(made):
 def test_joints_that_nothing_measures_are_named_where_all_diverges(made):
     task = load_task("task.toml")
     assert "measure" not in all_diverged(task).cure
+    assert "capture inspect" in all_diverged(task).cure
     blind = SimpleNamespace(model=task.model, outputs=())
     joints = [task.model.joint(j).name for j in range(task.model.njnt)]
     assert f"measure the position of {', '.join(joints)}" in all_diverged(blind).cure

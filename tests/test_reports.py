@@ -228,6 +228,18 @@ def printed(estimate, width: int, **console) -> str:
     return out.getvalue()
 
 
+@pytest.mark.parametrize("width", [40, 60, 80])
+def test_a_narrow_terminal_cuts_nothing_off_the_tables(width):
+    estimate = full()
+    text = printed(estimate, width)
+    lines = [line.split() for line in text.splitlines() if line.strip()]
+    for error in output_errors(estimate):
+        (row,) = [line for line in lines if line[0] == error.name and "×" in line]
+        assert significant(error.floor) in row
+    for name, parameter in estimate.document["parameters"].items():
+        assert any(line[0] == name and parameter["unit"] in " ".join(line) for line in lines)
+
+
 # ---- the page ----
 
 
@@ -533,6 +545,27 @@ def test_a_fit_that_is_worse_than_none_asks_for_unit_and_sign():
     estimate.document["error"]["fit"]["rmse"] = far
     (said,) = suspicions(estimate)
     assert all(name in said for name in far) and "unit and sign" in said
+    # an output that does nothing but its noise is as far from its mean as from any fit
+    estimate.document["noise_floor"] = far
+    assert suspicions(estimate) == []
+
+
+def test_a_fit_that_leaves_half_of_the_motion_asks_for_unit_and_sign():
+    estimate = make()
+    window = np.asarray(estimate.arrays["step/window"])
+    for k, output in enumerate(estimate.attributes["outputs"]):
+        measured = np.asarray(estimate.arrays["step/measured"])[:, k]
+        within = [
+            measured[window == w] - measured[window == w].mean() for w in np.unique(window[window >= 0])
+        ]
+        motion = float(np.concatenate(within).std())
+        rmse = estimate.document["error"]["fit"]["rmse"]
+        floors = estimate.document["noise_floor"]
+        before, floors[output["name"]] = floors[output["name"]], 1e-3 * motion
+        for share, is_told in ((0.3, False), (0.7, True)):
+            rmse[output["name"]] = share * motion
+            assert bool(suspicions(estimate)) is is_told
+        rmse[output["name"]], floors[output["name"]] = 0.0, before
 
 
 def test_notes():

@@ -267,6 +267,33 @@ def test_early_stopping_keeps_the_best(small, tmp_path):
     assert result["validation_loss"] == min(line["validation_loss"] for line in lines)
 
 
+def test_a_warm_up_is_not_ended_early(small, tmp_path):
+    settings = {**TINY, "steps": 200, "learning_rate": 30.0, "warmup": 90}
+    document = train_sysid(histories=small, out=tmp_path / "c", patience=2, **settings)
+    assert document["result"]["steps"] >= 90
+
+
+def test_a_training_that_stopped_early_says_so(small, tmp_path):
+    sizes = [
+        "--width",
+        "16",
+        "--layers",
+        "1",
+        "--heads",
+        "2",
+        "--steps",
+        "200",
+        "--batch",
+        "16",
+        "--lr",
+        "0.3",
+    ]
+    options = ["--histories", str(small), "--out", str(tmp_path / "c"), "--patience", "2", *sizes]
+    done = CliRunner().invoke(app, ["train-sysid", *options])
+    assert done.exit_code == 0, done.output
+    assert "where it stopped: nothing gained in 2 evaluations" in done.output
+
+
 def test_from_the_command_line(small, tmp_path):
     out = str(tmp_path / "c")
     sizes = ["--width", "16", "--layers", "1", "--heads", "2", "--steps", "4", "--batch", "16"]

@@ -136,8 +136,9 @@ class Trainer:
 
     @property
     def done(self) -> bool:
-        """Whether all steps are made, or nothing has been gained for `patience` evaluations."""
-        stalled = self.step - self.best["step"] >= self.settings.patience * self.settings.every
+        """Whether all steps are made, or nothing has been gained for `patience` evaluations since the warm-up."""
+        since = max(self.best["step"], self.settings.warmup)
+        stalled = self.step - since >= self.settings.patience * self.settings.every
         return self.step >= self.settings.steps or (bool(self.metrics) and stalled)
 
     def run(self) -> Iterator[dict[str, Any]]:

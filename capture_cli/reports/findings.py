@@ -11,6 +11,10 @@ import numpy as np
 from capture_cli.reports.quantities import bound, scaled_unit, significant, with_unit
 from capture_cli.stores.estimate import Estimate
 
+LEFT, ABOVE = (
+    0.5,
+    3.0,
+)  # of the motion within a window, and times the noise floor: physics seldom leaves so much
 TOO_GOOD = 0.7  # times the noise floor: no fit gets so far below it
 TITLES = {"explained": "explained", "unexplained": "unexplained", "not-identifiable": "not identifiable"}
 UNTRUSTED = "Do not trust the intervals: they leave out what the model lacks."
@@ -103,19 +107,31 @@ def notes(document: Mapping[str, Any]) -> list[str]:
 
 def suspicions(estimate: Estimate) -> list[str]:
     """What looks like a mistake in the log or the task file rather than like physics; to be read before the notes."""
-    measured = np.asarray(estimate.arrays["step/measured"])
-    rmse = (estimate.document["error"]["fit"] or {}).get("rmse") or {}
+    document = estimate.document
+    rmse = (document["error"]["fit"] or {}).get("rmse") or {}
+    floors = document.get("noise_floor") or {}
     far = [
         o["name"]
-        for o, spread in zip(estimate.attributes["outputs"], measured.std(axis=0), strict=True)
-        if rmse.get(o["name"], 0.0) > spread > 0
+        for o, motion in zip(estimate.attributes["outputs"], _motion(estimate), strict=True)
+        if rmse.get(o["name"], 0.0) > max(LEFT * motion, ABOVE * floors.get(o["name"], 0.0)) and motion > 0
     ]
     if not far:
         return []
-    their = "its own mean" if len(far) == 1 else "their own means"
     return [
-        f"The fit is farther from {', '.join(far)} than {their}: check column, unit and sign before anything else."
+        f"The fit leaves more than half of the motion of {', '.join(far)} within a window: check column, unit "
+        "and sign before anything else."
     ]
+
+
+def _motion(estimate: Estimate) -> np.ndarray:
+    """(output,): how far the measured values are from their mean over the window, root mean square."""
+    measured = np.asarray(estimate.arrays["step/measured"])
+    windows = np.asarray(estimate.arrays["step/window"])
+    within = np.zeros_like(measured)
+    for window in np.unique(windows):
+        own = windows == window
+        within[own] = measured[own] - measured[own].mean(axis=0)
+    return np.sqrt(np.mean(within**2, axis=0))
 
 
 def combination(weights: Mapping[str, float]) -> str:

@@ -31,6 +31,7 @@ MOST_NOTES, MOST_OUTPUTS = 4, 8
 # A diagnosis is told in five lines, and a few more where it found several effects.
 MOST_LINES, MOST_NAMED = 12, 2
 MARK = 9  # characters, of the words that open its lines
+COLUMN_GAP = 3  # characters
 _ASCII = str.maketrans(
     {"–": "-", "−": "-", "×": "x", "µ": "u", "·": "-", "°": "deg", "²": "^2", "±": "+/-", "→": "->"}
 )
@@ -119,21 +120,35 @@ class _Screen:
         self._print(self._text(f"{mark:<8}", "dim") + self._text(content))
 
     def table(self, rows: list[list[str]]) -> None:
-        """rows: the head first; all is set right but the first column and those without a title."""
+        """rows: the head first; all is set right but the first column and those without a title.
+
+        Where the screen is too narrow titles take two lines; where it still is, nothing is left out.
+        """
         head, *body = rows
+        if _width(rows) > self.console.width:
+            head = [head[0], *("\n".join(title.rsplit(" ", 1)) for title in head[1:])]
+        width = _width([head, *body])
+        is_too_wide = width > self.console.width  # the terminal wraps it
         table = Table(
-            box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1), header_style="dim", show_edge=False
+            box=box.SIMPLE_HEAD,
+            pad_edge=False,
+            padding=(0, 1),
+            header_style="dim",
+            show_edge=False,
+            width=width if is_too_wide else None,
         )
         for k, title in enumerate(head):
             left = k == 0 or not title
-            style = "bold" if k == 0 else "" if title else "yellow"
-            justify = "left" if left else "right"
             table.add_column(
-                self._text(title), justify=justify, style=style, no_wrap=not left, overflow="fold"
+                self._text(title),
+                justify="left" if left else "right",
+                style="bold" if k == 0 else "" if title else "yellow",
+                no_wrap=not left or (k == 0 and is_too_wide),
+                overflow="fold",
             )
         for row in body:
             table.add_row(*(self._text(cell) for cell in row))
-        self.console.print(table)
+        self.console.print(table, crop=False)
 
     def _print(self, line: Text) -> None:
         self.lines += 1
@@ -143,6 +158,17 @@ class _Screen:
         if self.ascii:
             content = content.translate(_ASCII).encode("ascii", "replace").decode("ascii")
         return Text(content, style=style)
+
+
+def _width(rows: list[list[str]]) -> int:
+    """Characters that a table of `rows` takes where only columns without a title are broken between words."""
+    head, *_ = rows
+    columns = zip(*rows, strict=True)
+    pieces = [
+        [p for c in column for p in c.split("\n" if t else None)]
+        for t, column in zip(head, columns, strict=True)
+    ]
+    return sum(max(map(len, p), default=0) for p in pieces) + COLUMN_GAP * (len(head) - 1)
 
 
 def _parameters(document: Mapping[str, Any], *, wide: bool) -> list[list[str]]:

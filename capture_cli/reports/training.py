@@ -16,10 +16,11 @@ from capture_cli.reports.figure_parts import INK, MUTED, PALETTE, RULE, new_figu
 
 def print_training(document: Mapping[str, Any], console: Console, out: Path) -> None:
     """Print identifier.json `document`, written to the directory `out`: errors on pairs that were held out."""
-    result, architecture = document["result"], document["architecture"]
+    result, architecture, asked = document["result"], document["architecture"], document["training"]["steps"]
+    early = f", where it stopped: nothing gained in {document['training']['patience']} evaluations"
     console.print(
         f"{out}: {document['identifier']} for {document['task']}, window {architecture['window']}; "
-        f"the weights of step {result['best_step']} of {result['steps']}",
+        f"the weights of step {result['best_step']} of {result['steps']}{early if result['steps'] < asked else ''}",
         soft_wrap=True,
     )
     table = Table("parameter", "mean error / range", "95 % intervals cover", box=box.SIMPLE_HEAD)

@@ -562,5 +562,6 @@ def _summary(verdict: str, stages, attribution: Attribution, lacking: LackOfFit,
         f"The model lacks {found}: with {them} the {where} error falls to {last / first:.2g} of what it was."
     )
     if verdict == "unexplained":
-        text += f" What is left is still {max(last, lacking.normalized):.3g} times the noise floor: this is not all."
+        left, on = (lacking.normalized, " on what was fitted") if lacking.normalized > last else (last, "")
+        text += f" What is left{on} is still {left:.3g} times the noise floor: this is not all."
     return text

@@ -21,6 +21,8 @@ from capture_cli.tasks.base import ActionTask, Task
 LEAST_STEPS = 2  # of an episode
 # As in the stages that cut windows: an episode a little shorter than a window still is one.
 SHORTEST_EPISODE = 0.9  # of a window
+LARGEST_PLAIN = 1e16  # that Python writes without an exponent
+MANY_MISSING = 0.2  # of a column's values: hardly an accident
 
 
 def import_log(
@@ -195,10 +197,20 @@ def _usable(source: SourceFile, columns, data, labels, task: Task, *, drop_nan: 
     else:
         bad = int(np.flatnonzero(~finite[row])[0])
         column, value = columns[bad], "missing or NaN" if np.isnan(data[row, bad]) else str(data[row, bad])
+    cure = (
+        "add --drop-nan to leave such rows out, with what drove the machine in them; or fill them in the file"
+    )
+    rare = {columns[k]: int(n) for k, n in enumerate((~finite).sum(axis=0)) if n > MANY_MISSING * len(data)}
+    if rare:
+        named = ", ".join(f"{name!r} ({n} rows)" for name, n in rare.items())
+        cure = (
+            f"{named}: if that is a sensor slower than the others, take its output out of the task.toml; "
+            "--drop-nan would leave the rows out, and with them what drove the machine"
+        )
     raise LogError(
         f"{source.path}: column {column!r} is {value} at {source.place(row)} "
         f"({(~usable).sum()} of {len(data)} rows are incomplete)",
-        cure="add --drop-nan to leave such rows out, or fill them in the file",
+        cure=cure,
     )
 
 
@@ -240,12 +252,17 @@ def _not_increasing(source: SourceFile, time: np.ndarray, rows: np.ndarray, back
     restarts = task.log.episode is None and before - after > 0.5 * (before - time[0])
     return LogError(
         f"{source.path}: column {task.log.time!r} {how} at {here}: "
-        f"{after!r}{unit} after {before!r}{unit} at {there}{more}",
+        f"{_written(after)}{unit} after {_written(before)}{unit} at {there}{more}",
         cure="if an episode begins there, name the column that tells episodes apart in [log] episode, "
         "or make it a file of its own"
         if restarts
         else "remove repeated rows, and sort the others by time",
     )
+
+
+def _written(time: float) -> str:
+    """Nanoseconds since 1970 without an exponent, as a file has them but for their last digits."""
+    return f"{time:.0f}" if time.is_integer() and abs(time) >= LARGEST_PLAIN else repr(time)
 
 
 def _check_finite_in_si(

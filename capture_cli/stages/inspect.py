@@ -26,6 +26,7 @@ from capture_cli.tasks.base import Task
 FORMAT = "capture/inspection"
 VERSION = 1
 NOTHING_TO_DO = "nothing to do"
+MANY_DROPPED = 0.1  # of a recording's rows
 CHECKED_AT_ONCE = 4096  # histories
 
 
@@ -128,13 +129,7 @@ def _inspect_log(path: Path, document: dict[str, Any], machine: Task | None) -> 
                 "import the files again with --drop-nan",
             )
         )
-    findings += [
-        finding(
-            "note", r["name"], f"{r['dropped_rows']} incomplete rows were dropped on import", NOTHING_TO_DO
-        )
-        for r in log.recordings
-        if r.get("dropped_rows")
-    ]
+    findings += [_dropped(r) for r in document["recordings"] if r.get("dropped_rows")]
     findings += log_findings(document)
     machine = machine or _own_task(log)
     if machine is not None:
@@ -159,6 +154,21 @@ def _recording(log: MeasuredLog, number: int, episodes: list[dict[str, Any]]) ->
         "duration": sum(e["duration"] or 0.0 for e in own),
         "rate": float(np.median(rates)) if rates else None,
     }
+
+
+def _dropped(recording: Mapping[str, Any]) -> dict[str, str]:
+    """The finding that rows were dropped: between those that are left, inputs are taken as held, or as straight."""
+    name, dropped, steps = (recording[key] for key in ("name", "dropped_rows", "steps"))
+    if dropped < MANY_DROPPED * (dropped + steps):
+        return finding("note", name, f"{dropped} incomplete rows were dropped on import", NOTHING_TO_DO)
+    return finding(
+        "warning",
+        name,
+        f"{dropped} of {dropped + steps} rows were incomplete and dropped on import, with what drove the machine "
+        "in them",
+        "if a sensor that is slower than the others leaves them incomplete, take its output out of the task.toml "
+        "and import again; changes of the inputs that are lost look like a delay",
+    )
 
 
 def _channels(log: MeasuredLog) -> list[dict[str, Any]]:

@@ -24,6 +24,7 @@ MANY_LEVELS = 10  # fewer are a switched signal, which is at its extremes by des
 MOSTLY_AT_REST = 0.5
 WINDOW_SAMPLES = 5  # fewer in a window say little
 SHORTEST_EPISODE = 0.9  # of a window
+TURN_SLACK = 1.0  # rad that a hinge moves between two samples, beside a jump by a turn
 RANGE_SLACK = 0.05  # of a joint's range
 ROUNDED = 1e-6  # of an actuator's range: numbers in files are rounded
 EXAMPLES = 3
@@ -50,7 +51,7 @@ def task_findings(log: MeasuredLog, document: Mapping[str, Any], task: Task) -> 
     found = list(_names(log, task))
     if any(f["severity"] == "error" for f in found):
         return found
-    return [*found, *_lengths(document["episodes"], task), *_ranges(log, task)]
+    return [*found, *_lengths(document["episodes"], task), *_ranges(log, task), *_turns(log, task)]
 
 
 # --- timing ---
@@ -295,6 +296,29 @@ def _ranges(log: MeasuredLog, task: Task) -> Iterator[Finding]:
                     f"{share:.1%} of the samples lie outside the joint's range ({low:g}, {high:g})",
                     "check scale and offset (degrees, another zero?), or the joint's range",
                 )
+
+
+def _turns(log: MeasuredLog, task: Task) -> Iterator[Finding]:
+    """Angles of hinges that begin anew after a whole turn, as a heading from -180 to 180 degrees does."""
+    model = task.model
+    same_episode = np.ones(max(len(log.time) - 1, 0), dtype=bool)
+    same_episode[np.asarray(log.episode_ends[:-1]) - 1] = False
+    for k, c in enumerate(task.outputs):
+        if model.sensor_type[c.sensor] != mujoco.mjtSensor.mjSENS_JOINTPOS:
+            continue
+        if model.jnt_type[model.sensor_objid[c.sensor]] != mujoco.mjtJoint.mjJNT_HINGE:
+            continue
+        with np.errstate(invalid="ignore"):
+            steps = np.abs(np.diff(log.outputs[:, k]))[same_episode]
+            jumps = np.abs(steps - 2 * np.pi) < TURN_SLACK
+        if jumps.any() and np.median(steps) < TURN_SLACK:
+            count = int(jumps.sum())
+            yield finding(
+                "warning",
+                f"output {c.name}",
+                f"jumps by a whole turn in {count} place{'s' * (count > 1)}, and the angle of a hinge does not",
+                "unwrap the column (numpy.unwrap in Python) and import again",
+            )
 
 
 def _outside(values: np.ndarray, limits: np.ndarray, *, slack: float) -> tuple[float, float, float]:

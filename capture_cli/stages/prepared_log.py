@@ -300,7 +300,10 @@ def _simulate_episodes(log: MeasuredLog, task: Task, windows: Windows, threads: 
 
 def all_diverged(task: Task) -> FitError:
     """What to say where no simulation of the log's windows stayed finite."""
-    cure = "tighten the parameters' bounds, shorten the window, or reduce the model's timestep"
+    cure = (
+        "see whether `capture inspect` finds a column in another unit (degrees, mm); tighten the parameters' "
+        "bounds, shorten the window, or reduce the model's timestep"
+    )
     unseen = unmeasured_joints(task.model, [c.sensor for c in task.outputs])
     if unseen:
         cure += (
