@@ -202,3 +202,26 @@ def test_a_proposal_does_not_count_labels_twice():
 def test_it_needs_a_simulator():
     with pytest.raises(TypeError, match="simulate"):
         CaptureRefined(LABELLED, np.zeros((1, 1)), model=None)
+
+
+@pytest.mark.parametrize("labels", [False, True])
+def test_rounds_that_were_made_before_are_not_forgotten(labels):
+    """One that takes up seven rounds and makes the eighth is as sure, and as near, as the one that made all."""
+
+    def noise(number, measured, generator):
+        return measured if labels else measured + 0.01 * generator.standard_normal(measured.shape)
+
+    signature, simulate = (LABELLED, label) if labels else (toy_rounds.SIGNATURE, toy_rounds.simulate)
+    made = {"rounds": 8, "noise": noise, "sd": 0.2}
+    if labels:
+        walk, _, first = identified(signature, simulate, lambda _, parameters: parameters, **made)
+    else:
+        walk, _, first = toy(**made)
+    again = CaptureRefined(signature, walk.estimates[:, 6], model=first.model, simulate=simulate)
+    again.recall(walk.rounds.first(7))
+    last = walk.rounds.last(1)
+    at = again.ask()[:, 0]
+    again.tell(last.actions[:, 0], simulate(at, last.actions[:, 0])[0][:, None], last.measured[:, 0])
+    np.testing.assert_allclose(again.sd, walk.sd[:, -1], rtol=0.3)
+    off = np.abs(again.best - walk.estimates[:, -1])
+    assert (off < 0.5 * walk.sd[:, -1] + 1e-9).all()

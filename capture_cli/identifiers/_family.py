@@ -1,8 +1,11 @@
 """Does a log look like what an identifier was trained on?
 
-A round is a vector: parameters, action, simulated and measured trajectory. Over the training histories these vectors
-lie near a surface, and the Mahalanobis distance weighs the directions off that surface most. What is usual is not
-taken from the chi-squared law, which curved surfaces break, but from histories held out of training.
+A round is a vector: action and measured trajectory. Over the training histories these vectors lie near a surface, and
+the Mahalanobis distance weighs the directions off that surface most. What is usual is not taken from the chi-squared
+law, which curved surfaces break, but from histories held out of training.
+
+Under which parameters a round was simulated, and what that gave, says nothing of the log. In training the action was
+chosen for them, too, which in a log it never was: with them in the vector no log is like the histories.
 """
 
 from __future__ import annotations
@@ -33,7 +36,8 @@ class Family:
     @classmethod
     def fitted(cls, normalisation: Normalisation, trained: Rounds, held_out: Rounds) -> Family:
         """To the rounds trained on, judged by those held out."""
-        vectors = _vectors(normalisation, trained).reshape(-1, _size(normalisation, trained))
+        vectors = _vectors(normalisation, trained)
+        vectors = vectors.reshape(-1, vectors.shape[-1])
         mean = vectors.mean(axis=0)
         values, directions = np.linalg.eigh(np.cov(vectors, rowvar=False))
         values = np.maximum(values, 0) + RIDGE * max(values.mean(), 1e-300)
@@ -81,13 +85,7 @@ class Family:
 
 
 def _vectors(normalisation: Normalisation, rounds: Rounds) -> np.ndarray:
+    """Action and measured trajectory of every round (pair, round, d), of order 1."""
     inputs = normalisation.inputs(rounds)
-    names = ("parameters", "actions", "simulated", "measured")
-    flat = [inputs[n].reshape(*inputs[n].shape[:2], -1) for n in names]
+    flat = [inputs[n].reshape(*inputs[n].shape[:2], -1) for n in ("actions", "measured")]
     return np.concatenate(flat, axis=-1).astype(float)
-
-
-def _size(normalisation: Normalisation, rounds: Rounds) -> int:
-    signature = normalisation.signature
-    points, features = signature.trajectory_shape
-    return len(signature.space) + len(signature.actions) + 2 * points * features

@@ -15,7 +15,7 @@ from collections.abc import Callable
 import numpy as np
 
 from capture_cli.identifiers._learned import Prediction
-from capture_cli.identifiers.rounds import Signature, Simulate, finite
+from capture_cli.identifiers.rounds import Rounds, Signature, Simulate, finite
 
 VALUES = 257  # of the parameter, in all its range
 # how often a measured label is wrong, and how likely that is beforehand: as like as not, never
@@ -59,16 +59,25 @@ class LabelRefinement:
         wide as the one about the estimate that holds 95 %. prior: not used, it is made of the same labels.
         """
         space = self.signature.space
-        labels = self._labels(self._posterior(), actions)
-        self._resolve(labels, space.to_unit(asked)[:, 0])
-        right = (labels == measured[:, -1])[:, None]
-        rate = (ERROR_RATES if self.error_rate is None else np.array([self.error_rate(self._round)]))[:, None]
-        self._log += np.log(np.where(right, 1 - rate, rate / (LABELS - 1)))
-        self._round += 1
+        self._weigh(asked, actions, measured)
         cumulative = np.cumsum(self._posterior(), axis=1)
         estimate = self._fullest(cumulative)
         sd = _half_width(cumulative, estimate) / NORMAL_QUANTILE * space.span
         return Prediction(space.from_unit(estimate[:, None]), np.square(sd)[:, None, None])
+
+    def recall(self, earlier: Rounds) -> None:
+        """Weigh the rounds that were made before."""
+        for n in range(earlier.rounds):
+            self._weigh(earlier.parameters[:, n], earlier.actions[:, n], earlier.measured[:, n])
+
+    def _weigh(self, asked, actions, measured) -> None:
+        """Multiply the posterior by what a round says."""
+        labels = self._labels(self._posterior(), actions)
+        self._resolve(labels, self.signature.space.to_unit(asked)[:, 0])
+        right = (labels == measured[:, -1])[:, None]
+        rate = (ERROR_RATES if self.error_rate is None else np.array([self.error_rate(self._round)]))[:, None]
+        self._log += np.log(np.where(right, 1 - rate, rate / (LABELS - 1)))
+        self._round += 1
 
     def _posterior(self) -> np.ndarray:
         """Of each value (pair, value), over all error rates."""

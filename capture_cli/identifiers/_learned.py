@@ -68,7 +68,7 @@ class TrainedModel:
         if (a.parameters, a.actions, a.points, a.features) != (size, actions, *trajectory):
             raise ValueError("its architecture is not for its parameters, actions and points")
         _, arrays = self.state()
-        vector = size + actions + 2 * math.prod(trajectory)
+        vector = actions + math.prod(trajectory)
         shapes = {f"normalisation.{name}": trajectory for name in self.normalisation.weights()}
         shapes |= {"calibration.factor": (a.window, size)}
         shapes |= {"family.mean": (vector,), "family.whitening": (vector, vector)}
@@ -165,6 +165,11 @@ class LearnedIdentifier(RoundIdentifier):
     @property
     def sd(self) -> np.ndarray | None:
         return None if self.prediction is None else self.prediction.sd
+
+    def recall(self, earlier: Rounds) -> None:
+        """Know the rounds that were made before, and go on from the start."""
+        self.history = earlier
+        self.round = earlier.rounds
 
     def ask(self) -> np.ndarray:
         return self._best[:, None]

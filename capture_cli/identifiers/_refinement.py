@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from capture_cli.identifiers._learned import Prediction
-from capture_cli.identifiers.rounds import Signature, Simulate, finite
+from capture_cli.identifiers.rounds import Rounds, Signature, Simulate, finite
 from capture_cli.linearization import box_step
 
 SHORTEST_STEP = 1e-3  # of the range, a finite difference; longer where the task says so
@@ -100,6 +100,14 @@ class Refinement:
         at = [_at_distance(h, off) for h, off in zip(precisions, x - means, strict=True)]
         covariance = np.stack([self._covariance(p, h) for p, h in zip(self._pairs, at, strict=True)])
         return Prediction(space.from_unit(x), covariance * np.outer(space.span, space.span))
+
+    def recall(self, earlier: Rounds) -> None:
+        """Take up the rounds that were made before, with sensitivities at the last of their points."""
+        for n in range(earlier.rounds):
+            asked = self.signature.space.to_unit(earlier.parameters[:, n])
+            simulated, measured = self._flat(earlier.simulated[:, n]), self._flat(earlier.measured[:, n])
+            self._append(asked, earlier.actions[:, n], simulated, measured)
+        self._differentiate([(k, n) for k in range(len(self._pairs)) for n in range(earlier.rounds)])
 
     # --- a new round ---
 

@@ -43,6 +43,10 @@ class CaptureRefined(LearnedIdentifier):
         """The target after every round."""
         return rounds, np.repeat(rounds.target[:, None], rounds.rounds, axis=1)
 
+    def recall(self, earlier: Rounds) -> None:
+        super().recall(earlier)
+        self._refinement.recall(earlier)
+
     def tell(self, actions, simulated, measured) -> None:
         asked = self._best
         super().tell(actions, simulated, measured)

@@ -211,7 +211,8 @@ def walk_log(
         signature, start[None], model=checkpoint.model, rough=True, simulate=simulator.trajectories, seed=seed
     )
     if earlier is not None:
-        identifier.history = earlier
+        _check_alike(earlier, signature, path)
+        identifier.recall(earlier)
     walk = run_rounds(
         identifier,
         rounds,
@@ -221,5 +222,17 @@ def walk_log(
         on_round=on_round,
     )
     family = checkpoint.model.family.with_noise(logged.noise_sd)
-    beyond = float(family.share_beyond(walk.rounds)[0])
+    made = walk.rounds if earlier is None else earlier.followed_by(walk.rounds)
+    beyond = float(family.share_beyond(made)[0])
     return InContext(checkpoint, path, walk, used, len(logged), beyond, simulator.rollouts)
+
+
+def _check_alike(earlier: Rounds, signature: Signature, path: Path) -> None:
+    """Raise OptionError where the rounds made before are of other actions or points than the identifier reads."""
+    found = (earlier.actions.shape[2], *earlier.measured.shape[2:])
+    wanted = (len(signature.actions), *signature.trajectory_shape)
+    if found != wanted:
+        raise OptionError(
+            f"--resume: the rounds before have (actions, points, features) = {found}, and {path} reads {wanted}",
+            cure="go on with the identifier they were made with, or identify anew with --force",
+        )
