@@ -203,6 +203,9 @@ def test_an_interrupted_training_goes_on_to_the_same_result(trained, tmp_path, m
         stage.train_policy(out=out, resume=True, force=force, threads=2, **TINY)
     for name in ("policy.safetensors", "metrics.jsonl", "policy.json"):
         assert (out / name).read_bytes() == (trained / name).read_bytes()
+    assert stage.train_policy(out=out, resume=True, **TINY) == json.loads((out / "policy.json").read_text())
+    with pytest.raises(OptionError, match=r"training\.width was 16, now 8"):
+        stage.train_policy(out=out, resume=True, **{**TINY, "width": 8})
 
 
 def test_a_training_that_diverges(tmp_path):

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.family import Logs
 from capture_cli.errors import LogError, OptionError, StoreError
 from capture_cli.identifiers._family import Family
 from capture_cli.identifiers._normalisation import Normalisation
@@ -199,6 +200,13 @@ def test_a_machine_of_ones_own_from_its_log_to_an_identifier_of_its_own(slider_t
         p = document["parameters"][name]
         assert abs(p["value"] - truth) < 4 * p["sd"]
     assert document["in_context"]["rounds"] == document["split"]["fit_windows"] == 9
+
+
+def test_logs_as_in_training_are_not_taken_for_others():
+    """One in a hundred may be, by the law of the histories held out: of 24, three are once in five hundred times."""
+    logs = Logs("air-hockey", 24)
+    assert logs.outside() <= 2 / 24
+    assert logs.outside(policy="random") > 0.9
 
 
 def test_noise_that_training_had_not_does_not_put_a_log_outside(scooping):

@@ -192,6 +192,13 @@ def test_an_interrupted_run_goes_on_to_the_same_bytes(small, tmp_path, monkeypat
     for file in FILES:
         assert (whole / file).read_bytes() == (resumed / file).read_bytes()
     assert not (resumed / stage.STATE).exists() and not unfinished(resumed).exists()
+    # one that is complete is read
+    document = json.loads((resumed / "identifier.json").read_text())
+    assert train_sysid(out=resumed, resume=True, **options) == document
+    with pytest.raises(OptionError, match=r"training.seed was 0, now 1"):
+        train_sysid(out=resumed, resume=True, seed=1, **options)
+    with pytest.raises(OutputError, match="exists already"):
+        train_sysid(out=resumed, **options)
 
 
 @settings(max_examples=20, deadline=None)

@@ -46,6 +46,11 @@ def choose_identifier(given: str | None, task: Task, log: MeasuredLog) -> Chosen
             f"--identifier {given}: there is no {DOCUMENT} in it",
             cure="give a directory that `capture train-sysid` wrote",
         )
+    if len(path.parts) > 1:
+        raise OptionError(
+            f"--identifier {given}: there is no such directory",
+            cure="give a directory that `capture train-sysid` wrote, or the name of an identifier",
+        )
     if given in REGISTRY.names() and getattr(REGISTRY.get(given), "needs_checkpoint", False):
         raise OptionError(
             f"--identifier {given} must be trained",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -127,12 +128,19 @@ def _label(
 
 
 def _distinct(found: list[Evaluated]) -> list[Evaluated]:
-    """Those that share a label are told apart by their directories; raises OptionError where that is the same too."""
-    labels = [e.label for e in found]
-    result = [
-        replace(e, label=f"{e.label} [{e.path.name}]") if e.path and labels.count(e.label) > 1 else e
-        for e in found
-    ]
+    """Those that share a label are told apart by their directories, by name or else by path.
+
+    Raises OptionError where one is given twice.
+    """
+    result = found
+    for told_by in (attrgetter("name"), str):
+        labels = [e.label for e in result]
+        result = [
+            replace(e, label=f"{first.label} [{told_by(e.path)}]")
+            if e.path and labels.count(e.label) > 1
+            else e
+            for e, first in zip(result, found, strict=True)
+        ]
     labels = [e.label for e in result]
     twice = {label for label in labels if labels.count(label) > 1}
     if twice:

@@ -71,7 +71,7 @@ def load_policy(name: str, task: ActionTask) -> Policy:
 
 
 def _from_checkpoint(path: Path, task: ActionTask) -> Policy:
-    settings = _settings(path)
+    settings = read_policy(path)
     again = "train one for it with `train-policy`, or give the task it was made for"
     if settings["task"] != task.name:
         raise OptionError(
@@ -105,7 +105,8 @@ def _bounds(space: ParameterSpace) -> list[list[float]]:
     return [[p.low, p.high] for p in space]
 
 
-def _settings(path: Path) -> dict:
+def read_policy(path: Path) -> dict:
+    """policy.json in the directory `path`. Raises StoreError where it is missing, damaged or of another version."""
     again = "train the policy again with `train-policy`"
     try:
         settings = json.loads((path / SETTINGS).read_text(encoding="utf-8"))

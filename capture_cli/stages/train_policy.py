@@ -17,9 +17,9 @@ from capture_cli.policies import REGISTRY
 from capture_cli.policies._evaluation import evaluate
 from capture_cli.policies.base import Policy, Trainer, TrainingSettings
 from capture_cli.simulator import Simulator
-from capture_cli.stages.policy_checkpoint import save_policy
+from capture_cli.stages.policy_checkpoint import read_policy, save_policy
 from capture_cli.stages.progress import Progress
-from capture_cli.stages.training_state import STATE, load_state, save_state
+from capture_cli.stages.training_state import STATE, check_recipe, load_state, save_state
 from capture_cli.stores.output import refuse_existing, resumable_directory, unfinished
 from capture_cli.stores.provenance import Provenance
 from capture_cli.tasks import load_task
@@ -57,10 +57,13 @@ def train_policy(
 
     steps: episodes, `envs` of them at once. updates: gradient steps per such batch. entropy: its weight beside the
     reward; the task's own where None. threads: of the simulator; the learner has one. With `resume` a run that was
-    killed goes on from its last evaluation to the same result. Raises CaptureError before anything is written.
+    killed goes on from its last evaluation to the same result, and one that is complete is read. Raises CaptureError
+    before anything is written.
     """
     options = {k: v for k, v in locals().items() if k not in ("resume", "force", "quiet")}
-    refuse_existing(out, force=force)
+    complete = resume and not force and Path(out).exists()
+    if not complete:
+        refuse_existing(out, force=force)
     machine = _trainable(task)
     settings = TrainingSettings(
         steps=steps,
@@ -76,6 +79,11 @@ def train_policy(
     kind = _trained(policy)
     _check_settings(settings, evaluations)
     settings = replace(settings, device=_device(device))
+    if complete:
+        document = read_policy(Path(out))
+        made = {"policy": policy, "task": machine.name, "training": asdict(settings)}
+        check_recipe({name: document.get(name) for name in made}, made)
+        return document
     provenance = Provenance("train-policy", options, {"task": getattr(machine, "path", None)})
     simulator = Simulator(machine, threads=threads)
     run = _Run(kind.trainer(simulator, settings), simulator, evaluations)

@@ -17,9 +17,9 @@ from capture_cli.errors import OptionError, OutputError, StoreError, did_you_mea
 from capture_cli.identifiers import REGISTRY, round_identifier
 from capture_cli.identifiers.rounds import Rounds, Signature
 from capture_cli.parameters import Parameter, ParameterSpace
-from capture_cli.stages.identifier_checkpoint import save_identifier
+from capture_cli.stages.identifier_checkpoint import read_document, save_identifier
 from capture_cli.stages.progress import Progress
-from capture_cli.stages.training_state import STATE, load_state, save_state
+from capture_cli.stages.training_state import STATE, check_recipe, load_state, save_state
 from capture_cli.stores.histories import SCHEMA, Histories, is_url
 from capture_cli.stores.output import refuse_existing, refuse_inputs, resumable_directory, unfinished
 from capture_cli.stores.provenance import Provenance
@@ -69,11 +69,13 @@ def train_sysid(
 
     window: rounds that it reads; the identifier's own default where None. validation: share of the pairs held out.
     patience: evaluations (there are 50) without a gain before it stops. threads: of the CPU; another number rounds
-    otherwise. With `resume` a run that was killed goes on from its last evaluation to the same result. Raises
-    CaptureError before anything is written.
+    otherwise. With `resume` a run that was killed goes on from its last evaluation to the same result, and one that is
+    complete is read. Raises CaptureError before anything is written.
     """
     options = {k: v for k, v in locals().items() if k not in ("resume", "force", "quiet")}
-    refuse_existing(out, force=force)
+    complete = resume and not force and Path(out).exists()
+    if not complete:
+        refuse_existing(out, force=force)
     kind = _learned(identifier)
     store = Histories(histories)
     signature = signature_of(store.attributes)
@@ -118,7 +120,6 @@ def train_sysid(
         patience=patience,
         seed=seed,
     )
-    trainer = Trainer(kind, signature, _reader(store), len(store), architecture, settings, where)
     recipe = {
         "identifier": identifier,
         "task": signature.task,
@@ -126,6 +127,11 @@ def train_sysid(
         "training": asdict(settings),
         "histories": _described(store.attributes),
     }
+    if complete:
+        document = read_document(Path(out))
+        check_recipe({name: document.get(name) for name in recipe}, recipe)
+        return document
+    trainer = Trainer(kind, signature, _reader(store), len(store), architecture, settings, where)
     begun = {**recipe, "device": asdict(where)}
     state = load_state(unfinished(out), begun) if resume else None
     if state is not None:

@@ -45,13 +45,18 @@ def load_state(
         begun, counters = json.loads(metadata["recipe"]), json.loads(metadata["counters"])
     except (OSError, SafetensorError, KeyError, TypeError, json.JSONDecodeError) as error:
         raise StoreError(f"{path} cannot be read: {error}", cure="begin anew with --force") from error
+    check_recipe(begun, recipe)
+    return counters, arrays
+
+
+def check_recipe(begun: Mapping[str, Any], recipe: Mapping[str, Any]) -> None:
+    """Raise OptionError where a run that goes on, or is complete, was `begun` with another recipe."""
     wanted = json.loads(json.dumps(recipe))
     if begun != wanted:
         raise OptionError(
             f"--resume: the run was begun otherwise: {'; '.join(_differences(begun, wanted))}",
             cure="give the options it was begun with, or begin anew with --force",
         )
-    return counters, arrays
 
 
 def _differences(before: Any, now: Any, path: str = "") -> list[str]:
