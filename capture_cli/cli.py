@@ -356,6 +356,10 @@ def import_log(
     drop_nan: Annotated[
         bool, typer.Option("--drop-nan", help="Drop rows with missing values, inputs and all.")
     ] = False,
+    drop_repeats: Annotated[
+        bool,
+        typer.Option("--drop-repeats", help="Drop rows that say the same as the row before, time and all."),
+    ] = False,
     append: Annotated[
         bool, typer.Option("--append", help="Add the episodes to the log at --out, which exists.")
     ] = False,
@@ -370,7 +374,8 @@ def import_log(
     """
     from capture_cli.stages.import_log import import_log as stage
 
-    stage(files=files, task=task, out=out, append=append, drop_nan=drop_nan, force=force)
+    dropped = {"drop_nan": drop_nan, "drop_repeats": drop_repeats}
+    stage(files=files, task=task, out=out, append=append, force=force, **dropped)
     _show_inspection(out, task, json_, quiet)
 
 

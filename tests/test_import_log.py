@@ -182,6 +182,19 @@ def test_drop_nan_drops_rows_and_says_how_many(tmp_path, slider_task):
     assert MeasuredLog.read(tmp_path / "run.zarr").recordings[0]["dropped_rows"] == 3
 
 
+def test_rows_that_were_written_twice(tmp_path, slider_task):
+    file = csv(tmp_path / "run.csv", *ROWS[:5], ROWS[4], ROWS[4], *ROWS[5:])
+    assert "--drop-repeats" in refusal(file, slider_task).cure
+    options = {"task": str(slider_task), "drop_repeats": True}
+    log = import_log(files=[file], out=tmp_path / "run.zarr", **options)
+    once = import_log(files=[csv(tmp_path / "once.csv", *ROWS)], out=tmp_path / "once.zarr", **options)
+    assert np.array_equal(log.outputs, once.outputs) and np.array_equal(log.time, once.time)
+    assert [r["repeated_rows"] for r in (*log.recordings, *once.recordings)] == [2, 0]
+    # another value at the same time is no repeat
+    other = csv(tmp_path / "other.csv", *ROWS[:5], "0.4,9,9", *ROWS[5:])
+    assert "stands still" in refusal(other, slider_task, drop_repeats=True).message
+
+
 def test_real_logs_are_read(tmp_path, slider_task, real_data):
     text = slider_task.read_text().replace('"u_N"', '"u_V"')
     slider_task.write_text(text)
@@ -430,6 +443,7 @@ def test_a_corrupt_csv_is_read_or_refused_never_a_crash(tmp_path, any_length, ta
             out=tmp_path / "o.zarr",
             force=True,
             drop_nan=data.draw(st.booleans()),
+            drop_repeats=data.draw(st.booleans()),
         )
     except CaptureError as error:
         assert error.cure

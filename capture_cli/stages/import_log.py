@@ -33,12 +33,14 @@ def import_log(
     append: bool = False,
     force: bool = False,
     drop_nan: bool = False,
+    drop_repeats: bool = False,
 ) -> MeasuredLog:
     """Read `files`, each a recording named by its stem, as channels of `task`; write a measured log at `out`.
 
     Within a file a new episode begins where the value of the task's episode column changes. Of a task of actions, the
     columns action.NAME hold the action of each episode. A file may be a measured log as well. drop_nan: leave
     out rows in which a value is missing, NaN or infinite; each recording's `dropped_rows` says how many were.
+    drop_repeats: leave out rows that say the same as the row before, time and all; `repeated_rows` says how many.
     append: `out` is a log already, and the episodes come after those in it; a file that it holds is refused.
     Raises LogError, TaskError, ModelError, StoreError or OutputError before anything is written.
     """
@@ -56,7 +58,7 @@ def import_log(
     if sources:
         names = _recording_names([s.path for s in sources])
         recordings = [
-            _read_recording(source, name, machine, drop_nan=drop_nan)
+            _read_recording(source, name, machine, drop_nan=drop_nan, drop_repeats=drop_repeats)
             for source, name in zip(sources, names, strict=True)
         ]
         logs.append(replace(_join(recordings, machine), path=sources[0].path))
@@ -123,7 +125,9 @@ def _recording_names(files: Sequence[Path]) -> list[str]:
     return [f.name for f in files]  # run.csv and run.parquet in one folder
 
 
-def _read_recording(source: SourceFile, name: str, task: Task, *, drop_nan: bool) -> _Recording:
+def _read_recording(
+    source: SourceFile, name: str, task: Task, *, drop_nan: bool, drop_repeats: bool
+) -> _Recording:
     channels = (*task.inputs, *task.outputs)
     columns = [task.log.time, *(c.column for c in channels)]
     source.require([*columns, *([task.log.episode] if task.log.episode else [])])
@@ -132,6 +136,8 @@ def _read_recording(source: SourceFile, name: str, task: Task, *, drop_nan: bool
     labels = np.array(source.labels(task.log.episode), dtype=object) if task.log.episode else None
     rows = np.flatnonzero(_usable(source, columns, data, labels, task, drop_nan=drop_nan))
     dropped = len(data) - len(rows)
+    kept = rows if not drop_repeats else rows[~_repeats(data[rows], None if labels is None else labels[rows])]
+    repeated, rows = len(rows) - len(kept), kept
     actions = None if actions is None else actions[rows]
     data, labels = data[rows], None if labels is None else labels[rows]
     if not len(data):
@@ -140,7 +146,7 @@ def _read_recording(source: SourceFile, name: str, task: Task, *, drop_nan: bool
             cure="correct the file, or leave it out",
         )
     ends = _episode_ends(len(data), labels)
-    _check_episodes(source, data[:, 0], ends, rows, task)
+    _check_episodes(source, data, ends, rows, task)
     scale = np.array([task.log.time_scale, *(c.scale for c in channels)])
     offset = np.array([0.0, *(c.offset for c in channels)])
     with np.errstate(over="ignore"):
@@ -151,6 +157,7 @@ def _read_recording(source: SourceFile, name: str, task: Task, *, drop_nan: bool
         "source": str(source.path),
         "sha256": sha256(source.path),
         "dropped_rows": dropped,
+        "repeated_rows": repeated,
         "time_scale": task.log.time_scale,
         # an actuator and a sensor may have the same name
         "channels": {
@@ -214,6 +221,15 @@ def _usable(source: SourceFile, columns, data, labels, task: Task, *, drop_nan: 
     )
 
 
+def _repeats(data: np.ndarray, labels: np.ndarray | None) -> np.ndarray:
+    """Which rows say the same as the row before, (row,): a logger that wrote twice."""
+    same = np.zeros(len(data), dtype=bool)
+    same[1:] = (data[1:] == data[:-1]).all(axis=1)
+    if labels is not None:
+        same[1:] &= labels[1:] == labels[:-1]
+    return same
+
+
 def _episode_ends(steps: int, labels: np.ndarray | None) -> np.ndarray:
     if labels is None:
         return np.array([steps])
@@ -221,9 +237,9 @@ def _episode_ends(steps: int, labels: np.ndarray | None) -> np.ndarray:
 
 
 def _check_episodes(
-    source: SourceFile, time: np.ndarray, ends: np.ndarray, rows: np.ndarray, task: Task
+    source: SourceFile, data: np.ndarray, ends: np.ndarray, rows: np.ndarray, task: Task
 ) -> None:
-    """Raise LogError where an episode has a single row, or its time (step,) does not increase."""
+    """Raise LogError where an episode has a single row, or its time, the first of data (step, column), stands still."""
     starts = np.array([0, *ends[:-1]])
     short = np.flatnonzero(ends - starts < LEAST_STEPS)
     if short.size:
@@ -235,20 +251,24 @@ def _check_episodes(
             if column is None
             else f"sort the rows by {column!r}, or correct [log] episode: an episode begins where it changes",
         )
-    interval = np.diff(time)
+    interval = np.diff(data[:, 0])
     interval[ends[:-1] - 1] = np.inf  # from one episode to the next the clock may do what it likes
     back = np.flatnonzero(interval <= 0)
     if back.size:
-        raise _not_increasing(source, time, rows, back, task)
+        raise _not_increasing(source, data, rows, back, task)
 
 
-def _not_increasing(source: SourceFile, time: np.ndarray, rows: np.ndarray, back: np.ndarray, task: Task):
-    """The error for a time (step,) that does not increase after the steps `back`."""
+def _not_increasing(source: SourceFile, data: np.ndarray, rows: np.ndarray, back: np.ndarray, task: Task):
+    """The error for a time that does not increase after the steps `back`."""
+    time = data[:, 0]
     before, after = float(time[back[0]]), float(time[back[0] + 1])
     how = "stands still" if after == before else "goes back"
     here, there = source.place(rows[back[0] + 1]), source.place(rows[back[0]])
     unit = " s" if task.log.time_scale == 1 else ""  # as written in the file
     more = "" if back.size == 1 else f"; it happens {back.size} times"
+    cure = "remove repeated rows, and sort the others by time"
+    if (data[back] == data[back + 1]).all():
+        cure = "add --drop-repeats: there the file has the same row twice"
     restarts = task.log.episode is None and before - after > 0.5 * (before - time[0])
     return LogError(
         f"{source.path}: column {task.log.time!r} {how} at {here}: "
@@ -256,7 +276,7 @@ def _not_increasing(source: SourceFile, time: np.ndarray, rows: np.ndarray, back
         cure="if an episode begins there, name the column that tells episodes apart in [log] episode, "
         "or make it a file of its own"
         if restarts
-        else "remove repeated rows, and sort the others by time",
+        else cure,
     )
 
 
