@@ -41,7 +41,7 @@ app = typer.Typer(
     help="Find the parameters of a MuJoCo model from a measured log, and what the model lacks.",
     epilog="Add --debug to any command for a traceback.",
     no_args_is_help=True,
-    add_completion=False,
+    add_completion=True,
     pretty_exceptions_enable=False,
 )
 

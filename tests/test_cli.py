@@ -515,3 +515,13 @@ def test_a_reader_that_goes_away_is_no_error(tmp_path, arguments):
     run.stdout.close()
     assert run.stderr.read() == ""
     assert run.wait() == 0
+
+
+def test_commands_are_completed():
+    """What the script of `--show-completion bash` runs when a user presses tab."""
+    asked = {"_CAPTURE_COMPLETE": "complete_bash", "COMP_WORDS": "capture diag", "COMP_CWORD": "1"}
+    program = "import sys; sys.argv = ['capture']; from capture_cli.cli import main; main()"
+    done = subprocess.run(
+        [sys.executable, "-c", program], env=ENVIRONMENT | asked, capture_output=True, text=True, check=False
+    )
+    assert done.stdout.split() == ["diagnose"]
