@@ -174,7 +174,7 @@ def check_options(words: list[str]) -> None:
     """Raise where `capture WORDS` has no such command, or the command no such option."""
     group = typer.main.get_command(app)
     if words[0].startswith("-"):
-        assert words in (["--help"], ["--version"])
+        assert set(words) <= {"--help", *(option for p in group.params for option in p.opts)}
         return
     command = group.commands[words[0]]
     options = {option for p in command.params for option in p.opts} | {"--help", "--debug"}
