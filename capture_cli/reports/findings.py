@@ -11,10 +11,8 @@ import numpy as np
 from capture_cli.reports.quantities import bound, scaled_unit, significant, with_unit
 from capture_cli.stores.estimate import Estimate
 
-LEFT, ABOVE = (
-    0.5,
-    3.0,
-)  # of the motion within a window, and times the noise floor: physics seldom leaves so much
+# Of the motion within a window, and times the noise floor: physics seldom leaves so much
+LEFT, ABOVE = 0.5, 3.0
 TOO_GOOD = 0.7  # times the noise floor: no fit gets so far below it
 TITLES = {"explained": "explained", "unexplained": "unexplained", "not-identifiable": "not identifiable"}
 UNTRUSTED = "Do not trust the intervals: they leave out what the model lacks."
