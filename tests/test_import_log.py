@@ -195,6 +195,25 @@ def test_rows_that_were_written_twice(tmp_path, slider_task):
     assert "stands still" in refusal(other, slider_task, drop_repeats=True).message
 
 
+def test_a_heading_that_begins_anew_goes_on(tmp_path, slider_task):
+    """Read in degrees, in two episodes that begin where they like."""
+    degrees = np.concatenate([170 + 7 * np.arange(60.0), -175 - 9 * np.arange(40.0)])
+    text = slider_task.read_text() + 'episode = "run"\n'
+    slider_task.write_text(text.replace('column = "q_m"', 'column = "q_m"\nscale = 0.1\nperiod = 360'))
+    wrapped = (degrees + 180) % 360 - 180
+    rows = [f"{0.1 * i:.1f},1,{v!r},{int(i >= 60)}" for i, v in enumerate(wrapped.tolist())]
+    file = csv(tmp_path / "run.csv", *rows, header=HEADER + ",run")
+    log = import_log(files=[file], task=str(slider_task), out=tmp_path / "run.zarr")
+    np.testing.assert_allclose(np.diff(log.outputs[:60, 0]), 0.7, atol=1e-9)
+    np.testing.assert_allclose(np.diff(log.outputs[60:, 0]), -0.9, atol=1e-9)
+    assert log.outputs[[0, 60], 0] == pytest.approx([17.0, -17.5])
+    task = load_task(str(slider_task))
+    check_fits(log, task)
+    slider_task.write_text(slider_task.read_text().replace("period = 360", "period = 400"))
+    with pytest.raises(LogError, match=r"begins anew after 360; task .* now says .* after 400"):
+        check_fits(log, load_task(str(slider_task)))
+
+
 def test_real_logs_are_read(tmp_path, slider_task, real_data):
     text = slider_task.read_text().replace('"u_N"', '"u_V"')
     slider_task.write_text(text)

@@ -147,6 +147,7 @@ def _read_recording(
         )
     ends = _episode_ends(len(data), labels)
     _check_episodes(source, data, ends, rows, task)
+    _unwrap(data, ends, task)
     scale = np.array([task.log.time_scale, *(c.scale for c in channels)])
     offset = np.array([0.0, *(c.offset for c in channels)])
     with np.errstate(over="ignore"):
@@ -256,6 +257,14 @@ def _check_episodes(
     back = np.flatnonzero(interval <= 0)
     if back.size:
         raise _not_increasing(source, data, rows, back, task)
+
+
+def _unwrap(data: np.ndarray, ends: np.ndarray, task: Task) -> None:
+    """Make outputs that begin anew after a period go on, in each episode of data (step, column)."""
+    for k, channel in enumerate(task.outputs, start=1 + len(task.inputs)):
+        if channel.period is not None:
+            for begin, end in zip([0, *ends[:-1]], ends, strict=True):
+                data[begin:end, k] = np.unwrap(data[begin:end, k], period=channel.period)
 
 
 def _not_increasing(source: SourceFile, data: np.ndarray, rows: np.ndarray, back: np.ndarray, task: Task):

@@ -317,7 +317,7 @@ def _turns(log: MeasuredLog, task: Task) -> Iterator[Finding]:
                 "warning",
                 f"output {c.name}",
                 f"jumps by a whole turn in {count} place{'s' * (count > 1)}, and the angle of a hinge does not",
-                "unwrap the column (numpy.unwrap in Python) and import again",
+                f"write period = {2 * np.pi / abs(c.scale):.6g} under [outputs.{c.name}] and import again",
             )
 
 

@@ -18,7 +18,8 @@ class Channel:
     """One input or output: a column of a log, brought to `unit` by value = scale * column + offset.
 
     index: the actuator (inputs) or the column of sensordata (outputs) it belongs to. sensor: the output's sensor id.
-    noise_sd: known standard deviation of an output's noise, in `unit`; None where it is to be estimated.
+    noise_sd: known standard deviation of an output's noise, in `unit`; None where it is to be estimated. period: after
+    which an output's column begins anew, in its own unit: 360 for a heading in degrees; None where it does not.
     linear: whether an input is interpolated between samples rather than held.
     """
 
@@ -31,11 +32,13 @@ class Channel:
     offset: float = 0.0
     noise_sd: float | None = None
     linear: bool = False
+    period: float | None = None
 
     @property
-    def read_as(self) -> tuple[str, float, float]:
-        """Column, scale and offset: what `import-log` makes the channel of."""
-        return self.column, self.scale, self.offset
+    def read_as(self) -> tuple[str | float, ...]:
+        """Column, scale, offset and, if there is one, period: what `import-log` makes the channel of."""
+        period = () if self.period is None else (self.period,)
+        return self.column, self.scale, self.offset, *period
 
 
 @dataclass(frozen=True)

@@ -123,7 +123,7 @@ class MjcfFile(Task):
             )
 
     def _output(self, name: str, entry: dict[str, Any], where: str) -> list[Channel]:
-        _known(entry, {"column", "unit", "scale", "offset", "noise_sd"}, where)
+        _known(entry, {"column", "unit", "scale", "offset", "noise_sd", "period"}, where)
         number = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_SENSOR, name)
         if number < 0:
             names = [self.model.sensor(i).name for i in range(self.model.nsensor)]
@@ -155,6 +155,12 @@ class MjcfFile(Task):
             raise TaskError(
                 f"{where}: noise_sd = {noise_sd:g}", cure="give a positive number, or leave it out"
             )
+        period = _value(entry, "period", float, where, default=None)
+        if period is not None and period <= 0:
+            raise TaskError(
+                f"{where}: period = {period:g}",
+                cure="give what the column goes through before it begins anew, 360 for degrees, or leave it out",
+            )
         axes = _AXES.get(size, tuple(f"_{i}" for i in range(size)))
         return [
             Channel(
@@ -166,6 +172,7 @@ class MjcfFile(Task):
                 scale=_scale(entry, where),
                 offset=_value(entry, "offset", float, where, default=0.0),
                 noise_sd=noise_sd,
+                period=period,
             )
             for i in range(size)
         ]
