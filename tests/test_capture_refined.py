@@ -7,6 +7,7 @@ import pytest
 import toy_rounds
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.stats import binom
 
 from capture_cli.identifiers._learned import Prediction
 from capture_cli.identifiers._refinement import _corrected
@@ -108,6 +109,27 @@ def test_noise_is_averaged_over_rounds_and_the_interval_knows():
     assert off[-1] < 0.6 * off[1]
     covered = np.abs(walk.estimates - target[:, None]) < 1.96 * walk.sd
     assert 0.88 < covered[:, 4:].mean() <= 1.0
+
+
+@pytest.mark.parametrize("grows", [True, False])
+def test_intervals_hold_the_truth_whether_noise_grows_with_the_value_or_not(grows):
+    def noise(number, measured, generator):
+        shape = measured.shape
+        if grows:
+            return measured * generator.uniform(0.9, 1.1, shape)
+        return measured + 0.01 * generator.standard_normal(shape)
+
+    walk, target, made = toy(rounds=8, noise=noise, pairs=40)
+    assert all(p.cloud is not None for p in made._refinement._pairs)
+    held = (np.abs(walk.estimates - target[:, None])[:, -1] < 1.96 * walk.sd[:, -1]).sum()
+    assert binom.cdf(held, target.size, 0.95) > 1e-3  # not too few
+    assert error(walk, target, toy_rounds.SIGNATURE.space)[:, -1].mean() < 0.025
+    assert walk.simulated_rollouts[:, -1].max() < 500
+
+
+def test_pairs_without_noise_are_descended():
+    _, _, made = toy(rounds=8)
+    assert all(p.cloud is None for p in made._refinement._pairs)
 
 
 def test_rough_rounds_spare_simulations_and_end_about_as_well():

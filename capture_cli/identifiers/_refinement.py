@@ -2,7 +2,8 @@
 
 The prior is what a transformer says of the target. The noise is estimated from what the fit leaves, so the two are
 weighed by their uncertainty: while the trajectories still disagree the prior holds the step back, and as they come to
-agree it counts only in directions that no round has told anything about.
+agree it counts only in directions that no round has told anything about. A pair whose rounds still disagree when its
+descent has ended is a noisy one: from then on it is not descended but regressed (`_cloud`).
 
 Simulations are spared. Each round keeps the point it was linearised at and its sensitivities; whatever is simulated
 later corrects them (Broyden's update), fresh finite differences are taken for the newest round, and for the round whose
@@ -15,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from capture_cli.identifiers._cloud import ROUGHNESS, Cloud, improve
 from capture_cli.identifiers._learned import Prediction
 from capture_cli.identifiers.rounds import Rounds, Signature, Simulate, finite
 from capture_cli.linearization import box_step
@@ -22,7 +24,8 @@ from capture_cli.linearization import box_step
 SHORTEST_STEP = 1e-3  # of the range, a finite difference; longer where the task says so
 NO_SENSITIVITY = 1e-9  # of a feature's scale over the range: rounding
 FLOOR = 3e-5  # of a feature's scale: residuals below this are no residuals
-ROUGHNESS = 2e-4  # likewise: what intervals take for noise at least, for a simulation is not smooth below
+NOISY = 2e-3  # likewise: a descent that leaves more of most rounds ended in noise
+NOISY_ROUNDS = 3  # at least, for it to be noise
 TRIALS = 8  # points at most that are tried in a round, of each pair
 ROUGH_TRIALS = 2  # where an exact fit follows the rounds
 SURPRISE = 2.0  # times what is left of the rounds before, is more than they would lead to expect
@@ -44,6 +47,7 @@ class _Pair:
     x: the estimate. rounds: actions and measured (round, ...). points (round, p): where each round was last simulated,
     with the outputs there, and sensitivities (round, d, p), NaN where none were taken.
     noise (round,): standard deviation of each round's residual, as the last step took it; at least `easing` of it.
+    covariance (p, p): of the estimate's error. cloud: what a noisy pair is fitted by.
     """
 
     x: np.ndarray
@@ -54,13 +58,15 @@ class _Pair:
     sensitivities: np.ndarray
     easing: float = FIRST_EASING
     noise: np.ndarray | None = None
+    covariance: np.ndarray | None = None
+    cloud: Cloud | None = None
 
 
 class Refinement:
     """Refines the estimates of `pairs` pairs, round by round. rollouts (pair,): what it has simulated for each.
 
     rough: a fit of all rounds follows, so that fewer points are tried, and a round that is no surprise is not looked
-    around from.
+    around from, nor is noise told from what is missing.
     """
 
     def __init__(self, signature: Signature, pairs: int, simulate: Simulate, *, rough: bool = False):
@@ -96,9 +102,12 @@ class Refinement:
         self._descend(means, precisions)
         for k, p in opened:
             self._settle(p, means[k], precisions[k])
-        x = np.stack([p.x for p in self._pairs])
-        at = [_at_distance(h, off) for h, off in zip(precisions, x - means, strict=True)]
-        covariance = np.stack([self._covariance(p, h) for p, h in zip(self._pairs, at, strict=True)])
+        for k, p in enumerate(self._pairs):
+            if p.cloud is None:
+                p.covariance = self._covariance(p, _at_distance(precisions[k], p.x - means[k]))
+        if not self.rough:
+            self._regress()
+        x, covariance = (np.stack([getattr(p, name) for p in self._pairs]) for name in ("x", "covariance"))
         return Prediction(space.from_unit(x), covariance * np.outer(space.span, space.span))
 
     def recall(self, earlier: Rounds) -> None:
@@ -122,8 +131,9 @@ class Refinement:
             p.sensitivities = np.concatenate([p.sensitivities, unknown])
 
     def _open(self) -> list[tuple[int, _Pair]]:
-        """Pairs whose newest round leaves a residual."""
-        return [(k, p) for k, p in enumerate(self._pairs) if _rms(p.measured[-1] - p.outputs[-1]) > FLOOR]
+        """Pairs whose newest round leaves a residual, but those known to be noisy."""
+        descended = [(k, p) for k, p in enumerate(self._pairs) if p.cloud is None]
+        return [(k, p) for k, p in descended if _rms(p.measured[-1] - p.outputs[-1]) > FLOOR]
 
     def _begin(self, means: np.ndarray, precisions: list[np.ndarray]) -> None:
         """Open pairs begin where the newest round is explained best: at what they had, at the prior's mean, or at one
@@ -276,6 +286,22 @@ class Refinement:
         wider = np.sqrt(np.maximum(1.0, np.diag(inverse @ meat @ inverse) / np.diag(inverse)))
         return inverse * np.outer(wider, wider)
 
+    # --- noisy pairs ---
+
+    def _regress(self) -> None:
+        """Pairs whose descent left more than roughness of most rounds get a cloud, about where it ended; those that
+        have one are fitted by it.
+        """
+        for _, p in self._open():
+            residual, _ = self._linearised(p)
+            if len(residual) >= NOISY_ROUNDS and np.median(_rms_each(residual)) > NOISY:
+                p.cloud = Cloud.about(p.x, p.covariance, residual.shape[1])
+        clouds = {k: p.cloud for k, p in enumerate(self._pairs) if p.cloud}
+        measured = {k: self._pairs[k].measured for k in clouds}
+        improve(clouds, measured, self._outputs, len(self.signature.features))
+        for k, cloud in clouds.items():
+            self._pairs[k].x, self._pairs[k].covariance = cloud.mean, cloud.covariance
+
     # --- simulations ---
 
     def _differentiate(self, wanted: list[tuple[int, int]]) -> None:
@@ -361,6 +387,11 @@ def _unknown(p: _Pair) -> np.ndarray:
 
 def _cost(residual: np.ndarray) -> float:
     return float(np.square(residual).sum())
+
+
+def _rms_each(residual: np.ndarray) -> np.ndarray:
+    """Of residuals (round, d), (round,)."""
+    return np.sqrt(np.square(residual).mean(axis=1))
 
 
 def _rms(residual: np.ndarray) -> float:

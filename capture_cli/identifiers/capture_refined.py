@@ -15,8 +15,9 @@ class CaptureRefined(LearnedIdentifier):
 
     The transformer reads the whole history, as `posterior` does, and its mean and covariance are a Gaussian prior: a
     start near the target where a descent from anywhere else may end in a wrong valley, and an answer about what no
-    round has shown. Gauss-Newton then makes the rounds agree (`_refinement`). Where they show a label, which has no
-    slope, the posterior of every value takes the place of both (`_label_refinement`).
+    round has shown. Gauss-Newton then makes the rounds agree (`_refinement`); where their noise keeps them from it, a
+    regression over many points says what they tell (`_cloud`). Where they show a label, which has no slope, the
+    posterior of every value takes the place of both (`_label_refinement`).
     """
 
     summary = (
