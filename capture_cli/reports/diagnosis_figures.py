@@ -17,6 +17,7 @@ from capture_cli.reports.diagnosis_plots import (
     drawn_curves,
     localisation_columns,
     place,
+    whiskers,
 )
 from capture_cli.reports.figure_parts import (
     INK,
@@ -95,13 +96,13 @@ def _absorbed(diagnosis: Diagnosis) -> Figure:
     for at, row in enumerate(found):
         p = parameters[row.name]
         before, after = place(row.before, p), place(row.after, p)
-        half = 1.96 * (row.sd or 0.0) / (p["high"] - p["low"])
+        reach = [[length] for length in whiskers(p)]
         axis.plot([0, 1], [at, at], color=RULE, lw=2, zorder=1)
         arrow = {"arrowstyle": "-|>", "color": MUTED, "shrinkA": 4, "shrinkB": 4}
         axis.annotate("", (after, at), (before, at), arrowprops=arrow, zorder=2)
         axis.plot(before, at, "o", mfc="white", mec=PALETTE["--before"], mew=2, ms=8, zorder=3)
         look = {"color": PALETTE["--after"], "ms": 8, "zorder": 3, "capsize": 3}
-        axis.errorbar(after, at, xerr=half, fmt="o", **look)
+        axis.errorbar(after, at, xerr=reach, fmt="o", **look)
         text = f"{shift(row)}   ({significant(row.shift_in_sd)} sd)"
         axis.annotate(text, (1.04, at), va="center", color=INK, size=9, annotation_clip=False)
     axis.set_yticks(range(len(found)), [row.name for row in found])

@@ -62,7 +62,8 @@ def absorbed(document: Mapping[str, Any]) -> Plot | None:
     names = [row.name for row in rows]
     before = [place(row.before, spans[row.name]) for row in rows]
     after = [place(row.after, spans[row.name]) for row in rows]
-    half = [1.96 * (row.sd or 0.0) / (spans[row.name]["high"] - spans[row.name]["low"]) for row in rows]
+    below, above = zip(*(whiskers(spans[name]) for name in names), strict=True)
+    reach = {"symmetric": False, "array": rounded(above), "arrayminus": rounded(below)}
     ring = {"color": "--paper", "size": 11, "line": {"color": "--before", "width": 2.5}}
     data = [
         _points("declared", before, names, ring, [_told(row, row.before) for row in rows]),
@@ -73,7 +74,7 @@ def absorbed(document: Mapping[str, Any]) -> Plot | None:
             {"color": "--after", "size": 11},
             [f"{row.name} {shift(row)}" for row in rows],
         )
-        | {"error_x": {"array": rounded(half), "color": "--after", "thickness": 1.5, "width": 4}},
+        | {"error_x": {**reach, "color": "--after", "thickness": 1.5, "width": 4}},
     ]
     layout = {
         "hovermode": "closest",
@@ -104,6 +105,13 @@ def absorbed_height(document: Mapping[str, Any]) -> int:
 def place(value: float, parameter: Mapping[str, Any]) -> float:
     """Where in its range a value is: 0 at the lower bound, 1 at the upper."""
     return (value - parameter["low"]) / (parameter["high"] - parameter["low"])
+
+
+def whiskers(parameter: Mapping[str, Any]) -> list[float]:
+    """How far the interval reaches below and above the value, over the range; 0 where it is not known."""
+    value = place(parameter["value"], parameter)
+    ends = parameter["ci95"] or [parameter["value"]] * 2
+    return [abs(place(end, parameter) - value) for end in ends]
 
 
 def localisation(diagnosis: Diagnosis, k: int) -> Plot | None:
