@@ -19,6 +19,7 @@ from capture_cli.stages.import_log import import_log
 from capture_cli.stages.prepared_log import all_diverged
 from capture_cli.stages.propose import propose
 from capture_cli.stages.record import record
+from capture_cli.stages.recorded_task import recorded_task
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.tasks import load_task
 
@@ -88,6 +89,13 @@ def test_a_model_that_changed_since_is_refused(made):
         with pytest.raises(OptionError, match=r"model\.xml is not the model") as caught:
             run()
         assert caught.value.cure
+
+
+def test_a_result_that_names_no_task(made):
+    provenance = {"inputs": {}, "options": {"task": None}}
+    with pytest.raises(OptionError, match="does not say which task") as caught:
+        recorded_task(Path("estimate"), provenance)
+    assert "--task" in caught.value.cure
 
 
 def test_what_a_model_includes_is_part_of_it(made):

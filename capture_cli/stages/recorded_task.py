@@ -35,7 +35,12 @@ def recorded_task(result: Path, provenance: Mapping[str, Any], log: str | None =
     """
     recorded = provenance["inputs"].get("task")
     if recorded is None:
-        return provenance["options"]["task"]
+        if (name := provenance["options"].get("task")) is None:
+            raise OptionError(
+                f"{result} does not say which task it was made with",
+                cure="say it: --task NAME, or --task PATH/TO/task.toml",
+            )
+        return name
     path = Path(recorded["path"])
     places = [path, Path(result).resolve().parent / path]
     if log is not None:
