@@ -8,15 +8,14 @@ is otherwise than in training: the air-hockey table leans, or it is rougher than
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 
-import capture_cli
 from benchmarks import ROOT
 from benchmarks.base import Benchmark, Figure, Result
 from capture_cli.identifiers.rounds import Rounds, finite
 from capture_cli.simulator import Simulator
+from capture_cli.stages.chosen_identifier import shipped_for
 from capture_cli.stages.identifier_checkpoint import load_identifier
 from capture_cli.stages.in_context import OUTSIDE
 from capture_cli.stages.policy_checkpoint import load_policy
@@ -55,8 +54,7 @@ class Logs:
 
     def __init__(self, name: str, count: int):
         self.name, self.count = name, count
-        package = Path(capture_cli.__file__).parent
-        self.family = load_identifier(package / "checkpoints" / name).model.family
+        self.family = load_identifier(shipped_for(name)).model.family
 
     def outside(
         self, policy: str | None = None, change: Callable[[ActionTask, np.ndarray], None] | None = None

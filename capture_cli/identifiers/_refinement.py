@@ -294,7 +294,7 @@ class Refinement:
         """
         for _, p in self._open():
             residual, _ = self._linearised(p)
-            if len(residual) >= NOISY_ROUNDS and np.median(_rms_each(residual)) > NOISY:
+            if len(residual) >= NOISY_ROUNDS and np.median(_rms(residual, axis=1)) > NOISY:
                 p.cloud = Cloud.about(p.x, p.covariance, residual.shape[1])
         clouds = {k: p.cloud for k, p in enumerate(self._pairs) if p.cloud}
         measured = {k: self._pairs[k].measured for k in clouds}
@@ -389,10 +389,5 @@ def _cost(residual: np.ndarray) -> float:
     return float(np.square(residual).sum())
 
 
-def _rms_each(residual: np.ndarray) -> np.ndarray:
-    """Of residuals (round, d), (round,)."""
-    return np.sqrt(np.square(residual).mean(axis=1))
-
-
-def _rms(residual: np.ndarray) -> float:
-    return float(np.sqrt(np.square(residual).mean()))
+def _rms(residual: np.ndarray, axis: int | None = None) -> np.ndarray:
+    return np.sqrt(np.square(residual).mean(axis=axis))

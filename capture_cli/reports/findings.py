@@ -125,10 +125,10 @@ def _motion(estimate: Estimate) -> np.ndarray:
     """(output,): how far the measured values are from their mean over the window, root mean square."""
     measured = np.asarray(estimate.arrays["step/measured"])
     windows = np.asarray(estimate.arrays["step/window"])
-    within = np.zeros_like(measured)
-    for window in np.unique(windows):
-        own = windows == window
-        within[own] = measured[own] - measured[own].mean(axis=0)
+    _, own, counts = np.unique(windows, return_inverse=True, return_counts=True)
+    sums = np.zeros((len(counts), measured.shape[1]))
+    np.add.at(sums, own, measured)
+    within = measured - (sums / counts[:, None])[own]
     return np.sqrt(np.mean(within**2, axis=0))
 
 

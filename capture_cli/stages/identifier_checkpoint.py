@@ -7,13 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from capture_cli.errors import OptionError, StoreError
 from capture_cli.identifiers import round_identifier
 from capture_cli.identifiers.rounds import RoundIdentifier, Signature
 from capture_cli.stores.estimate import read_result
 from capture_cli.stores.provenance import write_json
+from capture_cli.stores.tensors import save_arrays
 
 if TYPE_CHECKING:
     from capture_cli.identifiers._learned import TrainedModel
@@ -49,13 +48,10 @@ class IdentifierCheckpoint:
 
 def save_identifier(model: TrainedModel, document: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """Write `model` into `folder`; returns identifier.json, which is `document` with the model's settings."""
-    from safetensors.numpy import save_file
-
     settings, arrays = model.state()
     document = {"format": FORMAT, "version": VERSION, **document, **settings}
     write_json(folder / DOCUMENT, document)
-    # safetensors writes memory as it lies: of a transposed array that is another array
-    save_file({k: np.ascontiguousarray(arrays[k]) for k in sorted(arrays)}, folder / WEIGHTS)
+    save_arrays(folder / WEIGHTS, arrays)
     return document
 
 

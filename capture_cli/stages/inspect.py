@@ -130,10 +130,12 @@ def _inspect_log(path: Path, document: dict[str, Any], machine: Task | None) -> 
             )
         )
     findings += [_dropped(r) for r in document["recordings"] if r.get("dropped_rows")]
-    repeated = {r["name"]: n for r in document["recordings"] if (n := r.get("repeated_rows"))}
     findings += [
-        finding("note", name, f"{n} repeated rows were dropped on import", NOTHING_TO_DO)
-        for name, n in repeated.items()
+        finding(
+            "note", r["name"], f"{r['repeated_rows']} repeated rows were dropped on import", NOTHING_TO_DO
+        )
+        for r in document["recordings"]
+        if r.get("repeated_rows")
     ]
     findings += log_findings(document)
     machine = machine or _own_task(log)

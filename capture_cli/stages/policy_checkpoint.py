@@ -7,13 +7,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from capture_cli.errors import OptionError, StoreError, did_you_mean
 from capture_cli.parameters import ParameterSpace
 from capture_cli.policies import REGISTRY
 from capture_cli.policies.base import Policy
 from capture_cli.stores.provenance import write_json
+from capture_cli.stores.tensors import save_arrays
 from capture_cli.tasks.base import ActionTask
 
 FORMAT, VERSION = "capture/policy", 1
@@ -27,8 +26,6 @@ def save_policy(
 
     more: what else policy.json is to say, of how the policy was made.
     """
-    from safetensors.numpy import save_file
-
     settings, weights = policy.state()
     space, actions = policy.task.space, policy.task.actions
     document = {
@@ -43,8 +40,7 @@ def save_policy(
         **(more or {}),
     }
     write_json(folder / SETTINGS, document)
-    # safetensors writes memory as it lies: of a transposed array that is another array
-    save_file({name: np.ascontiguousarray(array) for name, array in weights.items()}, folder / WEIGHTS)
+    save_arrays(folder / WEIGHTS, weights)
     return document
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from capture_cli.errors import OptionError, StoreError
+from capture_cli.stores.tensors import save_arrays
 
 STATE = "state.safetensors"
 
@@ -18,11 +19,8 @@ def save_state(
     folder: Path, counters: Mapping[str, Any], arrays: Mapping[str, np.ndarray], recipe: Mapping[str, Any]
 ) -> None:
     """Put the state into `folder` in place of the last one. recipe: all that two runs that do alike have in common."""
-    from safetensors.numpy import save_file
-
     beside = folder / f"{STATE}.new"
-    whole = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
-    save_file(whole, beside, {"counters": json.dumps(counters), "recipe": json.dumps(recipe)})
+    save_arrays(beside, arrays, {"counters": json.dumps(counters), "recipe": json.dumps(recipe)})
     beside.replace(folder / STATE)
 
 
