@@ -338,6 +338,13 @@ def test_models_that_do_not_suit_the_log_are_found(tmp_path, slider_task, old, n
     assert words in finding["message"]
 
 
+def test_an_output_that_reads_the_column_of_an_input_is_found(tmp_path, slider_task):
+    slider_task.write_text(slider_task.read_text().replace('column = "q_m"', 'column = "u_N"'))
+    finding = only(inspected(sound_log(), tmp_path, slider_task))
+    assert finding["where"] == "output q"
+    assert "reads column 'u_N', as input drive does" in finding["message"]
+
+
 def test_a_log_is_checked_against_the_task_beside_it(tmp_path, slider_task):
     beside = slider_task.parent
     slider_task.write_text(slider_task.read_text().replace("window = 0.5", "window = 30.0"))

@@ -33,6 +33,7 @@ RESTARTS = 2  # times that a descent begins anew where it is
 SEARCHES = 3  # times that it looks for windows that got stuck
 STUCK = 0.999  # share of the error at the last restart above which another would end in the same place
 CARRIED = 3  # steps in a row with sensitivities that were carried along rather than measured
+PACE = 8  # rounds: how fast a descent goes is how far it came in these
 RUNAWAY = 2.0  # a window whose objective grows by this factor in a step that helps the others goes back
 
 
@@ -63,6 +64,7 @@ class Descent:
         self._restarts, self._searches = RESTARTS, SEARCHES
         self._vain = 0
         self._restarted_with = np.inf
+        self._errors: list[float] = []  # after each round
         self._try(self.x, self.offsets)
 
     @property
@@ -97,6 +99,14 @@ class Descent:
     def tell(self, outputs, diverged):
         self.rounds += 1
         self._told(outputs, diverged)
+        self._errors.append(self.error)
+
+    def would_reach(self, error: float, rounds: int) -> bool:
+        """Whether it gets down to `error` in so many more rounds if it goes on as in the last PACE."""
+        if self.error <= error or len(self._errors) <= PACE:
+            return True
+        gained = self._errors[-1 - PACE] - self.error
+        return self.error - rounds / PACE * gained <= error
 
     def _try(self, x: np.ndarray, offsets: np.ndarray) -> None:
         """Ask next for the point x (parameter,) with starts at `offsets`."""

@@ -30,7 +30,9 @@ PROBES = (0.01, 0.1, -0.1)
 # Where none of those moves anything: what acts from a threshold on only, a limit that the controls never come near
 FAR_PROBES = (0.5, -0.5, 0.8, -0.8, 0.9, -0.9, 0.95, -0.95)
 SHAPES, SHAPES_OF_SEVERAL = 5, 3  # values tried of an effect's one shape, or of each of several
-SCORED_WINDOWS = 40  # evenly spread: a score needs no more
+# Evenly spread windows are scored on, at most so many; of many steps (hard contacts need short ones) fewer: a score
+# needs no more.
+SCORED_WINDOWS, SCORED_STEPS, FEWEST_SCORED = 40, 20_000, 12
 # Of the objective, over the variance that would be left: less is no reason to fit. The best of n shapes has 2 log(n)
 # more by chance.
 SMALLEST_GAIN = 12.0
@@ -100,11 +102,13 @@ def _as_driven(prepared: PreparedLog) -> mujoco.MjModel:
 
 
 def thinned(part: PreparedLog, fit: Fit) -> tuple[PreparedLog, Linearization]:
-    """At most SCORED_WINDOWS windows of the part, and the fit's linearization on them."""
+    """As many windows of the part as a score needs, and the fit's linearization on them."""
     count = len(part.windows)
-    if count <= SCORED_WINDOWS:
+    affordable = SCORED_STEPS / part.windows.grid_steps.mean()
+    most = int(np.clip(affordable, FEWEST_SCORED, SCORED_WINDOWS))
+    if count <= most:
         return part, fit.at
-    keep = np.unique(np.linspace(0, count - 1, SCORED_WINDOWS).astype(int))
+    keep = np.unique(np.linspace(0, count - 1, most).astype(int))
     few, at = part.part(keep), fit.at
     rows = few.windows.measured.shape[1] * few.windows.measured.shape[2]
     evidence = replace(at.evidence.rows(keep), measured=few.windows.measured, mask=few.windows.mask)

@@ -51,7 +51,13 @@ def task_findings(log: MeasuredLog, document: Mapping[str, Any], task: Task) -> 
     found = list(_names(log, task))
     if any(f["severity"] == "error" for f in found):
         return found
-    return [*found, *_lengths(document["episodes"], task), *_ranges(log, task), *_turns(log, task)]
+    return [
+        *found,
+        *_shared_columns(task),
+        *_lengths(document["episodes"], task),
+        *_ranges(log, task),
+        *_turns(log, task),
+    ]
 
 
 # --- timing ---
@@ -239,6 +245,22 @@ def _channel_names(kind: str, names, units, channels: Sequence[Channel], task: s
         if unit != c.unit:
             message = f"the log has it in {unit!r}, task {task!r} in {c.unit!r}"
             yield finding("error", f"{kind[:-1]} {c.name}", message, again)
+
+
+def _shared_columns(task: Task) -> Iterator[Finding]:
+    """Outputs that are measured by a column which another channel reads, too."""
+    channels = [*(("input", c) for c in task.inputs), *(("output", c) for c in task.outputs)]
+    for number, (_, output) in enumerate(channels[len(task.inputs) :], start=len(task.inputs)):
+        other = next(((kind, c) for kind, c in channels[:number] if c.column == output.column), None)
+        if other is not None:
+            kind, first = other
+            why = "what drives the machine is no measurement of it" if kind == "input" else "it counts twice"
+            yield finding(
+                "warning",
+                f"output {output.name}",
+                f"reads column {output.column!r}, as {kind} {first.name} does: {why}",
+                "give the column that this output is measured by, or remove it, and import the files again",
+            )
 
 
 def _lengths(episodes: Sequence[Mapping[str, Any]], task: Task) -> Iterator[Finding]:

@@ -125,7 +125,7 @@ class PartFit:
 class Fit:
     """A fitted model: its effects, space and point (parameter,), and its linearization on the part it was fitted to.
 
-    finished: False where it was given up, far behind a rival.
+    finished: False where it was given up, behind a rival.
     """
 
     effects: tuple[Placed, ...]
@@ -216,7 +216,7 @@ class ModelFits:
             return None
         self.rollouts += simulator.rollouts
         fit = self.at(part, effects, best)
-        return replace(fit, finished=not fit.is_far_behind(rival))
+        return replace(fit, finished=not (solver.gave_up or fit.is_far_behind(rival)))
 
     def minima(self, part: PreparedLog, fit: Fit, seed: int) -> list[Fit]:
         """`fit` and where descents end that begin within its reach, best first.
@@ -235,7 +235,9 @@ class ModelFits:
         for _ in range(BEGUN_ANEW):
             begin = fit.at.x + BEGUN_AWAY * spread @ generator.standard_normal(len(sd))
             point = fit.space.from_unit(np.clip(begin, 0, 1))
-            other = self.fit(part, fit.effects, point, offsets=fit.offsets, offsets_with=fit.effects)
+            other = self.fit(
+                part, fit.effects, point, offsets=fit.offsets, offsets_with=fit.effects, rival=fit
+            )
             if other is None:
                 continue
             found.append(other)

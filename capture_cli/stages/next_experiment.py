@@ -19,7 +19,7 @@ SHARES = (0.3, 1.0)  # of the largest input in the log
 DURATION = 3.0  # s
 RATE = 250.0  # Hz
 ENOUGH = 3.0  # times the noise floor: a difference that a test will see
-TELLS_NOTHING = 0.01  # likewise: one that none will
+CHANCE = 2.0  # sd, over all samples together: of a smaller difference no test is sure
 
 
 def next_experiment(fits: ModelFits, mine: Fit, others: Sequence[Fit], seed: int) -> dict[str, Any] | None:
@@ -32,6 +32,7 @@ def next_experiment(fits: ModelFits, mine: Fit, others: Sequence[Fit], seed: int
     if not task.inputs or not others or not peaks.any():
         return None
     best, time = None, _times(task)
+    least = CHANCE / np.sqrt(len(time) * len(task.outputs))
     for band in BANDS:
         for share in SHARES:
             tape = share * peaks * multisine(time, len(peaks), band, np.random.default_rng(seed))
@@ -39,7 +40,9 @@ def next_experiment(fits: ModelFits, mine: Fit, others: Sequence[Fit], seed: int
             separation = min(_separation(fits, mine, other, windows) for other in others)
             if np.isfinite(separation) and (best is None or separation > best["separation"]):
                 best = {"band_hz": list(band), "peaks": (share * peaks).tolist(), "separation": separation}
-    return None if best is None else {**best, "duration_s": DURATION, "text": _text(task, best, mine, others)}
+    if best is None:
+        return None
+    return {**best, "duration_s": DURATION, "text": _text(task, best, least, mine, others)}
 
 
 def _times(task) -> np.ndarray:
@@ -72,12 +75,12 @@ def _separation(fits: ModelFits, mine: Fit, other: Fit, windows: Windows) -> flo
     return float(np.sqrt(np.square(outputs[0] - outputs[1]).mean()))
 
 
-def _text(task, best: dict[str, Any], mine: Fit, others: Sequence[Fit]) -> str:
+def _text(task, best: dict[str, Any], least: float, mine: Fit, others: Sequence[Fit]) -> str:
     peaks = ", ".join(f"{c.name} {p:.3g} {c.unit}" for c, p in zip(task.inputs, best["peaks"], strict=True))
     own = {placed_name(*e) for e in mine.effects}
     rivals = sorted({placed_name(*e) for o in others for e in o.effects} - own)
     low, high = best["band_hz"]
-    if best["separation"] < TELLS_NOTHING:
+    if best["separation"] < least:
         return f"nothing that was tried tells it from {', '.join(rivals)}: here they may be one and the same"
     separate = (
         f"they would differ by {best['separation']:.2g} times the noise floor"
