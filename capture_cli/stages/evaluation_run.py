@@ -19,7 +19,7 @@ from capture_cli.stages.evaluation_time import Expected, expected
 from capture_cli.stages.progress import Progress
 from capture_cli.stages.sim2sim import Sim2Sim
 from capture_cli.stores.evaluation import FORMAT, SCHEMA, VERSION, Evaluation, joined
-from capture_cli.stores.output import refuse_existing, refuse_inputs, resumable_directory, unfinished
+from capture_cli.stores.output import is_complete, refuse_inputs, resumable_directory, unfinished
 from capture_cli.stores.provenance import Provenance, write_json
 
 PARTS, RECIPE = "parts", "recipe.json"  # of a run that is not complete
@@ -51,9 +51,8 @@ def evaluate(
     """
     options = {k: v for k, v in locals().items() if k not in ("force", "resume", "quiet")}
     plan = evaluation_plan(**{k: v for k, v in options.items() if k != "out"})
-    if resume and not force and Path(out).exists():
+    if is_complete(out, force=force, resume=resume):
         return completed(Path(out), plan)
-    refuse_existing(out, force=force)
     refuse_inputs(out, plan.inputs)
     if not quiet and (left := time_left(plan, out, resume=resume)):
         print(left, file=sys.stderr, flush=True)

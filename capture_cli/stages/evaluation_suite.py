@@ -21,7 +21,7 @@ from capture_cli.stages.evaluation_run import carry_out, completed, time_left
 from capture_cli.stages.evaluation_time import Expected
 from capture_cli.stages.identifier_checkpoint import DOCUMENT, read_document
 from capture_cli.stages.policy_checkpoint import SETTINGS
-from capture_cli.stores.output import refuse_existing, refuse_inputs, resumable_directory
+from capture_cli.stores.output import is_complete, refuse_inputs, resumable_directory
 from capture_cli.stores.provenance import Provenance, write_json
 
 FORMAT, VERSION = "capture/evaluation-suite", 1
@@ -84,8 +84,7 @@ def evaluate_suite(
     options = {k: v for k, v in locals().items() if k not in ("force", "resume", "quiet")}
     cells = _cells(suite, task, only)
     names, checkpoints = _found(identifiers)
-    if not resume:
-        refuse_existing(out, force=force)
+    complete = is_complete(out, force=force, resume=resume)
     shared = {"pairs": pairs, "seeds": seeds, "rounds": rounds, "seed": seed, "threads": threads}
     asked = {
         c: {
@@ -105,7 +104,7 @@ def evaluate_suite(
             cure="give --identifier a folder with checkpoints that `capture train-sysid` wrote",
         )
     plans = {c: evaluation_plan(**o, spelled_out=[c.varied] if c.varied else []) for c, o in asked.items()}
-    if resume and not force and Path(out).exists():
+    if complete:
         return _completed(Path(out), plans)
     refuse_inputs(out, [path for plan in plans.values() for path in plan.inputs])
     provenance = Provenance("eval-sim2sim", options, {})

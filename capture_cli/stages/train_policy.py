@@ -20,7 +20,7 @@ from capture_cli.simulator import Simulator
 from capture_cli.stages.policy_checkpoint import read_policy, save_policy
 from capture_cli.stages.progress import Progress
 from capture_cli.stages.training_state import STATE, check_recipe, load_state, save_state
-from capture_cli.stores.output import refuse_existing, resumable_directory, unfinished
+from capture_cli.stores.output import is_complete, resumable_directory, unfinished
 from capture_cli.stores.provenance import Provenance
 from capture_cli.tasks import load_task
 from capture_cli.tasks.base import ActionTask
@@ -61,9 +61,7 @@ def train_policy(
     before anything is written.
     """
     options = {k: v for k, v in locals().items() if k not in ("resume", "force", "quiet")}
-    complete = resume and not force and Path(out).exists()
-    if not complete:
-        refuse_existing(out, force=force)
+    complete = is_complete(out, force=force, resume=resume)
     machine = _trainable(task)
     settings = TrainingSettings(
         steps=steps,

@@ -21,7 +21,7 @@ from capture_cli.stages.identifier_checkpoint import read_document, save_identif
 from capture_cli.stages.progress import Progress
 from capture_cli.stages.training_state import STATE, check_recipe, load_state, save_state
 from capture_cli.stores.histories import SCHEMA, Histories, is_url
-from capture_cli.stores.output import refuse_existing, refuse_inputs, resumable_directory, unfinished
+from capture_cli.stores.output import is_complete, refuse_inputs, resumable_directory, unfinished
 from capture_cli.stores.provenance import Provenance
 from capture_cli.tasks.base import Feature
 
@@ -73,9 +73,7 @@ def train_sysid(
     complete is read. Raises CaptureError before anything is written.
     """
     options = {k: v for k, v in locals().items() if k not in ("resume", "force", "quiet")}
-    complete = resume and not force and Path(out).exists()
-    if not complete:
-        refuse_existing(out, force=force)
+    complete = is_complete(out, force=force, resume=resume)
     kind = _learned(identifier)
     store = Histories(histories)
     signature = signature_of(store.attributes)
@@ -89,8 +87,6 @@ def train_sysid(
         )
     trains_on = None if is_url(str(histories)) else Path(histories)
     refuse_inputs(out, [trains_on])
-    provenance = Provenance("train-sysid", options, {"histories": trains_on})
-    _check_finite(store, quiet)
     where = _device(device, precision, threads)
     # torch is imported from here on: its settings are made
     from capture_cli.identifiers._training import Settings, Trainer
@@ -131,6 +127,8 @@ def train_sysid(
         document = read_document(Path(out))
         check_recipe({name: document.get(name) for name in recipe}, recipe)
         return document
+    provenance = Provenance("train-sysid", options, {"histories": trains_on})
+    _check_finite(store, quiet)
     trainer = Trainer(kind, signature, _reader(store), len(store), architecture, settings, where)
     begun = {**recipe, "device": asdict(where)}
     state = load_state(unfinished(out), begun) if resume else None

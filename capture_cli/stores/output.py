@@ -126,6 +126,14 @@ def refuse_existing(path: Path, *, force: bool) -> None:
         )
 
 
+def is_complete(path: Path, *, force: bool, resume: bool) -> bool:
+    """Whether an earlier run made all of `path` and this one resumes it; otherwise as `refuse_existing`."""
+    if resume and not force and Path(path).exists():
+        return True
+    refuse_existing(path, force=force)
+    return False
+
+
 def refuse_inputs(path: Path, inputs: Iterable[Path | str | None]) -> None:
     """Raise OutputError where `path` is one of the inputs, or holds one: not even --force may cost what is read."""
     path = Path(path).resolve()
