@@ -449,6 +449,44 @@ def test_compliance_and_backlash_are_a_rotor_and_a_link(
     assert error < 0.1 * error_rigid
 
 
+WITH_A_LOAD = """
+<mujoco><option timestep="0.001" gravity="0 0 0"/>
+  <worldbody><body><joint name="l" type="slide" axis="1 0 0" damping="4"/>
+    <geom type="sphere" size=".1" mass="{rest}" contype="0" conaffinity="0"/>{load}</body></worldbody>
+  <actuator><motor joint="l"/></actuator><sensor><jointpos joint="l"/></sensor>
+</mujoco>
+"""
+
+
+LOAD = """
+    <body><joint type="slide" axis="1 0 0" stiffness="{stiffness}" damping="{damping}"/>
+      <geom type="sphere" size=".1" mass="{loose}" contype="0" conaffinity="0"/></body>
+"""
+
+
+@pytest.mark.parametrize("loose", [0.15, 0.6])
+@pytest.mark.parametrize(("frequency", "damping_ratio"), [(1.3, 0.03), (6.0, 0.3)])
+@pytest.mark.parametrize("begin", [0.0, 0.02])
+def test_a_loose_mass_is_a_body_on_a_spring(loose, frequency, damping_ratio, begin):
+    turning = 2 * np.pi * frequency
+    load = LOAD.format(loose=loose, stiffness=loose * turning**2, damping=2 * damping_ratio * loose * turning)
+    two = build(WITH_A_LOAD.format(rest=1 - loose, load=load))
+    one = build(WITH_A_LOAD.format(rest=1, load=""))
+    tape = 3 * np.sign(np.cos(2 * np.pi * 1.1 * np.arange(1500) * 1e-3))[None, :, None]
+    states = np.array([[0, begin]]), np.array([[0.1, 0.0]]), np.zeros((1, 0)), np.zeros(1)
+    truth = run(two, tape=tape, starts=Starts(*states))[0]
+    start = Starts(np.zeros((1, 1)), np.full((1, 1), 0.1), *states[2:])
+    rigid = run(one, tape=tape, starts=start)[0]
+    effect = effects.REGISTRY.get("loose-mass")(one, "l")
+    at = effect.space.to_vector({"mass": loose, "frequency": frequency, "damping_ratio": damping_ratio})
+    at_begin = effect.force(at[None], 1e-3, states=np.array([[1.0, 0.0]])).coefficients["ahead"][0]
+    hidden = np.array([[begin / at_begin, 0.0]])
+    force = effect.force(at[None], 1e-3, states=hidden)
+    sensors = Engine(one).rollout(starts=start, controls=tape, steps=1500, forces=[force]).sensors
+    error, error_rigid = (np.sqrt(np.mean((s - truth) ** 2)) for s in (sensors, rigid))
+    assert error < 0.03 * error_rigid
+
+
 def drive(name: str, tape: np.ndarray, *values: float) -> np.ndarray:
     """What reaches the slider's actuator of `tape` (grid,), in steps of 1 s."""
     effect = effects.REGISTRY.get(name)(machine("slider"), "drive")
