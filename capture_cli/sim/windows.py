@@ -32,7 +32,8 @@ class Windows:
     tape (window, lead + grid + ahead, input): inputs at the model's steps, from `lead` steps before the window to some
     after it; where the log does not reach so far, its first and last values.
     index (window, step), weight (window, step): a sample lies between grid points index and index + 1, at weight.
-    measured (window, step, output). mask (window, step): False for padding.
+    measured (window, step, output): 0 where not sampled. mask (window, step): False for padding.
+    sampled (window, step, output): False for padding, and where an output has no sample.
     """
 
     episode: np.ndarray
@@ -47,6 +48,7 @@ class Windows:
     weight: np.ndarray
     measured: np.ndarray
     mask: np.ndarray
+    sampled: np.ndarray
     timestep: float
 
     def __len__(self) -> int:
@@ -69,7 +71,7 @@ class Windows:
 
     @property
     def samples(self) -> np.ndarray:
-        """How many samples each window has, (window,)."""
+        """How many steps each window has, (window,)."""
         return self.mask.sum(axis=1)
 
     def rows(self, keep: np.ndarray) -> Windows:
@@ -90,6 +92,7 @@ class Windows:
             weight=self.weight[keep, :steps],
             measured=self.measured[keep, :steps],
             mask=self.mask[keep, :steps],
+            sampled=self.sampled[keep, :steps],
         )
 
     def sample(self, sensors: np.ndarray, row: np.ndarray) -> np.ndarray:
@@ -110,12 +113,14 @@ def cut(
     timestep: float,
     duration: float | None,
     linear: np.ndarray,
+    sampled: np.ndarray | None = None,
 ) -> Windows:
     """Windows of `duration` seconds (whole episodes where None) of every episode.
 
     time (step,) s; inputs (step, input); outputs (step, output). linear (input,): interpolate that input rather than
-    hold it. No sample is in two windows, and none is left out but one that stands alone between two gaps. The tail of
-    an episode that is shorter than half a window is joined to the window before it.
+    hold it. sampled (step, output): where outputs have a sample, everywhere where None. No step is in two windows, and
+    none is left out but one that stands alone between two gaps. The tail of an episode that is shorter than half a
+    window is joined to the window before it.
     """
     spans = [
         (number, begun, a, b)
@@ -134,12 +139,14 @@ def cut(
     weight = np.zeros((count, steps))
     measured = np.zeros((count, steps, outputs.shape[1]))
     mask = np.zeros((count, steps), dtype=bool)
+    has_sample = np.zeros(measured.shape, dtype=bool)
     for w, (number, begun, a, b) in enumerate(spans):
         position = (time[a:b] - time[a]) / timestep
         index[w, : b - a] = np.floor(position + GRID_TOLERANCE)
         weight[w, : b - a] = np.maximum(position - index[w, : b - a], 0.0)
         measured[w, : b - a] = outputs[a:b]
         mask[w, : b - a] = True
+        has_sample[w, : b - a] = True if sampled is None else sampled[a:b]
         stop = episodes[number].stop  # the input after a window's last sample is known, if not an episode's
         on_grid = time[a] + timestep * np.arange(-lead, grid + ahead)
         tape[w] = inputs_at(on_grid, time[begun:stop], inputs[begun:stop], timestep, linear)
@@ -156,6 +163,7 @@ def cut(
         weight=weight,
         measured=measured,
         mask=mask,
+        sampled=has_sample,
         timestep=timestep,
     )
 

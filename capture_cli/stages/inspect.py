@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from capture_cli.errors import CaptureError, StoreError
 from capture_cli.stages.log_findings import finding, log_findings, task_findings
-from capture_cli.stages.log_health import channel, excitation, quantisation, spikes, timing
+from capture_cli.stages.log_health import channel, excitation, quantisation, sampling, spikes, timing
 from capture_cli.stages.prepared_log import find_task
 from capture_cli.stores.estimate import Estimate, read_result
 from capture_cli.stores.histories import SCHEMA as HISTORIES_SCHEMA
@@ -173,8 +173,8 @@ def _dropped(recording: Mapping[str, Any]) -> dict[str, str]:
         name,
         f"{dropped} of {dropped + steps} rows were incomplete and dropped on import, with what drove the machine "
         "in them",
-        "if a sensor that is slower than the others leaves them incomplete, take its output out of the task.toml "
-        "and import again; changes of the inputs that are lost look like a delay",
+        "if a sensor that is slower than the others leaves them incomplete, write sparse = true under its output in "
+        "the task.toml and import again; changes of the inputs that are lost look like a delay",
     )
 
 
@@ -183,11 +183,25 @@ def _channels(log: MeasuredLog) -> list[dict[str, Any]]:
     for name, unit, values in zip(log.input_names, log.input_units, log.inputs.T, strict=True):
         described = {"name": name, "kind": "input", "unit": unit, **channel(values, log.episodes)}
         channels.append({**described, "excitation": excitation(values, log.time, log.episodes)})
-    for name, unit, values in zip(log.output_names, log.output_units, log.outputs.T, strict=True):
-        described = {"name": name, "kind": "output", "unit": unit, **channel(values, log.episodes)}
-        own = {"quantisation": quantisation(values), "spikes": spikes(values, log.time, log.episodes)}
+    for k, (name, unit) in enumerate(zip(log.output_names, log.output_units, strict=True)):
+        values, time, episodes = log.outputs[:, k], log.time, log.episodes
+        described = {"name": name, "kind": "output", "unit": unit}
+        steps = np.flatnonzero(log.sampled[:, k])
+        if log.is_sparse[k]:
+            values, time, episodes = values[steps], time[steps], _within(steps, episodes)
+            described["sampling"] = sampling(time, episodes)
+        described |= channel(values, episodes)
+        own = {"quantisation": quantisation(values), "spikes": spikes(values, time, episodes)}
+        for places in (described["bad_steps"], own["spikes"]["first"]):
+            places[:] = steps[places].tolist()  # of the log
         channels.append({**described, **own})
     return channels
+
+
+def _within(steps: np.ndarray, episodes: Sequence[slice]) -> list[slice]:
+    """The episodes as slices of the log's `steps` (sample,)."""
+    edges = np.searchsorted(steps, [(e.start, e.stop) for e in episodes])
+    return [slice(int(a), int(b)) for a, b in edges]
 
 
 # --- estimates, diagnoses and other stores ---

@@ -77,6 +77,16 @@ def channel(values: np.ndarray, episodes: Sequence[slice]) -> dict[str, Any]:
     }
 
 
+def sampling(time: np.ndarray, episodes: Sequence[slice]) -> dict[str, Any]:
+    """Of a sparse output with samples at `time` (sample,): how many, the fewest in an episode, and their rate, Hz."""
+    rates = [t["rate"] for t in (timing(time[e]) for e in episodes) if t["rate"] is not None]
+    return {
+        "samples": len(time),
+        "fewest": min((e.stop - e.start for e in episodes), default=0),
+        "rate": float(np.median(rates)) if rates else None,
+    }
+
+
 def quantisation(values: np.ndarray) -> dict[str, float | None]:
     """step: of the grid that an output (step,) sits on, None where on none; change: median, per sample."""
     finite = values[np.isfinite(values)]
