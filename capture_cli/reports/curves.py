@@ -49,8 +49,8 @@ NOTHING_FOUND = (Model("before", "declared", "--before", "--before"),)
 class Samples:
     """The residual of one output, window after window, in its own samples.
 
-    residual, is_test (sample,): whether its window was held out. slices: those of each window. interval: s, the median
-    time between neighbours.
+    residual, is_test (sample,): whether its window was held out. slices: those of each window that has some.
+    interval: s, the median time between neighbours.
     """
 
     residual: np.ndarray
@@ -121,7 +121,7 @@ class Curves:
         """The residual of output k, at its samples alone."""
         own = self.sampled(k)
         ends = np.cumsum([0, *(int(own[s].sum()) for s in self.slices)]).tolist()
-        slices = tuple(slice(a, b) for a, b in pairwise(ends))
+        slices = tuple(slice(a, b) for a, b in pairwise(ends) if a < b)
         steps = np.concatenate([np.diff(self.time[own][s]) for s in slices])
         interval = float(np.median(steps)) if steps.size else 0.0
         return Samples(self.residual[own, k], self.step_is_test[own], slices, interval)

@@ -5,7 +5,7 @@ A local cubic is fitted; its half-width is the widest at which its residual stil
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -86,6 +86,10 @@ def local_motion(near: Neighbours, series: np.ndarray, noise_sd: np.ndarray) -> 
     all of them, a quintic over the narrowest is, and its sd is what it changes: the residual of a polynomial tells
     little of how wrong its derivative is.
     """
+    unseen = _unseen(near)
+    near = replace(
+        near, time=near.time - unseen[:, None]
+    )  # what is far is taken to be as at the nearest sample
     centre, shape = HALF_WIDTHS[-1], series[:, 0].shape
     noise = np.tile(np.asarray(noise_sd, dtype=float), (shape[0], 1))
     best = LocalMotion(
@@ -122,22 +126,36 @@ def local_motion(near: Neighbours, series: np.ndarray, noise_sd: np.ndarray) -> 
                 best.take(quintic, places[new], ~like_noise[new])
         fitted[places] = True
         begun[places] |= like_noise
-    _doubt_unseen(best, near, series)
+    _doubt(best, near, series, unseen)
     return best
 
 
-def _doubt_unseen(motion: LocalMotion, near: Neighbours, series: np.ndarray) -> None:
-    """Allow, at places FAR from every sample, for any motion since then at the speed that the samples around show."""
-    away = np.abs(near.time[:, HALF_WIDTHS[-1]])
-    places = np.flatnonzero(away > 0)
+def _unseen(near: Neighbours) -> np.ndarray:
+    """s, (place,), how long before or after a place its nearest sample is, where that is FAR; 0 elsewhere."""
+    away = near.time[:, HALF_WIDTHS[-1]]
+    places = np.flatnonzero(away)
+    interval = np.ma.masked_array(np.diff(near.time[places], axis=1), ~_follow(near)[places])
+    far = np.zeros(len(away))
+    far[places] = np.where(
+        np.abs(away[places]) > FAR * np.ma.median(interval, axis=1).filled(0.0), away[places], 0.0
+    )
+    return far
+
+
+def _follow(near: Neighbours) -> np.ndarray:
+    """Which samples and those after them are both known, (place, sample - 1)."""
+    return near.known[:, 1:] & near.known[:, :-1]
+
+
+def _doubt(motion: LocalMotion, near: Neighbours, series: np.ndarray, unseen: np.ndarray) -> None:
+    """Allow, `unseen` (place,) s from every sample, for any motion at the speed that the samples around show."""
+    places = np.flatnonzero(unseen)
     if not places.size:
         return
-    follow = near.known[places, 1:] & near.known[places, :-1]
-    interval = np.ma.masked_array(np.diff(near.time[places], axis=1), ~follow)
-    far = away[places] > FAR * np.ma.median(interval, axis=1).filled(0.0)
-    places, speed = places[far], np.diff(series[places], axis=1)[far] / interval[far, :, None]
-    speed = np.ma.sqrt(np.ma.mean(np.ma.square(speed), axis=1)).filled(UNKNOWN_SLOPE_SD)
-    motion.value_sd[places] = np.hypot(motion.value_sd[places], speed * away[places, None])
+    interval = np.ma.masked_array(np.diff(near.time[places], axis=1), ~_follow(near)[places])
+    speed = np.diff(series[places], axis=1) / interval[..., None]
+    speed = np.ma.sqrt((speed**2).mean(axis=1)).filled(UNKNOWN_SLOPE_SD)
+    motion.value_sd[places] = np.hypot(motion.value_sd[places], speed * np.abs(unseen[places, None]))
     motion.slope_sd[places] = np.hypot(motion.slope_sd[places], speed)
 
 
