@@ -223,7 +223,7 @@ def test_parameters_are_recovered_by_a_slow_camera(tmp_path, without_pages, choo
     ],
 )
 def test_what_is_missing_is_found_by_a_slow_camera(tmp_path, without_pages, choose, effect, key, value):
-    log, task, _ = cart_pole(tmp_path, choose, 1, effects=[f"{effect}={value}"])
+    log, task, _ = cart_pole(tmp_path, choose, 1, effects=[f"{effect}={value}"], episodes=3)
     found = diagnose_stage.diagnose(
         real_log=log, task=str(task), out=tmp_path / "d", threads=1, quiet=True
     ).document
