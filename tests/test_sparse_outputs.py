@@ -8,6 +8,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -305,6 +306,86 @@ def test_topics_that_were_merged(tmp_path, without_pages):
     assert found["verdict"] == "explained"
     for name, p in found["parameters"].items():
         assert abs(p["value"] - made.truth["parameters"][name]) < 5 * p["sd"], name
+
+
+PENDULUM = """
+<mujoco>
+  <option timestep="0.002" integrator="implicitfast"/>
+  <worldbody>
+    <body name="bob" pos="0 0 2">
+      <joint name="ball" type="ball" damping="0.02"/>
+      <geom type="capsule" fromto="0 0 0 .1 0 -.5" size=".02" mass="1"/>
+    </body>
+  </worldbody>
+  <sensor><ballquat name="attitude" joint="ball"/></sensor>
+</mujoco>
+"""
+SEEN = """
+format = 1
+name = "pendulum"
+model = "model.xml"
+[parameters.damping]
+set = "joint:ball:damping"
+low = 0.0
+high = 0.1
+unit = "N m s/rad"
+[outputs.attitude]
+column = ["w", "x", "y", "z"]
+unit = "1"
+sparse = true
+[log]
+window = 0.6
+episode = "episode"
+"""
+
+
+@pytest.fixture
+def swinging(tmp_path) -> tuple[Path, list[list]]:
+    """The task of a pendulum whose attitude a camera sees, and rows (episode, time, w, x, y, z) of two episodes."""
+    (tmp_path / "model.xml").write_text(PENDULUM)
+    (tmp_path / "task.toml").write_text(SEEN)
+    model = mujoco.MjModel.from_xml_string(PENDULUM)
+    generator, rows = np.random.default_rng(7), []
+    for episode in range(2):
+        data = mujoco.MjData(model)
+        data.qvel = generator.uniform(-3, 3, 3)
+        seen = set(jittered(400, generator).tolist())
+        for step in range(400):
+            values = [""] * 4
+            mujoco.mj_forward(model, data)
+            if step in seen:
+                sign = generator.choice([-1, 1])  # a quaternion's means nothing
+                values = list(sign * (data.sensordata + 1e-3 * generator.standard_normal(4)))
+            rows.append([episode, f"{0.01 * step:.2f}", *values])
+            mujoco.mj_step(model, data, 5)
+    return tmp_path / "task.toml", rows
+
+
+def test_attitudes_by_a_slow_camera(swinging, tmp_path, without_pages):
+    task, rows = swinging
+    csv_of(tmp_path / "run.csv", rows)
+    import_log(files=[tmp_path / "run.csv"], task=str(task), out=tmp_path / "log.zarr")
+    found = identify_stage.identify(
+        real_log=tmp_path / "log.zarr", task=str(task), out=tmp_path / "e", threads=1, quiet=True
+    ).document
+    damping = found["parameters"]["damping"]
+    assert found["verdict"] == "explained"
+    assert damping["sd"] < 2e-3 and abs(damping["value"] - 0.02) < 4 * damping["sd"]
+
+
+def test_half_an_attitude_is_refused(swinging, tmp_path):
+    task, rows = swinging
+    row = next(r for r in rows if r[2] != "")
+    row[4] = ""
+    csv_of(tmp_path / "run.csv", rows)
+    with pytest.raises(LogError, match="'attitude' has some of its 4 values and not the others") as caught:
+        import_log(files=[tmp_path / "run.csv"], task=str(task), out=tmp_path / "log.zarr")
+    assert f"at {float(row[1]):g} s" in caught.value.message and "or none" in caught.value.cure
+
+
+def csv_of(path: Path, rows: list[list]) -> None:
+    lines = [",".join(map(str, row)) for row in rows]
+    path.write_text("\n".join(["episode,time,w,x,y,z", *lines]) + "\n")
 
 
 def half_blind(folder: Path) -> tuple[Path, Path]:
