@@ -21,6 +21,7 @@ from capture_cli.reports.curves import Curves
 from capture_cli.stages import diagnose as diagnose_stage
 from capture_cli.stages import identify as identify_stage
 from capture_cli.stages.import_log import import_log
+from capture_cli.stages.inspect import inspect
 from capture_cli.stages.prepared_log import prepare
 from capture_cli.stages.record import record
 from capture_cli.stages.tapes import tape_task
@@ -245,40 +246,34 @@ def test_nothing_is_found_by_a_slow_camera_where_nothing_is_missing(tmp_path, wi
 # --- from files to pages ---
 
 
-def merged(log: MeasuredLog, path: Path) -> None:
-    """Rows of encoder and camera, each at times of its own, as topics are merged: what was commanded is in all."""
+def merged(log: MeasuredLog, path: Path, choose, after: tuple[float, float]) -> None:
+    """Rows of encoder and camera, each at times of its own, as topics are merged: what was commanded is in all.
+
+    The camera has a row `after` a share of the interval from those steps of the encoder that `choose` gives.
+    """
     generator = np.random.default_rng(4)
     rows = []
     for number, episode in enumerate(log.episodes):
-        time, force, x, theta = (
-            log.time[episode],
-            log.inputs[episode, 0],
-            *log.outputs[episode].T,
-        )
-        seen = jittered(len(time) - 1, generator)
-        late = seen + generator.uniform(
-            0.1, 0.9, len(seen)
-        )  # between two rows, of which the later is not told
-        assert len(theta) > seen.max()
-        rows += [
-            (number, f"{t:.6f}", f"{u:.9g}", f"{v:.9g}", "") for t, u, v in zip(time, force, x, strict=True)
-        ]
-        rows += [
-            (
-                number,
-                f"{np.interp(s, np.arange(len(time)), time):.6f}",
-                f"{force[int(s)]:.9g}",
-                "",
-                f"{v:.9g}",
-            )
-            for s, v in zip(late, np.interp(late, np.arange(len(time)), theta), strict=True)
-        ]
-    rows.sort(key=lambda r: (r[0], float(r[1])))
-    lines = [",".join(map(str, r)) for r in rows]
+        time, force = log.time[episode], log.inputs[episode, 0]
+        x, theta = log.outputs[episode].T
+        steps = np.arange(len(time))
+        seen = choose(len(time) - 1, generator)
+        late = seen + generator.uniform(*after, len(seen))
+        rows += [(number, t, u, v, "") for t, u, v in zip(time, force, x, strict=True)]
+        at, angle = np.interp(late, steps, time), np.interp(late, steps, theta)
+        rows += [(number, t, u, "", v) for t, u, v in zip(at, force[seen], angle, strict=True)]
+    rows.sort(key=lambda row: row[:2])
+    lines = [",".join(map(str, row)) for row in rows]
     path.write_text("\n".join(["episode,t_s,force_N,x_m,theta_rad", *lines]) + "\n")
 
 
-def test_topics_that_were_merged(tmp_path, without_pages):
+def at_every_step(steps: int, _: np.random.Generator) -> np.ndarray:
+    return np.arange(steps)
+
+
+@pytest.mark.parametrize(("choose", "after"), [(jittered, (0.1, 0.9)), (at_every_step, (0.005, 0.006))])
+def test_topics_that_were_merged(tmp_path, without_pages, choose, after):
+    """Also of clocks that tick together, where every second interval between rows is next to nothing."""
     task = with_sparse(tmp_path / "task", "cart_pole", "cart", "pole")
     made = record(
         task=str(task),
@@ -291,7 +286,7 @@ def test_topics_that_were_merged(tmp_path, without_pages):
         threads=1,
     )
     noise = [5e-4, 1e-3] * np.random.default_rng(6).standard_normal(made.log.outputs.shape)
-    merged(replace(made.log, outputs=made.log.outputs + noise), tmp_path / "merged.csv")
+    merged(replace(made.log, outputs=made.log.outputs + noise), tmp_path / "merged.csv", choose, after)
     log = import_log(files=[tmp_path / "merged.csv"], task=str(task), out=tmp_path / "log.zarr")
     assert log.sparse == {"cart", "pole"}
     assert (log.sampled.sum(axis=1) == 1).all()
@@ -303,6 +298,10 @@ def test_topics_that_were_merged(tmp_path, without_pages):
         threads=1,
         quiet=True,
     ).document
+    assert found["split"]["fit_windows"] + found["split"]["test_windows"] == 4 * 6
+    document = inspect(tmp_path / "log.zarr", task=str(task))
+    assert document["recordings"][0]["rate"] == pytest.approx(250, rel=1e-3)
+    assert {f["severity"] for f in document["findings"]} <= {"note"}
     assert found["verdict"] == "explained"
     for name, p in found["parameters"].items():
         assert abs(p["value"] - made.truth["parameters"][name]) < 5 * p["sd"], name

@@ -109,7 +109,7 @@ def estimate_starts(
     sources = sorted(_sources(model, sensors), key=lambda s: bool(sampled[:, s.columns[0]].all()))
     lag = _velocity_lag(model)
     places = _Places(np.asarray(time), episodes, window_first, window_episode)
-    knots = _Knots.of(places)
+    knots = _Knots.of(places, merged=not sampled.all(axis=0).any())
     path = np.zeros((count, knots.count, 3, model.nsensordata))
     measured_velocity = {d for s in sources if s.kind == "velocity" for d in s.dofs}
     for source in sources:
@@ -216,9 +216,11 @@ class _Knots:
         return Neighbours.of(self.time, self.at, self.first, self.stop, np.flatnonzero(sampled))
 
     @classmethod
-    def of(cls, places: _Places) -> _Knots:
+    def of(cls, places: _Places, *, merged: bool) -> _Knots:
+        """merged: whether steps are those of several sensors, and may be next to each other."""
         time, episodes, window_first = places.time, places.episodes, places.first
-        interval = float(np.median(np.concatenate([np.diff(time[e]) for e in episodes])))
+        steps = np.concatenate([np.diff(time[e]) for e in episodes])
+        interval = float(np.mean(steps) if merged else np.median(steps))
         stride = max(1, round(KNOT_INTERVAL / interval))
         count = 1 + int(np.ceil(MOST_LATE / (stride * interval) - 1e-6))
         first, stop = (np.array([getattr(e, n) for e in episodes])[places.episode] for n in ("start", "stop"))

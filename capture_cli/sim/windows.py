@@ -13,7 +13,7 @@ import numpy as np
 
 # A sample this close before a grid point, in steps, belongs to it: times in files are rounded.
 GRID_TOLERANCE = 1e-3
-# A gap this many median sampling intervals long ends a window: nobody knows what drove the machine in it.
+# A gap this many usual sampling intervals long ends a window: nobody knows what drove the machine in it.
 GAP_FACTOR = 20.0
 # s of inputs kept from before each window: what a late or sluggish actuator still answers to at its start
 LEAD = 4.0
@@ -125,7 +125,12 @@ def cut(
     spans = [
         (number, begun, a, b)
         for number, steps in enumerate(episodes)
-        for begun, a, b in _spans(time[steps], steps.start, duration)
+        for begun, a, b in _spans(
+            time[steps],
+            steps.start,
+            duration,
+            usual_interval(time[steps], None if sampled is None else sampled[steps]),
+        )
     ]
     steps = max(b - a for _, _, a, b in spans)
     grids = np.array([_grid_steps(time[a:b], timestep) for _, _, a, b in spans])
@@ -168,10 +173,28 @@ def cut(
     )
 
 
-def _spans(time: np.ndarray, offset: int, duration: float | None) -> list[tuple[int, int, int]]:
-    """Of each window of one episode: since which step its inputs are known, and its [first, last) steps."""
+def usual_interval(time: np.ndarray, sampled: np.ndarray | None = None) -> float:
+    """s, from one sample to the next of the output that has most of them. sampled (step, output): all where None.
+
+    Of all steps, that is, unless every output is sparse: merged from several logs, steps may be next to each other.
+    """
+    if len(time) < 2:
+        return 0.0
+    if sampled is None or sampled.all(axis=0).any() or not sampled.shape[1]:
+        return float(np.median(np.diff(time)))
+    own = [time[s] for s in sampled.T]
+    return min(
+        (float(np.median(np.diff(t))) for t in own if len(t) > 1), default=float(np.median(np.diff(time)))
+    )
+
+
+def _spans(time: np.ndarray, offset: int, duration: float | None, usual: float) -> list[tuple[int, int, int]]:
+    """Of each window of one episode: since which step its inputs are known, and its [first, last) steps.
+
+    usual: s, between samples.
+    """
     spans = []
-    for a, b in _without_gaps(time):
+    for a, b in _without_gaps(time, usual):
         if duration is None:
             spans.append((offset + a, offset + a, offset + b))
             continue
@@ -191,11 +214,11 @@ def _with_two_samples(edges: np.ndarray, stop: int) -> list[tuple[int, int]]:
     return list(zip(kept, [*kept[1:], stop], strict=True))
 
 
-def _without_gaps(time: np.ndarray) -> list[tuple[int, int]]:
+def _without_gaps(time: np.ndarray, usual: float) -> list[tuple[int, int]]:
     if len(time) < 3:
         return [(0, len(time))]
     interval = np.diff(time)
-    breaks = np.flatnonzero(interval > GAP_FACTOR * np.median(interval)) + 1
+    breaks = np.flatnonzero(interval > GAP_FACTOR * usual) + 1
     return list(zip([0, *breaks], [*breaks, len(time)], strict=True))
 
 

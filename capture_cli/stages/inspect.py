@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from capture_cli.errors import CaptureError, StoreError
+from capture_cli.sim.windows import usual_interval
 from capture_cli.stages.log_findings import finding, log_findings, task_findings
 from capture_cli.stages.log_health import channel, excitation, quantisation, sampling, spikes, timing
 from capture_cli.stages.prepared_log import find_task
@@ -112,7 +113,7 @@ def _inspect_log(path: Path, document: dict[str, Any], machine: Task | None) -> 
         document.update(recordings=list(log.recordings), episodes=[], channels=[])
         return
     document["episodes"] = [
-        {"episode": i, "recording": log.recording_names[int(log.recording[i])], **timing(log.time[e])}
+        {"episode": i, "recording": log.recording_names[int(log.recording[i])], **_timing(log, e)}
         for i, e in enumerate(log.episodes)
     ]
     document["recordings"] = [
@@ -141,6 +142,13 @@ def _inspect_log(path: Path, document: dict[str, Any], machine: Task | None) -> 
     machine = machine or _own_task(log)
     if machine is not None:
         findings += task_findings(log, document, machine)
+
+
+def _timing(log: MeasuredLog, episode: slice) -> dict[str, Any]:
+    """By the interval of the fastest sensor where every output is sparse."""
+    time, sampled = log.time[episode], log.sampled[episode]
+    merged = bool(log.is_sparse.all()) and sampled.any(axis=0).all() and np.isfinite(time).all()
+    return timing(time, usual_interval(time, sampled) if merged else None)
 
 
 def _own_task(log: MeasuredLog) -> Task | None:
