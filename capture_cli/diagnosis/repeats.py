@@ -128,9 +128,8 @@ def _same(a: np.ndarray, b: np.ndarray) -> bool:
     )
 
 
-Begun = tuple[
-    np.ndarray, np.ndarray, np.ndarray
-]  # of an episode: time (step,), outputs, where sampled (step, output)
+# Of an episode: time (step,), outputs (step, output) and where they have samples
+Begun = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def _same_start(a: Begun, b: Begun, noise_sd: np.ndarray) -> bool:

@@ -122,14 +122,12 @@ def cut(
     none is left out but one that stands alone between two gaps. The tail of an episode that is shorter than half a
     window is joined to the window before it.
     """
+    sampled = np.ones(outputs.shape, dtype=bool) if sampled is None else sampled
     spans = [
         (number, begun, a, b)
         for number, steps in enumerate(episodes)
         for begun, a, b in _spans(
-            time[steps],
-            steps.start,
-            duration,
-            usual_interval(time[steps], None if sampled is None else sampled[steps]),
+            time[steps], steps.start, duration, usual_interval(time[steps], sampled[steps])
         )
     ]
     steps = max(b - a for _, _, a, b in spans)
@@ -151,7 +149,7 @@ def cut(
         weight[w, : b - a] = np.maximum(position - index[w, : b - a], 0.0)
         measured[w, : b - a] = outputs[a:b]
         mask[w, : b - a] = True
-        has_sample[w, : b - a] = True if sampled is None else sampled[a:b]
+        has_sample[w, : b - a] = sampled[a:b]
         stop = episodes[number].stop  # the input after a window's last sample is known, if not an episode's
         on_grid = time[a] + timestep * np.arange(-lead, grid + ahead)
         tape[w] = inputs_at(on_grid, time[begun:stop], inputs[begun:stop], timestep, linear)
@@ -173,19 +171,17 @@ def cut(
     )
 
 
-def usual_interval(time: np.ndarray, sampled: np.ndarray | None = None) -> float:
-    """s, from one sample to the next of the output that has most of them. sampled (step, output): all where None.
+def usual_interval(time: np.ndarray, sampled: np.ndarray) -> float:
+    """s, between samples of the output that has most of them. time (step,), sampled (step, output).
 
     Of all steps, that is, unless every output is sparse: merged from several logs, steps may be next to each other.
     """
     if len(time) < 2:
         return 0.0
-    if sampled is None or sampled.all(axis=0).any() or not sampled.shape[1]:
+    some = sampled[:, sampled.sum(axis=0) > 1]
+    if some.all(axis=0).any() or not some.size:
         return float(np.median(np.diff(time)))
-    own = [time[s] for s in sampled.T]
-    return min(
-        (float(np.median(np.diff(t))) for t in own if len(t) > 1), default=float(np.median(np.diff(time)))
-    )
+    return min(float(np.median(np.diff(time[own]))) for own in some.T)
 
 
 def _spans(time: np.ndarray, offset: int, duration: float | None, usual: float) -> list[tuple[int, int, int]]:
