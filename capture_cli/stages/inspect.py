@@ -113,8 +113,8 @@ def _inspect_log(path: Path, document: dict[str, Any], machine: Task | None) -> 
         document.update(recordings=list(log.recordings), episodes=[], channels=[])
         return
     document["episodes"] = [
-        {"episode": i, "recording": log.recording_names[int(log.recording[i])], **_timing(log, e)}
-        for i, e in enumerate(log.episodes)
+        {"episode": i, "recording": log.recording_names[int(log.recording[i])], **found}
+        for i, found in enumerate(_timing(log))
     ]
     document["recordings"] = [
         _recording(log, number, document["episodes"]) for number in range(len(log.recordings))
@@ -144,11 +144,12 @@ def _inspect_log(path: Path, document: dict[str, Any], machine: Task | None) -> 
         findings += task_findings(log, document, machine)
 
 
-def _timing(log: MeasuredLog, episode: slice) -> dict[str, Any]:
-    """By the interval of the fastest sensor where every output is sparse."""
-    time, sampled = log.time[episode], log.sampled[episode]
-    merged = bool(log.is_sparse.all()) and sampled.any(axis=0).all() and np.isfinite(time).all()
-    return timing(time, usual_interval(time, sampled) if merged else None)
+def _timing(log: MeasuredLog) -> list[dict[str, Any]]:
+    """Of each episode; by the interval of the fastest sensor where every output is sparse."""
+    if not log.is_sparse.all() or not np.isfinite(log.time).all():
+        return [timing(log.time[e]) for e in log.episodes]
+    sampled = log.sampled
+    return [timing(log.time[e], usual_interval(log.time[e], sampled[e])) for e in log.episodes]
 
 
 def _own_task(log: MeasuredLog) -> Task | None:
@@ -191,10 +192,11 @@ def _channels(log: MeasuredLog) -> list[dict[str, Any]]:
     for name, unit, values in zip(log.input_names, log.input_units, log.inputs.T, strict=True):
         described = {"name": name, "kind": "input", "unit": unit, **channel(values, log.episodes)}
         channels.append({**described, "excitation": excitation(values, log.time, log.episodes)})
+    sampled = log.sampled
     for k, (name, unit) in enumerate(zip(log.output_names, log.output_units, strict=True)):
         values, time, episodes = log.outputs[:, k], log.time, log.episodes
         described = {"name": name, "kind": "output", "unit": unit}
-        steps = np.flatnonzero(log.sampled[:, k])
+        steps = np.flatnonzero(sampled[:, k])
         if log.is_sparse[k]:
             values, time, episodes = values[steps], time[steps], _within(steps, episodes)
             described["sampling"] = sampling(time, episodes)

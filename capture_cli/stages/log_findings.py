@@ -300,12 +300,13 @@ def _ranges(log: MeasuredLog, task: Task) -> Iterator[Finding]:
                     f"{share:.1%} of the samples are outside ctrlrange ({low:g}, {high:g}): MuJoCo clips",
                     "widen ctrlrange in the model, or correct scale and offset",
                 )
+    sampled = log.sampled
     for k, c in enumerate(task.outputs):
         joint = int(model.sensor_objid[c.sensor])
         is_position = model.sensor_type[c.sensor] == mujoco.mjtSensor.mjSENS_JOINTPOS
         if is_position and model.jnt_limited[joint]:
             share, low, high = _outside(
-                log.outputs[log.sampled[:, k], k], model.jnt_range[joint], slack=RANGE_SLACK
+                log.outputs[sampled[:, k], k], model.jnt_range[joint], slack=RANGE_SLACK
             )
             if share:
                 yield finding(

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -80,15 +79,16 @@ class MeasuredLog:
         """Which outputs are sparse, (output,)."""
         return np.array([name in self.sparse for name in self.output_names], dtype=bool)
 
-    @cached_property
+    @property
     def sampled(self) -> np.ndarray:
         """Where the outputs have a sample, (step, output): everywhere but where those that are sparse have none."""
         return ~(np.isnan(self.outputs) & self.is_sparse)
 
-    @cached_property
+    @property
     def values(self) -> np.ndarray:
         """The outputs (step, output), 0 where they have no sample."""
-        return self.outputs if self.sampled.all() else np.where(self.sampled, self.outputs, 0.0)
+        sampled = self.sampled
+        return self.outputs if sampled.all() else np.where(sampled, self.outputs, 0.0)
 
     @property
     def episodes(self) -> list[slice]:
@@ -139,21 +139,22 @@ class MeasuredLog:
                     f"{self.time[i]:.9g} s at step {i}, then {self.time[i + 1]:.9g} s",
                     cure="sort the rows, drop duplicates, or name the episode column in [log] episode",
                 )
-            self._check_samples(number, steps)
+        self._check_samples()
         return self
 
-    def _check_samples(self, number: int, steps: slice) -> None:
-        """Raise LogError where a sparse output has next to no sample in the episode `number`."""
-        counts = self.sampled[steps].sum(axis=0)
-        few = np.flatnonzero(self.is_sparse & (counts < FEWEST_OF_A_SPARSE))
+    def _check_samples(self) -> None:
+        """Raise LogError where a sparse output has next to no sample in an episode."""
+        counts = np.add.reduceat(self.sampled, [e.start for e in self.episodes], axis=0, dtype=int)
+        few = np.argwhere(self.is_sparse & (counts < FEWEST_OF_A_SPARSE))
         if few.size:
-            k = int(few[0])
+            number, k = few[0]
             where = f"{self.path}: " if self.path else ""
+            episode = self.episodes[number]
             recording = self.recording_names[self.recording[number]]
             raise LogError(
-                f"{where}output {self.output_names[k]!r} has {counts[k]} samples in the {steps.stop - steps.start} "
-                f"steps of episode {number} (recording {recording!r}), and even a sparse output needs "
-                f"{FEWEST_OF_A_SPARSE}",
+                f"{where}output {self.output_names[k]!r} has {counts[number, k]} samples in the "
+                f"{episode.stop - episode.start} steps of episode {number} (recording {recording!r}), and even a sparse "
+                f"output needs {FEWEST_OF_A_SPARSE}",
                 cure="check its column; leave that episode out, record longer, or take the output out of the task.toml",
             )
 
