@@ -134,7 +134,7 @@ def _ours(prepared: PreparedLog, objective: _Objective) -> np.ndarray:
     # far below the error, as a noise floor is: the model does not explain this log
     noise = 1e-4 * objective.scale
     fixed = np.zeros_like(prepared.starts.sd)
-    evidence = Evidence(simulator.space, windows.measured, windows.mask, noise, fixed)
+    evidence = Evidence(simulator.space, windows.measured, windows.sampled, noise, fixed)
     solver = LeastSquares(evidence, start=_start(prepared), starts=1)
     return run(solver, lambda trial: prepared.evaluate(simulator, trial)).parameters
 

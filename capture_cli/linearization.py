@@ -32,11 +32,12 @@ BY_WINDOW = ("offsets", "residual", "by_parameter", "by_start")  # arrays of a l
 class Evidence:
     """What was measured, as arrays.
 
-    measured (window, step, output); mask (window, step), False for padding. noise_sd (output,): the noise floor,
-    which weighs outputs against each other. start_sd (window, state): how well each start is known beforehand;
-    0 where it may not be moved. hidden_tried (point, hidden state): the last of the states are effects' own, of which
-    the log says nothing; values at which they are looked for, nan where one is left as it is. start_step: of finite
-    differences, as a share of start_sd. movable: the states that may be moved, in one window at least.
+    measured (window, step, output); mask (window, step, output), False for padding and where an output has no sample.
+    noise_sd (output,): the noise floor, which weighs outputs against each other. start_sd (window, state): how well
+    each start is known beforehand; 0 where it may not be moved. hidden_tried (point, hidden state): the last of the
+    states are effects' own, of which the log says nothing; values at which they are looked for, nan where one is left
+    as it is. start_step: of finite differences, as a share of start_sd. movable: the states that may be moved, in one
+    window at least.
     """
 
     space: ParameterSpace
@@ -60,11 +61,11 @@ class Evidence:
     @property
     def count(self) -> int:
         """How many numbers were measured."""
-        return int(self.mask.sum()) * self.measured.shape[-1]
+        return int(self.mask.sum())
 
     def residual(self, outputs: np.ndarray) -> np.ndarray:
         """Measured minus simulated (..., window, step, output), in units of the noise, as (..., window, row)."""
-        residual = (self.measured - outputs) / self.noise_sd * self.mask[..., None]
+        residual = (self.measured - outputs) / self.noise_sd * self.mask
         return residual.reshape(*residual.shape[:-2], -1)
 
     def other_starts(
@@ -76,7 +77,7 @@ class Evidence:
         and at the points `drawn` (point, state), in units of the starts' sd; the other windows keep their `offsets`
         (window, state). residual (window, row).
         """
-        squares = np.square(residual).sum(axis=1) / np.maximum(self.mask.sum(axis=1), 1)
+        squares = np.square(residual).sum(axis=1) / np.maximum(self.mask.sum(axis=(1, 2)), 1)
         stuck = np.flatnonzero(squares > STANDS_OUT * np.median(squares))
         first = offsets.shape[1] - self.hidden
         others = np.repeat(offsets[None], len(self.hidden_tried), axis=0)
@@ -287,25 +288,49 @@ def scaled_offsets(evidence: Evidence, offsets: np.ndarray) -> np.ndarray:
 
 def scatter(evidence: Evidence, residual: np.ndarray) -> float:
     """Variance of the residual (window, row), in units of the noise's, times its autocorrelation time; at least 1."""
-    variance = float(np.square(residual).sum() / evidence.count)
+    variance = float(np.square(residual).sum() / max(evidence.count, 1))
     shaped = residual.reshape(evidence.measured.shape)
     return max(1.0, variance * autocorrelation_time(shaped, evidence.mask))
 
 
+def own_samples(mask: np.ndarray) -> np.ndarray | None:
+    """The steps of a `mask` (window, step, ...) in another order, of its shape: those of an output's own samples first,
+    so that neighbours are neighbours. None where they are so already.
+    """
+    in_between = mask[:, 1:] & ~mask[:, :-1]
+    return np.argsort(~mask, axis=1, kind="stable") if in_between.any() else None
+
+
+def in_order(values: np.ndarray, order: np.ndarray | None) -> np.ndarray:
+    """Values (window, step, ...) in the order (window, step, ...) of `own_samples`."""
+    return values if order is None else np.take_along_axis(values, order, axis=1)
+
+
 def autocovariance(residual: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """Pooled over windows, by lag and output (lag, output), of residual (window, step, output), mean 0 assumed."""
+    """Pooled over windows, by lag and output (lag, output), of residual (window, step, output), mean 0 assumed.
+
+    Lags are counted in an output's own samples, of which mask (window, step, output) says where they are.
+    """
+    order = own_samples(mask)
+    residual, mask = in_order(residual * mask, order), in_order(mask, order)
     steps = residual.shape[1]
     size = 1 << (2 * steps - 1).bit_length()
-    spectrum = np.fft.rfft(residual * mask[..., None], size, axis=1)
+    spectrum = np.fft.rfft(residual, size, axis=1)
     total = np.fft.irfft((np.abs(spectrum) ** 2).sum(axis=0), size, axis=0)[:steps]
-    pairs = np.fft.irfft((np.abs(np.fft.rfft(mask.astype(float), size, axis=1)) ** 2).sum(axis=0), size)[
-        :steps
-    ]
-    return total / np.maximum(np.round(pairs), 1)[:, None]
+    pairs = np.cumsum(mask.sum(axis=0)[::-1], axis=0)[
+        ::-1
+    ]  # every sample but the first so many of its window has one
+    return total / np.maximum(pairs, 1)
+
+
+def parts_of_squares(covariance: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """What of the residual's squares each output has, (output,), by its autocovariance (lag, output)."""
+    samples = mask.sum(axis=(0, 1))
+    return covariance[0] * (samples / max(int(samples.max(initial=0)), 1))
 
 
 def correlation_length(covariance: np.ndarray) -> tuple[int, float]:
-    """Lags to keep and the autocorrelation time 1 + 2 sum(rho), in steps, of one output's autocovariance (lag,).
+    """Lags to keep and the autocorrelation time 1 + 2 sum(rho), in samples, of one output's autocovariance (lag,).
 
     Self-consistent window: the first lag that is 5 times the time so far (Sokal 1997, section 3).
     """
@@ -318,11 +343,12 @@ def correlation_length(covariance: np.ndarray) -> tuple[int, float]:
 
 
 def autocorrelation_time(residual: np.ndarray, mask: np.ndarray) -> float:
-    """In steps, averaged over outputs by their variance; residual (window, step, output). 1: white."""
+    """In an output's own samples, averaged over outputs by their squares; residual (window, step, output). 1: white."""
     covariance = autocovariance(residual, mask)
     times = np.array([correlation_length(c)[1] for c in covariance.T])
-    total = covariance[0].sum()
-    return float((times * covariance[0]).sum() / total) if total > 0 else 1.0
+    parts = parts_of_squares(covariance, mask)
+    total = parts.sum()
+    return float((times * parts).sum() / total) if total > 0 else 1.0
 
 
 def box_step(hessian: np.ndarray, gradient: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:

@@ -201,9 +201,9 @@ NAMES = {  # tables whose keys are names that the user chose
 }
 
 _ERROR = {
-    "rmse.OUTPUT": "root mean square of measured minus simulated, in the output's unit",
-    "mae.OUTPUT": "mean of its absolute value, in the output's unit",
-    "normalized": "RMSE over the noise floor, root mean square over outputs (1: only noise is left)",
+    "rmse.OUTPUT": "root mean square of measured minus simulated, in the output's unit; null: it has no sample there",
+    "mae.OUTPUT": "mean of its absolute value, in the output's unit; null likewise",
+    "normalized": "RMSE over the noise floor, root mean square over all samples (1: only noise is left)",
 }
 _PARAMETER = {
     "value": "the estimate, in `unit`",
@@ -218,7 +218,7 @@ _PARAMETER = {
 _LACK = {
     "normalized": "error of the fit over the noise floor, degrees of freedom allowed for",
     "threshold": "what chance allows",
-    "autocorrelation_time": "of the residual, in steps",
+    "autocorrelation_time": "of the residual, in samples",
 }
 DOCUMENTS: dict[str, tuple[str, dict[str, str]]] = {
     "estimate.json": (

@@ -172,7 +172,7 @@ def test_candidates_that_say_the_same_leave_room_for_others():
 def test_intervals_reach_to_minima_that_are_nearly_as_good():
     """Of a residual that grows with x from either of two places, the descent has found one."""
     space = ParameterSpace([Parameter("a", "1", 0.0, 1.0, 0.5)])
-    evidence = Evidence(space, np.zeros((1, 50, 1)), np.ones((1, 50), bool), np.ones(1), np.zeros((1, 0)))
+    evidence = Evidence(space, np.zeros((1, 50, 1)), np.ones((1, 50, 1), bool), np.ones(1), np.zeros((1, 0)))
     slope = np.full((1, 50, 1), 20.0)
     noise = np.random.default_rng(0).standard_normal((1, 50))
     noise -= noise.mean()
@@ -243,7 +243,7 @@ def test_correlation_is_seen_where_starts_were_fitted(memory):
     basis, _ = np.linalg.qr(time[:, None] ** np.arange(3))
     residual = error - error @ basis @ basis.T
     truth = (1 + memory) / (1 - memory)
-    found = correlation_steps(residual[..., None], np.ones(residual.shape, dtype=bool))
+    found = correlation_steps(residual[..., None], np.ones((*residual.shape, 1), dtype=bool))
     assert 0.25 * truth < found < 1.15 * truth  # without the care: 0.12, of the longest memory
 
 
@@ -450,7 +450,7 @@ def of_one_mass(x: float, residual: np.ndarray, by_mass: np.ndarray) -> Lineariz
     evidence = Evidence(
         ParameterSpace([Parameter("mass", "kg", 0.0, 1.0, 0.5)]),
         np.zeros((3, 40, 1)),
-        np.ones((3, 40), dtype=bool),
+        np.ones((3, 40, 1), dtype=bool),
         np.ones(1),
         np.zeros((3, 0)),
     )
@@ -484,7 +484,9 @@ def test_a_parameter_that_is_held_at_its_bound_is_held_although_the_effect_would
 def test_what_does_not_show_in_held_out_data_is_not_found(without, with_it, verdict):
     lacking = [LackOfFit(n, 1.1, 1.0, lacking=n > 1.1) for n in (2.0, 1.0)]
     mask = np.ones((4, 50), dtype=bool)
-    evidence = Evidence(ParameterSpace([]), np.zeros((4, 50, 1)), mask, np.ones(1), np.zeros((4, 2)))
+    evidence = Evidence(
+        ParameterSpace([]), np.zeros((4, 50, 1)), mask[..., None], np.ones(1), np.zeros((4, 2))
+    )
     held_out = [
         PartFit(evidence, np.zeros((4, 2)), np.full((4, 50), error), np.zeros(4))
         for error in (without, with_it)

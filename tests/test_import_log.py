@@ -261,6 +261,72 @@ def test_a_slow_sensor_is_told_from_lost_samples(tmp_path, slider_task):
     rows = [f"{0.1 * i:.1f},{i % 3},{'' if i % 4 else i}" for i in range(40)]
     slow = refusal(csv(tmp_path / "slow.csv", *rows), slider_task)
     assert slow.cure.startswith("'q_m' (30 rows): if that is a sensor slower than the others")
+    assert "write sparse = true under [outputs.q]" in slow.cure
+    rows = [f"{0.1 * i:.1f},{'' if i % 2 else 1},{i if i % 2 else ''}" for i in range(40)]
+    both = refusal(csv(tmp_path / "both.csv", *rows), slider_task)
+    assert "sparse = true" in both.cure
+    assert "'u_N' (20 rows): write what was last commanded into every row" in both.cure
+
+
+@pytest.fixture
+def sparse_task(slider_task) -> Path:
+    """The slider, of which a slow sensor reports the position."""
+    slider_task.write_text(slider_task.read_text().replace("[outputs.q]", "[outputs.q]\nsparse = true"))
+    return slider_task
+
+
+SLOW = [f"{0.1 * i:.1f},{i % 3},{'' if i % 4 else i}" for i in range(40)]
+
+
+def test_a_slow_sensor_leaves_the_rows_between_its_samples(tmp_path, sparse_task):
+    for drop_nan in (False, True):
+        out = tmp_path / f"{drop_nan}.zarr"
+        import_log(files=[csv(tmp_path / "a.csv", *SLOW)], task=str(sparse_task), out=out, drop_nan=drop_nan)
+        log = MeasuredLog.read(out)
+        assert (log.sparse, log.recordings[0]["dropped_rows"]) == ({"q"}, 0)
+        assert np.array_equal(log.sampled[:, 0], np.arange(40) % 4 == 0)
+        assert np.array_equal(log.values[:, 0], np.where(np.arange(40) % 4, 0, np.arange(40)))
+        assert np.array_equal(np.isnan(log.outputs), ~log.sampled)
+    check_fits(log, load_task(str(sparse_task)))
+
+
+def test_what_a_sparse_output_may_not_be(tmp_path, sparse_task):
+    """Infinite, next to never there; and what drove the machine has to be in every row."""
+    infinite = refusal(csv(tmp_path / "inf.csv", *SLOW, "4.0,0,inf"), sparse_task)
+    assert "column 'q_m' is inf at line 42 (1 of 41 rows" in infinite.message
+    blind = refusal(csv(tmp_path / "blind.csv", *(r.rsplit(",", 1)[0] + "," for r in SLOW)), sparse_task)
+    assert "output 'q' has 0 samples in the 40 steps of episode 0 (recording 'blind')" in blind.message
+    few = refusal(csv(tmp_path / "few.csv", *SLOW[:14]), sparse_task)
+    assert "has 4 samples in the 14 steps" in few.message
+    undriven = refusal(csv(tmp_path / "u.csv", *SLOW, "4.0,,40"), sparse_task)
+    assert "column 'u_N' is missing" in undriven.message
+
+
+def test_a_slow_heading_goes_on_and_rows_without_a_sample_may_be_repeats(tmp_path, sparse_task):
+    sparse_task.write_text(sparse_task.read_text().replace('column = "q_m"', 'column = "q_m"\nperiod = 360'))
+    degrees = (25.0 * np.arange(60)) % 360
+    rows = [f"{0.01 * i:.2f},0,{'' if i % 3 else degrees[i]}" for i in range(60)]
+    file = csv(tmp_path / "run.csv", *rows[:5], rows[4], *rows[5:])
+    assert "--drop-repeats" in refusal(file, sparse_task).cure
+    sparse_task.write_text(sparse_task.read_text().replace("window = 0.5", ""))
+    log = import_log(files=[file], task=str(sparse_task), out=tmp_path / "a.zarr", drop_repeats=True)
+    np.testing.assert_allclose(log.outputs[::3, 0], 25.0 * np.arange(0, 60, 3))
+    assert log.recordings[0]["repeated_rows"] == 1
+
+
+def test_a_log_that_is_complete_is_followed_by_one_that_is_sparse(tmp_path, sparse_task):
+    whole = csv(tmp_path / "whole.csv", *ROWS)
+    text = sparse_task.read_text()
+    sparse_task.write_text(text.replace("sparse = true", ""))
+    import_log(files=[whole], task=str(sparse_task), out=tmp_path / "log.zarr")
+    assert "sparse" not in (tmp_path / "log.zarr" / "zarr.json").read_text()
+    sparse_task.write_text(text)
+    options = {"task": str(sparse_task), "out": tmp_path / "log.zarr", "append": True}
+    log = import_log(files=[csv(tmp_path / "slow.csv", *SLOW)], **options)
+    assert log.sparse == {"q"} and log.sampled[:12].all() and log.sampled[12:].sum() == 10
+    sparse_task.write_text(text.replace("sparse = true", ""))
+    with pytest.raises(LogError, match="'q' was imported as sparse"):
+        import_log(files=[csv(tmp_path / "more.csv", *ROWS)], **options)
 
 
 def test_nothing_left_after_drop_nan_is_refused(tmp_path, slider_task):

@@ -421,6 +421,27 @@ def test_rows_dropped_for_a_slow_sensor_are_a_warning(tmp_path, slider_task):
     assert "slower" in found["cure"]
 
 
+def test_a_slow_sensor_is_described_by_its_samples(tmp_path):
+    log = sound_log()
+    sampled = np.arange(2 * STEPS) % 4 == 1
+    sampled[STEPS:] &= np.arange(STEPS) < 10
+    log = replace(log, outputs=np.where(sampled[:, None], log.outputs, np.nan), sparse=frozenset({"q"}))
+    log.write(tmp_path / "log.zarr")
+    document = inspect(tmp_path / "log.zarr")
+    found = document["channels"][1]
+    assert found["sampling"] == {"samples": 253, "fewest": 3, "rate": pytest.approx(25.0)}
+    assert (found["nan"], found["bad_steps"]) == (0, [])
+    (finding,) = [f for f in document["findings"] if f["severity"] == "error"]
+    assert "3 samples of it; 5 are needed" in finding["message"]
+    whole = replace(log, outputs=sound_log().outputs[:, 0:1]).select_episodes([0])
+    spiked = changed(replace(whole, sparse=frozenset({"q"})), outputs=lambda q: q.__setitem__((401, 0), 5.0))
+    spiked = replace(spiked, outputs=np.where(sampled[:STEPS, None], spiked.outputs, np.nan))
+    spiked.write(tmp_path / "spiked.zarr")
+    document = inspect(tmp_path / "spiked.zarr")
+    assert document["channels"][1]["spikes"]["first"] == [401]  # a step of the log
+    assert not [f for f in document["findings"] if f["severity"] == "error"]
+
+
 def test_a_foreign_zarr_is_described(tmp_path):
     import zarr
 

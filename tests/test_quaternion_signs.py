@@ -45,6 +45,20 @@ def test_any_signs_give_the_same_series_up_to_one_sign_an_episode():
     assert np.array_equal(continuous(found, EPISODES, columns), found)
 
 
+def test_between_samples_there_are_no_signs():
+    generator = np.random.default_rng(2)
+    outputs = attitudes(generator)
+    sampled = np.ones(outputs.shape, dtype=bool)
+    sampled[:, 3:] = (np.arange(100) % 3 == 1)[:, None]
+    flipped = np.where(sampled, outputs * np.r_[1, 1, 1, -1, -1, -1, -1], np.nan)
+    flipped[::2, 3:] *= -1
+    own = sampled[:, 3]
+    found = continuous(flipped, EPISODES, [np.arange(3, 7)], sampled)
+    alone = [slice(0, int(own[:60].sum())), slice(int(own[:60].sum()), int(own.sum()))]
+    np.testing.assert_array_equal(found[own], continuous(flipped[own], alone, [np.arange(3, 7)]))
+    assert np.isnan(found[~own, 3:]).all()
+
+
 def test_a_simulation_takes_the_sign_of_what_was_measured():
     generator = np.random.default_rng(1)
     measured = np.stack([attitudes(generator)[s : s + 20] for s in (0, 20, 60)])

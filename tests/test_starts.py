@@ -85,6 +85,7 @@ def estimate(model, motion, names, noise: float, first=None, **options) -> tuple
     first = np.arange(0, len(time) - 60, 30) if first is None else first
     ids, data = columns(model, *names)
     outputs = sensors[:, data] + noise * np.random.default_rng(4).standard_normal((len(time), len(data)))
+    outputs = np.where(options.get("sampled", True), outputs, 1e3)
     found = estimate_starts(
         model,
         ids,
@@ -170,6 +171,53 @@ def test_a_few_unlucky_samples_do_not_make_a_start_wild():
     found = local_motion(near, measured[near.index], np.full(tracks.shape[1], noise))
     assert np.abs(found.slope - 0.9).max() < 0.5
     assert np.abs((found.slope - 0.9) / found.slope_sd).max() < 6
+
+
+@pytest.mark.parametrize("every", [2, 4])
+def test_starts_by_a_slow_sensor_are_as_well_known_as_they_say(model, motion, every):
+    """Windows begin between its samples, too; what it says of them is what a log of its samples alone says."""
+    time, sensors, qpos, qvel = motion
+    sampled = np.broadcast_to((np.arange(len(time)) % every == 0)[:, None], (len(time), 12))
+    first = np.arange(1, len(time) - 60, 31)
+    found, error = estimate(model, motion, ALL, noise=1e-3, sampled=sampled, first=first)
+    in_sd = np.abs(error) / found.sd
+    assert in_sd.max() < 1.2
+    assert in_sd.max(axis=0).min() > 0.2 / PRIOR_INFLATION
+    at = np.arange(0, len(time) - 60, 10 * every)
+    some, whole = (
+        estimate(model, (time, sensors, qpos, qvel), ALL, noise=0.0, sampled=sampled, first=at)[0],
+        estimate(
+            model,
+            (time[::every], sensors[::every], qpos[::every], qvel[::every]),
+            ALL,
+            noise=0.0,
+            first=at // every,
+        )[0],
+    )
+    for name in ("qpos", "qvel"):
+        np.testing.assert_allclose(getattr(some.starts, name), getattr(whole.starts, name), atol=1e-9)
+    np.testing.assert_allclose(some.sd, whole.sd, rtol=1e-6)
+
+
+def test_a_slow_sensor_leaves_what_others_say(model, motion):
+    """Position at every step, and a velocity that is seen now and then."""
+    every = np.ones((len(motion[0]), 2), dtype=bool)
+    slow = every.copy()
+    slow[:, 1] = np.arange(len(every)) % 5 == 0
+    found, _ = estimate(model, motion, ("x", "v"), noise=1e-3, sampled=slow)
+    whole, _ = estimate(model, motion, ("x", "v"), noise=1e-3, sampled=every)
+    position, velocity = (np.s_[:, 0], np.s_[:, model.nv])
+    assert np.array_equal(found.sd[position], whole.sd[position])
+    assert found.sd[velocity].min() > whole.sd[velocity].min()
+
+
+def test_long_before_a_sample_nothing_is_sure(model, motion):
+    time = motion[0]
+    sampled = np.ones((len(time), 1), dtype=bool)
+    sampled[: len(time) // 2] = False
+    found, error = estimate(model, motion, ("x",), noise=1e-3, sampled=sampled, first=np.array([0, 60, 200]))
+    assert found.sd[0, 0] > found.sd[1, 0] > 100 * found.sd[2, 0]
+    assert (np.abs(error[:, [0, model.nv]]) < found.sd[:, [0, model.nv]]).all()
 
 
 def test_a_measured_velocity_is_used(model, motion):

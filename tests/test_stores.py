@@ -236,6 +236,26 @@ def test_values_that_cannot_be_used_are_refused_but_can_be_looked_at(tmp_path, c
     assert len(MeasuredLog.read_unchecked(tmp_path / "log.zarr").time) == 20
 
 
+def test_only_a_sparse_output_may_lack_samples(tmp_path):
+    values = np.where(np.arange(20)[:, None] % 2, np.nan, 1.0)
+    lacking = replace(a_log(), outputs=values)
+    lacking.write(tmp_path / "log.zarr")
+    assert "output 'q' is nan at step 1 (10 such values)" in refusal(tmp_path / "log.zarr").message
+    one = {"time": np.arange(20.0), "episode_ends": np.array([20]), "recording": np.array([0])}
+    sparse = replace(lacking, **one, sparse=frozenset({"q"}))
+    sparse.write(tmp_path / "sparse.zarr")
+    found = MeasuredLog.read(tmp_path / "sparse.zarr")
+    assert_equal(sparse, found)
+    assert found.sampled.sum() == 10 and found.values.sum() == 10
+    replace(sparse, outputs=np.where(np.arange(20)[:, None] == 3, np.inf, values)).write(
+        tmp_path / "inf.zarr"
+    )
+    assert "output 'q' is inf at step 3 (1 such values)" in refusal(tmp_path / "inf.zarr").message
+    replace(sparse, outputs=np.where(np.arange(20)[:, None] > 7, np.nan, values)).write(tmp_path / "few.zarr")
+    assert "has 4 samples in the 20 steps of episode 0" in refusal(tmp_path / "few.zarr").message
+    assert len(MeasuredLog.read_unchecked(tmp_path / "few.zarr").time) == 20
+
+
 def test_an_empty_log_is_refused(tmp_path):
     a_log().select_episodes([]).write(tmp_path / "log.zarr")
     assert "the log is empty" in refusal(tmp_path / "log.zarr").message

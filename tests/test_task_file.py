@@ -213,6 +213,8 @@ MISTAKES = {
     "output-columns": ("outputs.q", "outputs.where", "[outputs.where]", ["3 values", "a list of 3"]),
     "output-unit": ('unit = "m"\n', "", OUTPUT, ["'unit' is missing"]),
     "output-period": ('unit = "m"', 'unit = "m"\nperiod = -360', OUTPUT, ["period = -360", "360 for degrees"]),
+    "output-sparse": ('unit = "m"', 'unit = "m"\nsparse = 1', OUTPUT, ["sparse = 1", "true or false"]),
+    "input-sparse": ('unit = "N"', 'unit = "N"\nsparse = true', INPUT, ["unknown key 'sparse'"]),
     "output-scale-zero": ('unit = "m"', 'unit = "m"\nscale = 0.0', OUTPUT, ["scale = 0", "the factor"]),
     "output-noise": ('unit = "m"', 'unit = "m"\nnoise_sd = 0', OUTPUT, ["noise_sd = 0", "positive"]),
     "outputs-none": ('[outputs.q]\ncolumn = "q_m"\nunit = "m"', "", "task.toml", ["no [outputs.NAME]", "sensor"]),

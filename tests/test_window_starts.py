@@ -25,7 +25,7 @@ def fitted() -> tuple[np.ndarray, np.ndarray]:
     """Offsets (window,) and the largest residual of each window."""
     noise = np.random.default_rng(0).normal(size=(WINDOWS, STEPS, 1))
     evidence = Evidence(
-        ParameterSpace([]), noise, np.ones((WINDOWS, STEPS), dtype=bool), np.ones(1), np.ones((WINDOWS, 1))
+        ParameterSpace([]), noise, np.ones(noise.shape, dtype=bool), np.ones(1), np.ones((WINDOWS, 1))
     )
 
     def evaluate(keep, trial):

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from capture_cli.linearization import autocovariance
+from capture_cli.linearization import autocovariance, parts_of_squares
 
 LEVEL = 0.01  # chance of accepting anything where nothing is missing, over all candidates together
 SELECT_LEVEL = 0.05  # one-sided, of the paired test on data that was not fitted, with all other effects in
@@ -100,18 +100,30 @@ def _student_p_value(fall: np.ndarray) -> float:
     return float(stdtr(len(fall) - 1, -fall.mean() / error))
 
 
-def correlation_steps(residual: np.ndarray, mask: np.ndarray) -> float:
-    """How many steps of a fit's residual (window, step, output) are worth one that is independent; 1: white.
+def correlation_samples(residual: np.ndarray, mask: np.ndarray) -> float:
+    """How many samples of a fit's residual (window, step, output) are worth one that is independent; 1: white.
 
-    An autocorrelation time, averaged over outputs by their variance. What starts and parameters could take is gone from
-    the residual, so that over a window its autocovariance sums to nothing: the negative lags of a slow error cancel the
-    positive ones. Summed are those before the first that is not positive: of a residual that oscillates that is more
-    than its autocorrelation time, as its squares are correlated for longer.
+    An autocorrelation time, in an output's own samples, averaged over outputs by their squares. What starts and
+    parameters could take is gone from the residual, so that over a window its autocovariance sums to nothing: the
+    negative lags of a slow error cancel the positive ones. Summed are those before the first that is not positive: of a
+    residual that oscillates that is more than its autocorrelation time, as its squares are correlated for longer.
     """
+    return _correlation(residual, mask, np.ones(residual.shape[2]))
+
+
+def correlation_steps(residual: np.ndarray, mask: np.ndarray) -> float:
+    """Likewise in steps, of which a sparse output has a sample in few: those in which any output has one."""
+    samples = mask.sum(axis=(0, 1))
+    return _correlation(residual, mask, mask.any(axis=2).sum() / np.maximum(samples, 1))
+
+
+def _correlation(residual: np.ndarray, mask: np.ndarray, apart: np.ndarray) -> float:
+    """In a unit of which samples are so many `apart` (output,)."""
     covariance = autocovariance(residual, mask)
-    total = covariance[0].sum()
-    steps = np.array([_positive_sum(c) for c in covariance.T])
-    return float((steps * covariance[0]).sum() / total) if total > 0 else 1.0
+    parts = parts_of_squares(covariance, mask)
+    total = parts.sum()
+    times = np.array([_positive_sum(c) for c in covariance.T]) * apart
+    return float((times * parts).sum() / total) if total > 0 else 1.0
 
 
 def _positive_sum(covariance: np.ndarray) -> float:

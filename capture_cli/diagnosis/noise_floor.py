@@ -21,7 +21,7 @@ from math import comb
 
 import numpy as np
 
-from capture_cli.diagnosis.repeats import FEWEST, from_repeats, repeats
+from capture_cli.diagnosis.repeats import FEWEST, SHORTEST, from_repeats, repeats
 
 ORDERS = range(2, 9)
 STILL_FALLING = 0.9  # the signal still shows at an order if the next one gives less than this share
@@ -48,24 +48,29 @@ def noise_floor(
     driven_by: Sequence[np.ndarray],
     block: int,
     attitudes: Sequence[np.ndarray] = (),
+    sampled: np.ndarray | None = None,
 ) -> NoiseFloor:
     """Of outputs (step, output); `declared` (output,) are known values, None where there are none.
 
+    Each by its own samples: those `sampled` (step, output), or all of them.
     time (step,) s; driven_by: the inputs or the action of each episode; block: samples over which repeats are compared.
     attitudes: which outputs make up each quaternion, (4,).
     """
-    series = [[outputs[steps, k] for steps in episodes] for k in range(len(declared))]
-    times = [time[steps] for steps in episodes]
-    sd = shared(np.array([from_differences(s, times) for s in series]), attitudes)
+    sampled = np.ones(outputs.shape, dtype=bool) if sampled is None else sampled
+    own = [[s.start + np.flatnonzero(sampled[s, k]) for s in episodes] for k in range(len(declared))]
+    series = [[outputs[steps, k] for steps in own[k]] for k in range(len(declared))]
+    times = [[time[steps] for steps in own[k]] for k in range(len(declared))]
+    sd = shared(np.array([from_differences(s, t) for s, t in zip(series, times, strict=True)]), attitudes)
     source = ["differences"] * len(declared)
-    numbers = repeats(time, driven_by, outputs, episodes, sd)
+    numbers = repeats(time, driven_by, outputs, episodes, sd, sampled)
     groups = [[episodes[number] for number in group] for group in numbers]
-    smallest = SMALLEST * outputs.std(axis=0)
+    smallest = SMALLEST * outputs.std(axis=0, where=sampled)
     for k, known in enumerate(declared):
         if known is not None:
             sd[k], smallest[k], source[k] = known, 0.0, "declared"
             continue
-        deviations, degrees = from_repeats([np.stack([outputs[s, k] for s in g]) for g in groups], block)
+        common = [_in_common(outputs[:, k], sampled[:, k], g) for g in groups]
+        deviations, degrees = from_repeats(common, max(SHORTEST, round(block * sampled[:, k].mean())))
         if degrees >= FEWEST:
             sd[k], source[k] = trimmed_sd(deviations), "repeats"
         by_resolution = resolution(series[k]) / np.sqrt(12)
@@ -77,6 +82,12 @@ def noise_floor(
             source[k] = noisiest
     sd = np.maximum(shared(sd, attitudes), shared(smallest, attitudes))
     return NoiseFloor(np.where(sd > 0, sd, 1.0), tuple(source))
+
+
+def _in_common(output: np.ndarray, sampled: np.ndarray, repeated: Sequence[slice]) -> np.ndarray:
+    """An output (step,) in episodes that repeat each other, at the steps that all have a sample of, (repeat, step)."""
+    common = np.all([sampled[e] for e in repeated], axis=0)
+    return np.stack([output[e][common] for e in repeated])
 
 
 def shared(sd: np.ndarray, attitudes: Sequence[np.ndarray]) -> np.ndarray:

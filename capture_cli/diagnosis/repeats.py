@@ -18,6 +18,7 @@ from capture_cli.linearization import Linearization
 FIRST = 9  # samples that tell whether two starts are the same
 SAME = 5.0  # standard deviations of their difference
 DEGREE = 3  # of the polynomial that a start's influence is within a block
+SHORTEST = 2 * (DEGREE + 1)  # samples of such a block
 FEWEST = 200  # degrees of freedom: with fewer the floor would be uncertain by more than 5 %
 LEFT_OF_A_ROW = 0.1  # share of a row's noise that starts cannot take: with less the row says nothing
 
@@ -28,12 +29,15 @@ def repeats(
     outputs: np.ndarray,
     episodes: Sequence[slice],
     noise_sd: np.ndarray,
+    sampled: np.ndarray | None = None,
 ) -> list[list[int]]:
     """Groups of the numbers of two or more episodes with the same times, inputs and start.
 
     time (step,) s; driven_by: what drove each episode, arrays of any shape; outputs (step, output). noise_sd (output,):
-    by how much the first samples may differ. Copies of an episode are no repeats of it.
+    by how much the first samples may differ. sampled (step, output): where outputs have a sample, everywhere where
+    None. Copies of an episode are no repeats of it.
     """
+    sampled = np.ones(outputs.shape, dtype=bool) if sampled is None else sampled
     groups: list[list[int]] = []
     alike: dict[tuple, list[list[int]]] = {}  # only episodes that look alike are compared number by number
     for number, steps in enumerate(episodes):
@@ -43,9 +47,8 @@ def repeats(
             same = _same_times(time[episodes[first]], time[episodes[number]]) and _same(
                 driven_by[first], driven_by[number]
             )
-            if same and _same_start(
-                outputs[episodes[first]], outputs[episodes[number]], time[episodes[first]], noise_sd
-            ):
+            pair = [(time[e], outputs[e], sampled[e]) for e in (episodes[first], episodes[number])]
+            if same and _same_start(*pair, noise_sd):
                 if not any(np.array_equal(outputs[episodes[o]], outputs[episodes[number]]) for o in group):
                     group.append(number)
                 break
@@ -66,7 +69,7 @@ def from_repeats(series: Sequence[np.ndarray], block: int) -> tuple[np.ndarray, 
         apart = group - group.mean(axis=0)
         for first, last in pairwise(np.linspace(0, steps, max(1, steps // block) + 1).astype(int)):
             size = last - first
-            if size < 2 * (DEGREE + 1):
+            if size < SHORTEST:
                 continue
             basis, _ = np.linalg.qr(np.vander(np.linspace(-1, 1, size), DEGREE + 1))
             piece = apart[:, first:last].T
@@ -87,11 +90,13 @@ def pure_error(at: Linearization, groups: Sequence[np.ndarray]) -> tuple[list[np
     deviations: list[list[np.ndarray]] = [[] for _ in range(outputs)]
     degrees = np.zeros(outputs)
     for group in groups:
-        apart = at.residual[group] - at.residual[group].mean(axis=0)
-        basis = _basis(at.by_start[group].mean(axis=0))
+        common = at.evidence.mask[group].all(axis=0)  # samples of one alone cannot be compared
+        rows = common.ravel()
+        apart = (at.residual[group] - at.residual[group].mean(axis=0)) * rows
+        basis = _basis(at.by_start[group].mean(axis=0) * rows[:, None])
         left = (apart - apart @ basis @ basis.T).reshape(len(group), steps, outputs)
         share = 1 - np.square(basis).sum(axis=1).reshape(steps, outputs)
-        says = (share > LEFT_OF_A_ROW) & at.evidence.mask[group].all(axis=0)[:, None]
+        says = (share > LEFT_OF_A_ROW) & common
         for k in range(outputs):
             own = says[:, k]
             scale = np.sqrt(len(group) / (len(group) - 1) / share[own, k])
@@ -123,11 +128,32 @@ def _same(a: np.ndarray, b: np.ndarray) -> bool:
     )
 
 
-def _same_start(a: np.ndarray, b: np.ndarray, time: np.ndarray, noise_sd: np.ndarray) -> bool:
-    """Whether the values and slopes of two episodes (step, output) begin alike, within what noise can do."""
-    since = time[:FIRST] - time[0]
-    design = np.vander(since, 2)
-    inverse = np.linalg.inv(design.T @ design)
-    difference = inverse @ design.T @ (a[:FIRST] - b[:FIRST])  # slope and value, (2, output)
-    sd = np.sqrt(2 * np.diag(inverse))[:, None] * noise_sd
-    return bool((np.abs(difference) <= SAME * sd).all())
+# Of an episode: time (step,), outputs (step, output) and where they have samples
+Begun = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+
+def _same_start(a: Begun, b: Begun, noise_sd: np.ndarray) -> bool:
+    """Whether the values and slopes of two episodes begin alike, within what noise can do.
+
+    By the first samples of each output: those of one that is sparse are later ones, and not of the same steps.
+    """
+    return all(_same_line(*(_first_samples(e, k) for e in (a, b)), sd) for k, sd in enumerate(noise_sd))
+
+
+def _first_samples(episode: Begun, output: int) -> tuple[np.ndarray, np.ndarray]:
+    """Times, from the first step on, and values of the first samples of an output, (sample,)."""
+    time, outputs, sampled = episode
+    steps = np.flatnonzero(sampled[:, output])[:FIRST]
+    return time[steps] - time[0], outputs[steps, output]
+
+
+def _same_line(a: tuple[np.ndarray, np.ndarray], b: tuple[np.ndarray, np.ndarray], noise_sd: float) -> bool:
+    """Whether straight lines through two series (time, values) have the value and the slope in common."""
+    lines, variances = [], []
+    for time, values in (a, b):
+        design = np.vander(time, 2)
+        inverse = np.linalg.inv(design.T @ design)
+        lines.append(inverse @ design.T @ values)
+        variances.append(np.diag(inverse))
+    sd = np.sqrt(variances[0] + variances[1]) * noise_sd
+    return bool((np.abs(lines[0] - lines[1]) <= SAME * sd).all())

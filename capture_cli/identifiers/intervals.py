@@ -18,6 +18,9 @@ from capture_cli.linearization import (
     Linearization,
     autocovariance,
     correlation_length,
+    in_order,
+    own_samples,
+    parts_of_squares,
 )
 from capture_cli.parameters import AT_BOUND, ParameterSpace
 
@@ -123,11 +126,13 @@ def _scatter_of_minima(at: Linearization, minima: Sequence[Linearization]) -> np
 
 
 def _filtered_product(at: Linearization, projected: np.ndarray) -> tuple[np.ndarray, float]:
-    """sum_w (MJ)' G (MJ), (p, p), and the residual's autocorrelation time, in steps."""
+    """sum_w (MJ)' G (MJ), (p, p), and the residual's autocorrelation time, in samples."""
     evidence = at.evidence
     shape = evidence.measured.shape
     covariance = autocovariance(at.residual.reshape(shape), evidence.mask)
-    shaped = projected.reshape(*shape, -1)
+    parts = parts_of_squares(covariance, evidence.mask)
+    order = own_samples(evidence.mask)
+    shaped = in_order(projected.reshape(*shape, -1), None if order is None else order[..., None])
     size = 1 << (2 * shape[1] - 1).bit_length()
     meat = np.zeros((shaped.shape[-1],) * 2)
     times = []
@@ -141,8 +146,8 @@ def _filtered_product(at: Linearization, projected: np.ndarray) -> tuple[np.ndar
         transformed = np.fft.rfft(shaped[:, :, output], size, axis=1)
         filtered = np.fft.irfft(transformed * spectrum[:, None], size, axis=1)[:, : shape[1]]
         meat += np.einsum("wtp,wtq->pq", shaped[:, :, output], filtered)
-        times.append(time * covariance[0, output])
-    total = covariance[0].sum()
+        times.append(time * parts[output])
+    total = parts.sum()
     return meat, float(sum(times) / total) if total > 0 else 1.0
 
 

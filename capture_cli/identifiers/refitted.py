@@ -62,7 +62,7 @@ class Refitted(RoundIdentifier):
         evidence = Evidence(
             self.space,
             measured,
-            np.ones(measured.shape[:2], dtype=bool),
+            np.ones(measured.shape, dtype=bool),
             self.noise_sd,
             np.zeros((len(measured), 0)),
         )

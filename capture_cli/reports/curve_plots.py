@@ -20,6 +20,7 @@ SHADES = {"selecting": "--select-shade", HELD_OUT: "--test-shade"}
 NUMBERS = 400_000
 MOST_POINTS, FEWEST_POINTS = 40_000, 2_000
 MOST_WINDOW_POINTS, FEWEST_WINDOW_POINTS = 4_000, 500
+POINT = 2.6  # px, of a sample of an output that is drawn by points, where a line would be 1 px wide
 # More marks than these are a grey wall.
 MOST_EPISODE_MARKS = 60
 
@@ -56,6 +57,11 @@ def overlay(record: Record, curves: Curves, k: int) -> Plot:
 
     def curve(name: str, title: str, color: str, hover_unit: str, *, frame: bool = True, **more) -> Plot:
         source = {"series": f"{name}/{k}", "frame": frame}
+        if has_gaps(curves, name, k):
+            more |= {
+                "mode": "markers",
+                "marker": {"color": color, "size": POINT * more.get("width", 1.5) ** 0.5},
+            }
         return line(title, color, meta=source, hovertemplate=f"%{{y:.5g}} {hover_unit}", **more)
 
     data = [curve("measured", "measured", "--measured", unit, width=3.2)]
@@ -80,18 +86,19 @@ def overlay(record: Record, curves: Curves, k: int) -> Plot:
 def residual_statistics(record: Record, curves: Curves, k: int) -> Plot:
     """Output k: how the residual is distributed, and how long it remembers."""
     factor, unit = residual_scale(record, curves, k)
-    residual, floor = curves.residual[:, k] * factor, _floor(record, curves, k)
-    held_out = int(curves.step_is_test.sum())
+    samples = curves.samples(k)
+    residual, floor = samples.residual * factor, _floor(record, curves, k)
+    held_out = int(samples.is_test.sum())
     edges = bin_edges(residual, floor, min(held_out or len(residual), len(residual) - held_out))
-    histograms = _histograms(residual, curves.step_is_test, edges)
+    histograms = _histograms(residual, samples.is_test, edges)
     data = histograms + ([_gauss(floor, edges)] if floor else [])
     densest = max(max(h["y"]) for h in histograms)
     # a floor far under the residual is a needle: it may leave the plot, but not flatten the histogram
     top = 1.1 * min(2 * densest, max(max(curve["y"]) for curve in data))
 
-    coefficients = autocorrelation(residual, curves.slices)
-    lag_factor, lag_unit = scaled_unit("s", curves.interval * len(coefficients))
-    lag = np.arange(len(coefficients)) * curves.interval * lag_factor
+    coefficients = autocorrelation(residual, samples.slices)
+    lag_factor, lag_unit = scaled_unit("s", samples.interval * len(coefficients))
+    lag = np.arange(len(coefficients)) * samples.interval * lag_factor
     fill = {"fill": "tozeroy", "fillcolor": "--grid", "showlegend": False}
     hover = {"hovertemplate": "%{y:.3f}<extra></extra>"}
     data.append(line("autocorrelation", "--residual", lag, coefficients, axes="2", **fill, **hover))
@@ -110,7 +117,9 @@ def residual_statistics(record: Record, curves: Curves, k: int) -> Plot:
 
 def output_scale(record: Record, curves: Curves, k: int) -> tuple[float, str]:
     """(factor, unit) in which output k is drawn."""
-    return scaled_unit(record.attributes["outputs"][k]["unit"], float(np.abs(curves.measured[:, k]).max()))
+    return scaled_unit(
+        record.attributes["outputs"][k]["unit"], float(np.nanmax(np.abs(curves.measured[:, k])))
+    )
 
 
 def residual_scale(record: Record, curves: Curves, k: int) -> tuple[float, str]:
@@ -122,6 +131,17 @@ def residual_scale(record: Record, curves: Curves, k: int) -> tuple[float, str]:
 def residual_name(curves: Curves, model: Model) -> str:
     """What the residual of one of the curves' models is called among the page's series."""
     return "residual" if model is curves.models[0] else f"residual {model.name}"
+
+
+def has_gaps(curves: Curves, name: str, k: int) -> bool:
+    """Whether a curve of output k, as `_series` calls it, has values at the output's samples alone.
+
+    It is drawn as points: a line breaks wherever there is none.
+    """
+    if curves.sampled(k).all():
+        return False
+    drawn = curves.simulated.get(name)
+    return drawn is None or bool(np.isnan(drawn[~curves.sampled(k), k]).all())
 
 
 def _series(record: Record, curves: Curves) -> tuple[np.ndarray, list[str]]:
@@ -148,7 +168,7 @@ def _budget(numbers: int, curves: int, fewest: int, most: int) -> int:
 def _scale(record: Record, curves: Curves) -> np.ndarray:
     """(output,): what each residual is judged by: the noise floor, or its own RMS where there is none."""
     floors = [record.document["noise_floor"].get(o["name"]) for o in record.attributes["outputs"]]
-    rms = np.sqrt(np.mean(curves.residual**2, axis=0))
+    rms = np.sqrt(np.nanmean(curves.residual**2, axis=0))
     return np.array([floor or own or 1.0 for floor, own in zip(floors, rms, strict=True)])
 
 

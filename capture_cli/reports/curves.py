@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -45,11 +46,25 @@ NOTHING_FOUND = (Model("before", "declared", "--before", "--before"),)
 
 
 @dataclass(frozen=True)
+class Samples:
+    """The residual of one output, window after window, in its own samples.
+
+    residual, is_test (sample,): whether its window was held out. slices: those of each window that has some.
+    interval: s, the median time between neighbours.
+    """
+
+    residual: np.ndarray
+    is_test: np.ndarray
+    slices: tuple[slice, ...]
+    interval: float
+
+
+@dataclass(frozen=True)
 class Curves:
     """The curves of an estimate or a diagnosis, window after window, with arrays of its own.
 
     x (step,): s, where each step is drawn; episodes stand one after the other.
-    time (step,): s, the log's clock. measured (step, output): per output.
+    time (step,): s, the log's clock. measured (step, output): NaN where an output has no sample.
     simulated: (step, output) of each of `models`, by name.
     slices: the steps of each window, in drawing order. number, episode, part (window,): of those windows; number
         counts them as the record does, part is a place in `parts`.
@@ -98,6 +113,19 @@ class Curves:
         """That of every model whose residual is drawn, by name."""
         return {m.name: self.measured - self.simulated[m.name] for m in self.models if m.residual_color}
 
+    def sampled(self, k: int) -> np.ndarray:
+        """Where output k has a sample, (step,)."""
+        return ~np.isnan(self.measured[:, k])
+
+    def samples(self, k: int) -> Samples:
+        """The residual of output k, at its samples alone."""
+        own = self.sampled(k)
+        ends = np.cumsum([0, *(int(own[s].sum()) for s in self.slices)]).tolist()
+        slices = tuple(slice(a, b) for a, b in pairwise(ends) if a < b)
+        steps = np.concatenate([np.diff(self.time[own][s]) for s in slices])
+        interval = float(np.median(steps)) if steps.size else 0.0
+        return Samples(self.residual[own, k], self.step_is_test[own], slices, interval)
+
     @property
     def is_test(self) -> np.ndarray:
         """Which windows were held out, (window,)."""
@@ -107,12 +135,6 @@ class Curves:
     def step_is_test(self) -> np.ndarray:
         """(step,): True where the step's window was held out."""
         return np.repeat(self.is_test, [s.stop - s.start for s in self.slices])
-
-    @cached_property
-    def interval(self) -> float:
-        """s, the median time between samples."""
-        steps = np.concatenate([np.diff(self.time[s]) for s in self.slices])
-        return float(np.median(steps)) if steps.size else 0.0
 
     def spans(self, mask: np.ndarray) -> list[tuple[float, float]]:
         """From where to where, on x, the windows of `mask` (window,) reach; neighbours are joined."""
@@ -133,9 +155,10 @@ class Curves:
         return [float(self.x[self.slices[w].start]) for w in begins]
 
     def window_rms(self, scale: np.ndarray) -> np.ndarray:
-        """RMS of the residual over `scale` (output,), per window, over all its outputs."""
-        square = np.mean((self.residual / scale) ** 2, axis=1)
-        return np.sqrt([square[s].mean() for s in self.slices])
+        """RMS of the residual over `scale` (output,), per window, over all its samples; 0 where it has none."""
+        sampled = ~np.isnan(self.measured)
+        square = np.where(sampled, np.square(self.residual / scale), 0.0)
+        return np.sqrt([square[s].sum() / max(int(sampled[s].sum()), 1) for s in self.slices])
 
 
 def thin(

@@ -238,8 +238,8 @@ def _change(document: Mapping[str, Any], name: str, unit: str) -> Change:
         floor_unit=floor_label,
         floor_source=(document.get("noise_floor_source") or {}).get(name, ""),
         ratio=shown / before[part] if before[part] else None,
-        over=shown / floor if floor else None,
-        over_before=before[part] / floor if floor else None,
+        over=shown / floor if floor and shown is not None else None,
+        over_before=before[part] / floor if floor and shown is not None else None,
     )
 
 

@@ -11,7 +11,14 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from capture_cli.reports.curve_plots import SHADES, Record, output_scale, residual_scale, windows_of
+from capture_cli.reports.curve_plots import (
+    SHADES,
+    Record,
+    has_gaps,
+    output_scale,
+    residual_scale,
+    windows_of,
+)
 from capture_cli.reports.curves import Curves, thin
 from capture_cli.reports.quantities import titled
 
@@ -72,15 +79,23 @@ def draw_outputs(axis: Axes, record: Record, curves: Curves, k: int) -> list:
     values = [curves.measured[:, k], *(curves.simulated[m.name][:, k] for m in curves.models)]
     at, drawn, _ = thin(np.stack(values, axis=1) * factor, curves.slices, POINTS)
     x = curves.x[at]
-    handles = axis.plot(x, drawn[:, 0], color=PALETTE["--measured"], lw=2.4, label="measured")
+    look = _drawn(curves, "measured", k, PALETTE["--measured"], 2.4)
+    handles = axis.plot(x, drawn[:, 0], label="measured", **look)
     for m, values in reversed(list(zip(curves.models, drawn.T[1:], strict=True))):
-        look = {"color": PALETTE[m.color], "ls": DASHES[m.dash], "lw": 0.7 * m.width}
+        look = _drawn(curves, m.name, k, PALETTE[m.color], 0.7 * m.width, DASHES[m.dash])
         handles += axis.plot(x, values, label=m.title, **look)
     framed = [0, *(1 + i for i, m in enumerate(curves.models) if m.framed)]
     axis.set_ylim(margins(drawn[:, framed]))
     title(axis, titled(record.attributes["outputs"][k]["name"], unit))
     shade_parts(axis, curves)
     return handles
+
+
+def _drawn(curves: Curves, name: str, k: int, color: str, width: float, dash="-") -> dict:
+    """How a curve of output k looks: by points where it has gaps."""
+    if has_gaps(curves, name, k):
+        return {"color": color, "ls": "", "marker": "o", "mew": 0, "ms": 1.6 * width**0.5}
+    return {"color": color, "ls": dash, "lw": width}
 
 
 def draw_residuals(axis: Axes, record: Record, curves: Curves, k: int) -> list:
@@ -91,7 +106,7 @@ def draw_residuals(axis: Axes, record: Record, curves: Curves, k: int) -> list:
     values = np.stack([curves.residuals[m.name][:, k] for m in drawn_models], axis=1)
     at, drawn, _ = thin(values * factor, curves.slices, POINTS)
     for m, series in reversed(list(zip(drawn_models, drawn.T, strict=True))):
-        axis.plot(curves.x[at], series, color=PALETTE[m.residual_color], lw=0.8)
+        axis.plot(curves.x[at], series, **_drawn(curves, "residual", k, PALETTE[m.residual_color], 0.8))
     floor, handles = record.document["noise_floor"].get(output["name"]), []
     if floor:
         look = {"color": PALETTE["--floor"], "alpha": 0.18, "lw": 0}

@@ -111,7 +111,8 @@ def suspicions(estimate: Estimate) -> list[str]:
     far = [
         o["name"]
         for o, motion in zip(estimate.attributes["outputs"], _motion(estimate), strict=True)
-        if rmse.get(o["name"], 0.0) > max(LEFT * motion, ABOVE * floors.get(o["name"], 0.0)) and motion > 0
+        if (rmse.get(o["name"]) or 0.0) > max(LEFT * motion, ABOVE * floors.get(o["name"], 0.0))
+        and motion > 0
     ]
     if not far:
         return []
@@ -124,12 +125,14 @@ def suspicions(estimate: Estimate) -> list[str]:
 def _motion(estimate: Estimate) -> np.ndarray:
     """(output,): how far the measured values are from their mean over the window, root mean square."""
     measured = np.asarray(estimate.arrays["step/measured"])
-    windows = np.asarray(estimate.arrays["step/window"])
-    _, own, counts = np.unique(windows, return_inverse=True, return_counts=True)
-    sums = np.zeros((len(counts), measured.shape[1]))
+    sampled = np.isfinite(measured)
+    measured = np.where(sampled, measured, 0.0)
+    _, own = np.unique(np.asarray(estimate.arrays["step/window"]), return_inverse=True)
+    sums, counts = (np.zeros((own.max() + 1, measured.shape[1])) for _ in range(2))
     np.add.at(sums, own, measured)
-    within = measured - (sums / counts[:, None])[own]
-    return np.sqrt(np.mean(within**2, axis=0))
+    np.add.at(counts, own, sampled)
+    within = (measured - (sums / np.maximum(counts, 1))[own]) * sampled
+    return np.sqrt(np.sum(within**2, axis=0) / np.maximum(sampled.sum(axis=0), 1))
 
 
 def combination(weights: Mapping[str, float]) -> str:
@@ -180,9 +183,11 @@ def _nominal_rmse(estimate: Estimate) -> list[float | None]:
     """RMSE at the nominal values, per output, on the held-out windows (all where none is)."""
     test = estimate.arrays["window/is_test"][estimate.arrays["step/window"]]
     rows = test if test.any() else np.ones_like(test)
-    residual = estimate.arrays["step/measured"][rows] - estimate.arrays["step/nominal"][rows]
+    measured = np.asarray(estimate.arrays["step/measured"])[rows]
+    sampled = np.isfinite(measured)
     with np.errstate(over="ignore", invalid="ignore"):
-        rmse = np.sqrt(np.mean(residual**2, axis=0))
+        square = np.square(measured - np.asarray(estimate.arrays["step/nominal"])[rows])
+        rmse = np.sqrt(np.where(sampled, square, 0.0).sum(axis=0) / sampled.sum(axis=0))
     return [float(r) if np.isfinite(r) else None for r in rmse]
 
 

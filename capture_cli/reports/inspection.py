@@ -116,10 +116,15 @@ def _channels(channels: Sequence[Mapping[str, Any]]) -> list[list[str]]:
 
 def _movement(channel: Mapping[str, Any]) -> str:
     if channel["kind"] == "output":
+        said = ["output"]
+        if channel.get("sampling"):
+            said.append(
+                f"{channel['sampling']['samples']} samples, {_number(channel['sampling']['rate'], 3, 'Hz')}"
+            )
         step, change = channel["quantisation"]["step"], channel["quantisation"]["change"]
         if step is None or (change is not None and step < FINE * change):
-            return "output"
-        return f"output, steps of {bound(float(f'{step:.3g}'))} {channel['unit']}"
+            return ", ".join(said)
+        return ", ".join([*said, f"steps of {bound(float(f'{step:.3g}'))} {channel['unit']}"])
     moves = channel["excitation"]
     parts = ["input"]
     if moves["at_rest"] is not None and moves["at_rest"] >= LEAST_REST:

@@ -5,7 +5,7 @@ A local cubic is fitted; its half-width is the widest at which its residual stil
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,14 +13,15 @@ HALF_WIDTHS = (4, 6, 9, 13, 19, 28, 40)  # samples on either side
 FEWEST = 6  # samples that a polynomial is fitted to
 ACCEPTABLE_RESIDUAL = 1.3  # variance of the local fit's residual over that of the noise
 UNKNOWN_SLOPE_SD = 10.0  # per s, where there are too few samples to differentiate
+FAR = 2.0  # intervals between samples that the nearest is away: nobody saw what the series did meanwhile
 
 
 @dataclass(frozen=True)
 class Neighbours:
-    """The samples around chosen ones, HALF_WIDTHS[-1] on either side.
+    """The samples around chosen places, HALF_WIDTHS[-1] on either side of the nearest.
 
-    index (place, sample): which they are; time (place, sample): s, from the chosen one; known (place, sample): False
-    beyond the episode.
+    index (place, sample): which they are; time (place, sample): s, from the place; known (place, sample): False beyond
+    the episode.
     """
 
     index: np.ndarray
@@ -28,12 +29,28 @@ class Neighbours:
     known: np.ndarray
 
     @classmethod
-    def of(cls, time: np.ndarray, at: np.ndarray, first: np.ndarray, stop: np.ndarray) -> Neighbours:
-        """Those of the samples `at` (place,), each in an episode [first, stop) (place,). time (step,)."""
+    def of(
+        cls,
+        time: np.ndarray,
+        at: np.ndarray,
+        first: np.ndarray,
+        stop: np.ndarray,
+        own: np.ndarray | None = None,
+    ) -> Neighbours:
+        """Those of the steps `at` (place,), each in an episode [first, stop) (place,). time (step,).
+
+        own: the steps that have a sample, of which every episode has some; all of them where None.
+        """
+        own = np.arange(len(time)) if own is None else own
+        begin, end = (np.searchsorted(own, steps) for steps in (first, stop))
+        after = np.clip(np.searchsorted(own, at), begin, end - 1)
+        before = np.maximum(after - 1, begin)
+        is_nearer = time[at] - time[own[before]] < np.abs(time[own[after]] - time[at])
         reach = HALF_WIDTHS[-1]
-        index = at[:, None] + np.arange(-reach, reach + 1)
-        inside = np.clip(index, first[:, None], stop[:, None] - 1)
-        return cls(inside, time[inside] - time[at][:, None], inside == index)
+        number = np.where(is_nearer, before, after)[:, None] + np.arange(-reach, reach + 1)
+        inside = np.clip(number, begin[:, None], end[:, None] - 1)
+        index = own[inside]
+        return cls(index, time[index] - time[at][:, None], inside == number)
 
     def rows(self, keep) -> Neighbours:
         """Those of the places at `keep`."""
@@ -69,12 +86,17 @@ def local_motion(near: Neighbours, series: np.ndarray, noise_sd: np.ndarray) -> 
     all of them, a quintic over the narrowest is, and its sd is what it changes: the residual of a polynomial tells
     little of how wrong its derivative is.
     """
+    unseen = _unseen(near)
+    near = replace(
+        near, time=near.time - unseen[:, None]
+    )  # what is far is taken to be as at the nearest sample
     centre, shape = HALF_WIDTHS[-1], series[:, 0].shape
+    noise = np.tile(np.asarray(noise_sd, dtype=float), (shape[0], 1))
     best = LocalMotion(
         value=series[:, centre].astype(float),
         slope=np.zeros(shape),
         curvature=np.zeros(shape),
-        value_sd=np.tile(np.asarray(noise_sd, dtype=float), (shape[0], 1)),
+        value_sd=np.hypot(noise, UNKNOWN_SLOPE_SD * near.time[:, centre, None]),
         slope_sd=np.full(shape, UNKNOWN_SLOPE_SD),
     )
     fitted, begun, ended = (
@@ -104,7 +126,37 @@ def local_motion(near: Neighbours, series: np.ndarray, noise_sd: np.ndarray) -> 
                 best.take(quintic, places[new], ~like_noise[new])
         fitted[places] = True
         begun[places] |= like_noise
+    _doubt(best, near, series, unseen)
     return best
+
+
+def _unseen(near: Neighbours) -> np.ndarray:
+    """s, (place,), how long before or after a place its nearest sample is, where that is FAR; 0 elsewhere."""
+    away = near.time[:, HALF_WIDTHS[-1]]
+    places = np.flatnonzero(away)
+    interval = np.ma.masked_array(np.diff(near.time[places], axis=1), ~_follow(near)[places])
+    far = np.zeros(len(away))
+    far[places] = np.where(
+        np.abs(away[places]) > FAR * np.ma.median(interval, axis=1).filled(0.0), away[places], 0.0
+    )
+    return far
+
+
+def _follow(near: Neighbours) -> np.ndarray:
+    """Which samples and those after them are both known, (place, sample - 1)."""
+    return near.known[:, 1:] & near.known[:, :-1]
+
+
+def _doubt(motion: LocalMotion, near: Neighbours, series: np.ndarray, unseen: np.ndarray) -> None:
+    """Allow, `unseen` (place,) s from every sample, for any motion at the speed that the samples around show."""
+    places = np.flatnonzero(unseen)
+    if not places.size:
+        return
+    interval = np.ma.masked_array(np.diff(near.time[places], axis=1), ~_follow(near)[places])
+    speed = np.diff(series[places], axis=1) / interval[..., None]
+    speed = np.ma.sqrt((speed**2).mean(axis=1)).filled(UNKNOWN_SLOPE_SD)
+    motion.value_sd[places] = np.hypot(motion.value_sd[places], speed * np.abs(unseen[places, None]))
+    motion.slope_sd[places] = np.hypot(motion.slope_sd[places], speed)
 
 
 def _polynomials(

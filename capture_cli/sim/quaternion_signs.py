@@ -21,17 +21,27 @@ def quaternion_columns(model: mujoco.MjModel, sensors: Sequence[int]) -> list[np
     return [np.flatnonzero(np.asarray(sensors) == s) for s in attitudes]
 
 
-def continuous(outputs: np.ndarray, episodes: Sequence[slice], attitudes: Sequence[np.ndarray]) -> np.ndarray:
-    """Outputs (step, output) in which no attitude jumps from q to -q within an episode."""
+def continuous(
+    outputs: np.ndarray,
+    episodes: Sequence[slice],
+    attitudes: Sequence[np.ndarray],
+    sampled: np.ndarray | None = None,
+) -> np.ndarray:
+    """Outputs (step, output) in which no attitude jumps from q to -q within an episode.
+
+    sampled (step, output): where they have a sample; everywhere where None.
+    """
     if not attitudes:
         return outputs
+    sampled = np.ones(outputs.shape, dtype=bool) if sampled is None else sampled
     outputs = outputs.copy()
     for columns in attitudes:
         for steps in episodes:
-            series = outputs[steps][:, columns]
+            own = steps.start + np.flatnonzero(sampled[steps, columns[0]])
+            series = outputs[np.ix_(own, columns)]
             turned = np.einsum("ti,ti->t", series[1:], series[:-1]) < 0
             signs = np.cumprod(np.where(turned, -1.0, 1.0))
-            outputs[steps.start + 1 : steps.stop, columns] = series[1:] * signs[:, None]
+            outputs[np.ix_(own[1:], columns)] = series[1:] * signs[:, None]
     return outputs
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import mujoco
 import numpy as np
@@ -89,33 +90,39 @@ def estimate_starts(
     window_first: np.ndarray,
     window_episode: np.ndarray,
     noise_sd: np.ndarray,
+    sampled: np.ndarray | None = None,
     unmeasured: StartEstimate | None = None,
 ) -> StartEstimate:
     """Initial state of every window.
 
     sensors (output,): the sensor of each output column, by id; a sensor of dimension n stands n times in a row.
-    time (step,), outputs (step, output), noise_sd (output,). window_first, window_episode (window,).
+    time (step,), outputs (step, output), noise_sd (output,). window_first, window_episode (window,). sampled (step,
+    output): where there are samples, of which all values of a sensor have them or none; everywhere where None.
     unmeasured: what is believed of coordinates that no output measures; the model's own start, fixed, where None.
     """
     count, nv = len(window_first), model.nv
     believed = unmeasured or model_starts(model, count)
     qpos, qvel, act = (a.copy() for a in (believed.starts.qpos, believed.starts.qvel, believed.starts.act))
     sd = believed.sd.copy()
-    sources = _sources(model, sensors)
+    sampled = np.ones(outputs.shape, dtype=bool) if sampled is None else sampled
+    # of two that give a coordinate the last has the say: one that is not sparse
+    sources = sorted(_sources(model, sensors), key=lambda s: bool(sampled[:, s.columns[0]].all()))
     lag = _velocity_lag(model)
     places = _Places(np.asarray(time), episodes, window_first, window_episode)
-    knots = _Knots.of(places)
+    knots = _Knots.of(places, merged=not sampled.all(axis=0).any())
     path = np.zeros((count, knots.count, 3, model.nsensordata))
     measured_velocity = {d for s in sources if s.kind == "velocity" for d in s.dofs}
     for source in sources:
         columns, dofs = list(source.columns), np.array(source.dofs)
-        every = local_motion(knots.near, outputs[knots.near.index][..., columns], noise_sd[columns])
+        near = knots.around(sampled[:, columns[0]])
+        every = local_motion(near, outputs[near.index][..., columns], noise_sd[columns])
         motion = np.stack([every.value, every.slope, every.curvature], axis=1)
         path[..., list(source.data)] = motion.reshape(count, knots.count, 3, -1)
         if source.kind == "orientation":
-            quaternions = outputs[knots.starts.index][..., columns]
+            at_starts = near.rows(slice(None, None, knots.count))
+            quaternions = outputs[at_starts.index][..., columns]
             rotation = _rotation_vectors(quaternions, HALF_WIDTHS[-1])
-            fit = local_motion(knots.starts, rotation, source.noise(noise_sd))
+            fit = local_motion(at_starts, rotation, source.noise(noise_sd))
             qpos[:, list(source.qpos)] = _turned(quaternions[:, HALF_WIDTHS[-1]], fit.value)
         else:
             fit = every.rows(slice(None, None, knots.count))
@@ -132,11 +139,24 @@ def estimate_starts(
         sd[:, nv + dofs[new]] = PRIOR_INFLATION * np.hypot(fit.slope_sd, LAG_LEFT * size)[:, new]
     starts = Starts(qpos, qvel, act, places.time[window_first].astype(float))
     if model.neq:
-        starts, sd = _closed(LoopClosure(model), starts, sd, sources, outputs, places, noise_sd)
+        everywhere = _between_samples(outputs, sampled, places)
+        starts, sd = _closed(LoopClosure(model), starts, sd, sources, everywhere, places, noise_sd)
     reported = _reported(
         extended(path, knots.before, knots.known), knots.before, sources, measured_velocity, nv, lag
     )
     return StartEstimate(starts, sd, reported)
+
+
+def _between_samples(outputs: np.ndarray, sampled: np.ndarray, places: _Places) -> np.ndarray:
+    """Outputs (step, output) with straight lines between samples: near enough to follow a loop by."""
+    if sampled.all():
+        return outputs
+    outputs = outputs.copy()
+    for steps in places.episodes:
+        for k in np.flatnonzero(~sampled[steps].all(axis=0)):
+            own = steps.start + np.flatnonzero(sampled[steps, k])
+            outputs[steps, k] = np.interp(places.time[steps], places.time[own], outputs[own, k])
+    return outputs
 
 
 def _closed(
@@ -167,14 +187,16 @@ def _closed(
 
 @dataclass(frozen=True)
 class _Knots:
-    """Samples at which the outputs' motion is looked at: where each window starts, and some before.
+    """Steps at which the outputs' motion is looked at: where each window starts, and some before.
 
-    near: around all of them, window by window; starts: around the starts alone. before (window, knot): s, before the
-    start. known (window, knot): False before the episode.
+    time (step,) s; at, first, stop (place,): these steps, window by window, and the steps of their episodes. before
+    (window, knot): s, before the start. known (window, knot): False before the episode.
     """
 
-    near: Neighbours
-    starts: Neighbours
+    time: np.ndarray
+    at: np.ndarray
+    first: np.ndarray
+    stop: np.ndarray
     before: np.ndarray
     known: np.ndarray
 
@@ -183,10 +205,22 @@ class _Knots:
         """Of each window."""
         return self.before.shape[1]
 
+    @cached_property
+    def _near(self) -> Neighbours:
+        return Neighbours.of(self.time, self.at, self.first, self.stop)
+
+    def around(self, sampled: np.ndarray) -> Neighbours:
+        """The samples around all knots, window by window, of outputs that have one where `sampled` (step,)."""
+        if sampled.all():
+            return self._near
+        return Neighbours.of(self.time, self.at, self.first, self.stop, np.flatnonzero(sampled))
+
     @classmethod
-    def of(cls, places: _Places) -> _Knots:
+    def of(cls, places: _Places, *, merged: bool) -> _Knots:
+        """merged: whether steps are those of several sensors, and may be next to each other."""
         time, episodes, window_first = places.time, places.episodes, places.first
-        interval = float(np.median(np.concatenate([np.diff(time[e]) for e in episodes])))
+        steps = np.concatenate([np.diff(time[e]) for e in episodes])
+        interval = float(np.mean(steps) if merged else np.median(steps))
         stride = max(1, round(KNOT_INTERVAL / interval))
         count = 1 + int(np.ceil(MOST_LATE / (stride * interval) - 1e-6))
         first, stop = (np.array([getattr(e, n) for e in episodes])[places.episode] for n in ("start", "stop"))
@@ -197,8 +231,7 @@ class _Knots:
         at = np.where(known, at, window_first[:, None])
         before = np.where(known, before, even)
         first, stop = (np.repeat(a, count) for a in (first, stop))
-        near = Neighbours.of(time, at.ravel(), first, stop)
-        return cls(near, near.rows(slice(None, None, count)), before, known)
+        return cls(time, at.ravel(), first, stop, before, known)
 
 
 def _turned(quaternions: np.ndarray, rotations: np.ndarray) -> np.ndarray:

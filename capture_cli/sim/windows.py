@@ -13,7 +13,7 @@ import numpy as np
 
 # A sample this close before a grid point, in steps, belongs to it: times in files are rounded.
 GRID_TOLERANCE = 1e-3
-# A gap this many median sampling intervals long ends a window: nobody knows what drove the machine in it.
+# A gap this many usual sampling intervals long ends a window: nobody knows what drove the machine in it.
 GAP_FACTOR = 20.0
 # s of inputs kept from before each window: what a late or sluggish actuator still answers to at its start
 LEAD = 4.0
@@ -32,7 +32,8 @@ class Windows:
     tape (window, lead + grid + ahead, input): inputs at the model's steps, from `lead` steps before the window to some
     after it; where the log does not reach so far, its first and last values.
     index (window, step), weight (window, step): a sample lies between grid points index and index + 1, at weight.
-    measured (window, step, output). mask (window, step): False for padding.
+    measured (window, step, output): 0 where not sampled. mask (window, step): False for padding.
+    sampled (window, step, output): False for padding, and where an output has no sample.
     """
 
     episode: np.ndarray
@@ -47,6 +48,7 @@ class Windows:
     weight: np.ndarray
     measured: np.ndarray
     mask: np.ndarray
+    sampled: np.ndarray
     timestep: float
 
     def __len__(self) -> int:
@@ -69,7 +71,7 @@ class Windows:
 
     @property
     def samples(self) -> np.ndarray:
-        """How many samples each window has, (window,)."""
+        """How many steps each window has, (window,)."""
         return self.mask.sum(axis=1)
 
     def rows(self, keep: np.ndarray) -> Windows:
@@ -90,6 +92,7 @@ class Windows:
             weight=self.weight[keep, :steps],
             measured=self.measured[keep, :steps],
             mask=self.mask[keep, :steps],
+            sampled=self.sampled[keep, :steps],
         )
 
     def sample(self, sensors: np.ndarray, row: np.ndarray) -> np.ndarray:
@@ -110,17 +113,22 @@ def cut(
     timestep: float,
     duration: float | None,
     linear: np.ndarray,
+    sampled: np.ndarray | None = None,
 ) -> Windows:
     """Windows of `duration` seconds (whole episodes where None) of every episode.
 
     time (step,) s; inputs (step, input); outputs (step, output). linear (input,): interpolate that input rather than
-    hold it. No sample is in two windows, and none is left out but one that stands alone between two gaps. The tail of
-    an episode that is shorter than half a window is joined to the window before it.
+    hold it. sampled (step, output): where outputs have a sample, everywhere where None. No step is in two windows, and
+    none is left out but one that stands alone between two gaps. The tail of an episode that is shorter than half a
+    window is joined to the window before it.
     """
+    sampled = np.ones(outputs.shape, dtype=bool) if sampled is None else sampled
     spans = [
         (number, begun, a, b)
         for number, steps in enumerate(episodes)
-        for begun, a, b in _spans(time[steps], steps.start, duration)
+        for begun, a, b in _spans(
+            time[steps], steps.start, duration, usual_interval(time[steps], sampled[steps])
+        )
     ]
     steps = max(b - a for _, _, a, b in spans)
     grids = np.array([_grid_steps(time[a:b], timestep) for _, _, a, b in spans])
@@ -134,12 +142,14 @@ def cut(
     weight = np.zeros((count, steps))
     measured = np.zeros((count, steps, outputs.shape[1]))
     mask = np.zeros((count, steps), dtype=bool)
+    has_sample = np.zeros(measured.shape, dtype=bool)
     for w, (number, begun, a, b) in enumerate(spans):
         position = (time[a:b] - time[a]) / timestep
         index[w, : b - a] = np.floor(position + GRID_TOLERANCE)
         weight[w, : b - a] = np.maximum(position - index[w, : b - a], 0.0)
         measured[w, : b - a] = outputs[a:b]
         mask[w, : b - a] = True
+        has_sample[w, : b - a] = sampled[a:b]
         stop = episodes[number].stop  # the input after a window's last sample is known, if not an episode's
         on_grid = time[a] + timestep * np.arange(-lead, grid + ahead)
         tape[w] = inputs_at(on_grid, time[begun:stop], inputs[begun:stop], timestep, linear)
@@ -156,14 +166,31 @@ def cut(
         weight=weight,
         measured=measured,
         mask=mask,
+        sampled=has_sample,
         timestep=timestep,
     )
 
 
-def _spans(time: np.ndarray, offset: int, duration: float | None) -> list[tuple[int, int, int]]:
-    """Of each window of one episode: since which step its inputs are known, and its [first, last) steps."""
+def usual_interval(time: np.ndarray, sampled: np.ndarray) -> float:
+    """s, between samples of the output that has most of them. time (step,), sampled (step, output).
+
+    Of all steps, that is, unless every output is sparse: merged from several logs, steps may be next to each other.
+    """
+    if len(time) < 2:
+        return 0.0
+    some = sampled[:, sampled.sum(axis=0) > 1]
+    if some.all(axis=0).any() or not some.size:
+        return float(np.median(np.diff(time)))
+    return min(float(np.median(np.diff(time[own]))) for own in some.T)
+
+
+def _spans(time: np.ndarray, offset: int, duration: float | None, usual: float) -> list[tuple[int, int, int]]:
+    """Of each window of one episode: since which step its inputs are known, and its [first, last) steps.
+
+    usual: s, between samples.
+    """
     spans = []
-    for a, b in _without_gaps(time):
+    for a, b in _without_gaps(time, usual):
         if duration is None:
             spans.append((offset + a, offset + a, offset + b))
             continue
@@ -183,11 +210,11 @@ def _with_two_samples(edges: np.ndarray, stop: int) -> list[tuple[int, int]]:
     return list(zip(kept, [*kept[1:], stop], strict=True))
 
 
-def _without_gaps(time: np.ndarray) -> list[tuple[int, int]]:
+def _without_gaps(time: np.ndarray, usual: float) -> list[tuple[int, int]]:
     if len(time) < 3:
         return [(0, len(time))]
     interval = np.diff(time)
-    breaks = np.flatnonzero(interval > GAP_FACTOR * np.median(interval)) + 1
+    breaks = np.flatnonzero(interval > GAP_FACTOR * usual) + 1
     return list(zip([0, *breaks], [*breaks, len(time)], strict=True))
 
 

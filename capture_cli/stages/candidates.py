@@ -79,9 +79,11 @@ def _seen(prepared: PreparedLog) -> dict[int, JointMotion]:
     """The motion of each joint whose position is an output."""
     model, reported = prepared.task.model, prepared.starts.reported
     seen = {}
-    for channel, path in zip(prepared.task.outputs, prepared.log.outputs.T, strict=True):
+    log = prepared.log
+    for channel, every, sampled in zip(prepared.task.outputs, log.outputs.T, log.sampled.T, strict=True):
         if model.sensor_type[channel.sensor] != mujoco.mjtSensor.mjSENS_JOINTPOS or reported is None:
             continue
+        path = every[sampled]
         low, high, speed = path.min(), path.max(), np.abs(reported.jets[:, 1, channel.index]).max()
         if low < high and speed > 0:
             seen[int(model.sensor_objid[channel.sensor])] = JointMotion(float(low), float(high), float(speed))
@@ -111,7 +113,7 @@ def thinned(part: PreparedLog, fit: Fit) -> tuple[PreparedLog, Linearization]:
     keep = np.unique(np.linspace(0, count - 1, most).astype(int))
     few, at = part.part(keep), fit.at
     rows = few.windows.measured.shape[1] * few.windows.measured.shape[2]
-    evidence = replace(at.evidence.rows(keep), measured=few.windows.measured, mask=few.windows.mask)
+    evidence = replace(at.evidence.rows(keep), measured=few.windows.measured, mask=few.windows.sampled)
     return few, replace(
         at,
         evidence=evidence,

@@ -15,10 +15,11 @@ from capture_cli.diagnosis.localisation import accelerations, curve, largest_aro
 from capture_cli.diagnosis.split import HeldOut, select_folds
 from capture_cli.errors import OptionError, StoreError
 from capture_cli.identifiers.intervals import Intervals, intervals
+from capture_cli.linearization import in_order, own_samples
 from capture_cli.simulator import Motion, placed_name
 from capture_cli.stages.attribution import MOST_EFFECTS, Attribution
 from capture_cli.stages.candidates import Candidate
-from capture_cli.stages.model_fits import EXACT, Fit, ModelFits, PartFit
+from capture_cli.stages.model_fits import EXACT, Fit, ModelFits, PartFit, by_output
 from capture_cli.stages.next_experiment import next_experiment
 from capture_cli.stages.prepared_log import (
     PreparedLog,
@@ -367,14 +368,17 @@ class _Work:
             "model": model.name,
             "fit": self._error(model.whole.rows(self.part == FIT)),
             "select": None if model.judged is None else self._error(model.judged),
-            "test": self._error(model.whole.rows(test)) if test.any() else None,
+            "test": self._error(model.whole.rows(test)),
         }
 
-    def _error(self, on: PartFit) -> dict[str, Any]:
+    def _error(self, on: PartFit) -> dict[str, Any] | None:
+        """None where there is no sample; likewise of an output without any."""
+        if not on.evidence.count:
+            return None
         names = [c.name for c in self.prepared.task.outputs]
         return {
-            "rmse": dict(zip(names, on.rmse.tolist(), strict=True)),
-            "mae": dict(zip(names, on.mae.tolist(), strict=True)),
+            "rmse": by_output(names, on.rmse),
+            "mae": by_output(names, on.mae),
             "normalized": on.normalized,
         }
 
@@ -422,23 +426,29 @@ class _Work:
         steps = self._log_steps()
         time = np.take(self.prepared.log.time, steps)
         series = {k: _in_units(p) for k, p in whole.items()}
-        acceleration = {k: accelerations(r, time, windows.mask) for k, r in series.items()}
+        acceleration = {w: accelerations(r, time, windows.mask) for w, r in series.items()}
+        inputs = np.take(self.prepared.log.inputs, steps, axis=0)
+        contacts = np.take_along_axis(motion.contacts, windows.index, axis=1)
+        contacts = largest_around(np.where(windows.mask, contacts, 0)).astype(float)
         names, bins = [], []
         for k, output in enumerate(task.outputs):
-            position = np.where(windows.mask, windows.measured[..., k], np.nan)
-            velocity = np.gradient(position, axis=1) / np.gradient(time, axis=1)
-            covariates = [("time", "s", time), (output.name, output.unit, position)]
+            order = own_samples(windows.sampled[..., k])
+            own_time, own = in_order(time, order), in_order(windows.sampled[..., k], order)
+            position = np.where(own, in_order(windows.measured[..., k], order), np.nan)
+            velocity = np.gradient(position, axis=1) / np.gradient(own_time, axis=1)
+            covariates = [("time", "s", own_time), (output.name, output.unit, position)]
             covariates.append((f"rate of {output.name}", f"{output.unit}/s", velocity))
-            inputs = np.take(self.prepared.log.inputs, steps, axis=0)
-            covariates += [(c.name, c.unit, inputs[..., i]) for i, c in enumerate(task.inputs)]
-            contacts = np.take_along_axis(motion.contacts, windows.index, axis=1)
-            contacts = largest_around(np.where(windows.mask, contacts, 0)).astype(float)
+            own_inputs = in_order(inputs, None if order is None else order[..., None])
+            covariates += [(c.name, c.unit, own_inputs[..., i]) for i, c in enumerate(task.inputs)]
             if np.ptp(contacts[windows.mask]) > 0:
-                covariates.append(("number of contacts", "1", contacts))
+                covariates.append(("number of contacts", "1", in_order(contacts, order)))
+            was_and_is = [acceleration[w][..., k] for w in ("before", "after")]
+            if order is not None:
+                left = [in_order(series[w][..., k], order) for w in ("before", "after")]
+                was_and_is = [accelerations(r[..., None], own_time, own) for r in left]
             for against, unit, covariate in covariates:
-                flat = np.where(windows.mask, covariate, np.nan).ravel()
-                was = curve(flat, acceleration["before"][..., k].ravel())
-                now = curve(flat, acceleration["after"][..., k].ravel())
+                flat = np.where(own, covariate, np.nan).ravel()
+                was, now = (curve(flat, a.ravel()) for a in was_and_is)
                 names.append({"output": output.name, "against": against, "unit": unit, "share": was.share})
                 bins.append((was.centre, was.mean, now.mean, was.error))
         return names, np.array(bins)
@@ -451,7 +461,7 @@ class _Work:
     def _arrays(self, whole: dict[str, PartFit], bins: np.ndarray) -> dict[str, np.ndarray]:
         windows = self.prepared.windows
         mask = windows.mask
-        measured = windows.measured[mask]
+        measured = np.where(windows.sampled, windows.measured, np.nan)[mask]
         bins = np.nan_to_num(bins)
         return {
             "window/episode": windows.episode,

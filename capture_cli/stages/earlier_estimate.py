@@ -106,4 +106,4 @@ def _continues(log: MeasuredLog, estimate: Estimate) -> bool:
     steps = arrays["window/first"][window] + np.arange(len(window)) - begins[window]
     if measured.shape[1] != log.outputs.shape[1] or steps.max() >= len(log.outputs):
         return False
-    return bool(np.array_equal(log.outputs[steps], measured))
+    return bool(np.array_equal(log.outputs[steps], measured, equal_nan=True))

@@ -18,7 +18,7 @@ from capture_cli.identifiers.rounds import Rounds
 from capture_cli.stages.chosen_identifier import ChosenIdentifier, choose_identifier
 from capture_cli.stages.earlier_estimate import EarlierEstimate
 from capture_cli.stages.estimation import Found, by_physics, by_rounds
-from capture_cli.stages.model_fits import TOLERANCE, ModelFits
+from capture_cli.stages.model_fits import TOLERANCE, ModelFits, by_output
 from capture_cli.stages.prepared_log import (
     PreparedLog,
     check_parameters_move_outputs,
@@ -242,7 +242,7 @@ class _Report:
             "test": self._error(simulated, self.is_test),
         }
         held_out = error["test"] and error["test"]["normalized"]
-        numbers = int(prepared.windows.mask[self.is_test].sum()) * len(names)
+        numbers = int(prepared.windows.sampled[self.is_test].sum())
         if lacking.lacking or (held_out is not None and not holds(held_out, numbers)):
             verdict = "unexplained"
         else:
@@ -301,18 +301,25 @@ class _Report:
         return now if before is None else before.followed_by(now)
 
     def _error(self, simulated: np.ndarray, which: np.ndarray) -> dict | None:
-        """RMSE and mean absolute error per output, and RMSE over the noise floor; None where nothing was held out."""
-        if not which.any():
-            return None
+        """RMSE and mean absolute error per output, and RMSE over the noise floor; None where nothing was held out.
+
+        Of an output without a sample there both are None.
+        """
         windows, noise = self.prepared.windows, self.prepared.noise.sd
-        mask = windows.mask[which]
-        residual = (windows.measured - simulated)[which][mask]
-        rmse = np.sqrt(np.square(residual).mean(axis=0))
+        sampled = windows.sampled[which][windows.mask[which]]
+        samples = sampled.sum(axis=0)
+        if not samples.any():
+            return None
+        residual = (windows.measured - simulated)[which][windows.mask[which]]
+        residual = np.where(sampled, residual, 0.0)
+        rmse = np.sqrt(np.square(residual).sum(axis=0) / np.maximum(samples, 1))
+        mae = np.abs(residual).sum(axis=0) / np.maximum(samples, 1)
+        parts = samples / samples.max()
         names = [c.name for c in self.prepared.task.outputs]
         return {
-            "rmse": dict(zip(names, rmse.tolist(), strict=True)),
-            "mae": dict(zip(names, np.abs(residual).mean(axis=0).tolist(), strict=True)),
-            "normalized": float(np.sqrt(np.mean(np.square(rmse / noise)))),
+            "rmse": by_output(names, np.where(samples > 0, rmse, np.nan)),
+            "mae": by_output(names, np.where(samples > 0, mae, np.nan)),
+            "normalized": float(np.sqrt((parts * np.square(rmse / noise)).sum() / parts.sum())),
         }
 
     def _arrays(self, found: Intervals, offsets, simulated, nominal, recordings) -> dict[str, np.ndarray]:
@@ -328,7 +335,7 @@ class _Report:
             "window/start_offset": offsets,
             "step/window": np.repeat(np.arange(len(windows)), windows.samples),
             "step/time": self.prepared.log.time[steps],
-            "step/measured": windows.measured[mask],
+            "step/measured": np.where(windows.sampled, windows.measured, np.nan)[mask],
             "step/simulated": simulated[mask],
             "step/nominal": nominal[mask],
             "parameter/estimate": self.best.parameters,

@@ -39,7 +39,8 @@ def import_log(
 
     Within a file a new episode begins where the value of the task's episode column changes. Of a task of actions, the
     columns action.NAME hold the action of each episode. A file may be a measured log as well. drop_nan: leave
-    out rows in which a value is missing, NaN or infinite; each recording's `dropped_rows` says how many were.
+    out rows in which a value is missing, NaN or infinite; each recording's `dropped_rows` says how many were. Values of
+    outputs that are sparse may be missing.
     drop_repeats: leave out rows that say the same as the row before, time and all; `repeated_rows` says how many.
     append: `out` is a log already, and the episodes come after those in it; a file that it holds is refused.
     Raises LogError, TaskError, ModelError, StoreError or OutputError before anything is written.
@@ -130,11 +131,13 @@ def _read_recording(
 ) -> _Recording:
     channels = (*task.inputs, *task.outputs)
     columns = [task.log.time, *(c.column for c in channels)]
+    may_miss = np.array([False, *(c.sparse for c in channels)])
     source.require([*columns, *([task.log.episode] if task.log.episode else [])])
     data = source.numbers(columns)
     actions = _actions(source, task)
     labels = np.array(source.labels(task.log.episode), dtype=object) if task.log.episode else None
-    rows = np.flatnonzero(_usable(source, columns, data, labels, task, drop_nan=drop_nan))
+    sound = np.isfinite(data) | (np.isnan(data) & may_miss)
+    rows = np.flatnonzero(_usable(source, columns, data, sound, labels, task, drop_nan=drop_nan))
     dropped = len(data) - len(rows)
     kept = rows if not drop_repeats else rows[~_repeats(data[rows], None if labels is None else labels[rows])]
     repeated, rows = len(rows) - len(kept), kept
@@ -189,10 +192,12 @@ def _actions(source: SourceFile, task: Task) -> np.ndarray | None:
     return values
 
 
-def _usable(source: SourceFile, columns, data, labels, task: Task, *, drop_nan: bool) -> np.ndarray:
-    """Which rows are complete, (row,). Raises LogError at the first that is not, unless `drop_nan`."""
-    finite = np.isfinite(data)
-    usable = finite.all(axis=1)
+def _usable(source: SourceFile, columns, data, sound, labels, task: Task, *, drop_nan: bool) -> np.ndarray:
+    """Which rows have what they need, (row,). Raises LogError at the first that has not, unless `drop_nan`.
+
+    sound (row, column): where data (row, column) may be what it is.
+    """
+    usable = sound.all(axis=1)
     unlabelled = np.zeros(len(data), dtype=bool)
     if labels is not None:
         unlabelled = np.array([label is None for label in labels], dtype=bool)
@@ -203,32 +208,56 @@ def _usable(source: SourceFile, columns, data, labels, task: Task, *, drop_nan: 
     if unlabelled[row]:
         column, value = task.log.episode, "empty"
     else:
-        bad = int(np.flatnonzero(~finite[row])[0])
+        bad = int(np.flatnonzero(~sound[row])[0])
         column, value = columns[bad], "missing or NaN" if np.isnan(data[row, bad]) else str(data[row, bad])
-    cure = (
-        "add --drop-nan to leave such rows out, with what drove the machine in them; or fill them in the file"
-    )
-    rare = {columns[k]: int(n) for k, n in enumerate((~finite).sum(axis=0)) if n > MANY_MISSING * len(data)}
-    if rare:
-        named = ", ".join(f"{name!r} ({n} rows)" for name, n in rare.items())
-        cure = (
-            f"{named}: if that is a sensor slower than the others, take its output out of the task.toml; "
-            "--drop-nan would leave the rows out, and with them what drove the machine"
-        )
     raise LogError(
         f"{source.path}: column {column!r} is {value} at {source.place(row)} "
         f"({(~usable).sum()} of {len(data)} rows are incomplete)",
-        cure=cure,
+        cure=_cure_of_missing(columns, np.isnan(data) & ~sound, task),
     )
+
+
+def _cure_of_missing(columns: Sequence[str], missing: np.ndarray, task: Task) -> str:
+    """What to do about values that are `missing` (row, column): of a slow sensor something else than of accidents."""
+    counts = {name: int(n) for name, n in zip(columns, missing.sum(axis=0), strict=True)}
+    rare = [name for name, n in counts.items() if n > MANY_MISSING * len(missing)]
+    said = []
+    slow = [name for name in rare if name in {c.column for c in task.outputs}]
+    if slow:
+        tables = ", ".join(f"[outputs.{name}]" for name in _tables_of(slow, task))
+        keep = f"write sparse = true under {tables}" if tables else "take its output out of the task"
+        said.append(f"{_counted(slow, counts)}: if that is a sensor slower than the others, {keep}")
+    driven = [name for name in rare if name in {c.column for c in task.inputs}]
+    if driven:
+        said.append(f"{_counted(driven, counts)}: write what was last commanded into every row")
+    if not said:
+        return "add --drop-nan to leave such rows out, with what drove the machine in them; or fill them in the file"
+    return "; ".join([*said, "--drop-nan would leave the rows out, and with them what drove the machine"])
+
+
+def _counted(names: Sequence[str], counts: dict[str, int]) -> str:
+    return ", ".join(f"{name!r} ({counts[name]} rows)" for name in names)
+
+
+def _tables_of(columns: Sequence[str], task: Task) -> list[str]:
+    """The sensors that read `columns`, as a task.toml names them; none where the task is built in."""
+    if not hasattr(task, "path"):
+        return []
+    return list(dict.fromkeys(task.model.sensor(c.sensor).name for c in task.outputs if c.column in columns))
 
 
 def _repeats(data: np.ndarray, labels: np.ndarray | None) -> np.ndarray:
     """Which rows say the same as the row before, (row,): a logger that wrote twice."""
     same = np.zeros(len(data), dtype=bool)
-    same[1:] = (data[1:] == data[:-1]).all(axis=1)
+    same[1:] = _alike(data[1:], data[:-1])
     if labels is not None:
         same[1:] &= labels[1:] == labels[:-1]
     return same
+
+
+def _alike(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Which rows of two arrays (row, column) are the same, missing values too, (row,)."""
+    return ((a == b) | (np.isnan(a) & np.isnan(b))).all(axis=1)
 
 
 def _episode_ends(steps: int, labels: np.ndarray | None) -> np.ndarray:
@@ -264,7 +293,8 @@ def _unwrap(data: np.ndarray, ends: np.ndarray, task: Task) -> None:
     for k, channel in enumerate(task.outputs, start=1 + len(task.inputs)):
         if channel.period is not None:
             for begin, end in zip([0, *ends[:-1]], ends, strict=True):
-                data[begin:end, k] = np.unwrap(data[begin:end, k], period=channel.period)
+                steps = begin + np.flatnonzero(~np.isnan(data[begin:end, k]))
+                data[steps, k] = np.unwrap(data[steps, k], period=channel.period)
 
 
 def _not_increasing(source: SourceFile, data: np.ndarray, rows: np.ndarray, back: np.ndarray, task: Task):
@@ -276,7 +306,7 @@ def _not_increasing(source: SourceFile, data: np.ndarray, rows: np.ndarray, back
     unit = " s" if task.log.time_scale == 1 else ""  # as written in the file
     more = "" if back.size == 1 else f"; it happens {back.size} times"
     cure = "remove repeated rows, and sort the others by time"
-    if (data[back] == data[back + 1]).all():
+    if _alike(data[back], data[back + 1]).all():
         cure = "add --drop-repeats: there the file has the same row twice"
     restarts = task.log.episode is None and before - after > 0.5 * (before - time[0])
     return LogError(
@@ -297,7 +327,7 @@ def _written(time: float) -> str:
 def _check_finite_in_si(
     source: SourceFile, data: np.ndarray, columns: Sequence[str], rows: np.ndarray
 ) -> None:
-    bad = np.argwhere(~np.isfinite(data))
+    bad = np.argwhere(np.isinf(data))
     if bad.size:
         row, k = bad[0]
         where = source.place(rows[row])
@@ -325,6 +355,7 @@ def _join(recordings: Sequence[_Recording], task: Task) -> MeasuredLog:
         output_units=tuple(c.unit for c in task.outputs),
         recordings=tuple(r.source for r in recordings),
         actions=_joined_actions(recordings),
+        sparse=frozenset(c.name for c in task.outputs if c.sparse),
     )
 
 

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from capture_cli.errors import CaptureError, StoreError
+from capture_cli.sim.windows import usual_interval
 from capture_cli.stages.log_findings import finding, log_findings, task_findings
-from capture_cli.stages.log_health import channel, excitation, quantisation, spikes, timing
+from capture_cli.stages.log_health import channel, excitation, quantisation, sampling, spikes, timing
 from capture_cli.stages.prepared_log import find_task
 from capture_cli.stores.estimate import Estimate, read_result
 from capture_cli.stores.histories import SCHEMA as HISTORIES_SCHEMA
@@ -112,8 +113,8 @@ def _inspect_log(path: Path, document: dict[str, Any], machine: Task | None) -> 
         document.update(recordings=list(log.recordings), episodes=[], channels=[])
         return
     document["episodes"] = [
-        {"episode": i, "recording": log.recording_names[int(log.recording[i])], **timing(log.time[e])}
-        for i, e in enumerate(log.episodes)
+        {"episode": i, "recording": log.recording_names[int(log.recording[i])], **found}
+        for i, found in enumerate(_timing(log))
     ]
     document["recordings"] = [
         _recording(log, number, document["episodes"]) for number in range(len(log.recordings))
@@ -141,6 +142,14 @@ def _inspect_log(path: Path, document: dict[str, Any], machine: Task | None) -> 
     machine = machine or _own_task(log)
     if machine is not None:
         findings += task_findings(log, document, machine)
+
+
+def _timing(log: MeasuredLog) -> list[dict[str, Any]]:
+    """Of each episode; by the interval of the fastest sensor where every output is sparse."""
+    if not log.is_sparse.all() or not np.isfinite(log.time).all():
+        return [timing(log.time[e]) for e in log.episodes]
+    sampled = log.sampled
+    return [timing(log.time[e], usual_interval(log.time[e], sampled[e])) for e in log.episodes]
 
 
 def _own_task(log: MeasuredLog) -> Task | None:
@@ -173,8 +182,8 @@ def _dropped(recording: Mapping[str, Any]) -> dict[str, str]:
         name,
         f"{dropped} of {dropped + steps} rows were incomplete and dropped on import, with what drove the machine "
         "in them",
-        "if a sensor that is slower than the others leaves them incomplete, take its output out of the task.toml "
-        "and import again; changes of the inputs that are lost look like a delay",
+        "if a sensor that is slower than the others leaves them incomplete, write sparse = true under its output in "
+        "the task.toml and import again; changes of the inputs that are lost look like a delay",
     )
 
 
@@ -183,11 +192,26 @@ def _channels(log: MeasuredLog) -> list[dict[str, Any]]:
     for name, unit, values in zip(log.input_names, log.input_units, log.inputs.T, strict=True):
         described = {"name": name, "kind": "input", "unit": unit, **channel(values, log.episodes)}
         channels.append({**described, "excitation": excitation(values, log.time, log.episodes)})
-    for name, unit, values in zip(log.output_names, log.output_units, log.outputs.T, strict=True):
-        described = {"name": name, "kind": "output", "unit": unit, **channel(values, log.episodes)}
-        own = {"quantisation": quantisation(values), "spikes": spikes(values, log.time, log.episodes)}
+    sampled = log.sampled
+    for k, (name, unit) in enumerate(zip(log.output_names, log.output_units, strict=True)):
+        values, time, episodes = log.outputs[:, k], log.time, log.episodes
+        described = {"name": name, "kind": "output", "unit": unit}
+        steps = np.flatnonzero(sampled[:, k])
+        if log.is_sparse[k]:
+            values, time, episodes = values[steps], time[steps], _within(steps, episodes)
+            described["sampling"] = sampling(time, episodes)
+        described |= channel(values, episodes)
+        own = {"quantisation": quantisation(values), "spikes": spikes(values, time, episodes)}
+        for places in (described["bad_steps"], own["spikes"]["first"]):
+            places[:] = steps[places].tolist()  # of the log
         channels.append({**described, **own})
     return channels
+
+
+def _within(steps: np.ndarray, episodes: Sequence[slice]) -> list[slice]:
+    """The episodes as slices of the log's `steps` (sample,)."""
+    edges = np.searchsorted(steps, [(e.start, e.stop) for e in episodes])
+    return [slice(int(a), int(b)) for a, b in edges]
 
 
 # --- estimates, diagnoses and other stores ---

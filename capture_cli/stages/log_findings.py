@@ -11,7 +11,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from capture_cli.stores.measured_log import MeasuredLog
+from capture_cli.stores.measured_log import FEWEST_OF_A_SPARSE, MeasuredLog
 from capture_cli.tasks.base import Channel, Task
 
 Finding = dict[str, str]
@@ -131,6 +131,14 @@ def _values(channel: Mapping[str, Any], episodes: int) -> Iterator[Finding]:
             f"{bad} values are NaN or infinite: {steps}",
             "import the files again with --drop-nan, or fill them in the source",
         )
+    sampling = channel.get("sampling")
+    if sampling is not None and sampling["fewest"] < FEWEST_OF_A_SPARSE:
+        yield finding(
+            "error",
+            where,
+            f"is sparse, and an episode has {sampling['fewest']} samples of it; {FEWEST_OF_A_SPARSE} are needed",
+            "check its column; leave that episode out, record longer, or take the output out of the task.toml",
+        )
     if channel["constant"]:
         yield finding(
             "warning" if is_input else "error",
@@ -232,6 +240,14 @@ def _names(log: MeasuredLog, task: Task) -> Iterator[Finding]:
         ("outputs", log.output_names, log.output_units, task.outputs),
     ):
         yield from _channel_names(kind, names, units, channels, task.name)
+    for c in task.outputs:
+        if c.name in log.sparse and not c.sparse:
+            yield finding(
+                "error",
+                f"output {c.name}",
+                f"the log has it as sparse, and task {task.name!r} does not",
+                f"write sparse = true under [outputs.{task.model.sensor(c.sensor).name}]",
+            )
 
 
 def _channel_names(kind: str, names, units, channels: Sequence[Channel], task: str) -> Iterator[Finding]:
@@ -306,11 +322,14 @@ def _ranges(log: MeasuredLog, task: Task) -> Iterator[Finding]:
                     f"{share:.1%} of the samples are outside ctrlrange ({low:g}, {high:g}): MuJoCo clips",
                     "widen ctrlrange in the model, or correct scale and offset",
                 )
+    sampled = log.sampled
     for k, c in enumerate(task.outputs):
         joint = int(model.sensor_objid[c.sensor])
         is_position = model.sensor_type[c.sensor] == mujoco.mjtSensor.mjSENS_JOINTPOS
         if is_position and model.jnt_limited[joint]:
-            share, low, high = _outside(log.outputs[:, k], model.jnt_range[joint], slack=RANGE_SLACK)
+            share, low, high = _outside(
+                log.outputs[sampled[:, k], k], model.jnt_range[joint], slack=RANGE_SLACK
+            )
             if share:
                 yield finding(
                     "warning",
@@ -323,15 +342,16 @@ def _ranges(log: MeasuredLog, task: Task) -> Iterator[Finding]:
 def _turns(log: MeasuredLog, task: Task) -> Iterator[Finding]:
     """Angles of hinges that begin anew after a whole turn, as a heading from -180 to 180 degrees does."""
     model = task.model
-    same_episode = np.ones(max(len(log.time) - 1, 0), dtype=bool)
-    same_episode[np.asarray(log.episode_ends[:-1]) - 1] = False
+    episode = np.searchsorted(log.episode_ends, np.arange(len(log.time)), side="right")
     for k, c in enumerate(task.outputs):
         if model.sensor_type[c.sensor] != mujoco.mjtSensor.mjSENS_JOINTPOS:
             continue
         if model.jnt_type[model.sensor_objid[c.sensor]] != mujoco.mjtJoint.mjJNT_HINGE:
             continue
+        own = np.flatnonzero(log.sampled[:, k])
+        together = episode[own[1:]] == episode[own[:-1]]
         with np.errstate(invalid="ignore"):
-            steps = np.abs(np.diff(log.outputs[:, k]))[same_episode]
+            steps = np.abs(np.diff(log.outputs[own, k]))[together]
             jumps = np.abs(steps - 2 * np.pi) < TURN_SLACK
         if jumps.any() and np.median(steps) < TURN_SLACK:
             count = int(jumps.sum())
@@ -347,5 +367,7 @@ def _outside(values: np.ndarray, limits: np.ndarray, *, slack: float) -> tuple[f
     """Share of `values` (step,) farther outside `limits` (2,) than `slack` of their span, and the limits."""
     low, high = map(float, limits)
     margin = slack * (high - low)
+    if not len(values):
+        return 0.0, low, high
     with np.errstate(invalid="ignore"):
         return float(np.mean((values < low - margin) | (values > high + margin))), low, high

@@ -22,9 +22,10 @@ GRID_TOLERANCE = 0.05  # of a quantisation step
 FINEST_STEP = 1e-6  # of an output's range: a finer grid is that of the digits it was printed with
 
 
-def timing(time: np.ndarray) -> dict[str, Any]:
+def timing(time: np.ndarray, usual: float | None = None) -> dict[str, Any]:
     """Timing of one episode from its times (step,), s, however they jump.
 
+    usual: the interval, s, by which the others are judged; their median where None.
     Intervals are from the latest time so far; those that do not go forward, and gaps, are left out of
     the statistics: rate in Hz; jitter_sd and jitter_max, of the interval over its median.
     """
@@ -33,6 +34,7 @@ def timing(time: np.ndarray) -> dict[str, Any]:
         interval = np.diff(time)
         ahead = time[1:] - np.fmax.accumulate(time)[:-1]
         median = float(np.median(ahead[ahead > 0])) if np.any(ahead > 0) else np.inf
+        median = median if usual is None else usual
         forward = ahead[(ahead > 0) & (ahead <= GAP_FACTOR * median)]
         gaps = np.flatnonzero(ahead > GAP_FACTOR * median)
         repeated, backward = np.flatnonzero(interval == 0), np.flatnonzero(interval < 0)
@@ -74,6 +76,16 @@ def channel(values: np.ndarray, episodes: Sequence[slice]) -> dict[str, Any]:
         "bad_steps": bad[:PLACES_LISTED].tolist(),
         "constant": len(levels) == 1,
         "constant_episodes": still,
+    }
+
+
+def sampling(time: np.ndarray, episodes: Sequence[slice]) -> dict[str, Any]:
+    """Of a sparse output with samples at `time` (sample,): how many, the fewest in an episode, and their rate, Hz."""
+    rates = [t["rate"] for t in (timing(time[e]) for e in episodes) if t["rate"] is not None]
+    return {
+        "samples": len(time),
+        "fewest": min((e.stop - e.start for e in episodes), default=0),
+        "rate": float(np.median(rates)) if rates else None,
     }
 
 

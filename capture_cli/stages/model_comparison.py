@@ -11,7 +11,7 @@ from capture_cli.diagnosis.acceptance import (
     TINY,
     Support,
     bic_gain,
-    correlation_steps,
+    correlation_samples,
     paired_p_value,
     ratio_p_value,
 )
@@ -243,7 +243,7 @@ def effective_samples(fit: Fit) -> float:
     """As many independent numbers are in what the fit leaves, beyond those that its windows' starts took."""
     evidence = fit.at.evidence
     residual = fit.at.residual.reshape(evidence.measured.shape)
-    return (evidence.count - fit.at.fitted_starts) / correlation_steps(residual, evidence.mask)
+    return (evidence.count - fit.at.fitted_starts) / correlation_samples(residual, evidence.mask)
 
 
 def _key(effects: Sequence[Placed]) -> tuple[str, ...]:

@@ -84,7 +84,7 @@ class PartFit:
     @property
     def _without_chance(self) -> np.ndarray:
         """By what a window's squares are larger than what is left of them, (window,)."""
-        count = self.evidence.mask.sum(axis=1) * self.evidence.measured.shape[2]
+        count = self.evidence.mask.sum(axis=(1, 2))
         return 1 + self.fitted_hidden / np.maximum(count, 1)
 
     @property
@@ -96,16 +96,16 @@ class PartFit:
         """Sums of squares over blocks of about `length` steps, (block,), as in `squares`."""
         by_step = np.square(self.residual.reshape(self.evidence.measured.shape)).sum(axis=2)
         by_step *= self._without_chance[:, None]
-        return block_squares(by_step, self.evidence.mask, length)
+        return block_squares(by_step, self.evidence.mask.any(axis=2), length)
 
     @property
     def rmse(self) -> np.ndarray:
-        """Per output, in its unit, (output,)."""
+        """Per output, in its unit, (output,); nan of one that has no sample here."""
         return np.sqrt(self._mean(np.square(self._in_units)))
 
     @property
     def mae(self) -> np.ndarray:
-        """Mean absolute error per output, in its unit, (output,)."""
+        """Mean absolute error per output, in its unit, (output,); nan of one that has no sample here."""
         return self._mean(np.abs(self._in_units))
 
     @property
@@ -118,7 +118,13 @@ class PartFit:
         return self.residual.reshape(self.evidence.measured.shape) * self.evidence.noise_sd
 
     def _mean(self, values: np.ndarray) -> np.ndarray:
-        return values.sum(axis=(0, 1)) / max(int(self.evidence.mask.sum()), 1)
+        samples = self.evidence.mask.sum(axis=(0, 1))
+        return np.where(samples > 0, values.sum(axis=(0, 1)) / np.maximum(samples, 1), np.nan)
+
+
+def by_output(names: Sequence[str], errors: np.ndarray) -> dict[str, float | None]:
+    """Errors (output,) as documents have them: None of an output that has none."""
+    return {n: None if np.isnan(e) else float(e) for n, e in zip(names, errors, strict=True)}
 
 
 @dataclass(frozen=True, eq=False)

@@ -81,7 +81,7 @@ class PreparedLog:
         return Evidence(
             simulator.space,
             self.windows.measured,
-            self.windows.mask,
+            self.windows.sampled,
             self.noise.sd,
             self._start_sd(simulator),
             hidden_tried=simulator.hidden_tried(),
@@ -149,18 +149,20 @@ def prepare(
     None.
     """
     check_fits(log, task)
-    log = replace(log, outputs=continuous(log.outputs, log.episodes, attitudes(task)))
+    turned = continuous(log.outputs, log.episodes, attitudes(task), log.sampled)
+    log = replace(log, outputs=turned)
     duration = window if window is not None else task.log.window
     _check_long_enough(log, duration)
     windows = _cut(log, task, duration)
     noise = noise_floor(
-        log.outputs,
+        log.values,
         log.episodes,
         [c.noise_sd for c in task.outputs],
         time=log.time,
         driven_by=driven_by(log),
         block=int(np.clip(np.median(windows.samples) / 2, *REPEATED_SAMPLES)),
         attitudes=attitudes(task),
+        sampled=log.sampled,
     )
     starts = _starts(log, task, windows, noise, threads)
     split = (
@@ -175,6 +177,7 @@ def prepare(
         )
     )
     prepared = PreparedLog(task, log, windows, starts, noise, split)
+    _check_fitted(prepared)
     return replace(prepared, difference_step=difference_step(prepared, threads))
 
 
@@ -218,11 +221,12 @@ def _starts(
         task.model,
         sensors,
         time=clock(log),
-        outputs=log.outputs,
+        outputs=log.values,
         episodes=log.episodes,
         window_first=windows.first,
         window_episode=windows.episode,
         noise_sd=noise.sd,
+        sampled=log.sampled,
         unmeasured=None
         if measures_every_coordinate(task.model, sensors)
         else _simulate_episodes(log, task, windows, threads),
@@ -270,11 +274,12 @@ def _cut(log: MeasuredLog, task: Task, duration: float | None) -> Windows:
     return cut(
         time=clock(log),
         inputs=log.inputs,
-        outputs=log.outputs,
+        outputs=log.values,
         episodes=log.episodes,
         timestep=task.timestep,
         duration=duration,
         linear=task.linear,
+        sampled=log.sampled,
     )
 
 
@@ -327,6 +332,7 @@ def check_fits(log: MeasuredLog, task: Task) -> None:
             )
         for recording in log.recordings:
             _check_read_as(log, task, recording, kind, channels)
+    _check_sparse(log, task)
     for recording in log.recordings:
         was = recording.get("time_scale", task.log.time_scale)
         if was != task.log.time_scale:
@@ -335,6 +341,40 @@ def check_fits(log: MeasuredLog, task: Task) -> None:
                 f"now says {task.log.time_scale:g}",
                 cure=IMPORT_AGAIN,
             )
+
+
+def _check_sparse(log: MeasuredLog, task: Task) -> None:
+    """Raise LogError where outputs lack samples that the task wants, or part of what one sensor gives."""
+    for channel in task.outputs:
+        if channel.name in log.sparse and not channel.sparse:
+            raise LogError(
+                f"{log.path}: output {channel.name!r} was imported as sparse, and task {task.name!r} does not say so",
+                cure=f"write sparse = true under [outputs.{task.model.sensor(channel.sensor).name}] again, or fill its "
+                "column in the source file and import that",
+            )
+    sensors = np.array([c.sensor for c in task.outputs])
+    for sensor in dict.fromkeys(sensors[log.is_sparse].tolist()):
+        own = log.sampled[:, sensors == sensor]
+        partly = np.flatnonzero(own.any(axis=1) & ~own.all(axis=1))
+        if partly.size:
+            raise LogError(
+                f"{log.path}: sensor {task.model.sensor(sensor).name!r} has some of its {own.shape[1]} values and not "
+                f"the others at {log.time[partly[0]]:.9g} s, step {partly[0]} ({partly.size} such steps)",
+                cure="give all values of a sample in one row, or none",
+            )
+
+
+def _check_fitted(prepared: PreparedLog) -> None:
+    """Raise LogError where the windows that are fitted hold no sample of an output."""
+    fitted = prepared.windows.sampled[~prepared.split.is_test]
+    never = [
+        c.name for c, any_ in zip(prepared.task.outputs, fitted.any(axis=(0, 1)), strict=True) if not any_
+    ]
+    if never and len(fitted):
+        raise LogError(
+            f"{prepared.log.path}: what is fitted holds no sample of {', '.join(never)}: {prepared.split.how}",
+            cure="hold out another part (--test), or take that output out of the task.toml and import again",
+        )
 
 
 def _check_read_as(

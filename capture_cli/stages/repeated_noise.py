@@ -44,7 +44,8 @@ def _repeated_windows(prepared: PreparedLog) -> list[np.ndarray]:
     begins = np.array([episode.start for episode in log.episodes])
     since = windows.first - begins[windows.episode]
     groups = []
-    for episodes in repeats(log.time, driven_by(log), log.outputs, log.episodes, prepared.noise.sd):
+    noise_sd = prepared.noise.sd
+    for episodes in repeats(log.time, driven_by(log), log.values, log.episodes, noise_sd, log.sampled):
         same = np.flatnonzero(np.isin(windows.episode, episodes))
         for place in np.unique(since[same]):
             group = same[since[same] == place]

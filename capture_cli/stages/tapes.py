@@ -75,8 +75,18 @@ def tape_task(
 
 
 def log_tapes(prepared: PreparedLog, point_times: np.ndarray) -> Tapes:
-    """The windows of a log that the log covers to their end. Raises LogError where there is none."""
+    """The windows of a log that the log covers to their end. Raises LogError where there is none, or samples lack."""
     task, log, windows = prepared.task, prepared.log, prepared.windows
+    lacking = [
+        name for name, every in zip(log.output_names, log.sampled.all(axis=0), strict=True) if not every
+    ]
+    if lacking:
+        raise LogError(
+            f"{log.path}: {', '.join(lacking)} has no sample in some rows, and learned identifiers read trajectories "
+            "that are complete",
+            cure="identify with --identifier least-squares, which needs no histories; or take that output out of the "
+            "task.toml, and import the files and make the histories again",
+        )
     grid = task.timestep * np.arange(round(point_times[-1] / task.timestep) + 1)
     inputs, outputs, whole = [], [], []
     clocked = clock(log)

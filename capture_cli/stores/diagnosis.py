@@ -25,7 +25,7 @@ SCHEMA = Schema(
         ArraySpec("window/part", ("window",), "int64", "-", "0 fit, 1 select, 2 test"),
         ArraySpec("step/window", ("step",), "int64", "-", "window each step belongs to"),
         ArraySpec("step/time", ("step",), "float64", "s", "time of each step, on the log's clock"),
-        ArraySpec("step/measured", ("step", "output"), "float64", "per output", "measured outputs"),
+        ArraySpec("step/measured", ("step", "output"), "float64", "per output", "measured; NaN: no sample"),
         ArraySpec(
             "step/before",
             ("step", "output"),

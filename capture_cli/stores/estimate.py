@@ -31,7 +31,7 @@ SCHEMA = Schema(
         ArraySpec("window/start_offset", ("window", "state"), "float64", "SI", "refinement of the start"),
         ArraySpec("step/window", ("step",), "int64", "-", "window each step belongs to"),
         ArraySpec("step/time", ("step",), "float64", "s", "time of each step, on the log's clock"),
-        ArraySpec("step/measured", ("step", "output"), "float64", "per output", "measured outputs"),
+        ArraySpec("step/measured", ("step", "output"), "float64", "per output", "measured; NaN: no sample"),
         ArraySpec("step/simulated", ("step", "output"), "float64", "per output", "simulated at the estimate"),
         ArraySpec(
             "step/nominal", ("step", "output"), "float64", "per output", "simulated at the nominal values"

@@ -40,11 +40,13 @@ SCHEMA = Schema(
     attributes={
         "task": "name of the task the log belongs to",
         "inputs": "list of {name, unit}, one per input",
-        "outputs": "list of {name, unit}, one per output",
+        "outputs": "list of {name, unit}, one per output; and sparse, true, of one that has no sample, but NaN, in "
+        "some steps",
         "recordings": "list of {name, source, sha256, channels, ...}: files read in, or how it was recorded",
     },
     cure_for_other_version="read the source files in again with `capture import-log`",
 )
+FEWEST_OF_A_SPARSE = 5  # samples of an episode: with fewer nobody can tell how the output moves
 
 
 @dataclass(frozen=True)
@@ -52,7 +54,9 @@ class MeasuredLog:
     """A log in memory; SI units.
 
     time (step,), inputs (step, input), outputs (step, output), episode_ends (episode,), recording (episode,):
-    index into `recordings`, each {name, source, sha256}. actions (episode, action) or None.
+    index into `recordings`, each {name, source, sha256}. actions (episode, action) or None. sparse: names of the
+    outputs that need not have a sample in every step: where one has none it is NaN, which `values` and `sampled` tell
+    apart.
     """
 
     task: str
@@ -68,6 +72,23 @@ class MeasuredLog:
     recordings: tuple[dict[str, Any], ...]
     actions: np.ndarray | None = None
     path: Path | None = field(default=None, compare=False)
+    sparse: frozenset[str] = frozenset()
+
+    @property
+    def is_sparse(self) -> np.ndarray:
+        """Which outputs are sparse, (output,)."""
+        return np.array([name in self.sparse for name in self.output_names], dtype=bool)
+
+    @property
+    def sampled(self) -> np.ndarray:
+        """Where the outputs have a sample, (step, output): everywhere but where those that are sparse have none."""
+        return ~(np.isnan(self.outputs) & self.is_sparse)
+
+    @property
+    def values(self) -> np.ndarray:
+        """The outputs (step, output), 0 where they have no sample."""
+        sampled = self.sampled
+        return self.outputs if sampled.all() else np.where(sampled, self.outputs, 0.0)
 
     @property
     def episodes(self) -> list[slice]:
@@ -102,8 +123,8 @@ class MeasuredLog:
                 f"do not divide {len(self.time)} steps",
                 cure="import the log again",
             )
-        for name, values in self._channels():
-            bad = np.flatnonzero(~np.isfinite(values))
+        for name, values, is_sparse in self._channels():
+            bad = np.flatnonzero(np.isinf(values) if is_sparse else ~np.isfinite(values))
             if bad.size:
                 raise LogError(
                     f"{where}{name} is {values[bad[0]]} at step {bad[0]} ({bad.size} such values)",
@@ -118,16 +139,34 @@ class MeasuredLog:
                     f"{self.time[i]:.9g} s at step {i}, then {self.time[i + 1]:.9g} s",
                     cure="sort the rows, drop duplicates, or name the episode column in [log] episode",
                 )
+        self._check_samples()
         return self
 
+    def _check_samples(self) -> None:
+        """Raise LogError where a sparse output has next to no sample in an episode."""
+        counts = np.add.reduceat(self.sampled, [e.start for e in self.episodes], axis=0, dtype=int)
+        few = np.argwhere(self.is_sparse & (counts < FEWEST_OF_A_SPARSE))
+        if few.size:
+            number, k = few[0]
+            where = f"{self.path}: " if self.path else ""
+            episode = self.episodes[number]
+            recording = self.recording_names[self.recording[number]]
+            raise LogError(
+                f"{where}output {self.output_names[k]!r} has {counts[number, k]} samples in the "
+                f"{episode.stop - episode.start} steps of episode {number} (recording {recording!r}), and even a sparse "
+                f"output needs {FEWEST_OF_A_SPARSE}",
+                cure="check its column; leave that episode out, record longer, or take the output out of the task.toml",
+            )
+
     def _channels(self):
-        yield "time", self.time
-        for names, kind, values in (
-            (self.input_names, "input", self.inputs),
-            (self.output_names, "output", self.outputs),
+        """Name, values (step,) and whether some may be missing, of each."""
+        yield "time", self.time, False
+        for names, kind, values, sparse in (
+            (self.input_names, "input", self.inputs, ()),
+            (self.output_names, "output", self.outputs, self.sparse),
         ):
             for k, name in enumerate(names):
-                yield f"{kind} {name!r}", values[:, k]
+                yield f"{kind} {name!r}", values[:, k], name in sparse
 
     def select_episodes(self, keep: Sequence[int]) -> MeasuredLog:
         """The log of these episodes alone, in this order."""
@@ -147,6 +186,7 @@ class MeasuredLog:
             recordings=self.recordings,
             actions=None if self.actions is None else self.actions[list(keep)],
             path=self.path,
+            sparse=self.sparse,
         )
 
     def followed_by(self, other: MeasuredLog) -> MeasuredLog:
@@ -183,6 +223,7 @@ class MeasuredLog:
             recording=np.concatenate([self.recording, other.recording + len(self.recordings)]),
             recordings=tuple(recordings),
             actions=None if self.actions is None else np.concatenate([self.actions, other.actions]),
+            sparse=self.sparse | other.sparse,
         )
 
     def write(self, path: Path) -> None:
@@ -199,7 +240,10 @@ class MeasuredLog:
         attributes = {
             "task": self.task,
             "inputs": _named(self.input_names, self.input_units),
-            "outputs": _named(self.output_names, self.output_units),
+            "outputs": [
+                {**named, "sparse": True} if named["name"] in self.sparse else named
+                for named in _named(self.output_names, self.output_units)
+            ],
             "recordings": list(self.recordings),
         }
         SCHEMA.write(path, arrays, attributes)
@@ -240,6 +284,7 @@ class MeasuredLog:
             recordings=tuple(recordings),
             actions=arrays.get("meta/actions"),
             path=Path(path),
+            sparse=frozenset(str(e["name"]) for e in attributes["outputs"] if e.get("sparse") is True),
         )
 
 

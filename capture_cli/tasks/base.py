@@ -20,7 +20,8 @@ class Channel:
     index: the actuator (inputs) or the column of sensordata (outputs) it belongs to. sensor: the output's sensor id.
     noise_sd: known standard deviation of an output's noise, in `unit`; None where it is to be estimated. period: after
     which an output's column begins anew, in its own unit: 360 for a heading in degrees; None where it does not.
-    linear: whether an input is interpolated between samples rather than held.
+    linear: whether an input is interpolated between samples rather than held. sparse: whether an output may have no
+    value in some rows of a log, as a sensor that is slower than the others.
     """
 
     name: str
@@ -33,6 +34,7 @@ class Channel:
     noise_sd: float | None = None
     linear: bool = False
     period: float | None = None
+    sparse: bool = False
 
     @property
     def read_as(self) -> tuple[str | float, ...]:

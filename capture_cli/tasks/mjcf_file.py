@@ -123,7 +123,7 @@ class MjcfFile(Task):
             )
 
     def _output(self, name: str, entry: dict[str, Any], where: str) -> list[Channel]:
-        _known(entry, {"column", "unit", "scale", "offset", "noise_sd", "period"}, where)
+        _known(entry, {"column", "unit", "scale", "offset", "noise_sd", "period", "sparse"}, where)
         number = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_SENSOR, name)
         if number < 0:
             names = [self.model.sensor(i).name for i in range(self.model.nsensor)]
@@ -173,6 +173,7 @@ class MjcfFile(Task):
                 offset=_value(entry, "offset", float, where, default=0.0),
                 noise_sd=noise_sd,
                 period=period,
+                sparse=_value(entry, "sparse", bool, where, default=False),
             )
             for i in range(size)
         ]
@@ -277,7 +278,7 @@ _REQUIRED = object()
 
 def _value(table: dict[str, Any], key: str, kind: type, where: str, default: Any = _REQUIRED) -> Any:
     """table[key] as `kind`, finite if a number. Raises TaskError where it is missing or something else."""
-    names = {str: "a string", float: "a number"}
+    names = {str: "a string", float: "a number", bool: "true or false"}
     if key not in table:
         if default is _REQUIRED:
             raise TaskError(f"{where}: {key!r} is missing", cure=f"add `{key} = ...` ({names[kind]})")
@@ -291,6 +292,8 @@ def _value(table: dict[str, Any], key: str, kind: type, where: str, default: Any
     ):
         return float(value)
     if kind is str and isinstance(value, str) and value:
+        return value
+    if kind is bool and isinstance(value, bool):
         return value
     cure = 'give a unit: "1" for a number without one' if key == "unit" else f"give {names[kind]}"
     raise TaskError(f"{where}: {key} = {value!r}", cure=cure)
