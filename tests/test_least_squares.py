@@ -17,7 +17,9 @@ GAIN = 0.002  # of the first error, in each round
 def creeping(to_beat: float) -> tuple[LeastSquares, int]:
     """A descent of an error of 5 whose sensitivities promise everything and whose rounds gain GAIN; rounds it took."""
     space = ParameterSpace([Parameter("a", "1", 0.0, 1.0, 0.5)])
-    evidence = Evidence(space, np.zeros((1, 9, 1)), np.ones((1, 9), dtype=bool), np.ones(1), np.zeros((1, 1)))
+    evidence = Evidence(
+        space, np.zeros((1, 9, 1)), np.ones((1, 9, 1), dtype=bool), np.ones(1), np.zeros((1, 1))
+    )
     told = 0
 
     def evaluate(trial: Trial):
