@@ -153,8 +153,8 @@ class MeasuredLog:
             recording = self.recording_names[self.recording[number]]
             raise LogError(
                 f"{where}output {self.output_names[k]!r} has {counts[number, k]} samples in the "
-                f"{episode.stop - episode.start} steps of episode {number} (recording {recording!r}), and even a "
-                f"sparse output needs {FEWEST_OF_A_SPARSE}",
+                f"{episode.stop - episode.start} steps of episode {number} (recording {recording!r}), and even "
+                f"a sparse output needs {FEWEST_OF_A_SPARSE}",
                 cure="check its column; leave that episode out, record longer, or take the output out of the task.toml",
             )
 
