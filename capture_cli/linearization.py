@@ -317,7 +317,9 @@ def autocovariance(residual: np.ndarray, mask: np.ndarray) -> np.ndarray:
     size = 1 << (2 * steps - 1).bit_length()
     spectrum = np.fft.rfft(residual, size, axis=1)
     total = np.fft.irfft((np.abs(spectrum) ** 2).sum(axis=0), size, axis=0)[:steps]
-    pairs = mask.sum(axis=0)[::-1].cumsum(axis=0)[::-1]  # every sample but the first `lag` of its window has one
+    pairs = mask.sum(axis=0)[::-1].cumsum(axis=0)[
+        ::-1
+    ]  # every sample but the first `lag` of its window has one
     return total / np.maximum(pairs, 1)
 
 
