@@ -212,7 +212,8 @@ def _step(
 ) -> Recorded:
     """Fields `names` (simulation, step, ...) before each step, and which simulations diverged (simulation,)."""
     if forces:
-        return _step_with_forces(runner, rows, tape, forces, names, substeps)
+        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # of one that runs away
+            return _step_with_forces(runner, rows, tape, forces, names, substeps)
     if substeps > 1:
         tape, steps = np.repeat(tape, substeps, axis=1), steps * substeps
     start = {name: runner.bind(name).copy() for name in names if name in STATES}
@@ -242,9 +243,8 @@ def _step_with_forces(
         joint_force[...] = 0.0
         body_force[...] = 0.0
         world.restore_varied()
-        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # of one that runs away
-            for force in forces:
-                force(world)
+        for force in forces:
+            force(world)
         joint_force[bad] = 0.0
         body_force[bad] = 0.0
         world.restore_varied(bad)
