@@ -106,7 +106,7 @@ def _trajectories(document: Mapping[str, Any]) -> Rows:
     rounds, at = document["table_rounds"], _at(document, RATIO_ROUND)
     cells = []
     for label, e in document["identifiers"].items():
-        ours = [_of_seeds(e["trajectory_difference"][r], e["trajectory_difference_sd"][r]) for r in rounds]
+        ours = [_of_several(e["trajectory_difference"][r], e["trajectory_difference_sd"][r]) for r in rounds]
         cells.append((label, *ours, *([significant(e["ratio"][at], 2)] if e["ratio"] else [])))
         paper = paper_numbers.trajectory_difference(document["task"], document["noise"], e)
         if paper:
@@ -168,7 +168,7 @@ def _paired(document: Mapping[str, Any]) -> Rows:
     cells = []
     for label, c in compared.items():
         counts = [f"{c['nearer'][r]} / {c['as_near'][r]} / {c['further'][r]}" for r in shown]
-        gained = [_spread(c["gained"][r], c["gained_se"][r]) for r in shown]
+        gained = [_of_several(c["gained"][r], c["gained_se"][r]) for r in shown]
         cells += [(label, *counts), ("  nearer by", *gained)]
     note = (
         "Pairs in which capture-refined is nearer / as near (within 0.001 of the range) / further, and the mean "
@@ -193,8 +193,8 @@ def _cost(document: Mapping[str, Any]) -> Rows:
     return Rows("Cost", note, header, cells)
 
 
-def _of_seeds(mean: float, sd: float) -> str:
-    """sd is 0 where there is one seed, and then says nothing."""
+def _of_several(mean: float, sd: float) -> str:
+    """sd is 0 where there is one, a seed or a pair, and then says nothing."""
     return _spread(mean, sd) if sd else significant(mean, 3)
 
 
