@@ -6,6 +6,7 @@ import numpy as np
 
 from capture_cli.effects._joint_force import ForceOfKernel, JointForce
 from capture_cli.effects._scales import characteristic_force, free_inertia
+from capture_cli.effects._two_mass import MOST_SHARE
 from capture_cli.effects.base import spread
 from capture_cli.parameters import Parameter
 
@@ -35,7 +36,7 @@ class Oscillator:
 
     def __call__(self, qvel, qacc, inertia):
         """The force. qacc and inertia (M) are of the step before."""
-        h, mass = self.timestep, np.minimum(self.mass, 0.99 * inertia)
+        h, mass = self.timestep, np.minimum(self.mass, MOST_SHARE * inertia)
         apart = 1 - mass / inertia
         if self.speed is None:
             rigid = qacc
