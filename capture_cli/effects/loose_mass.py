@@ -12,6 +12,8 @@ from capture_cli.parameters import Parameter
 
 MOST = 0.8  # of what the joint moves
 SLOWEST, FASTEST = 0.3, 20.0  # Hz
+# Swings within a window, at least: with how it begins free, less of one imitates any force that changes slowly.
+SWINGS = 0.5
 
 
 class Oscillator:
@@ -74,9 +76,10 @@ class LooseMass(JointForce):
 
     @property
     def parameters(self):
+        slowest = np.clip(SWINGS / (self.window or np.inf), SLOWEST, FASTEST / 2)
         return (
             Parameter("mass", self.unit("kg", "kg m^2"), 0.0, MOST * self.total, 0.0),
-            Parameter("frequency", "Hz", SLOWEST, FASTEST, 2.0),
+            Parameter("frequency", "Hz", float(slowest), FASTEST, max(float(slowest), 2.0)),
             Parameter("damping_ratio", "1", 0.002, 0.7, 0.05),
         )
 

@@ -68,8 +68,10 @@ def all_candidates(prepared: PreparedLog) -> list[Candidate]:
     model = _as_driven(prepared)
     every = [(name, cls(model, site)) for name, cls in REGISTRY.items() for site in cls.sites(model)]
     logged = {c.index for c in prepared.task.outputs}
-    seen = _seen(prepared)
+    seen, windows = _seen(prepared), prepared.windows
+    window = float(windows.grid_steps.max() * windows.timestep)
     for _, effect in every:
+        effect.window = window
         if isinstance(effect, JointEffect):
             effect.seen = seen.get(effect.joint)
     return [Candidate(e) for e in every if e[1].place != "measurement" or logged & e[1].reported]
