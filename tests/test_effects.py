@@ -487,6 +487,17 @@ def test_a_loose_mass_is_a_body_on_a_spring(loose, frequency, damping_ratio, beg
     assert error < 0.03 * error_rigid
 
 
+@pytest.mark.parametrize("window", [0.1, 0.5, 5.0])
+def test_a_loose_mass_is_looked_for_where_it_swings_half_a_turn_in_a_window(window):
+    effect = effects.REGISTRY.get("loose-mass")(build(WITH_A_LOAD.format(rest=1, load="")), "l")
+    anywhere = effect.space
+    effect.window = window
+    frequency = effect.parameters[1]
+    assert frequency.low == pytest.approx(np.clip(0.5 / window, anywhere.low[1], frequency.high / 4))
+    assert frequency.low < frequency.nominal < frequency.high
+    assert (effect.shape_grid()[:, 1] >= frequency.low).all()
+
+
 def drive(name: str, tape: np.ndarray, *values: float) -> np.ndarray:
     """What reaches the slider's actuator of `tape` (grid,), in steps of 1 s."""
     effect = effects.REGISTRY.get(name)(machine("slider"), "drive")

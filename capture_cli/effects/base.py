@@ -36,6 +36,8 @@ class Effect(ABC):
         nothing while the amplitudes, which are all the others, are null: a score at null has to be taken at
         several of their values.
     shares: names of shapes that are shares of a whole: none and all of it are ends that a machine may be at.
+    vague_at_end: names of shapes at whose ends it imitates what it is not: a fit that ends there says nothing, however
+        well it does.
     has_threshold: whether next to null it may do nothing, or next to nothing: a limit that little comes near.
     substeps: steps that the model takes, where the effect is in it, for each of its own.
     states: names of what the effect keeps from step to step that no sensor shows: how far a spring is wound up. At
@@ -51,6 +53,7 @@ class Effect(ABC):
     where: ClassVar[str]
     shapes: ClassVar[tuple[str, ...]] = ()
     shares: ClassVar[tuple[str, ...]] = ()
+    vague_at_end: ClassVar[tuple[str, ...]] = ()
     has_threshold: ClassVar[bool] = False
     states: tuple[str, ...] = ()
     states_before: ClassVar[bool] = False

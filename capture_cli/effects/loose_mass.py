@@ -66,6 +66,7 @@ class LooseMass(JointForce):
 
     summary = "something inside that is not fixed: a liquid that sloshes, a load that swings"
     shapes = ("frequency", "damping_ratio")
+    vague_at_end = ("frequency",)
     states = ("displaced", "moving")
     kernel = Oscillator
 
@@ -76,10 +77,10 @@ class LooseMass(JointForce):
 
     @property
     def parameters(self):
-        slowest = np.clip(SWINGS / (self.window or np.inf), SLOWEST, FASTEST / 2)
+        slowest = float(np.clip(SWINGS / (self.window or np.inf), SLOWEST, FASTEST / 4))
         return (
             Parameter("mass", self.unit("kg", "kg m^2"), 0.0, MOST * self.total, 0.0),
-            Parameter("frequency", "Hz", float(slowest), FASTEST, max(float(slowest), 2.0)),
+            Parameter("frequency", "Hz", slowest, FASTEST, max(2 * slowest, 2.0)),
             Parameter("damping_ratio", "1", 0.002, 0.7, 0.05),
         )
 

@@ -241,23 +241,18 @@ class Attribution:
     def _implausible(self, current: Fit, fit: Fit, candidate: Candidate) -> str | None:
         """Evidence against an effect that leaves something: at a bound, or driving a declared parameter to one.
 
-        Where nothing is left, that is where they are. A declared parameter may fall to zero: then it had been standing
-        in for the effect. Nor does it count where the log hardly determines it: then it may be anywhere.
+        Where nothing is left, that is where they are, but for what is vague at a bound. A declared parameter may fall
+        to zero: then it had been standing in for the effect. Nor does it count where the log hardly determines it: then it
+        may be anywhere.
         """
-        if self.models.is_explained(fit):
-            return None
+        effect, at_end = candidate.effect[1], _at_end(fit, candidate.effect)
+        vague = next((at_end[name] for name in effect.vague_at_end if name in at_end), None)
+        if vague or self.models.is_explained(fit):
+            return vague
+        doubt = effect.doubt(fit.point[fit.columns(candidate.name)], self.models.fits.prepared.log.longest)
+        if doubt or at_end:
+            return doubt or next(iter(at_end.values()))
         x = fit.space.to_unit(fit.point)
-        own, effect = fit.columns(candidate.name), candidate.effect[1]
-        doubt = effect.doubt(fit.point[own], self.models.fits.prepared.log.longest)
-        if doubt:
-            return doubt
-        for i, name in zip(range(own.start, own.stop), effect.space.names, strict=True):
-            null = (fit.space.nominal[i] - fit.space.low[i]) / fit.space.span[i]
-            at_end = min(x[i], 1 - x[i]) < AT_BOUND and abs(x[i] - null) > AT_BOUND
-            if at_end and name not in effect.shares:
-                return (
-                    f"it would have to be at the end of its range ({fit.space.names[i]} = {fit.point[i]:.3g})"
-                )
         size = len(current.point)
         was = current.at.x
         determined = intervals(fit.at).identifiable
@@ -368,6 +363,19 @@ class Attribution:
         if support.reason_against() or self._implausible(without, fit, found):
             return None
         return found
+
+
+def _at_end(fit: Fit, placed: Placed) -> dict[str, str]:
+    """Parameters of an effect in `fit` that are at the end of their range, other than at null, and how to say so."""
+    effect, own = placed[1], fit.columns(placed_name(*placed))
+    x, space, found = fit.space.to_unit(fit.point), fit.space, {}
+    for i, name in zip(range(own.start, own.stop), effect.space.names, strict=True):
+        null = (space.nominal[i] - space.low[i]) / space.span[i]
+        if min(x[i], 1 - x[i]) < AT_BOUND and abs(x[i] - null) > AT_BOUND and name not in effect.shares:
+            found[name] = (
+                f"it would have to be at the end of its range ({space.names[i]} = {fit.point[i]:.3g})"
+            )
+    return found
 
 
 def _slight(current: Fit, fit: Fit) -> str | None:
