@@ -242,8 +242,8 @@ class Attribution:
         """Evidence against an effect that leaves something: at a bound, or driving a declared parameter to one.
 
         Where nothing is left, that is where they are, but for what is vague at a bound. A declared parameter may fall
-        to zero: then it had been standing in for the effect. Nor does it count where the log hardly determines it: then it
-        may be anywhere.
+        to zero: then it had been standing in for the effect. Nor does it count where the log hardly determines it: then
+        it may be anywhere.
         """
         effect, at_end = candidate.effect[1], _at_end(fit, candidate.effect)
         vague = next((at_end[name] for name in effect.vague_at_end if name in at_end), None)
