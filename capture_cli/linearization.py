@@ -302,8 +302,11 @@ def own_samples(mask: np.ndarray) -> np.ndarray | None:
 
 
 def in_order(values: np.ndarray, order: np.ndarray | None) -> np.ndarray:
-    """Values (window, step, ...) in the order (window, step, ...) of `own_samples`."""
-    return values if order is None else np.take_along_axis(values, order, axis=1)
+    """Values (window, step, ...) in the order (window, step, ...) of `own_samples`, which may have fewer axes."""
+    if order is None:
+        return values
+    more = (1,) * (values.ndim - order.ndim)
+    return np.take_along_axis(values, order.reshape(order.shape + more), axis=1)
 
 
 def autocovariance(residual: np.ndarray, mask: np.ndarray) -> np.ndarray:
@@ -317,16 +320,17 @@ def autocovariance(residual: np.ndarray, mask: np.ndarray) -> np.ndarray:
     size = 1 << (2 * steps - 1).bit_length()
     spectrum = np.fft.rfft(residual, size, axis=1)
     total = np.fft.irfft((np.abs(spectrum) ** 2).sum(axis=0), size, axis=0)[:steps]
-    pairs = mask.sum(axis=0)[::-1].cumsum(axis=0)[
-        ::-1
-    ]  # every sample but the first `lag` of its window has one
+    # every sample but the first `lag` of its window is the second of a pair
+    pairs = mask.sum(axis=0)[::-1].cumsum(axis=0)[::-1]
     return total / np.maximum(pairs, 1)
 
 
-def parts_of_squares(covariance: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """What of the residual's squares each output has, (output,), by its autocovariance (lag, output)."""
+def mean_time(times: np.ndarray, covariance: np.ndarray, mask: np.ndarray) -> float:
+    """Times (output,) averaged by the squares of a residual with this autocovariance (lag, output); 1 of none."""
     samples = mask.sum(axis=(0, 1))
-    return covariance[0] * (samples / max(int(samples.max(initial=0)), 1))
+    squares = covariance[0] * (samples / max(int(samples.max(initial=0)), 1))
+    total = squares.sum()
+    return float((times * squares).sum() / total) if total > 0 else 1.0
 
 
 def correlation_length(covariance: np.ndarray) -> tuple[int, float]:
@@ -345,10 +349,7 @@ def correlation_length(covariance: np.ndarray) -> tuple[int, float]:
 def autocorrelation_time(residual: np.ndarray, mask: np.ndarray) -> float:
     """In an output's own samples, averaged over outputs by their squares; residual (window, step, output). 1: white."""
     covariance = autocovariance(residual, mask)
-    times = np.array([correlation_length(c)[1] for c in covariance.T])
-    parts = parts_of_squares(covariance, mask)
-    total = parts.sum()
-    return float((times * parts).sum() / total) if total > 0 else 1.0
+    return mean_time(np.array([correlation_length(c)[1] for c in covariance.T]), covariance, mask)
 
 
 def box_step(hessian: np.ndarray, gradient: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from capture_cli.linearization import autocovariance, parts_of_squares
+from capture_cli.linearization import autocovariance, mean_time
 
 LEVEL = 0.01  # chance of accepting anything where nothing is missing, over all candidates together
 SELECT_LEVEL = 0.05  # one-sided, of the paired test on data that was not fitted, with all other effects in
@@ -120,10 +120,7 @@ def correlation_steps(residual: np.ndarray, mask: np.ndarray) -> float:
 def _correlation(residual: np.ndarray, mask: np.ndarray, apart: np.ndarray) -> float:
     """In a unit of which samples are so many `apart` (output,)."""
     covariance = autocovariance(residual, mask)
-    parts = parts_of_squares(covariance, mask)
-    total = parts.sum()
-    times = np.array([_positive_sum(c) for c in covariance.T]) * apart
-    return float((times * parts).sum() / total) if total > 0 else 1.0
+    return mean_time(np.array([_positive_sum(c) for c in covariance.T]) * apart, covariance, mask)
 
 
 def _positive_sum(covariance: np.ndarray) -> float:

@@ -51,6 +51,7 @@ class Descent:
         self.offsets = offsets
         self.error = np.inf
         self.converged = False
+        self.given_up = False  # by whoever asks, who knows of a better one
         self.rounds = 0
         self._at: Linearization | None = None
         self._k = np.inf

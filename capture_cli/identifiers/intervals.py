@@ -19,8 +19,8 @@ from capture_cli.linearization import (
     autocovariance,
     correlation_length,
     in_order,
+    mean_time,
     own_samples,
-    parts_of_squares,
 )
 from capture_cli.parameters import AT_BOUND, ParameterSpace
 
@@ -130,9 +130,7 @@ def _filtered_product(at: Linearization, projected: np.ndarray) -> tuple[np.ndar
     evidence = at.evidence
     shape = evidence.measured.shape
     covariance = autocovariance(at.residual.reshape(shape), evidence.mask)
-    parts = parts_of_squares(covariance, evidence.mask)
-    order = own_samples(evidence.mask)
-    shaped = in_order(projected.reshape(*shape, -1), None if order is None else order[..., None])
+    shaped = in_order(projected.reshape(*shape, -1), own_samples(evidence.mask))
     size = 1 << (2 * shape[1] - 1).bit_length()
     meat = np.zeros((shaped.shape[-1],) * 2)
     times = []
@@ -146,9 +144,8 @@ def _filtered_product(at: Linearization, projected: np.ndarray) -> tuple[np.ndar
         transformed = np.fft.rfft(shaped[:, :, output], size, axis=1)
         filtered = np.fft.irfft(transformed * spectrum[:, None], size, axis=1)[:, : shape[1]]
         meat += np.einsum("wtp,wtq->pq", shaped[:, :, output], filtered)
-        times.append(time * parts[output])
-    total = parts.sum()
-    return meat, float(sum(times) / total) if total > 0 else 1.0
+        times.append(time)
+    return meat, mean_time(np.array(times), covariance, evidence.mask)
 
 
 def _sandwich(hessian: np.ndarray, meat: np.ndarray, sensitivity: np.ndarray, floor: float) -> np.ndarray:

@@ -44,7 +44,6 @@ class LeastSquares(Identifier):
         self._screening = self.starts > 1 and len(self.space) > 0
         self._descents = [] if self._screening else [self._descent(self.space.to_unit(self.start))]
         self._asked: list[tuple[Descent, int]] = []
-        self._given_up: set[Descent] = set()
 
     @property
     def done(self) -> bool:
@@ -59,7 +58,7 @@ class LeastSquares(Identifier):
     @property
     def gave_up(self) -> bool:
         """Whether the best was left where it was, behind what is known to be possible."""
-        return bool(self._descents) and self._leader in self._given_up
+        return bool(self._descents) and self._leader.given_up
 
     @property
     def _leader(self) -> Descent:
@@ -120,7 +119,7 @@ class LeastSquares(Identifier):
             beaten = descent.rounds >= self.patience and descent.expected > HOPELESS * possible
             beaten |= descent.rounds >= LONG_PATIENCE and descent.error > HOPELESS * possible
             beaten |= not descent.would_reach(possible, self.rounds_left)
-            self._given_up |= {descent} if beaten else set()
+            descent.given_up |= beaten
             close = np.abs(descent.x - self.space.to_unit(best.parameters)).max(initial=0.0) < 1e-3
             if beaten or (close and descent.best.error > best.error):
                 descent.converged = True

@@ -426,7 +426,6 @@ class _Work:
         steps = self._log_steps()
         time = np.take(self.prepared.log.time, steps)
         series = {k: _in_units(p) for k, p in whole.items()}
-        acceleration = {w: accelerations(r, time, windows.mask) for w, r in series.items()}
         inputs = np.take(self.prepared.log.inputs, steps, axis=0)
         contacts = np.take_along_axis(motion.contacts, windows.index, axis=1)
         contacts = largest_around(np.where(windows.mask, contacts, 0)).astype(float)
@@ -438,14 +437,12 @@ class _Work:
             velocity = np.gradient(position, axis=1) / np.gradient(own_time, axis=1)
             covariates = [("time", "s", own_time), (output.name, output.unit, position)]
             covariates.append((f"rate of {output.name}", f"{output.unit}/s", velocity))
-            own_inputs = in_order(inputs, None if order is None else order[..., None])
+            own_inputs = in_order(inputs, order)
             covariates += [(c.name, c.unit, own_inputs[..., i]) for i, c in enumerate(task.inputs)]
             if np.ptp(contacts[windows.mask]) > 0:
                 covariates.append(("number of contacts", "1", in_order(contacts, order)))
-            was_and_is = [acceleration[w][..., k] for w in ("before", "after")]
-            if order is not None:
-                left = [in_order(series[w][..., k], order) for w in ("before", "after")]
-                was_and_is = [accelerations(r[..., None], own_time, own) for r in left]
+            left = [in_order(series[w][..., k, None], order) for w in ("before", "after")]
+            was_and_is = [accelerations(r, own_time, own) for r in left]
             for against, unit, covariate in covariates:
                 flat = np.where(own, covariate, np.nan).ravel()
                 was, now = (curve(flat, a.ravel()) for a in was_and_is)

@@ -265,11 +265,10 @@ def _channel_names(kind: str, names, units, channels: Sequence[Channel], task: s
 
 def _shared_columns(task: Task) -> Iterator[Finding]:
     """Outputs that are measured by a column which another channel reads, too."""
-    channels = [*(("input", c) for c in task.inputs), *(("output", c) for c in task.outputs)]
-    for number, (_, output) in enumerate(channels[len(task.inputs) :], start=len(task.inputs)):
-        other = next(((kind, c) for kind, c in channels[:number] if c.column == output.column), None)
-        if other is not None:
-            kind, first = other
+    readers = {c.column: ("input", c) for c in reversed(task.inputs)}
+    for output in task.outputs:
+        kind, first = readers.setdefault(output.column, ("output", output))
+        if first is not output:
             why = "what drives the machine is no measurement of it" if kind == "input" else "it counts twice"
             yield finding(
                 "warning",
