@@ -25,6 +25,8 @@ from capture_cli.reports.quantities import titled
 DPI = 150
 WIDTH = 9.0  # inches
 POINTS = 4_000  # of each curve: more than there are pixels
+# Around and between the rows of a figure, inches: matplotlib's own layout measures every number of every axis twice.
+LEFT, RIGHT, ABOVE, BELOW, BETWEEN = 0.62, 0.1, 0.55, 0.42, 0.28
 # Rows of a figure: a log with thirty sensors is for the page.
 MOST_OUTPUTS = 6
 
@@ -56,9 +58,9 @@ def save(figures: Mapping[str, Figure], folder: Path) -> list[Path]:
     return written
 
 
-def new_figure(height: float) -> Figure:
+def new_figure(height: float, layout: str | None = "constrained") -> Figure:
     """An empty figure, as wide as all of them and `height` inches high."""
-    figure = Figure(figsize=(WIDTH, height), dpi=DPI, layout="constrained", facecolor="white")
+    figure = Figure(figsize=(WIDTH, height), dpi=DPI, layout=layout, facecolor="white")
     FigureCanvasAgg(figure)
     return figure
 
@@ -66,11 +68,20 @@ def new_figure(height: float) -> Figure:
 def rows(outputs: int, heights: Sequence[float]) -> tuple[Figure, np.ndarray]:
     """A figure and its axes (output, one for each of `heights` in inches), under each other on one time axis."""
     count = min(MOST_OUTPUTS, outputs)
-    figure = new_figure(0.9 + sum(heights) * count)
+    heights = np.tile(heights, count)
+    height = ABOVE + heights.sum() + BELOW - BETWEEN
+    figure = new_figure(height, layout=None)
+    figure.subplots_adjust(LEFT / WIDTH, BELOW / height, 1 - RIGHT / WIDTH, 1 - ABOVE / height)
+    within = heights - BETWEEN
     axes = figure.subplots(
-        count * len(heights), 1, sharex=True, squeeze=False, height_ratios=list(heights) * count
+        len(heights),
+        1,
+        sharex=True,
+        squeeze=False,
+        height_ratios=within,
+        gridspec_kw={"hspace": BETWEEN / within.mean()},
     )
-    return figure, axes[:, 0].reshape(count, len(heights))
+    return figure, axes[:, 0].reshape(count, -1)
 
 
 def draw_outputs(axis: Axes, record: Record, curves: Curves, k: int) -> list:
@@ -133,7 +144,8 @@ def legend(figure: Figure, handles: list) -> None:
     """A legend over the figure."""
     if handles:
         look = {"frameon": False, "fontsize": 9, "labelcolor": MUTED}
-        figure.legend(handles=handles, loc="outside upper left", ncols=len(handles), **look)
+        loc = "outside upper left" if figure.get_layout_engine() else "upper left"
+        figure.legend(handles=handles, loc=loc, ncols=len(handles), **look)
 
 
 def title(axis: Axes, text: str) -> None:
