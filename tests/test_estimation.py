@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from capture_cli.identifiers.base import Best, Trial
+from capture_cli.identifiers.base import Best
 from capture_cli.identifiers.least_squares import LeastSquares
 from capture_cli.stages import estimation
 from capture_cli.stages.estimation import by_physics
@@ -41,10 +41,10 @@ def found_in(prepared: PreparedLog, **options):
 
 def test_a_descent_that_converged_is_not_linearized_again(prepared, monkeypatch):
     part = prepared.part(~prepared.split.is_test)
-    fresh = ModelFits(prepared, 1)
-    expected = fresh.at(part, [], found_in(prepared).best)
-    monkeypatch.setattr(ModelFits, "at", lambda *_: pytest.fail("simulated again"))
-    at = found_in(prepared).at
+    found = found_in(prepared)
+    expected = ModelFits(prepared, 1).at(part, [], found.best)
+    monkeypatch.setattr(PreparedLog, "evaluate", lambda *_: pytest.fail("simulated again"))
+    at = found.at
     np.testing.assert_allclose(at.at.residual, expected.at.residual, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(at.at.by_parameter, expected.at.by_parameter, rtol=1e-5, atol=1e-5)
     np.testing.assert_array_equal(at.point, expected.point)
@@ -81,11 +81,3 @@ def test_offsets_of_the_starts_are_gone_on_from(prepared):
 def test_when_a_descent_is_over(errors, over):
     history = [Best(np.zeros(1), np.zeros((1, 1)), e) for e in errors]
     assert estimation._idle(history, count=1000, unexplained_rounds=2) == over
-
-
-def test_trials_are_the_same_but_for_rounding():
-    trial = Trial(np.array([[1.0, 2.0]]), np.array([[[0.0, 1e-3]]]))
-    near = Trial(trial.parameters * (1 + 1e-15), trial.offsets)
-    assert estimation._same(trial, near)
-    assert not estimation._same(trial, Trial(trial.parameters * (1 + 1e-9), trial.offsets))
-    assert not estimation._same(trial, Trial(trial.parameters, trial.offsets + 1e-6))

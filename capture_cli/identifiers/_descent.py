@@ -73,6 +73,11 @@ class Descent:
         return Best(self.evidence.space.from_unit(self.x), self.offsets, self.error)
 
     @property
+    def measured(self) -> Linearization | None:
+        """The linearization where it is, if its sensitivities were measured there and not carried along."""
+        return None if self._carried else self._at
+
+    @property
     def expected(self) -> float:
         """The error that its next step promises by sensitivities that were measured; 0 where they were not."""
         if self._carried or not np.isfinite(self._promised):

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from capture_cli.linearization import Evidence, Trial
+from capture_cli.linearization import Evidence, Linearization, Trial
 
 
 @dataclass(frozen=True)
@@ -72,6 +72,11 @@ class Identifier(AskTell):
     @abstractmethod
     def best(self) -> Best:
         """The best point told so far."""
+
+    @property
+    def at(self) -> Linearization | None:
+        """The linearization at the best, if what was told says it."""
+        return None
 
     @property
     @abstractmethod

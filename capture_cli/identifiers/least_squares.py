@@ -10,7 +10,7 @@ import numpy as np
 
 from capture_cli.identifiers._descent import Descent
 from capture_cli.identifiers.base import Best, Identifier
-from capture_cli.linearization import Evidence, Trial
+from capture_cli.linearization import Evidence, Linearization, Trial
 
 SCREENED_PER_PARAMETER = 8
 CONVERGED_GAIN = 3e-3  # decrease of the objective over k: a twentieth of a standard error
@@ -54,6 +54,10 @@ class LeastSquares(Identifier):
         if not self._descents:
             return Best(self.start, self.offsets, np.inf)
         return self._leader.best
+
+    @property
+    def at(self) -> Linearization | None:
+        return self._leader.measured if self._descents else None
 
     @property
     def gave_up(self) -> bool:

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from capture_cli.diagnosis.lack_of_fit import PRACTICAL, lack_of_fit
-from capture_cli.identifiers.base import Best, Identifier, Trial, run
+from capture_cli.identifiers.base import Best, Identifier, run
 from capture_cli.identifiers.intervals import intervals
 from capture_cli.identifiers.least_squares import LeastSquares
 from capture_cli.identifiers.rounds import Rounds, finite
-from capture_cli.linearization import Linearization, columns
+from capture_cli.linearization import Linearization
 from capture_cli.parameters import ParameterSpace
 from capture_cli.simulator import Simulator
 from capture_cli.stages.identifier_checkpoint import IdentifierCheckpoint
@@ -38,14 +38,14 @@ JUDGED_BY = 4  # entries of the log, at most, that the estimates of all rounds a
 class Found:
     """What was found, with `fits` made ready as it was found.
 
-    history: the best so far (in rounds: each estimate), in order. tried: trials with what they gave, among them perhaps
-    the one that linearizes at the best. fallback, elsewhere: as in `InContext.document`.
+    history: the best so far (in rounds: each estimate), in order. known: the linearization at the best, where the
+    search left it. fallback, elsewhere: as in `InContext.document`.
     """
 
     fits: ModelFits
     best: Best
     history: list[Best]
-    tried: tuple[tuple[Trial, np.ndarray, np.ndarray], ...] = ()
+    known: Linearization | None = None
     in_context: InContext | None = None
     fallback: bool = False
     elsewhere: bool = False
@@ -54,14 +54,7 @@ class Found:
     def at(self) -> Fit:
         """The linearization at the best, on the fitted part of the log."""
         part = self.fits.prepared.part(~self.fits.prepared.split.is_test)
-        evidence = part.evidence(self.fits.simulator([]))
-        x = evidence.space.to_unit(self.best.parameters)
-        needed = columns(evidence, x, self.best.offsets)
-        for trial, outputs, diverged in self.tried:
-            if _same(trial, needed):
-                at = Linearization.from_columns(evidence, x, self.best.offsets, outputs, diverged)
-                return Fit((), evidence.space, self.best.parameters, at)
-        return self.fits.at(part, [], self.best)
+        return self.fits.at(part, [], self.best, self.known)
 
     @property
     def lacking(self) -> bool:
@@ -97,38 +90,19 @@ def by_physics(
     simulator = fits.simulator([])
     evidence = part.evidence(simulator)
     history: list[Best] = []
-    asked, tried = [], ()  # the last trial with what it gave; that one if it linearizes at the best point
-
-    def evaluate(trial: Trial):
-        asked[:] = [(trial, *part.evaluate(simulator, trial))]
-        return asked[0][1:]
 
     def on_round(best: Best) -> None:
-        nonlocal tried
         history.append(best)
-        if _same(asked[0][0], columns(evidence, evidence.space.to_unit(best.parameters), best.offsets)):
-            tried = tuple(asked)
         progress.step(f"error {best.error:.3g} x noise floor")
         if idle_rounds is not None and _idle(history, evidence.count, idle_rounds):
             solver.rounds_left = 0
 
     solver = method(evidence, start=start, seed=seed, rounds=rounds, starts=starts, offsets=offsets)
-    best = run(solver, evaluate, on_round)
+    best = run(solver, lambda trial: part.evaluate(simulator, trial), on_round)
     fits.rollouts += simulator.rollouts
     if not np.isfinite(best.error):
         raise all_diverged(fits.prepared.task)
-    return Found(fits, best, history, tried)
-
-
-def _same(one: Trial, other: Trial) -> bool:
-    """Whether two trials ask for the same, but for rounding."""
-    if len(one) != len(other):
-        return False
-    close = [
-        np.allclose(getattr(one, n), getattr(other, n), rtol=1e-12, atol=1e-15)
-        for n in ("parameters", "offsets")
-    ]
-    return all(close)
+    return Found(fits, best, history, solver.at)
 
 
 def by_rounds(

@@ -217,11 +217,10 @@ class ModelFits:
             patience=LONG_PATIENCE if simpler else PATIENCE,
         )
         best = run(solver, lambda trial: part.evaluate(simulator, trial))
-        if not np.isfinite(best.error):
-            self.rollouts += simulator.rollouts
-            return None
         self.rollouts += simulator.rollouts
-        fit = self.at(part, effects, best)
+        if not np.isfinite(best.error):
+            return None
+        fit = self.at(part, effects, best, solver.at)
         return replace(fit, finished=not (solver.gave_up or fit.is_far_behind(rival)))
 
     def minima(self, part: PreparedLog, fit: Fit, seed: int) -> list[Fit]:
@@ -251,9 +250,17 @@ class ModelFits:
                 break
         return sorted(found, key=lambda f: f.at.objectives(1.0).sum())
 
-    def at(self, part: PreparedLog, effects: Sequence[Placed], best: Best) -> Fit:
-        """What an identifier found on `part`, with the linearization there."""
+    def at(
+        self,
+        part: PreparedLog,
+        effects: Sequence[Placed],
+        best: Best,
+        known: Linearization | None = None,
+    ) -> Fit:
+        """What an identifier found on `part`, with the linearization there: the one that is known, or a new one."""
         simulator = self.simulator(effects)
+        if known is not None:
+            return Fit(tuple(effects), simulator.space, best.parameters, known)
         evidence = part.evidence(simulator)
         x = simulator.space.to_unit(best.parameters)
         outputs, diverged = part.evaluate(simulator, columns(evidence, x, best.offsets))
