@@ -220,6 +220,12 @@ class Linearization:
         k = self.scatter
         return 1 - k * np.diagonal(self.start_gain(k), axis1=1, axis2=2)
 
+    @property
+    def leverage(self) -> np.ndarray:
+        """What share of each residual's own noise the starts take up, (window, row)."""
+        b = self.by_start
+        return ((b @ self.start_gain(self.scatter)) * b).sum(axis=-1)
+
     def normal(self, k: float, damping: np.ndarray | float = 0.0) -> tuple[np.ndarray, np.ndarray]:
         """Hessian (p, p) and downhill gradient (p,) of half the objective, starts eliminated."""
         jj, jb, _, jr, br = self.products

@@ -14,7 +14,7 @@ The four numbers of an attitude have one floor: what each shows of the same nois
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from math import comb
@@ -33,7 +33,9 @@ SMALLEST = 1e-7  # of the output's own standard deviation: floor for logs withou
 
 @dataclass(frozen=True)
 class NoiseFloor:
-    """sd (output,) in the outputs' units; source (output,): "declared", "repeats", "differences" or "resolution"."""
+    """sd (output,) in the outputs' units; source (output,): "declared", "repeats", "differences", "resolution" or
+    "residual" (differences of what a fitted model left).
+    """
 
     sd: np.ndarray
     source: tuple[str, ...]
@@ -110,6 +112,22 @@ def trimmed_sd(numbers: np.ndarray) -> float:
 
 def from_differences(series: Sequence[np.ndarray], times: Sequence[np.ndarray]) -> float:
     """Standard deviation of white noise on smooth series, each (step,), sampled at `times` (step,), s."""
+    estimates = _by_order(series, times)
+    return next(_settled(estimates), estimates[-1] if estimates else 0.0)
+
+
+def white_noise(series: Sequence[np.ndarray], times: Sequence[np.ndarray]) -> float | None:
+    """Likewise; None where the estimate falls on and on, and there is more of something smooth than of noise."""
+    return next(_settled(_by_order(series, times)), None)
+
+
+def least(series: Sequence[np.ndarray]) -> float:
+    """The least that the floor of such an output can be: the scatter of its steps, and more than nothing."""
+    return max(resolution(series) / np.sqrt(12), SMALLEST * float(np.concatenate(series).std()))
+
+
+def _by_order(series: Sequence[np.ndarray], times: Sequence[np.ndarray]) -> list[float]:
+    """The estimates by differences of each order, as long as there are any."""
     estimates = []
     for order in ORDERS:
         differences = [
@@ -118,12 +136,12 @@ def from_differences(series: Sequence[np.ndarray], times: Sequence[np.ndarray]) 
         if not differences:
             break
         estimates.append(trimmed_sd(np.concatenate(differences)))
-    if not estimates:
-        return 0.0
-    for this, following in pairwise(estimates):
-        if following > STILL_FALLING * this:
-            return this
-    return estimates[-1]
+    return estimates
+
+
+def _settled(estimates: Sequence[float]) -> Iterator[float]:
+    """Those that the next order does not lower any more."""
+    return (this for this, following in pairwise(estimates) if following > STILL_FALLING * this)
 
 
 def _differences(series: np.ndarray, time: np.ndarray, order: int) -> np.ndarray:

@@ -22,6 +22,7 @@ FLOOR_SOURCES = {
     "declared": "declared in the task",
     "differences": "from high-order differences",
     "repeats": "from repeats",
+    "residual": "from differences of the residual",
     "resolution": "the sensor's steps",
 }
 

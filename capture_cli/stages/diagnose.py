@@ -34,6 +34,7 @@ from capture_cli.stages.prepared_log import (
 from capture_cli.stages.progress import Progress
 from capture_cli.stages.recorded_task import load_recorded, task_inputs
 from capture_cli.stages.repeated_noise import with_noise_of_repeats
+from capture_cli.stages.residual_noise import with_noise_of_residual
 from capture_cli.stores.diagnosis import FORMAT, VERSION, Diagnosis
 from capture_cli.stores.estimate import Estimate, read_result
 from capture_cli.stores.measured_log import MeasuredLog
@@ -121,22 +122,23 @@ def _diagnose(
 ) -> Diagnosis:
     """With the starts that the actions say, where that explains what was fitted; else with free starts.
 
-    Where contacts follow, free starts are worse: they make the error rough, and hide what moves them. rollouts: how
-    many were simulated before.
+    Where contacts follow, free starts are worse: they make the error rough, and hide what moves them. Begun anew where
+    what the declared model leaves shows less noise than the log. rollouts: how many were simulated before.
     """
-    free = ModelFits(prepared, threads)
-    free.rollouts = rollouts
-    if begins_as_acted(prepared):
-        acted = ModelFits(as_acted(prepared), threads)
-        acted.rollouts = rollouts
-        work = _Work(acted.prepared, acted, progress, seed, most_effects)
-        diagnosis = work.run(nominal, starts)
+    options = {k: v for k, v in locals().items() if k not in ("prepared", "rollouts")}
+    for acted in (True, False) if begins_as_acted(prepared) else (False,):
+        fits = ModelFits(as_acted(prepared) if acted else prepared, threads)
+        fits.rollouts = rollouts
+        work = _Work(fits.prepared, fits, progress, seed, most_effects)
+        declared = work.declare(nominal, starts)
+        quieter = with_noise_of_residual(prepared, work.fitted, declared, threads)
+        if quieter is not prepared:
+            return _diagnose(quieter, rollouts=fits.rollouts, **options)
+        diagnosis = work.run(declared, with_expression=expression and not acted)
         if work.explains_what_was_fitted:
-            return diagnosis
-        free.rollouts = acted.rollouts
-    return _Work(prepared, free, progress, seed, most_effects).run(
-        nominal, starts, with_expression=expression
-    )
+            break
+        rollouts = fits.rollouts
+    return diagnosis
 
 
 def _check_estimate(folder: Path, real_log: Path) -> tuple[Estimate, dict[str, Any]]:
@@ -217,12 +219,19 @@ class _Work:
         self.part = np.where(is_test, TEST, np.where(self.folds.fit, FIT, SELECT))
         self.explains_what_was_fitted = False
 
-    def run(self, start: np.ndarray, starts: int, *, with_expression: bool = False) -> Diagnosis:
-        declared = self.fits.fit(
-            self._windows(FIT), [], start, starts=starts, tolerance=EXACT, seed=self.seed
-        )
+    @property
+    def fitted(self) -> PreparedLog:
+        """What models are fitted to."""
+        return self._windows(FIT)
+
+    def declare(self, start: np.ndarray, starts: int) -> Fit:
+        """The declared model, from `start` (parameter,) and other places."""
+        declared = self.fits.fit(self.fitted, [], start, starts=starts, tolerance=EXACT, seed=self.seed)
         if declared is None:
             raise all_diverged(self.prepared.task)
+        return declared
+
+    def run(self, declared: Fit, *, with_expression: bool = False) -> Diagnosis:
         attribution = self._attribution()
         last = attribution.run(declared)
         diagnosis = self._diagnosis(attribution, self._models(attribution, last))

@@ -29,6 +29,7 @@ from capture_cli.stages.prepared_log import (
 from capture_cli.stages.progress import Progress
 from capture_cli.stages.recorded_task import task_inputs
 from capture_cli.stages.repeated_noise import with_noise_of_repeats
+from capture_cli.stages.residual_noise import with_noise_of_residual
 from capture_cli.stores.estimate import FORMAT, HISTORY, VERSION, Estimate
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.stores.output import new_directory, refuse_existing, refuse_inputs, sha256
@@ -90,6 +91,10 @@ def identify(
         prepared, rollouts = with_noise_of_repeats(prepared, start, threads=threads, seed=options["seed"])
         search = _Search(prepared, chosen, progress, starts, rounds, options["seed"], threads, earlier)
         result = search.run()
+        quieter = with_noise_of_residual(prepared, prepared.part(~prepared.split.is_test), result.at, threads)
+        if quieter is not prepared:
+            rollouts += result.fits.rollouts
+            result = replace(search, prepared=quieter).run()
         result.fits.rollouts += rollouts
     estimate = _Report(result, chosen.name, options["seed"], earlier).estimate()
     if estimate.document["verdict"] == "unexplained":

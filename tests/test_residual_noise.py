@@ -1,0 +1,122 @@
+"""The noise floor of slow sensors before fast motion: from what the declared model leaves."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from slow_sensors import regular, thinned, with_sparse
+
+from capture_cli.diagnosis.noise_floor import from_differences, white_noise
+from capture_cli.stages import diagnose as diagnose_stage
+from capture_cli.stages import identify as identify_stage
+from capture_cli.stages.diagnose import diagnose
+from capture_cli.stages.identify import identify
+from capture_cli.stages.model_fits import Fit, ModelFits
+from capture_cli.stages.prepared_log import PreparedLog, prepare
+from capture_cli.stages.record import record
+from capture_cli.stages.residual_noise import with_noise_of_residual
+from capture_cli.stores.measured_log import MeasuredLog
+from capture_cli.tasks import load_task
+
+NOISE = 1e-3  # rad, of both joints
+FRICTION = 0.02  # N m, at an elbow that spins
+
+
+@pytest.fixture
+def without_pages(monkeypatch):
+    monkeypatch.setattr(identify_stage, "_write_pages", lambda *_: None)
+    monkeypatch.setattr(diagnose_stage, "_write_pages", lambda *_: None)
+
+
+def whirling(folder: Path, *effects: str, noise: float = NOISE) -> tuple[Path, Path]:
+    """A log of an arm whose forearm turns fast, seen by a camera of 25 Hz, and its task.toml."""
+    task = with_sparse(folder / "task", "arm", "q2")
+    made = record(
+        task=str(task),
+        out=folder / "whole.zarr",
+        duration=3.0,
+        rate=100,
+        seed=2,
+        random_parameters=True,
+        noise={"q1": noise, "q2": noise},
+        episodes=6,
+        threads=1,
+        effects=list(effects),
+    )
+    thinned(made.log, "q2", regular, 2).write(folder / "log.zarr")
+    return folder / "log.zarr", task
+
+
+def sliding(task: Path, folder: Path) -> PreparedLog:
+    """A log that is sampled often enough."""
+    options = {"amplitude": {"drive": 8}, "noise": 1e-3, "duration": 4, "rate": 100, "threads": 1}
+    made = record(task=str(task), out=folder / "log.zarr", **options)
+    return prepare(made.log, load_task(str(task)), window=None, test=None, seed=0, threads=1)
+
+
+def fitted(prepared: PreparedLog) -> tuple[PreparedLog, Fit]:
+    part = prepared.part(~prepared.split.is_test)
+    return part, ModelFits(prepared, 1).fit(part, [], prepared.task.space.nominal)
+
+
+def prepared_log(path: Path, task: Path) -> PreparedLog:
+    return prepare(MeasuredLog.read(path), load_task(str(task)), window=None, test=None, seed=0, threads=1)
+
+
+def test_the_floor_of_a_slow_sensor_is_that_of_the_residual(tmp_path, without_pages):
+    log, task = whirling(tmp_path)
+    assert prepared_log(log, task).noise.sd[1] > 5 * NOISE
+    found = identify(real_log=log, task=str(task), out=tmp_path / "estimate", threads=1, quiet=True).document
+    assert found["noise_floor"] == {
+        "q1": pytest.approx(NOISE, rel=0.1),
+        "q2": pytest.approx(NOISE, rel=0.2),
+    }
+    assert found["noise_floor_source"] == {"q1": "differences", "q2": "residual"}
+    assert found["verdict"] == "explained"
+    assert 0.8 < found["error"]["test"]["normalized"] < 1.1
+
+
+def test_what_a_floor_too_high_would_hide_is_found(tmp_path, without_pages):
+    log, task = whirling(tmp_path, f"coulomb-friction@elbow={FRICTION}")
+    found = diagnose(real_log=log, task=str(task), out=tmp_path / "diagnosis", threads=1, quiet=True).document
+    assert [e["name"] for e in found["effects"]] == ["coulomb-friction"]
+    assert found["effects"][0]["site"] == "elbow"
+    assert found["effects"][0]["parameters"]["friction"]["value"] == pytest.approx(FRICTION, rel=0.1)
+    assert found["noise_floor_source"]["q2"] == "residual"
+
+
+@pytest.mark.parametrize("source", ["declared", "repeats", "resolution"])
+def test_floors_of_other_sources_stay(tmp_path, source):
+    prepared = prepared_log(*whirling(tmp_path))
+    prepared = replace(prepared, noise=replace(prepared.noise, source=(source,) * 2))
+    assert with_noise_of_residual(prepared, *fitted(prepared), 1) is prepared
+
+
+def test_a_floor_that_is_right_stays(slider_task, tmp_path):
+    prepared = sliding(slider_task, tmp_path)
+    assert with_noise_of_residual(prepared, *fitted(prepared), 1) is prepared
+
+
+def test_where_there_is_no_noise_there_is_none_to_be_found(tmp_path):
+    prepared = prepared_log(*whirling(tmp_path, noise=0.0))
+    quieter = with_noise_of_residual(prepared, *fitted(prepared), 1)
+    assert quieter.noise.sd[1] > 1e-9
+
+
+def test_what_falls_on_and_on_is_no_noise():
+    time = np.linspace(0, 1, 40)
+    smooth = np.sin(20 * time)
+    noise = 1e-3 * np.random.default_rng(0).standard_normal((5, 40))
+    assert white_noise([smooth], [time]) is None
+    assert white_noise([smooth] * 5 + noise, [time] * 5) == pytest.approx(1e-3, rel=0.2)
+    assert from_differences([smooth], [time]) > 0
+
+
+def test_leverages_add_up_to_the_numbers_that_starts_amount_to(slider_task, tmp_path):
+    prepared = sliding(slider_task, tmp_path)
+    _, fit = fitted(prepared)
+    assert fit.at.leverage.sum() == pytest.approx(fit.at.fitted_starts)
+    assert (fit.at.leverage >= 0).all() and (fit.at.leverage < 1).all()
