@@ -16,14 +16,12 @@ from benchmarks._planted.cases import LEFT, NOTHING, Case, experiment, size
 from benchmarks._planted.machines import EPISODES, Experiment
 from benchmarks._planted.outcomes import judge
 from capture_cli.stages import attribution
-from capture_cli.stages.diagnose import _Work
-from capture_cli.stages.model_fits import ModelFits
-from capture_cli.stages.prepared_log import check_parameters_move_outputs, prepare
+from capture_cli.stages.diagnose import diagnose_prepared
+from capture_cli.stages.prepared_log import prepare
 from capture_cli.stages.progress import Progress
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.tasks.base import Task
 
-STARTS = 3  # as `capture diagnose` has it
 KEPT = 8  # candidates on a line
 ABSORBED, OUT_OF_REACH, FAILED = "absorbed", "out of reach", "failed"
 
@@ -67,10 +65,8 @@ def _nothing_to_find(made: Experiment, effect, values) -> dict[str, Any]:
 def diagnose(log: MeasuredLog, task: Task, seed: int) -> dict[str, Any]:
     """diagnosis.json of `log` with the defaults of `capture diagnose`, on one thread."""
     prepared = prepare(log, task, window=None, test=None, seed=seed)
-    fits = ModelFits(prepared, 1)
-    check_parameters_move_outputs(prepared, fits.simulator(()), seed)
-    work = _Work(prepared, fits, Progress("diagnose", "model", quiet=True), seed)
-    return work.run(task.space.nominal, STARTS).document
+    progress = Progress("diagnose", "model", quiet=True)
+    return diagnose_prepared(prepared, task.space.nominal, progress, seed=seed, threads=1).document
 
 
 @contextmanager

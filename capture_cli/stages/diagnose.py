@@ -85,16 +85,12 @@ def diagnose(
     provenance = Provenance("diagnose", options, inputs)
     held_out = None if begin is None or test is not None else _held_out(begin)
     prepared = prepare(log, found, window=window, test=test, held_out=held_out, seed=seed, threads=threads)
-    simulator = ModelFits(prepared, threads).simulator(())
-    check_parameters_move_outputs(prepared, simulator, seed)
     nominal = _nominal(found, begin)
     with Progress("diagnose", "model", quiet=quiet) as progress:
-        prepared, rollouts = with_noise_of_repeats(prepared, nominal, threads=threads, seed=seed)
-        diagnosis = _diagnose(
+        diagnosis = diagnose_prepared(
             prepared,
             nominal,
             progress,
-            simulator.rollouts + rollouts,
             starts=starts,
             most_effects=most_effects,
             expression=expression,
@@ -108,12 +104,31 @@ def diagnose(
     return diagnosis
 
 
+def diagnose_prepared(
+    prepared: PreparedLog,
+    nominal: np.ndarray,
+    progress: Progress,
+    *,
+    starts: int = 3,
+    most_effects: int = MOST_EFFECTS,
+    expression: bool = False,
+    seed: int = 0,
+    threads: int | None = None,
+) -> Diagnosis:
+    """What `diagnose` finds in a log that was made ready, from the values `nominal` (parameter,) of its task."""
+    options = {k: v for k, v in locals().items() if k != "prepared"}
+    simulator = ModelFits(prepared, threads).simulator(())
+    check_parameters_move_outputs(prepared, simulator, seed)
+    prepared, rollouts = with_noise_of_repeats(prepared, nominal, threads=threads, seed=seed)
+    return _diagnose(prepared, rollouts=simulator.rollouts + rollouts, **options)
+
+
 def _diagnose(
     prepared: PreparedLog,
     nominal: np.ndarray,
     progress: Progress,
-    rollouts: int,
     *,
+    rollouts: int,
     starts: int,
     most_effects: int,
     expression: bool,
