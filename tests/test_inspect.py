@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from episodes_of import episodes_of
 from rich.console import Console
 
 from capture_cli.errors import StoreError, TaskError
@@ -398,7 +399,7 @@ def test_a_log_of_another_version_is_a_finding_with_the_cure(tmp_path):
 
 
 def test_an_empty_log_and_wrong_episodes_are_findings(tmp_path):
-    empty = sound_log().select_episodes([])
+    empty = episodes_of(sound_log(), [])
     assert only(inspected(empty, tmp_path))["message"] == "it is empty"
     wrong = replace(sound_log(), episode_ends=np.array([STEPS, STEPS]))
     assert "do not divide" in only(inspected(wrong, tmp_path))["message"]
@@ -433,7 +434,7 @@ def test_a_slow_sensor_is_described_by_its_samples(tmp_path):
     assert (found["nan"], found["bad_steps"]) == (0, [])
     (finding,) = [f for f in document["findings"] if f["severity"] == "error"]
     assert "3 samples of it; 5 are needed" in finding["message"]
-    whole = replace(log, outputs=sound_log().outputs[:, 0:1]).select_episodes([0])
+    whole = episodes_of(replace(log, outputs=sound_log().outputs[:, 0:1]), [0])
     spiked = changed(replace(whole, sparse=frozenset({"q"})), outputs=lambda q: q.__setitem__((401, 0), 5.0))
     spiked = replace(spiked, outputs=np.where(sampled[:STEPS, None], spiked.outputs, np.nan))
     spiked.write(tmp_path / "spiked.zarr")

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from episodes_of import episodes_of
 
 from benchmarks.family import Logs
 from capture_cli.errors import LogError, OptionError, StoreError
@@ -102,7 +103,7 @@ def test_a_log_that_no_parameter_explains_is_not_left_to_the_proposal(scooping, 
 
 def test_an_estimate_is_taken_up_with_the_episodes_that_are_new(scooping, tmp_path):
     log = MeasuredLog.read(scooping / "log.zarr")
-    log.select_episodes(range(5)).write(tmp_path / "log.zarr")
+    episodes_of(log, range(5)).write(tmp_path / "log.zarr")
     options = {"out": tmp_path / "e", "threads": 1, "quiet": True}
     first = identify(real_log=tmp_path / "log.zarr", identifier=str(scooping / "c"), **options)
     with pytest.raises(OptionError, match=r"no episode that .* has not seen"):
@@ -127,7 +128,7 @@ def test_an_estimate_is_taken_up_with_the_episodes_that_are_new(scooping, tmp_pa
 def test_only_the_log_that_was_begun_with_is_gone_on_with(found, scooping, tmp_path):
     shutil.copytree(scooping / "e", tmp_path / "e")
     log = MeasuredLog.read(scooping / "log.zarr")
-    log.select_episodes([1, 0, *range(2, 8), 0]).write(tmp_path / "log.zarr")
+    episodes_of(log, [1, 0, *range(2, 8), 0]).write(tmp_path / "log.zarr")
     before = (tmp_path / "e" / "estimate.json").read_bytes()
     with pytest.raises(OptionError, match="made from other episodes"):
         identify(real_log=tmp_path / "log.zarr", out=tmp_path / "e", resume=True, quiet=True)

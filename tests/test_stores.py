@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import zarr
+from episodes_of import episodes_of
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -257,7 +258,7 @@ def test_only_a_sparse_output_may_lack_samples(tmp_path):
 
 
 def test_an_empty_log_is_refused(tmp_path):
-    a_log().select_episodes([]).write(tmp_path / "log.zarr")
+    episodes_of(a_log(), []).write(tmp_path / "log.zarr")
     assert "the log is empty" in refusal(tmp_path / "log.zarr").message
 
 

@@ -168,27 +168,6 @@ class MeasuredLog:
             for k, name in enumerate(names):
                 yield f"{kind} {name!r}", values[:, k], name in sparse
 
-    def select_episodes(self, keep: Sequence[int]) -> MeasuredLog:
-        """The log of these episodes alone, in this order."""
-        slices = [self.episodes[i] for i in keep]
-        rows = np.concatenate([np.arange(s.start, s.stop) for s in slices]) if slices else np.empty(0, int)
-        return MeasuredLog(
-            task=self.task,
-            time=self.time[rows],
-            inputs=self.inputs[rows],
-            outputs=self.outputs[rows],
-            episode_ends=np.cumsum([s.stop - s.start for s in slices]),
-            recording=np.asarray(self.recording)[list(keep)],
-            input_names=self.input_names,
-            input_units=self.input_units,
-            output_names=self.output_names,
-            output_units=self.output_units,
-            recordings=self.recordings,
-            actions=None if self.actions is None else self.actions[list(keep)],
-            path=self.path,
-            sparse=self.sparse,
-        )
-
     def followed_by(self, other: MeasuredLog) -> MeasuredLog:
         """With the episodes of `other` after its own; recordings of the same name are told apart by a number.
 
