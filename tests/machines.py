@@ -147,10 +147,11 @@ def start(model: mujoco.MjModel, count: int) -> Starts:
 
 
 def controls(model: mujoco.MjModel, count: int) -> np.ndarray:
-    """Square waves (simulation, grid, nu), of most of what the actuators take."""
+    """Square waves (simulation, grid, nu), of most of what the actuators take, and of less in the second half."""
     time = np.arange(round(DURATION / model.opt.timestep)) * model.opt.timestep
     size = np.where(model.actuator_ctrllimited, model.actuator_ctrlrange[:, 1], 1.0) * 0.8
     waves = size * np.sign(np.sin(2 * np.pi * (3.1 + np.arange(model.nu)) * time[:, None] + 0.5))
+    waves[len(time) // 2 :] *= 0.9
     return np.repeat(waves[None], count, axis=0)
 
 

@@ -1,0 +1,91 @@
+"""Actuators on one supply, whose voltage drops with what all of them draw."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from capture_cli.effects._actuator_effect import single_control_actuators
+from capture_cli.effects._kernel import Companion, bound, call, number
+from capture_cli.effects._places import reference, site_id
+from capture_cli.effects._scales import control_scale
+from capture_cli.effects.base import GLOBAL, Effect
+from capture_cli.effects.control_lag import Lag
+from capture_cli.parameters import Parameter
+
+FORGOTTEN = 8.0  # time constants, after which 3e-4 of a load is left in the voltage
+
+
+class Sagging:
+    """How many times its own size a control arrives, under `load` (1: all actuators at their largest control)."""
+
+    def __init__(self, *, sag, time_constant, timestep):
+        self.sag = sag
+        self.felt = Lag(time_constant=time_constant, timestep=timestep)
+
+    def __call__(self, load):
+        return 1 - self.sag * self.felt(load)
+
+
+class ControlSupplySag(Effect):
+    """Controls arrive 1 - `sag` load times as large, with load the mean of all their sizes over the largest that they
+    commonly have, through a first-order lag of `time_constant` (s): a battery, or a power supply that is too weak.
+    """
+
+    place = "control"
+    summary = (
+        "controls arrive smaller the more all actuators draw: a battery or a supply that sags under load"
+    )
+    where = "the model as a whole, if controls are forces or voltages"
+    shapes = ("time_constant",)
+
+    def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
+        super().__init__(model, site)
+        self.names = _driven_by_the_supply(model)
+        self.actuators = [site_id(model, "actuator", name) for name in self.names]
+        self.columns = model.actuator_ctrladr[self.actuators]
+        self.scales = np.array([control_scale(model, a) for a in self.actuators])
+
+    @classmethod
+    def sites(cls, model: mujoco.MjModel) -> list[str]:
+        return [GLOBAL] if _driven_by_the_supply(model) else []
+
+    @property
+    def parameters(self):
+        return (
+            Parameter("sag", "1", 0.0, 0.6, 0.0),
+            Parameter("time_constant", "s", 0.01, 0.5, 0.07),
+        )
+
+    def drive(self, controls, values, timestep, **_):
+        controls = controls.copy()
+        load = (np.abs(controls[..., self.columns]) / self.scales).mean(axis=-1)
+        size = bound(Sagging, dict(zip(self.space.names, values.T, strict=True)), timestep)
+        for step in range(controls.shape[1]):
+            controls[:, step, self.columns] *= size(load[:, step])[:, None]
+        return controls
+
+    def memory(self, values):
+        sag, time_constant = values.T
+        return FORGOTTEN * float(np.max(time_constant, where=sag > 0, initial=0.0))
+
+    def companion(self, name, values):
+        numbers = dict(zip(self.space.names, values, strict=True))
+        size, state = call(name, Sagging, ["load"], numbers)
+        ids = ", ".join(f"model.actuator({reference(self.model, 'actuator', n)}).id" for n in self.names)
+        lines = (
+            f"at = model.actuator_ctrladr[[{ids}]]",
+            f"load = np.mean(np.abs(data.ctrl[at]) / {number(self.scales)})",
+            f"size = {size}",
+            "data.ctrl[at] *= size",
+        )
+        return Companion((Lag, Sagging), lines, state)
+
+
+def _driven_by_the_supply(model: mujoco.MjModel) -> list[str]:
+    """Actuators of one control that is no target of a servo."""
+    return [
+        name
+        for name in single_control_actuators(model)
+        if model.actuator_biasprm[site_id(model, "actuator", name), 1] == 0
+    ]
