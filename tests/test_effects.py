@@ -669,6 +669,46 @@ def test_sensors_report_as_the_effects_say():
     assert np.allclose(measure("sensor-bias", ramp, 0.1), ramp + 0.1)
 
 
+def test_an_encoder_off_its_axis_errs_once_and_twice_a_turn():
+    where, effect = placed("sensor-eccentricity")[0]
+    angle = 2 * np.pi * np.arange(64) / 64
+    sensors = np.repeat(angle[None, :, None], machine(where).nsensordata, axis=2)
+    seen = effect.measure(sensors, np.array([[0.01, -0.02, 0.03, 0.04]]), 1.0)
+    errors = np.fft.rfft((seen - sensors)[0, :, effect.columns.start]) / 32
+    expected = np.zeros(33, dtype=complex)
+    expected[1], expected[2] = -0.02 - 0.01j, 0.04 - 0.03j  # cosine - i sine
+    np.testing.assert_allclose(errors, expected, atol=1e-12)
+
+
+TWO_MOTORS = """
+<mujoco>
+  <worldbody>
+    <body><joint name="a" type="slide"/><geom size=".1"/></body>
+    <body><joint name="b" type="slide"/><geom size=".1"/></body>
+  </worldbody>
+  <actuator>
+    <motor joint="a" ctrllimited="true" ctrlrange="-2 2"/>
+    <motor joint="b" ctrllimited="true" ctrlrange="-4 4"/>
+    <position joint="b" kp="3"/>
+  </actuator>
+</mujoco>
+"""
+
+
+def test_a_supply_sags_with_what_all_its_actuators_draw():
+    effect = effects.REGISTRY.get("control-supply-sag")(build(TWO_MOTORS))
+    step, time_constant, sag = 1e-3, 0.1, 0.4
+    controls = np.zeros((1, 1000, 3))
+    controls[0, :, 2] = 0.7  # a target: nothing that a supply can lower
+    controls[0, 100:, :2] = 1.0, -2.0  # half of what each takes at most
+    arrive = effect.drive(controls, np.array([[sag, time_constant]]), step)[0]
+    since = step * (np.arange(100, 1000) - 99.5)  # the middle of each step, from 100 on
+    size = 1 - sag * 0.5 * (1 - np.exp(-since / time_constant))
+    np.testing.assert_allclose(arrive[100:, 0], size, atol=1e-3 * sag)
+    np.testing.assert_allclose(arrive[:, 1], -2 * arrive[:, 0])
+    assert np.array_equal(arrive[:, 2], controls[0, :, 2])
+
+
 def test_a_frame_is_turned_in_the_plane_and_in_space():
     effect = effects.REGISTRY.get("sensor-frame-rotation")
     plane = effect(machine("puck"), "px+py").measure(np.array([[[1.0, 0.0]]]), np.array([[0.3]]), 1.0)
