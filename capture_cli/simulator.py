@@ -212,7 +212,8 @@ class Simulator:
             here = reported.rows(row)
             late = self._lateness(each)
             early = late[:, self._sensors].max(axis=1) * here.read
-            starts = shift(self.task.model, starts, self._start_change(here, early[:, None] - late, each))
+            change = self._start_change(here, early[:, None] - late, each, windows.elapsed[row])
+            starts = shift(self.task.model, starts, change)
         drift = self._drift(each, windows.elapsed[row]) - early
         more = early + self._drift(each, np.full(len(row), windows.grid * windows.timestep))
         rollouts = self._step(
@@ -275,7 +276,7 @@ class Simulator:
         sensors = rollouts.sensors
         for own in self._placed:
             values, states = each[:, own.parameters], hidden[:, own.states]
-            sensors = own.effect.measure(sensors, values, self.task.timestep, states=states)
+            sensors = own.effect.measure(sensors, values, self.task.timestep, states=states, elapsed=elapsed)
         return replace(rollouts, sensors=sensors[..., self._sensors])
 
     def _lateness(self, each: np.ndarray) -> np.ndarray:
@@ -283,14 +284,17 @@ class Simulator:
         none = np.zeros((len(each), self.task.model.nsensordata))
         return sum((own.effect.lateness(each[:, own.parameters]) for own in self._placed), none)
 
-    def _start_change(self, reported: ReportedMotion, before: np.ndarray, each: np.ndarray) -> np.ndarray:
+    def _start_change(
+        self, reported: ReportedMotion, before: np.ndarray, each: np.ndarray, elapsed: np.ndarray
+    ) -> np.ndarray:
         """How far starts are from where the sensors showed them where windows begin, (simulation, state).
 
-        before (simulation, column): s, before that, that what was so at a start was reported.
+        before (simulation, column): s, before that, that what was so at a start was reported. elapsed (simulation,): s,
+        since the episode began.
         """
         true = reported.at(before)
         for own in reversed(self._placed):
-            true = own.effect.true_motion(true, each[:, own.parameters])
+            true = own.effect.true_motion(true, each[:, own.parameters], elapsed)
         return reported.start_change(true, self._own_states, self.substeps)
 
     def _fields(self, each: np.ndarray) -> ModelFields:

@@ -667,6 +667,18 @@ def test_sensors_report_as_the_effects_say():
     assert np.allclose(measure("sensor-quantisation", ramp, 2.5), [0, 0, 2.5, 2.5, 5, 5])
     assert np.allclose(measure("sensor-scale", ramp, 0.1), 1.1 * ramp)
     assert np.allclose(measure("sensor-bias", ramp, 0.1), ramp + 0.1)
+    assert np.allclose(measure("sensor-drift", ramp, 0.1), 1.1 * ramp)
+
+
+def test_a_sensor_drifts_since_the_episode_began():
+    where, effect = placed("sensor-drift")[0]
+    rate, elapsed = np.full((2, len(effect.space)), 0.1), np.array([0.0, 5.0])
+    sensors = np.zeros((2, 3, machine(where).nsensordata))
+    seen = effect.measure(sensors, rate, 0.5, elapsed=elapsed)[..., effect.columns]
+    np.testing.assert_allclose(seen[..., 0], [[0.0, 0.05, 0.1], [0.5, 0.55, 0.6]])
+    jets = np.zeros((2, 3, machine(where).nsensordata))
+    true = effect.true_motion(jets, rate, elapsed)[..., effect.columns.start]
+    np.testing.assert_allclose(true, [[0, -0.1, 0], [-0.5, -0.1, 0]])
 
 
 def test_an_encoder_off_its_axis_errs_once_and_twice_a_turn():

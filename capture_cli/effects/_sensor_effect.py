@@ -160,7 +160,7 @@ class SensorEffect(Effect):
         sensors[..., self.columns] = reported(sensors[..., self.columns])
         return sensors
 
-    def true_motion(self, jets, values):
+    def true_motion(self, jets, values, elapsed=0.0):
         true = jets.copy()
         true[..., self.columns] = self.undone(jets[..., self.columns], values)
         return true

@@ -149,11 +149,18 @@ class Effect(ABC):
         return 0.0
 
     def measure(
-        self, sensors: np.ndarray, values: np.ndarray, timestep: float, *, states: np.ndarray | None = None
+        self,
+        sensors: np.ndarray,
+        values: np.ndarray,
+        timestep: float,
+        *,
+        states: np.ndarray | None = None,
+        elapsed: np.ndarray | float = 0.0,
     ) -> np.ndarray:
         """Place "measurement": sensordata (simulation, grid, column), on that grid, as it is reported.
 
-        states (simulation, state): what its own states begin with; 0 where None.
+        states (simulation, state): what its own states begin with; 0 where None. elapsed (simulation,): s, since the
+        episode began, at the first point of the grid.
         """
         return sensors
 
@@ -175,12 +182,15 @@ class Effect(ABC):
         """
         return 0.0
 
-    def true_motion(self, jets: np.ndarray, values: np.ndarray) -> np.ndarray:
+    def true_motion(
+        self, jets: np.ndarray, values: np.ndarray, elapsed: np.ndarray | float = 0.0
+    ) -> np.ndarray:
         """Place "measurement": how the sensors' numbers moved in truth where they were reported to move as `jets`.
 
         jets (simulation, 3, column): value, slope and curvature of each column of sensordata at the start of a
-        simulation, per s and s^2. A start that was read off the sensors is corrected by it. As it is where the effect
-        does not shift what is reported, or not in a way that can be undone.
+        simulation, per s and s^2; elapsed (simulation,): s, since the episode began. A start that was read off the
+        sensors is corrected by it. As it is where the effect does not shift what is reported, or not in a way that can
+        be undone.
         """
         return jets
 

@@ -43,7 +43,7 @@ class SensorLowPass(TimeEffect):
     def states(self):
         return tuple(f"ahead {k}" for k in range(len(self.sizes)))
 
-    def measure(self, sensors, values, timestep, *, states=None):
+    def measure(self, sensors, values, timestep, *, states=None, **_):
         states = np.zeros(len(self.states)) if states is None else states
         # within that time a signal may go as far as it commonly does in a second
         return self.measured(sensors, values, timestep, ahead=values * self.sizes * states)

@@ -1,0 +1,49 @@
+"""A sensor whose offset grows while the machine runs."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from capture_cli.effects._sensor_effect import NumberEffect
+from capture_cli.effects.base import GLOBAL
+from capture_cli.parameters import Parameter
+
+LARGEST = 0.03  # of the size that its values commonly have, per s
+
+
+def drifted(series, *, rate, timestep, elapsed=0.0):
+    """series + rate t, with t since the episode began, which was `elapsed` s before the first row."""
+    return series + rate * (elapsed + timestep * np.arange(series.shape[-2])[:, None])
+
+
+class SensorDrift(NumberEffect):
+    """An offset of each of the sensor's numbers that is none when an episode begins and grows by `rate`, or `x`, `y`
+    and `z`, per second: a gyro or a load cell that warms.
+    """
+
+    summary = "a sensor's offset grows while the machine runs"
+    kernel = staticmethod(drifted)
+
+    def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
+        super().__init__(model, site)
+        size = self.columns.stop - self.columns.start
+        self.names = ("rate",) if size == 1 else tuple("xyz"[:size])
+
+    @property
+    def parameters(self):
+        high, unit = LARGEST * self.quantity.size, f"{self.quantity.unit}/s"
+        return tuple(Parameter(name, unit, -high, high, 0.0) for name in self.names)
+
+    def coefficients(self, values):
+        return {"rate": values}
+
+    def measure(self, sensors, values, timestep, *, elapsed=0.0, **_):
+        begin = np.broadcast_to(elapsed, len(values))[:, None]
+        return self.measured(sensors, values, timestep, elapsed=begin)
+
+    def true_motion(self, jets, values, elapsed=0.0):
+        true = jets.copy()
+        true[:, 0, self.columns] -= values * np.reshape(elapsed, (-1, 1))
+        true[:, 1, self.columns] -= values
+        return true
