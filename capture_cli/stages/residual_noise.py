@@ -17,9 +17,8 @@ from capture_cli.stages.prepared_log import PreparedLog, attitudes, with_noise
 
 # Of a floor: one that is lower than this is lower by more than the scatter of two estimates from the same samples.
 CLEARLY_LOWER = 0.8
-MOST_TAKEN = (
-    0.5  # share of an output's noise that starts may take up: beyond it there is too little left to tell
-)
+# Share of an output's noise that starts may take up: beyond it there is too little left to tell.
+MOST_TAKEN = 0.5
 
 
 def with_noise_of_residual(
