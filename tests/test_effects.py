@@ -803,3 +803,18 @@ def test_what_sits_at_a_position_may_sit_wherever_the_log_went(name, where):
     effect.seen = JointMotion(-6.0, 1.0, 2.0)
     position = effect.parameters[effect.space.names.index(where)]
     assert (position.low, position.high) == (-6.0, 1.0)
+
+
+def test_a_spring_may_rest_beyond_where_the_log_went_and_push_away_from_there():
+    """Ropes of a lift, whose weight changes sides: 2.9 N/m away from the middle of its shaft."""
+    shaft = build(
+        '<mujoco><option gravity="0 0 0"/><worldbody><body name="car"><joint name="car" type="slide" axis="0 0 1"/>'
+        '<geom size=".5" mass="400"/></body></worldbody></mujoco>'
+    )
+    effect = effects.REGISTRY.get("preloaded-spring")(shaft, "car")
+    effect.seen = JointMotion(0.3, 8.6, 2.0)
+    stiffness, rest = effect.parameters
+    assert stiffness.low < -2.9 and rest.low < 0.3 - 4 and rest.high > 8.6 + 4
+    fields = ModelFields(shaft, 1)
+    effect.write(fields, np.array([[-2.9, 4.5]]))
+    assert (fields["jnt_stiffness"][0, 0], fields["qpos_spring"][0, 0]) == (-2.9, 4.5)
