@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -10,7 +12,7 @@ from hypothesis import strategies as st
 
 from capture_cli.sim.engine import Engine, Starts
 from capture_cli.sim.loop_closure import LoopClosure
-from capture_cli.sim.starts import PRIOR_INFLATION, StartEstimate, estimate_starts
+from capture_cli.sim.starts import PRIOR_INFLATION, StartEstimate, estimate_starts, shift
 
 PRESS = """
 <mujoco>
@@ -164,3 +166,31 @@ def test_an_episode_without_windows_is_not_followed():
         time, outputs, np.array([0]), np.array([0]), np.full(1, NOISE), model.qpos0, at=[]
     )
     assert followed.shape == (0, model.nq)
+
+
+@pytest.mark.parametrize("name", MACHINES)
+def test_a_start_moves_as_the_constraints_let_it(name):
+    """One coordinate that moved alone would be thrown back, and nothing smooth would come of it."""
+    model, time, outputs, *_ = driven(*MACHINES[name])
+    found = estimated(model, time, outputs, np.array([len(time) // 2])).starts
+    moves = 1e-4 * np.eye(2 * model.nv)
+
+    def broken(starts: Starts) -> float:
+        """By how much, at most, constraints are off more than before by a move of positions, and their rates by one of
+        velocities.
+        """
+        moved = shift(model, starts.rows(np.zeros(2 * model.nv, dtype=int)), moves)
+        data, off = mujoco.MjData(model), []
+        for qpos, qvel in zip([*found.qpos, *moved.qpos], [*found.qvel, *moved.qvel], strict=True):
+            data.qpos[:], data.qvel[:] = qpos, qvel
+            mujoco.mj_forward(model, data)
+            off.append([data.efc_pos[: data.ne].copy(), data.efc_vel[: data.ne].copy()])
+        off = np.abs(np.array(off[1:]) - off[0])
+        return max(off[: model.nv, 0].max(), off[model.nv :, 1].max())
+
+    alone = broken(replace(found, together=None))
+    assert alone > 1e-5
+    assert broken(found) < 0.02 * alone
+    once = (found.together[0] @ moves.reshape(-1, 2, model.nv, 1)).reshape(-1, 2 * model.nv)
+    twice = (found.together[0] @ once.reshape(-1, 2, model.nv, 1)).reshape(-1, 2 * model.nv)
+    np.testing.assert_allclose(twice, once, atol=0.02 * 1e-4)  # what they let pass they let pass whole

@@ -95,19 +95,25 @@ class Force(Protocol):
 
 @dataclass(frozen=True)
 class Starts:
-    """Initial states. qpos (simulation, nq), qvel (simulation, nv), act (simulation, na), time (simulation,) in s."""
+    """Initial states. qpos (simulation, nq), qvel (simulation, nv), act (simulation, na), time (simulation,) in s.
+
+    together (simulation, 2, nv, nv): what a move of the positions, and one of the velocities, is made into, so that
+    constraints hold on; None where each coordinate moves on its own.
+    """
 
     qpos: np.ndarray
     qvel: np.ndarray
     act: np.ndarray
     time: np.ndarray
+    together: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.qpos)
 
     def rows(self, index) -> Starts:
         """The starts at `index`."""
-        return Starts(self.qpos[index], self.qvel[index], self.act[index], self.time[index])
+        together = None if self.together is None else self.together[index]
+        return Starts(self.qpos[index], self.qvel[index], self.act[index], self.time[index], together)
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -65,19 +66,23 @@ class LoopClosure:
     def close(self, starts: Starts, sd: np.ndarray, followed: np.ndarray) -> tuple[Starts, np.ndarray]:
         """Starts that satisfy the constraints, as near to `starts` as their sd (window, state) say, and their new sd.
 
+        One coordinate alone cannot move but against the constraints, which would throw it back: the others move along.
         followed (window, nq): where coordinates are that only the constraints determine.
         """
         nv = self.model.nv
         qpos, qvel, sd = starts.qpos.copy(), starts.qvel.copy(), sd.copy()
+        together = np.tile(np.eye(nv), (len(starts), 2, 1, 1))
         for window in range(len(starts)):
             position, velocity = sd[window, :nv], sd[window, nv : 2 * nv]
             _, left = self._at(followed[window], position)
             qpos[window] = self._begun(qpos[window], followed[window], left < DETERMINED * position)
-            qpos[window], sd[window, :nv] = self._closed(qpos[window], position)
+            qpos[window], left = self._closed(qpos[window], position)
+            together[window, 0] -= self._gain(position)[0] @ self._jacobian
             gain, gives = self._gain(velocity, per_second=True)
+            together[window, 1] -= gain @ self._jacobian
             qvel[window] -= gain @ (self._jacobian @ qvel[window])
-            sd[window, nv : 2 * nv] = gives
-        return Starts(qpos, qvel, starts.act, starts.time), sd
+            sd[window] = np.concatenate([left, gives, sd[window, 2 * nv :]])
+        return replace(starts, qpos=qpos, qvel=qvel, together=together), sd
 
     def _begun(self, qpos: np.ndarray, followed: np.ndarray, determined: np.ndarray) -> np.ndarray:
         """`qpos` with the joints that are `determined` (dof,) as they were followed to."""

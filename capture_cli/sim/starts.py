@@ -272,15 +272,20 @@ def _reported(
 
 
 def shift(model: mujoco.MjModel, starts: Starts, offsets: np.ndarray) -> Starts:
-    """Starts moved by tangent offsets (simulation, state), state as in StartEstimate."""
+    """Starts moved by tangent offsets (simulation, state), state as in StartEstimate, as constraints let them."""
     nv = model.nv
+    if starts.together is not None:
+        moves = offsets[:, : 2 * nv].reshape(-1, 2, nv, 1)
+        offsets = np.hstack([(starts.together @ moves).reshape(-1, 2 * nv), offsets[:, 2 * nv :]])
     if model.nq == nv:
         qpos = starts.qpos + offsets[:, :nv]
     else:
         qpos = starts.qpos.copy()
         for row, step in zip(qpos, np.ascontiguousarray(offsets[:, :nv]), strict=True):
             mujoco.mj_integratePos(model, row, step, 1.0)
-    return Starts(qpos, starts.qvel + offsets[:, nv : 2 * nv], starts.act + offsets[:, 2 * nv :], starts.time)
+    return replace(
+        starts, qpos=qpos, qvel=starts.qvel + offsets[:, nv : 2 * nv], act=starts.act + offsets[:, 2 * nv :]
+    )
 
 
 def model_starts(model: mujoco.MjModel, count: int) -> StartEstimate:
@@ -313,7 +318,7 @@ def with_known(read: StartEstimate, known: StartEstimate, which: np.ndarray) -> 
     )
     reported = None if read.reported is None else replace(read.reported, read=~which)
     return StartEstimate(
-        Starts(qpos, qvel, act, read.starts.time), np.where(rows, known.sd, read.sd), reported
+        replace(read.starts, qpos=qpos, qvel=qvel, act=act), np.where(rows, known.sd, read.sd), reported
     )
 
 
