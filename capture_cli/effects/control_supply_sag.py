@@ -7,10 +7,10 @@ import numpy as np
 
 from capture_cli.effects._actuator_effect import single_control_actuators
 from capture_cli.effects._kernel import Companion, bound, call, number
+from capture_cli.effects._lag import Lag
 from capture_cli.effects._places import reference, site_id
 from capture_cli.effects._scales import control_scale
 from capture_cli.effects.base import GLOBAL, Effect
-from capture_cli.effects.control_lag import Lag
 from capture_cli.parameters import Parameter
 
 FORGOTTEN = 8.0  # time constants, after which 3e-4 of a load is left in the voltage

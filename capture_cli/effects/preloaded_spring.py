@@ -18,7 +18,7 @@ class PreloadedSpring(SpringEffect):
     Beside a spring of the joint's own the two are one, of the stiffness of both, at rest in between.
     """
 
-    summary = "a spring at a joint that pulls where the joint's own would rest: a harness, a return spring"
+    summary = "a spring that rests elsewhere than the joint's own, or pushes away: a harness, ropes that shift weight"
     where = "every hinge and slide joint, but those whose spring hardens or softens"
     shapes = ("rest",)
 
