@@ -76,3 +76,10 @@ def real_data() -> Path:
     if not path.is_dir():
         pytest.skip(f"no real logs at {path}: set CAPTURE_REAL_DATA to the folder that holds them")
     return path.resolve()
+
+
+@pytest.fixture
+def without_pages(monkeypatch):
+    """Reports have tests of their own."""
+    for stage in ("identify", "diagnose"):
+        monkeypatch.setattr(f"capture_cli.stages.{stage}._write_pages", lambda *_: None)

@@ -10,8 +10,6 @@ import pytest
 from slow_sensors import regular, thinned, with_sparse
 
 from capture_cli.diagnosis.noise_floor import from_differences, white_noise
-from capture_cli.stages import diagnose as diagnose_stage
-from capture_cli.stages import identify as identify_stage
 from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.identify import identify
 from capture_cli.stages.model_fits import Fit, ModelFits
@@ -23,12 +21,6 @@ from capture_cli.tasks import load_task
 
 NOISE = 1e-3  # rad, of both joints
 FRICTION = 0.02  # N m, at an elbow that spins
-
-
-@pytest.fixture
-def without_pages(monkeypatch):
-    monkeypatch.setattr(identify_stage, "_write_pages", lambda *_: None)
-    monkeypatch.setattr(diagnose_stage, "_write_pages", lambda *_: None)
 
 
 def whirling(folder: Path, *effects: str, noise: float = NOISE) -> tuple[Path, Path]:

@@ -31,12 +31,6 @@ from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.tasks import load_task
 
 
-@pytest.fixture
-def without_pages(monkeypatch):
-    monkeypatch.setattr(identify_stage, "_write_pages", lambda *_: None)
-    monkeypatch.setattr(diagnose_stage, "_write_pages", lambda *_: None)
-
-
 def cart_pole(folder: Path, choose, seed: int, **options) -> tuple[Path, Path, dict]:
     """A log in which a camera sees the pole, its task.toml, and the truth."""
     task = with_sparse(folder / "task", "cart_pole", "pole")

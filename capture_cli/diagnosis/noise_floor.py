@@ -75,9 +75,9 @@ def noise_floor(
         deviations, degrees = from_repeats(common, max(SHORTEST, round(block * sampled[:, k].mean())))
         if degrees >= FEWEST:
             sd[k], source[k] = trimmed_sd(deviations), "repeats"
-        by_resolution = resolution(series[k]) / np.sqrt(12)
-        if by_resolution > sd[k]:
-            sd[k], source[k] = by_resolution, "resolution"
+        by_steps = scatter_of_steps(series[k])
+        if by_steps > sd[k]:
+            sd[k], source[k] = by_steps, "resolution"
     for columns in attitudes:
         noisiest = source[columns[np.argmax(sd[columns])]]
         for k in columns:
@@ -123,7 +123,7 @@ def white_noise(series: Sequence[np.ndarray], times: Sequence[np.ndarray]) -> fl
 
 def least(series: Sequence[np.ndarray]) -> float:
     """The least that the floor of such an output can be: the scatter of its steps, and more than nothing."""
-    return max(resolution(series) / np.sqrt(12), SMALLEST * float(np.concatenate(series).std()))
+    return max(scatter_of_steps(series), SMALLEST * float(np.concatenate(series).std()))
 
 
 def _by_order(series: Sequence[np.ndarray], times: Sequence[np.ndarray]) -> list[float]:
@@ -157,6 +157,11 @@ def _differences(series: np.ndarray, time: np.ndarray, order: int) -> np.ndarray
     weights = 1 / apart.prod(axis=2)
     weights /= np.linalg.norm(weights, axis=1)[:, None]
     return (weights * np.lib.stride_tricks.sliding_window_view(series, order + 1)).sum(axis=1)
+
+
+def scatter_of_steps(series: Sequence[np.ndarray]) -> float:
+    """Standard deviation of what rounding to the sensor's steps adds."""
+    return resolution(series) / np.sqrt(12)
 
 
 def resolution(series: Sequence[np.ndarray]) -> float:

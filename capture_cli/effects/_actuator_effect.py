@@ -28,13 +28,24 @@ class ActuatorEffect(Effect):
 
     def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
         super().__init__(model, site)
-        self.names = [site] if site != GLOBAL else single_control_actuators(model)
+        self.names = [site] if site != GLOBAL else self.together(model)
         self.actuators = [site_id(model, "actuator", name) for name in self.names]
         self.columns = model.actuator_ctrladr[self.actuators]
 
     @classmethod
     def sites(cls, model: mujoco.MjModel) -> list[str]:
         return single_control_actuators(model)
+
+    @classmethod
+    def together(cls, model: mujoco.MjModel) -> list[str]:
+        """Names of the actuators that it acts on where it acts on all of them."""
+        return single_control_actuators(model)
+
+    @property
+    def columns_source(self) -> str:
+        """Where the controls stand in ctrl, as source that knows the model."""
+        ids = ", ".join(f"model.actuator({reference(self.model, 'actuator', n)}).id" for n in self.names)
+        return f"model.actuator_ctrladr[[{ids}]]"
 
     @property
     def scale(self) -> float:
@@ -59,8 +70,7 @@ class ActuatorEffect(Effect):
         coefficients = self.coefficients(np.repeat(values[None], many, axis=0))
         numbers = {n: v if many > 1 else v[0] for n, v in coefficients.items()}
         arrives, state = call(name, self.kernel, ["data.ctrl[at]"], numbers)
-        ids = ", ".join(f"model.actuator({reference(self.model, 'actuator', n)}).id" for n in self.names)
-        lines = (f"at = model.actuator_ctrladr[[{ids}]]", f"data.ctrl[at] = {arrives}")
+        lines = (f"at = {self.columns_source}", f"data.ctrl[at] = {arrives}")
         return Companion((self.kernel,), lines, state)
 
 

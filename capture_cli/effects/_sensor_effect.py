@@ -22,6 +22,7 @@ from capture_cli.effects._scales import (
     travel,
 )
 from capture_cli.effects.base import GLOBAL, Effect
+from capture_cli.parameters import Parameter
 from capture_cli.sim.quaternion_signs import QUATERNIONS, is_quaternion
 
 FAST_TURN = 5.0  # rad/s
@@ -184,6 +185,12 @@ class NumberEffect(SensorEffect):
     def sites(cls, model: mujoco.MjModel) -> list[str]:
         sensors = (s for s in range(model.nsensor) if quantity(model, s) and not is_quaternion(model, s))
         return [site_name(model, "sensor", s) for s in sensors]
+
+    def for_each(self, name: str, unit: str, high: float) -> tuple[Parameter, ...]:
+        """A parameter within `high` of 0 for each of the sensor's numbers: `name`, or x, y and z of several."""
+        size = self.columns.stop - self.columns.start
+        names = (name,) if size == 1 else "xyz"[:size]
+        return tuple(Parameter(n, unit, -high, high, 0.0) for n in names)
 
 
 class TimeEffect(SensorEffect):

@@ -5,12 +5,12 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from capture_cli.effects._actuator_effect import single_control_actuators
+from capture_cli.effects._actuator_effect import ActuatorEffect, single_control_actuators
 from capture_cli.effects._kernel import Companion, bound, call, number
 from capture_cli.effects._lag import Lag
-from capture_cli.effects._places import reference, site_id
+from capture_cli.effects._places import site_id
 from capture_cli.effects._scales import control_scale
-from capture_cli.effects.base import GLOBAL, Effect
+from capture_cli.effects.base import GLOBAL
 from capture_cli.parameters import Parameter
 
 FORGOTTEN = 8.0  # time constants, after which 3e-4 of a load is left in the voltage
@@ -27,12 +27,11 @@ class Sagging:
         return 1 - self.sag * self.felt(load)
 
 
-class ControlSupplySag(Effect):
+class ControlSupplySag(ActuatorEffect):
     """Controls arrive 1 - `sag` load times as large, with load the mean of all their sizes over the largest that they
     commonly have, through a first-order lag of `time_constant` (s): a battery, or a power supply that is too weak.
     """
 
-    place = "control"
     summary = (
         "controls arrive smaller the more all actuators draw: a battery or a supply that sags under load"
     )
@@ -41,14 +40,17 @@ class ControlSupplySag(Effect):
 
     def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
         super().__init__(model, site)
-        self.names = _driven_by_the_supply(model)
-        self.actuators = [site_id(model, "actuator", name) for name in self.names]
-        self.columns = model.actuator_ctrladr[self.actuators]
         self.scales = np.array([control_scale(model, a) for a in self.actuators])
 
     @classmethod
     def sites(cls, model: mujoco.MjModel) -> list[str]:
-        return [GLOBAL] if _driven_by_the_supply(model) else []
+        return [GLOBAL] if cls.together(model) else []
+
+    @classmethod
+    def together(cls, model: mujoco.MjModel) -> list[str]:
+        """Those whose control is no target of a servo."""
+        names = single_control_actuators(model)
+        return [n for n in names if model.actuator_biasprm[site_id(model, "actuator", n), 1] == 0]
 
     @property
     def parameters(self):
@@ -60,7 +62,7 @@ class ControlSupplySag(Effect):
     def drive(self, controls, values, timestep, **_):
         controls = controls.copy()
         load = (np.abs(controls[..., self.columns]) / self.scales).mean(axis=-1)
-        size = bound(Sagging, dict(zip(self.space.names, values.T, strict=True)), timestep)
+        size = bound(Sagging, self.coefficients(values), timestep)
         for step in range(controls.shape[1]):
             controls[:, step, self.columns] *= size(load[:, step])[:, None]
         return controls
@@ -70,22 +72,12 @@ class ControlSupplySag(Effect):
         return FORGOTTEN * float(np.max(time_constant, where=sag > 0, initial=0.0))
 
     def companion(self, name, values):
-        numbers = dict(zip(self.space.names, values, strict=True))
+        numbers = {n: v[0] for n, v in self.coefficients(values[None]).items()}
         size, state = call(name, Sagging, ["load"], numbers)
-        ids = ", ".join(f"model.actuator({reference(self.model, 'actuator', n)}).id" for n in self.names)
         lines = (
-            f"at = model.actuator_ctrladr[[{ids}]]",
+            f"at = {self.columns_source}",
             f"load = np.mean(np.abs(data.ctrl[at]) / {number(self.scales)})",
             f"size = {size}",
             "data.ctrl[at] *= size",
         )
         return Companion((Lag, Sagging), lines, state)
-
-
-def _driven_by_the_supply(model: mujoco.MjModel) -> list[str]:
-    """Actuators of one control that is no target of a servo."""
-    return [
-        name
-        for name in single_control_actuators(model)
-        if model.actuator_biasprm[site_id(model, "actuator", name), 1] == 0
-    ]

@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import mujoco
-
 from capture_cli.effects._sensor_effect import NumberEffect
-from capture_cli.effects.base import GLOBAL
-from capture_cli.parameters import Parameter
 
 
 def offset_readings(series, *, offset):
@@ -20,15 +16,9 @@ class SensorBias(NumberEffect):
     summary = "a sensor reports with an offset"
     kernel = staticmethod(offset_readings)
 
-    def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
-        super().__init__(model, site)
-        size = self.columns.stop - self.columns.start
-        self.names = ("offset",) if size == 1 else tuple("xyz"[:size])
-
     @property
     def parameters(self):
-        high = 0.3 * self.quantity.size
-        return tuple(Parameter(name, self.quantity.unit, -high, high, 0.0) for name in self.names)
+        return self.for_each("offset", self.quantity.unit, 0.3 * self.quantity.size)
 
     def coefficients(self, values):
         return {"offset": values}

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import mujoco
 import numpy as np
 
 from capture_cli.effects._sensor_effect import NumberEffect
-from capture_cli.effects.base import GLOBAL
-from capture_cli.parameters import Parameter
 
 LARGEST = 0.03  # of the size that its values commonly have, per s
 
@@ -25,15 +22,9 @@ class SensorDrift(NumberEffect):
     summary = "a sensor's offset grows while the machine runs"
     kernel = staticmethod(drifted)
 
-    def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
-        super().__init__(model, site)
-        size = self.columns.stop - self.columns.start
-        self.names = ("rate",) if size == 1 else tuple("xyz"[:size])
-
     @property
     def parameters(self):
-        high, unit = LARGEST * self.quantity.size, f"{self.quantity.unit}/s"
-        return tuple(Parameter(name, unit, -high, high, 0.0) for name in self.names)
+        return self.for_each("rate", f"{self.quantity.unit}/s", LARGEST * self.quantity.size)
 
     def coefficients(self, values):
         return {"rate": values}
