@@ -204,6 +204,16 @@ def test_listings(capture, command):
     assert list(json.loads(out)) == [command]
 
 
+def test_a_narrow_terminal_shows_names_and_parameters_whole(capture):
+    _, out, _ = capture("effects", "--json")
+    effects = json.loads(out)["effects"]
+    _, out, _ = capture("effects")
+    shown = " ".join(out.split())
+    for effect in effects:
+        parameters = ", ".join(f"{p['name']} ({p['unit']})" for p in effect["parameters"])
+        assert f"{effect['name']} {effect['summary']} {parameters}".strip() in shown
+
+
 # --- exit codes ---
 
 

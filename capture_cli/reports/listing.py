@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from itertools import groupby
+from operator import itemgetter
 from typing import Any
 
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 
@@ -25,14 +28,22 @@ def print_tasks(document: dict[str, Any], console: Console) -> None:
 
 
 def print_effects(document: dict[str, Any], console: Console) -> None:
-    """One row per effect."""
-    with_sites = any("sites" in e for e in document["effects"])
-    table = _table("effect", "acts on", "what it is", "parameters", *(["sites here"] if with_sites else []))
-    for effect in document["effects"]:
-        parameters = ", ".join(f"{p['name']} ({p['unit']})" for p in effect["parameters"])
-        sites = [", ".join(s or "(whole model)" for s in effect["sites"]) or "none"] if with_sites else []
-        table.add_row(effect["name"], effect["place"], effect["summary"], parameters, *sites)
-    console.print(table)
+    """Under the place that they act on, each effect with what it is, its parameters and, of a task, its sites."""
+    for place, effects in groupby(document["effects"], key=itemgetter("place")):
+        table = _table(f"[bold]{place}[/]", "")
+        for effect in effects:
+            table.add_row(effect["name"], effect["summary"])
+            if details := _parameters_and_sites(effect):
+                table.add_row("", f"[dim]{details}[/]")
+        console.print(table)
+
+
+def _parameters_and_sites(effect: dict[str, Any]) -> str:
+    parameters = ", ".join(f"{p['name']} ({p['unit']})" for p in effect["parameters"])
+    if "sites" not in effect:
+        return parameters
+    sites = ", ".join(s or "(whole model)" for s in effect["sites"])
+    return escape(f"{parameters} at {sites}".strip() if sites else "nowhere in this model")
 
 
 def _table(*columns: str) -> Table:
