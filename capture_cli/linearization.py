@@ -106,11 +106,22 @@ class Trial:
         return len(self.parameters)
 
 
-def columns(evidence: Evidence, x: np.ndarray, offsets: np.ndarray, *, parameters: bool = True) -> Trial:
-    """The point x (parameter,), in the unit cube, and one finite difference per parameter and start coordinate."""
+def columns(
+    evidence: Evidence,
+    x: np.ndarray,
+    offsets: np.ndarray,
+    *,
+    parameters: bool = True,
+    known: Linearization | None = None,
+) -> Trial:
+    """The point x (parameter,), in the unit cube, and one finite difference per parameter and start coordinate.
+
+    known: there, with fewer starts that may move; the differences are then those that it lacks.
+    """
     count, states = evidence.start_sd.shape
+    parameters = parameters and known is None
     moves = np.eye(len(x)) * parameter_steps(evidence.space, x) if parameters else np.zeros((0, len(x)))
-    shifts = _start_steps(evidence)
+    shifts = _start_steps(evidence) * (1.0 if known is None else known.evidence.start_sd == 0)
     movable = evidence.movable
     points = np.concatenate([x[None], x + moves, np.repeat(x[None], len(movable), axis=0)])
     moved = np.repeat(offsets[None], len(points), axis=0)
@@ -131,7 +142,10 @@ def _start_steps(evidence: Evidence) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Linearization:
-    """residual (window, row), by_parameter (window, row, parameter), by_start (window, row, state)."""
+    """residual (window, row), by_parameter (window, row, parameter), by_start (window, row, state).
+
+    carried: by how many steps its sensitivities were carried along since they were measured.
+    """
 
     evidence: Evidence
     x: np.ndarray
@@ -139,6 +153,7 @@ class Linearization:
     residual: np.ndarray
     by_parameter: np.ndarray
     by_start: np.ndarray
+    carried: int = 0
 
     @classmethod
     def from_columns(cls, evidence: Evidence, x, offsets, outputs, diverged, *, parameters: bool = True):
@@ -164,7 +179,21 @@ class Linearization:
         expected = self.residual - self.by_parameter @ dx - (self.by_start @ dz[..., None])[..., 0]
         square = float(dx @ dx)
         change = (expected - residual)[..., None] * (dx / square) if square > 0 else 0.0
-        return replace(self, x=x, offsets=offsets, residual=residual, by_parameter=self.by_parameter + change)
+        by_parameter = self.by_parameter + change
+        return replace(
+            self, x=x, offsets=offsets, residual=residual, by_parameter=by_parameter, carried=self.carried + 1
+        )
+
+    def with_more_starts(
+        self, evidence: Evidence, outputs: np.ndarray, diverged: np.ndarray
+    ) -> Linearization:
+        """This linearization for `evidence`, of which more starts may move; from what its `columns` gave."""
+        there = Linearization.from_columns(
+            evidence, self.x, self.offsets, outputs, diverged, parameters=False
+        )
+        known = np.searchsorted(evidence.movable, self.evidence.movable)
+        there.by_start[:, :, known] += self.by_start
+        return replace(there, by_parameter=self.by_parameter, carried=self.carried)
 
     def windows(self, keep: np.ndarray) -> Linearization:
         """The linearization of the windows at `keep`."""

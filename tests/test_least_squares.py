@@ -47,3 +47,47 @@ def test_a_descent_that_will_is_not(to_beat):
     solver, rounds = creeping(to_beat)
     assert not solver.gave_up
     assert rounds == ROUNDS
+
+
+def linear_machine(windows: int, states: int, rows: int, free: np.ndarray):
+    """Evidence of a machine that is linear in two parameters and its starts, and what its simulations give."""
+    generator = np.random.default_rng(3)
+    by_parameter = generator.normal(size=(windows, rows, 2))
+    by_start = generator.normal(size=(windows, rows, states))
+    space = ParameterSpace([Parameter(n, "1", 0.0, 1.0, 0.5) for n in "ab"])
+    measured = by_parameter.sum(axis=2)[..., None] * 0.3 + generator.normal(size=(windows, rows, 1))
+    evidence = Evidence(space, measured, np.ones(measured.shape, dtype=bool), np.ones(1), 0.1 * free)
+    simulated = []
+
+    def evaluate(trial: Trial):
+        moves = np.concatenate([np.repeat(trial.parameters[:, None], windows, axis=1), trial.offsets], axis=2)
+        simulated.append(len(np.unique(moves.reshape(-1, moves.shape[2]), axis=0)))
+        outputs = np.einsum("wrp,tp->twr", by_parameter, trial.parameters)
+        outputs += np.einsum("wrs,tws->twr", by_start, trial.offsets)
+        return outputs[..., None], np.zeros((len(trial), windows), dtype=bool)
+
+    return evidence, evaluate, simulated
+
+
+def test_what_is_known_of_held_starts_is_not_measured_again_where_they_are_freed():
+    windows, states, rows = 5, 3, 40
+    free = np.ones((windows, states))
+    held = free.copy()
+    held[:, 0] = 0.0  # of no window
+    held[::2, 1] = 0.0  # of some
+    few, evaluate, _ = linear_machine(windows, states, rows, held)
+    before = LeastSquares(few, start=few.space.nominal, starts=1)
+    best = run(before, evaluate)
+
+    evidence, evaluate, simulated = linear_machine(windows, states, rows, free)
+    known = LeastSquares(evidence, start=best.parameters, offsets=best.offsets, starts=1, known=before.at)
+    known.tell(*evaluate(known.ask()))
+    full = LeastSquares(evidence, start=best.parameters, offsets=best.offsets, starts=1)
+    full.tell(*evaluate(full.ask()))
+    assert simulated[0] < simulated[1]
+    assert (known.at.carried, full.at.carried) == (before.at.carried, 0)
+    for name in ("residual", "by_parameter", "by_start"):
+        np.testing.assert_allclose(getattr(known.at, name), getattr(full.at, name), rtol=1e-6, atol=1e-6)
+    free_best = run(known, evaluate)
+    assert free_best.error <= best.error
+    assert known.at.carried == 0

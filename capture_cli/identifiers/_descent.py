@@ -38,13 +38,20 @@ RUNAWAY = 2.0  # a window whose objective grows by this factor in a step that he
 
 
 class Descent:
-    """One Gauss-Newton descent in the unit cube, from x (parameter,).
+    """One Gauss-Newton descent in the unit cube, from x (parameter,); known: as of `Identifier`.
 
     Given the parameters the objective is a sum over windows, so the starts of each have a damping of their own: a
     window whose start ran away (a contact lost, a joint that sticks) goes back alone, the others keep their step.
     """
 
-    def __init__(self, evidence: Evidence, x: np.ndarray, offsets: np.ndarray, tolerance: float):
+    def __init__(
+        self,
+        evidence: Evidence,
+        x: np.ndarray,
+        offsets: np.ndarray,
+        tolerance: float,
+        known: Linearization | None = None,
+    ):
         self.evidence = evidence
         self.tolerance = tolerance
         self.x = np.clip(x, 0.0, 1.0)
@@ -53,6 +60,7 @@ class Descent:
         self.converged = False
         self.given_up = False  # by whoever asks, who knows of a better one
         self.rounds = 0
+        self._known = known
         self._at: Linearization | None = None
         self._k = np.inf
         self._settled = SETTLED
@@ -61,7 +69,6 @@ class Descent:
         self._repairing = False
         self._promised = np.inf
         self._carry = False
-        self._carried = 0
         self._restarts, self._searches = RESTARTS, SEARCHES
         self._vain = 0
         self._restarted_with = np.inf
@@ -73,9 +80,13 @@ class Descent:
         return Best(self.evidence.space.from_unit(self.x), self.offsets, self.error)
 
     @property
-    def measured(self) -> Linearization | None:
-        """The linearization where it is, if its sensitivities were measured there and not carried along."""
-        return None if self._carried else self._at
+    def at(self) -> Linearization | None:
+        """The linearization where it is; None where it is about to be measured."""
+        return self._at
+
+    @property
+    def _carried(self) -> int:
+        return self._at.carried if self._at else 0
 
     @property
     def expected(self) -> float:
@@ -98,7 +109,7 @@ class Descent:
     def ask(self) -> Trial:
         """One candidate, with its finite differences where they are due; or several without, to choose from."""
         if self._told == self._tell_candidate and not self._carry:
-            return columns(self.evidence, *self._trials[0])
+            return columns(self.evidence, *self._trials[0], known=self._known)
         x, offsets = (np.stack(part) for part in zip(*self._trials, strict=True))
         return Trial(self.evidence.space.from_unit(x), offsets)
 
@@ -122,6 +133,9 @@ class Descent:
         x, offsets = self._trials[0]
         if self._carry:
             there = self._at.moved(x, offsets, self.evidence.residual(outputs[0]))
+        elif self._known:
+            there = self._known.with_more_starts(self.evidence, outputs, diverged)
+            self._known = None
         else:
             there = Linearization.from_columns(self.evidence, x, offsets, outputs, diverged)
         lost = bool(diverged[0].any()) or not np.isfinite(there.residual).all()
@@ -212,7 +226,6 @@ class Descent:
         return offsets, trial_objectives(self.evidence, offsets, outputs, diverged, self._k)
 
     def _move(self, there: Linearization) -> None:
-        self._carried = self._carried + 1 if self._carry else 0
         self._at, self.x, self.offsets = there, there.x, there.offsets
         if self.rounds <= self._settled:
             self._k = there.scatter

@@ -39,7 +39,8 @@ class Identifier(AskTell):
     """Finds the parameters that `evidence` was made with.
 
     start: where to begin (parameter,), and offsets (window, state): with which offsets of the windows' starts (none
-    where None). rounds: at most so many ask / tell. Trials stay inside the space's bounds.
+    where None). known: the linearization there of the same evidence with fewer starts that may move, if there is one.
+    rounds: at most so many ask / tell. Trials stay inside the space's bounds.
     """
 
     def __init__(
@@ -48,6 +49,7 @@ class Identifier(AskTell):
         *,
         start: np.ndarray,
         offsets: np.ndarray | None = None,
+        known: Linearization | None = None,
         seed: int = 0,
         rounds: int = 100,
         starts: int = 3,
@@ -56,6 +58,7 @@ class Identifier(AskTell):
         self.space = evidence.space
         self.start = np.clip(start, self.space.low, self.space.high)
         self.offsets = np.zeros_like(evidence.start_sd) if offsets is None else offsets
+        self.known = known
         self.seed = seed
         self.rounds_left = rounds
         self.starts = starts
@@ -75,7 +78,7 @@ class Identifier(AskTell):
 
     @property
     def at(self) -> Linearization | None:
-        """The linearization at the best, if what was told says it."""
+        """The linearization at the best, measured there or carried along, if what was told says it."""
         return None
 
     @property

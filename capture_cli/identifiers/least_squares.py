@@ -57,7 +57,7 @@ class LeastSquares(Identifier):
 
     @property
     def at(self) -> Linearization | None:
-        return self._leader.measured if self._descents else None
+        return self._leader.at if self._descents else None
 
     @property
     def gave_up(self) -> bool:
@@ -90,7 +90,9 @@ class LeastSquares(Identifier):
         self._drop_hopeless()
 
     def _descent(self, x: np.ndarray) -> Descent:
-        return Descent(self.evidence, x, self.offsets, self.tolerance)
+        return Descent(
+            self.evidence, x, self.offsets, self.tolerance, None if self._screening else self.known
+        )
 
     def _active(self) -> list[Descent]:
         return [d for d in self._descents if not d.converged]

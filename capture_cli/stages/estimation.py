@@ -79,9 +79,10 @@ def by_physics(
     rounds: int,
     seed: int,
     offsets: np.ndarray | None = None,
+    known: Linearization | None = None,
     idle_rounds: int | None = None,
 ) -> Found:
-    """What `method` finds from start (parameter,) and offsets (window, state) of the starts.
+    """What `method` finds from start (parameter,) and offsets (window, state) of the starts; known: as of `Identifier`.
 
     idle_rounds: also end when so many rounds gained next to nothing, of a log that is not explained; of one that is,
     when rounds gain nothing more that its noise would not hide. Raises FitError where every simulation diverged.
@@ -97,7 +98,9 @@ def by_physics(
         if idle_rounds is not None and _idle(history, evidence.count, idle_rounds):
             solver.rounds_left = 0
 
-    solver = method(evidence, start=start, seed=seed, rounds=rounds, starts=starts, offsets=offsets)
+    solver = method(
+        evidence, start=start, seed=seed, rounds=rounds, starts=starts, offsets=offsets, known=known
+    )
     best = run(solver, lambda trial: part.evaluate(simulator, trial), on_round)
     fits.rollouts += simulator.rollouts
     if not np.isfinite(best.error):
@@ -181,6 +184,7 @@ def _freed(
         rounds=100,
         seed=seed,
         offsets=found.best.offsets,
+        known=found.known,
         idle_rounds=idle_rounds,
     )
 

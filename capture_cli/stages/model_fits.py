@@ -257,9 +257,9 @@ class ModelFits:
         best: Best,
         known: Linearization | None = None,
     ) -> Fit:
-        """What an identifier found on `part`, with the linearization there: the one that is known, or a new one."""
+        """What an identifier found on `part`, with the linearization there: `known`, if measured, or a new one."""
         simulator = self.simulator(effects)
-        if known is not None:
+        if known is not None and not known.carried:
             return Fit(tuple(effects), simulator.space, best.parameters, known)
         evidence = part.evidence(simulator)
         x = simulator.space.to_unit(best.parameters)
