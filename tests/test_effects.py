@@ -482,7 +482,7 @@ def test_a_loose_mass_is_a_body_on_a_spring(loose, frequency, damping_ratio, beg
     rigid = run(one, tape=tape, starts=start)[0]
     effect = effects.REGISTRY.get("loose-mass")(one, "l")
     at = effect.space.to_vector({"mass": loose, "frequency": frequency, "damping_ratio": damping_ratio})
-    at_begin = effect.force(at[None], 1e-3, states=np.array([[1.0, 0.0]])).coefficients["ahead"][0]
+    at_begin = effect.force(at[None], 1e-3, states=np.array([[1.0, 0.0]])).coefficients["displaced"][0]
     hidden = np.array([[begin / at_begin, 0.0]])
     force = effect.force(at[None], 1e-3, states=hidden)
     sensors = Engine(one).rollout(starts=start, controls=tape, steps=1500, forces=[force]).sensors
@@ -499,6 +499,82 @@ def test_a_loose_mass_is_looked_for_where_it_swings_half_a_turn_in_a_window(wind
     assert frequency.low == pytest.approx(np.clip(0.5 / window, anywhere.low[1], frequency.high / 4))
     assert frequency.low < frequency.nominal < frequency.high
     assert (effect.shape_grid()[:, 1] >= frequency.low).all()
+
+
+ON_A_BASE = """
+<mujoco><option timestep="0.001"/>
+  <worldbody><body>{base}
+    <body pos="0 0 1"><joint name="shoulder" type="hinge" axis="0 1 0" damping=".2"/>
+      <geom type="capsule" fromto="0 0 0 0 0 -.4" size=".03" mass="3" contype="0" conaffinity="0"/>
+      <body pos="0 0 -.4"><joint name="elbow" type="hinge" axis="0 1 0" damping=".1"/>
+        <geom type="capsule" fromto="0 0 0 0 0 -.3" size=".03" mass="2" contype="0" conaffinity="0"/></body></body>
+  </body></worldbody>
+  <actuator><motor joint="shoulder"/><motor joint="elbow"/></actuator>
+  <sensor><jointpos joint="shoulder"/><jointpos joint="elbow"/></sensor>
+</mujoco>
+"""
+
+
+@pytest.mark.parametrize("mass", [5.0, 20.0])  # of the base, kg
+@pytest.mark.parametrize(("frequency", "damping_ratio"), [(2.0, 0.02), (7.0, 0.2)])
+@pytest.mark.parametrize("axis", ["x", "z"])
+def test_a_base_that_gives_is_a_body_on_a_spring(mass, frequency, damping_ratio, axis):
+    turning, total = 2 * np.pi * frequency, mass + 5.0
+    base = f"""<joint type="slide" axis="{"1 0 0" if axis == "x" else "0 0 1"}" stiffness="{total * turning**2}"
+        damping="{2 * damping_ratio * turning * total}" springref="{0.0 if axis == "x" else 9.81 / turning**2}"/>
+        <geom type="box" size=".1 .1 .1" mass="{mass}" contype="0" conaffinity="0"/>"""
+    on_springs, one = build(ON_A_BASE.format(base=base)), build(ON_A_BASE.format(base=""))
+    time = np.arange(1500) * 1e-3
+    tape = np.stack([6 * np.sign(np.cos(7 * time)), 1.5 * np.sign(np.sin(11 * time))], axis=1)[None]
+    bent, still = np.array([[0.5, 0.4]]), np.zeros((1, 2))
+    start = Starts(bent, still, np.zeros((1, 0)), np.zeros(1))
+    both = Starts(np.pad(bent, ((0, 0), (1, 0))), np.zeros((1, 3)), np.zeros((1, 0)), np.zeros(1))
+    truth, rigid = run(on_springs, tape=tape, starts=both)[0], run(one, tape=tape, starts=start)[0]
+    effect = effects.REGISTRY.get("base-compliance")(one, axis)
+    at = {"mobility": 5.0 / total, "frequency": frequency, "damping_ratio": damping_ratio}
+    force = effect.force(effect.space.to_vector(at)[None], 1e-3)
+    sensors = Engine(one).rollout(starts=start, controls=tape, steps=1500, forces=[force]).sensors[0]
+    error, error_rigid = (np.sqrt(np.mean((s - truth) ** 2)) for s in (sensors, rigid))
+    assert error < 0.08 * error_rigid  # of both models, errors of the step itself are as large
+
+
+@pytest.mark.parametrize(("name", "axes"), [("slider", ["x"]), ("arm", ["x", "z"])])
+def test_a_base_gives_where_an_actuator_can_push_it(name, axes):
+    assert effects.REGISTRY.get("base-compliance").sites(machine(name)) == axes
+
+
+def test_a_cable_over_a_pulley_pulls_at_the_joint_before():
+    """Against a fixed tendon, which is that: its length is q + ratio p."""
+    ratio = 0.7
+    own, tendon = '<motor joint="elbow"/>', '<motor tendon="cable"/>'
+    cable = f"""<tendon><fixed name="cable"><joint joint="elbow" coef="1"/><joint joint="shoulder" coef="{ratio}"/>
+        </fixed></tendon><actuator>"""
+    arm = ON_A_BASE.format(base="")
+    plain_arm, cabled = build(arm), build(arm.replace("<actuator>", cable).replace(own, tendon))
+    time = np.arange(1000) * 1e-3
+    tape = np.stack([9 * np.cos(7 * time), 4 * np.sin(11 * time)], axis=1)[None]
+    begin = Starts(np.array([[0.5, 0.4]]), np.zeros((1, 2)), np.zeros((1, 0)), np.zeros(1))
+    truth, plain_one = run(cabled, tape=tape, starts=begin)[0], run(plain_arm, tape=tape, starts=begin)[0]
+    effect = effects.REGISTRY.get("coupled-drive")(plain_arm, "elbow")
+    assert effect.sites(plain_arm) == ["elbow"]
+    force = effect.force(np.array([[ratio]]), 1e-3)
+    sensors = Engine(plain_arm).rollout(starts=begin, controls=tape, steps=1000, forces=[force]).sensors[0]
+    error, before = (np.sqrt(np.mean((s - truth) ** 2)) for s in (sensors, plain_one))
+    assert error < 0.02 * before
+
+
+def test_friction_that_builds_up_is_a_spring_before_it_slips_and_dry_friction_after():
+    kernel, h = effects.REGISTRY.get("hysteretic-friction").kernel, 1e-3
+    dahl = kernel(friction=np.array([2.0]), distance=np.array([0.01]), timestep=h)
+    at, speed = 0.0, 0.05  # m, m/s
+    for turn, (first, last) in zip((1, -1, 1), ((0.0, 1.0), (1.0, -1.0), (-1.0, 1.0)), strict=True):
+        force = dahl(np.array([turn * speed]))[0]
+        at = turn * speed * h
+        slope = 2.0 / 0.01 * (1 - turn * first)  # of the curve where the motion turns
+        assert -force == pytest.approx(2.0 * first + slope * at, abs=0.01 * 2.0)
+        for _ in range(2000):
+            force = dahl(np.array([turn * speed]))[0]
+        assert -force == pytest.approx(2.0 * last, rel=1e-3)
 
 
 def drive(name: str, tape: np.ndarray, *values: float) -> np.ndarray:

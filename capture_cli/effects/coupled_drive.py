@@ -1,0 +1,67 @@
+"""A motor whose force acts on the joint before its own, too: a cable that runs over it, a differential."""
+
+from __future__ import annotations
+
+import mujoco
+
+from capture_cli.effects._joint_effect import driven_joints
+from capture_cli.effects._joint_force import FORCE, JointForce
+from capture_cli.effects._kernel import Companion, call
+from capture_cli.effects._places import reference, site_id, site_name
+from capture_cli.effects._scales import HINGE, SLIDE, characteristic_force
+from capture_cli.effects.base import GLOBAL
+from capture_cli.parameters import Parameter
+
+MOST = 1.5  # pulleys of joints that follow each other are about as large
+
+
+def passed_on(qfrc_actuator, *, ratio):
+    """What the joint before gets of the force that drives this one."""
+    return ratio * qfrc_actuator
+
+
+class CoupledDrive(JointForce):
+    """`ratio` (1, m or 1/m) times the force that actuators give the joint acts on the one before it, too.
+
+    So does a cable that runs over a pulley there, of `ratio` times the radius of its own: the motor turns by
+    q + ratio p for positions q of its joint and p of the one before.
+    """
+
+    summary = "a motor's force that also acts on the joint before: a cable that runs over it, a differential, a belt"
+    where = "every hinge and slide joint that an actuator drives and that hangs on another"
+    kernel = staticmethod(passed_on)
+
+    def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
+        super().__init__(model, site)
+        self.before = _before(model, self.joint)
+
+    @classmethod
+    def sites(cls, model):
+        return [s for s in driven_joints(model) if _before(model, site_id(model, "joint", s)) >= 0]
+
+    @property
+    def parameters(self):
+        turns = self.model.jnt_type[self.before] == HINGE
+        unit = "1" if turns == self.is_hinge else "m" if turns else "1/m"
+        share = characteristic_force(self.model, self.before) / self.characteristic_force
+        most = MOST * (min(share, 1.0) if turns == self.is_hinge else share)
+        return (Parameter("ratio", unit, -most, most, 0.0),)
+
+    def add(self, world, term):
+        world.qfrc_applied[:, self.model.jnt_dofadr[self.before]] += term
+
+    def companion(self, name, values):
+        own, before = (
+            f"model.joint({reference(self.model, 'joint', site)}).dofadr"
+            for site in (self.site, site_name(self.model, "joint", self.before))
+        )
+        term, _ = call(name, passed_on, [f"data.qfrc_actuator[{own}]"], {"ratio": values[0]})
+        return Companion((passed_on,), (f"data.{FORCE}[{before}] += {term}",), changes=(f"data.{FORCE}",))
+
+
+def _before(model: mujoco.MjModel, joint: int) -> int:
+    """The hinge or slide joint that this one hangs on, or -1."""
+    dof = model.dof_parentid[model.jnt_dofadr[joint]]
+    if dof < 0 or model.jnt_type[model.dof_jntid[dof]] not in (HINGE, SLIDE):
+        return -1
+    return int(model.dof_jntid[dof])
