@@ -10,6 +10,7 @@ from capture_cli.parameters import Parameter
 SLOWEST, FASTEST = 0.3, 20.0  # Hz
 # Swings within a window, at least: with how it begins free, less of one imitates any force that changes slowly.
 SWINGS = 0.5
+RESONATES = 4.0  # how much farther it commonly swings, before a window begins, than what pushes it would push it once
 
 
 class Vibration:
@@ -72,5 +73,5 @@ class VibrationEffect(Effect):
     ) -> dict[str, np.ndarray]:
         """How it begins, (simulation,) each, at `states`; push: its usual accelerations, m/s^2 or rad/s^2."""
         states = np.zeros((len(values), len(self.states))) if states is None else states
-        turning = 2 * np.pi * values[:, 1]
-        return {"displaced": push / turning**2 * states[:, 0], "moving": push / turning * states[:, 1]}
+        turning, size = 2 * np.pi * values[:, 1], RESONATES * push
+        return {"displaced": size / turning**2 * states[:, 0], "moving": size / turning * states[:, 1]}
