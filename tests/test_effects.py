@@ -54,6 +54,9 @@ def test_an_effect_says_what_it_is_and_where_it_sits(name):
         names = [p.name for p in instance.parameters]
         assert len(set(names)) == len(names)
         assert not names or set(names) - set(effect.shapes), "no amplitude"
+        assert not set(vars(instance)) & set(dir(effect)) - {"seen", "states", "substeps", "window"}, (
+            "hides what all have"
+        )
         for parameter in instance.parameters:
             assert parameter.unit and parameter.low <= parameter.nominal <= parameter.high
 

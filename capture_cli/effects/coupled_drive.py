@@ -33,33 +33,33 @@ class CoupledDrive(JointForce):
 
     def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
         super().__init__(model, site)
-        self.before = _before(model, self.joint)
+        self.hangs_on = _hangs_on(model, self.joint)
 
     @classmethod
     def sites(cls, model):
-        return [s for s in driven_joints(model) if _before(model, site_id(model, "joint", s)) >= 0]
+        return [s for s in driven_joints(model) if _hangs_on(model, site_id(model, "joint", s)) >= 0]
 
     @property
     def parameters(self):
-        turns = self.model.jnt_type[self.before] == HINGE
+        turns = self.model.jnt_type[self.hangs_on] == HINGE
         unit = "1" if turns == self.is_hinge else "m" if turns else "1/m"
-        share = characteristic_force(self.model, self.before) / self.characteristic_force
+        share = characteristic_force(self.model, self.hangs_on) / self.characteristic_force
         most = MOST * (min(share, 1.0) if turns == self.is_hinge else share)
         return (Parameter("ratio", unit, -most, most, 0.0),)
 
     def add(self, world, term):
-        world.qfrc_applied[:, self.model.jnt_dofadr[self.before]] += term
+        world.qfrc_applied[:, self.model.jnt_dofadr[self.hangs_on]] += term
 
     def companion(self, name, values):
         own, before = (
             f"model.joint({reference(self.model, 'joint', site)}).dofadr"
-            for site in (self.site, site_name(self.model, "joint", self.before))
+            for site in (self.site, site_name(self.model, "joint", self.hangs_on))
         )
         term, _ = call(name, passed_on, [f"data.qfrc_actuator[{own}]"], {"ratio": values[0]})
         return Companion((passed_on,), (f"data.{FORCE}[{before}] += {term}",), changes=(f"data.{FORCE}",))
 
 
-def _before(model: mujoco.MjModel, joint: int) -> int:
+def _hangs_on(model: mujoco.MjModel, joint: int) -> int:
     """The hinge or slide joint that this one hangs on, or -1."""
     dof = model.dof_parentid[model.jnt_dofadr[joint]]
     if dof < 0 or model.jnt_type[model.dof_jntid[dof]] not in (HINGE, SLIDE):
