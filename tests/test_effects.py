@@ -54,9 +54,13 @@ def test_an_effect_says_what_it_is_and_where_it_sits(name):
         names = [p.name for p in instance.parameters]
         assert len(set(names)) == len(names)
         assert not names or set(names) - set(effect.shapes), "no amplitude"
-        assert not set(vars(instance)) & set(dir(effect)) - {"seen", "states", "substeps", "window"}, (
-            "hides what all have"
-        )
+        assert not set(vars(instance)) & set(dir(effect)) - {
+            "seen",
+            "states",
+            "substeps",
+            "window",
+            "longest",
+        }, "hides what all have"
         for parameter in instance.parameters:
             assert parameter.unit and parameter.low <= parameter.nominal <= parameter.high
 
@@ -791,13 +795,14 @@ def test_a_supply_sags_with_what_all_its_actuators_draw():
     step, time_constant, sag = 1e-3, 0.1, 0.4
     controls = np.zeros((1, 1000, 3))
     controls[0, :, 2] = 0.7  # a target: nothing that a supply can lower
-    controls[0, 100:, :2] = 1.0, -2.0  # half of what each takes at most
+    controls[0, 100:, :2] = 1.0, -2.0
     arrive = effect.drive(controls, np.array([[sag, time_constant]]), step)[0]
     since = step * (np.arange(100, 1000) - 99.5)  # the middle of each step, from 100 on
-    size = 1 - sag * 0.5 * (1 - np.exp(-since / time_constant))
+    size = 1 - sag * 1.5 * (1 - np.exp(-since / time_constant))
     np.testing.assert_allclose(arrive[100:, 0], size, atol=1e-3 * sag)
     np.testing.assert_allclose(arrive[:, 1], -2 * arrive[:, 0])
     assert np.array_equal(arrive[:, 2], controls[0, :, 2])
+    assert effect.parameters[0].high == pytest.approx(0.6 / 3.0)  # all at their largest: a mean of 3
 
 
 def test_a_frame_is_turned_in_the_plane_and_in_space():

@@ -21,6 +21,7 @@ from math import comb
 
 import numpy as np
 
+from capture_cli.diagnosis.quantisation import scatter_of_steps
 from capture_cli.diagnosis.repeats import FEWEST, SHORTEST, from_repeats, repeats
 
 ORDERS = range(2, 9)
@@ -157,20 +158,3 @@ def _differences(series: np.ndarray, time: np.ndarray, order: int) -> np.ndarray
     weights = 1 / apart.prod(axis=2)
     weights /= np.linalg.norm(weights, axis=1)[:, None]
     return (weights * np.lib.stride_tricks.sliding_window_view(series, order + 1)).sum(axis=1)
-
-
-def scatter_of_steps(series: Sequence[np.ndarray]) -> float:
-    """Standard deviation of what rounding to the sensor's steps adds."""
-    return resolution(series) / np.sqrt(12)
-
-
-def resolution(series: Sequence[np.ndarray]) -> float:
-    """The step of the grid that the values sit on, or 0 where they sit on none."""
-    values = np.unique(np.concatenate(series))
-    total = sum(len(s) for s in series)
-    if len(values) < 3 or len(values) > total / 4:
-        return 0.0
-    steps = np.diff(values)
-    step = float(steps.min())
-    on_grid = np.abs(steps / step - np.round(steps / step)) < 0.02 * np.maximum(steps / step, 1)
-    return step if on_grid.mean() > 0.99 else 0.0

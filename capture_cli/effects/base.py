@@ -43,7 +43,8 @@ class Effect(ABC):
     states: names of what the effect keeps from step to step that no sensor shows: how far a spring is wound up. At
         the start of a simulation each is 0 where nothing else is said, and commonly within 1.
     states_before: whether the states are what was before an episode began: known where a simulation begins inside one.
-    window: s, for how long it is followed at a time in the log that it is looked for in; None where in no log.
+    window: s, for how long it is followed at a time in the log that it is looked for in; longest: s, of the longest
+        episode there. None where in no log.
     states_tried: points (point, state) among which those that a simulation began with are looked for, where a descent
         from 0 can miss them; none where it finds them.
     """
@@ -60,6 +61,7 @@ class Effect(ABC):
     states_tried: ClassVar[np.ndarray] = np.zeros((0, 0))
     substeps: int = 1
     window: float | None = None
+    longest: float | None = None
 
     def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
         """Raises ModelError, naming those there are, where `site` is no site of this effect."""

@@ -6,18 +6,19 @@ import mujoco
 import numpy as np
 
 from capture_cli.effects._actuator_effect import ActuatorEffect, single_control_actuators
-from capture_cli.effects._kernel import Companion, bound, call, number
+from capture_cli.effects._kernel import Companion, bound, call
 from capture_cli.effects._lag import Lag
 from capture_cli.effects._places import site_id
 from capture_cli.effects._scales import control_scale
 from capture_cli.effects.base import GLOBAL
 from capture_cli.parameters import Parameter
 
+LARGEST = 0.6  # of a control, where all are the largest that they commonly are
 FORGOTTEN = 8.0  # time constants, after which 3e-4 of a load is left in the voltage
 
 
 class Sagging:
-    """How many times its own size a control arrives, under `load` (1: all actuators at their largest control)."""
+    """How many times its own size a control arrives, under `load`."""
 
     def __init__(self, *, sag, time_constant, timestep):
         self.sag = sag
@@ -28,8 +29,8 @@ class Sagging:
 
 
 class ControlSupplySag(ActuatorEffect):
-    """Controls arrive 1 - `sag` load times as large, with load the mean of all their sizes over the largest that they
-    commonly have, through a first-order lag of `time_constant` (s): a battery, or a power supply that is too weak.
+    """Controls arrive 1 - `sag` (1/ctrl) load times as large, with load the mean of all their sizes, felt through a
+    first-order lag of `time_constant` (s): a battery, or a power supply that is too weak.
     """
 
     summary = (
@@ -37,10 +38,6 @@ class ControlSupplySag(ActuatorEffect):
     )
     where = "the model as a whole, if controls are forces or voltages"
     shapes = ("time_constant",)
-
-    def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
-        super().__init__(model, site)
-        self.scales = np.array([control_scale(model, a) for a in self.actuators])
 
     @classmethod
     def sites(cls, model: mujoco.MjModel) -> list[str]:
@@ -54,14 +51,15 @@ class ControlSupplySag(ActuatorEffect):
 
     @property
     def parameters(self):
+        full = np.mean([control_scale(self.model, a) for a in self.actuators])
         return (
-            Parameter("sag", "1", 0.0, 0.6, 0.0),
+            Parameter("sag", "1/ctrl", 0.0, LARGEST / full, 0.0),
             Parameter("time_constant", "s", 0.01, 0.5, 0.07),
         )
 
     def drive(self, controls, values, timestep, **_):
         controls = controls.copy()
-        load = (np.abs(controls[..., self.columns]) / self.scales).mean(axis=-1)
+        load = np.abs(controls[..., self.columns]).mean(axis=-1)
         size = bound(Sagging, self.coefficients(values), timestep)
         for step in range(controls.shape[1]):
             controls[:, step, self.columns] *= size(load[:, step])[:, None]
@@ -76,7 +74,7 @@ class ControlSupplySag(ActuatorEffect):
         size, state = call(name, Sagging, ["load"], numbers)
         lines = (
             f"at = {self.columns_source}",
-            f"load = np.mean(np.abs(data.ctrl[at]) / {number(self.scales)})",
+            "load = np.abs(data.ctrl[at]).mean()",
             f"size = {size}",
             "data.ctrl[at] *= size",
         )

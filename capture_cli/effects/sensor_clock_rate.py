@@ -7,7 +7,7 @@ import numpy as np
 from capture_cli.effects._sensor_effect import TimeEffect, at_times
 from capture_cli.effects.base import GLOBAL
 from capture_cli.parameters import Parameter
-from capture_cli.sim.windows import MOST_DRIFT
+from capture_cli.sim.windows import LEAD, MOST_DRIFT
 
 
 def off_clock(series, *, error):
@@ -32,7 +32,9 @@ class SensorClockRate(TimeEffect):
 
     @property
     def parameters(self):
-        return (Parameter("error", "1", -MOST_DRIFT, MOST_DRIFT, 0.0),)
+        # a window has inputs of LEAD around it: what moves it farther away cannot be simulated
+        most = min(MOST_DRIFT, LEAD / self.longest) if self.longest else MOST_DRIFT
+        return (Parameter("error", "1", -most, most, 0.0),)
 
     def drift(self, values, elapsed):
         return values[:, 0] * elapsed

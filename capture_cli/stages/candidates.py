@@ -71,7 +71,7 @@ def all_candidates(prepared: PreparedLog) -> list[Candidate]:
     seen, windows = _seen(prepared), prepared.windows
     window = float(windows.grid_steps.max() * windows.timestep)
     for _, effect in every:
-        effect.window = window
+        effect.window, effect.longest = window, prepared.log.longest
         if isinstance(effect, JointEffect):
             effect.seen = seen.get(effect.joint)
     return [Candidate(e) for e in every if e[1].place != "measurement" or logged & e[1].reported]

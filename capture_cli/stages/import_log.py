@@ -294,7 +294,9 @@ def _unwrap(data: np.ndarray, ends: np.ndarray, task: Task) -> None:
         if channel.period is not None:
             for begin, end in zip([0, *ends[:-1]], ends, strict=True):
                 steps = begin + np.flatnonzero(~np.isnan(data[begin:end, k]))
-                data[steps, k] = np.unwrap(data[steps, k], period=channel.period)
+                # by whole periods: an encoder's steps stay where they are
+                turns = np.unwrap(data[steps, k], period=channel.period) - data[steps, k]
+                data[steps, k] += channel.period * np.rint(turns / channel.period)
 
 
 def _not_increasing(source: SourceFile, data: np.ndarray, rows: np.ndarray, back: np.ndarray, task: Task):

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from capture_cli.diagnosis.quantisation import distinct, grid_step
 from capture_cli.sim.windows import GAP_FACTOR
 
 PLACES_LISTED = 5
@@ -18,8 +19,6 @@ FEWEST_PERIODS = 6  # in an episode: of fewer nobody can tell whether they are o
 SINGLE_LINE = 0.9  # of the power, within two lines of the strongest: one frequency and little else
 SPIKE = 20.0  # times what samples usually are off the line between their neighbours
 SPIKE_ALONE = 0.1  # of a spike, at most, is what its neighbours are off the line that leaves it out
-GRID_TOLERANCE = 0.05  # of a quantisation step
-FINEST_STEP = 1e-6  # of an output's range: a finer grid is that of the digits it was printed with
 
 
 def timing(time: np.ndarray, usual: float | None = None) -> dict[str, Any]:
@@ -94,7 +93,7 @@ def quantisation(values: np.ndarray) -> dict[str, float | None]:
     finite = values[np.isfinite(values)]
     change = np.abs(np.diff(finite))
     return {
-        "step": _grid_step(np.unique(finite)),
+        "step": grid_step(distinct(np.unique(finite))) if finite.size else None,
         "change": _number(np.median(change)) if change.size else None,
     }
 
@@ -165,17 +164,6 @@ def _extreme(values: np.ndarray, value: float, others: np.ndarray) -> dict[str, 
         "visits": visits,
         "neighbours": float(others[:NEIGHBOURS].mean() / len(values)) if others.size else 0.0,
     }
-
-
-def _grid_step(levels: np.ndarray) -> float | None:
-    """The spacing of which all differences of `levels` (sorted) are multiples, None where there is none."""
-    if len(levels) < 4:
-        return None
-    gaps = np.diff(levels)
-    gaps = gaps[gaps > FINEST_STEP * (levels[-1] - levels[0])]
-    step = gaps.sum() / np.round(gaps / gaps.min()).sum()
-    off = np.abs(gaps / step - np.round(gaps / step))
-    return float(step) if np.quantile(off, 0.99) < GRID_TOLERANCE else None
 
 
 def _spectrum(values: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
