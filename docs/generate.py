@@ -237,6 +237,7 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str]]] = {
             "noise_floor_source.OUTPUT": "declared, repeats, differences, residual or resolution (docs/concepts.md)",
             "verdict": "explained, unexplained or not-identifiable",
             "summary": "the verdict in one sentence",
+            "diverged_windows": "in how many windows the simulation runs away at the estimate",
             **{f"lack_of_fit.{k}": v for k, v in _LACK.items()},
             "undetermined": "combinations of parameters that the log leaves open: {combination, sd_over_range, text}",
             "correlation[][]": "of the estimates, (parameter, parameter)",

@@ -274,6 +274,19 @@ def test_a_diverging_simulation_is_marked_and_harms_no_other(model, starts, cont
     np.testing.assert_array_equal(batch.sensors[others], alone.sensors[others])
 
 
+def test_a_diverged_simulation_stays_where_it_was_last(model, starts, controls):
+    fields = ModelFields(model, SIMULATIONS)
+    fields["dof_damping"][1, 0] = -500
+    free = rollout(model, starts, controls, fields=fields)
+    forced = rollout(model, starts, controls, fields=fields, forces=[no_force])
+    assert free.diverged[1] and forced.diverged[1]
+    np.testing.assert_array_equal(free.sensors, forced.sensors)
+    last = free.sensors[1, -1]
+    assert np.abs(last).max() > np.abs(free.sensors[0]).max()
+    changes = (free.sensors[1, 1:] != free.sensors[1, :-1]).any(axis=1)
+    assert not changes[np.flatnonzero(changes)[-1] + 1 :].any() and not changes[-10:].any()
+
+
 def test_a_force_that_blows_up_is_marked(model, starts, controls):
     def explode(world: World) -> None:
         world.qfrc_applied[world.rows == 2, 0] = 1e15

@@ -232,7 +232,11 @@ def _step(
     # States are recorded after each step, sensors describe the state before it.
     for name, first in start.items():
         recorded[name] = np.concatenate([first[:, None], recorded[name][:, :-1]], axis=1)
-    return {name: values[:, ::substeps] for name, values in recorded.items()}, bad | _warned(runner)
+    bad |= _warned(runner)
+    for values in recorded.values():
+        for simulation in np.flatnonzero(bad):
+            _hold(values[simulation])
+    return {name: values[:, ::substeps] for name, values in recorded.items()}, bad
 
 
 def _step_with_forces(
@@ -266,9 +270,16 @@ def _step_with_forces(
             continue
         if "ncon" in live:
             recorded["ncon"][:, step] = live["ncon"]
-        held = recorded["sensordata"][:, max(step - 1, 0)]
+        held = recorded["sensordata"][:, step - 1] if step else live["sensordata"]
         recorded["sensordata"][:, step] = np.where(bad[:, None], held, live["sensordata"])
     return recorded, bad
+
+
+def _hold(record: np.ndarray) -> None:
+    """Keep the last that was simulated to the end of a record (step, ...), which MuJoCo ended with a reset state."""
+    differs = np.flatnonzero((record != record[-1]).reshape(len(record), -1).any(axis=1))
+    if differs.size:
+        record[differs[-1] + 1 :] = record[differs[-1]]
 
 
 def _room(view: np.ndarray, steps: int) -> np.ndarray:

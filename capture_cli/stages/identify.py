@@ -190,9 +190,9 @@ class _Report:
         if self.is_test.any():
             test = self.prepared.part(self.is_test)
             offsets[self.is_test] = self.fits.on(test, fit, self._start_tolerance(lacking.lacking)).offsets
-        simulated, nominal = self._curves(offsets)
+        simulated, nominal, diverged = self._curves(offsets)
         recordings = self._recordings(found)
-        document = self._document(found, lacking, simulated, recordings)
+        document = self._document(found, lacking, simulated, recordings, diverged)
         return Estimate(
             document, self._arrays(found, offsets, simulated, nominal, recordings), self._attributes()
         )
@@ -203,13 +203,16 @@ class _Report:
             return CONVERGED_GAIN
         return ROUGH if lacking and not self.result.elsewhere else TOLERANCE
 
-    def _curves(self, offsets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Simulated at the estimate and at the nominal values, (window, step, output)."""
+    def _curves(self, offsets: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Simulated at the estimate and at the nominal values, (window, step, output); whether it diverged at the
+        estimate, (window,).
+        """
         points = np.stack([self.best.parameters, self.space.nominal])
         simulator = self.fits.simulator([])
-        outputs, _ = self.prepared.evaluate(simulator, Trial(points, np.repeat(offsets[None], 2, axis=0)))
+        trial = Trial(points, np.repeat(offsets[None], 2, axis=0))
+        outputs, diverged = self.prepared.evaluate(simulator, trial)
         self.fits.rollouts += simulator.rollouts
-        return outputs[0], outputs[1]
+        return outputs[0], outputs[1], diverged[0]
 
     def _recordings(self, joint: Intervals):
         """The estimate of each fitted recording alone, from the joint one on; None for a single recording."""
@@ -238,7 +241,7 @@ class _Report:
 
     # --- what is written ---
 
-    def _document(self, found: Intervals, lacking: LackOfFit, simulated, recordings) -> dict:
+    def _document(self, found: Intervals, lacking: LackOfFit, simulated, recordings, diverged) -> dict:
         prepared, log = self.prepared, self.prepared.log
         names = [c.name for c in prepared.task.outputs]
         undetermined = _undetermined(found, self.space.names)
@@ -248,7 +251,7 @@ class _Report:
         }
         held_out = error["test"] and error["test"]["normalized"]
         numbers = int(prepared.windows.sampled[self.is_test].sum())
-        if lacking.lacking or (held_out is not None and not holds(held_out, numbers)):
+        if diverged.any() or lacking.lacking or (held_out is not None and not holds(held_out, numbers)):
             verdict = "unexplained"
         else:
             verdict = "explained" if found.identifiable.all() else "not-identifiable"
@@ -264,7 +267,8 @@ class _Report:
             "noise_floor": dict(zip(names, prepared.noise.sd.tolist(), strict=True)),
             "noise_floor_source": dict(zip(names, prepared.noise.source, strict=True)),
             "verdict": verdict,
-            "summary": _summary(verdict, lacking, held_out, undetermined),
+            "summary": _summary(verdict, lacking, held_out, undetermined, diverged),
+            "diverged_windows": int(diverged.sum()),
             "lack_of_fit": {
                 "normalized": lacking.normalized,
                 "threshold": lacking.threshold,
@@ -411,7 +415,14 @@ def _undetermined(found: Intervals, names) -> list[dict]:
     return result
 
 
-def _summary(verdict: str, lacking: LackOfFit, held_out: float | None, undetermined: list[dict]) -> str:
+def _summary(
+    verdict: str, lacking: LackOfFit, held_out: float | None, undetermined: list[dict], diverged: np.ndarray
+) -> str:
+    if diverged.any():
+        return (
+            f"With these parameters the simulation runs away in {diverged.sum()} of {len(diverged)} windows. "
+            "The model lacks something, or its time step is too long."
+        )
     if verdict == "unexplained" and not lacking.lacking:
         return (
             "The parameters explain what they were fitted to, but not what was held out: there the error is "
