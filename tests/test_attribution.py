@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import pytest
 
+from capture_cli.stages import attribution
 from capture_cli.stages.attribution import Accepted, Attribution
 from capture_cli.stages.candidates import Candidate
+from capture_cli.stages.diagnose import diagnose
+from capture_cli.stages.model_comparison import ModelComparison
+from capture_cli.stages.record import record
+
+MACHINES = Path(__file__).parents[1] / "benchmarks" / "machines"
 
 
 @dataclass
@@ -47,11 +54,42 @@ class FakeModels:
 def test_minor_effects_stand_only_where_they_explain(shares, error, explained, kept):
     names = tuple(f"effect{i}@joint" for i in range(len(shares)))
     placed = [(name.split("@")[0], Named("joint")) for name in names]
-    attribution = Attribution.__new__(Attribution)
-    attribution.models = FakeModels(explained)
-    attribution.candidates = [Candidate(p) for p in placed]
-    attribution.accepted = [Accepted(p, [], None, share) for p, share in zip(placed, shares, strict=True)]
-    fit = attribution._without_minor(FakeFit(names, error))
-    assert fit.names == tuple(a.name for a in attribution.accepted) == names[:kept]
-    reasons = [c.why_rejected for c in attribution.candidates]
+    selection = Attribution.__new__(Attribution)
+    selection.models = FakeModels(explained)
+    selection.candidates = [Candidate(p) for p in placed]
+    selection.accepted = [Accepted(p, None, [], None, share) for p, share in zip(placed, shares, strict=True)]
+    fit = selection._without_minor(FakeFit(names, error))
+    assert fit.names == tuple(a.name for a in selection.accepted) == names[:kept]
+    reasons = [c.why_rejected for c in selection.candidates]
     assert reasons[:kept] == [None] * kept and all("correction" in r for r in reasons[kept:])
+
+
+def test_rivals_are_compared_by_what_they_answered_in_one_round(tmp_path, monkeypatch, without_pages):
+    """Later, with the accepted effect in the model, a rival answers to what that one leaves."""
+    rounds, compared = {}, []
+    score, forward, compare = attribution.score_at_null, Attribution._forward, ModelComparison.compare
+
+    def tagged(narrow, candidate):
+        score(narrow, candidate)
+        rounds[id(candidate.score)] = (
+            len(rounds["begun"]),
+            candidate.score,
+        )  # kept: an id is of one that lives
+
+    def begin(self, current):
+        rounds.setdefault("begun", []).append(current)
+        return forward(self, current)
+
+    def judged(self, mine, other):
+        compared.append([rounds[id(c.score)][0] for c in (mine, other)])
+        return compare(self, mine, other)
+
+    monkeypatch.setattr(attribution, "score_at_null", tagged)
+    monkeypatch.setattr(Attribution, "_forward", begin)
+    monkeypatch.setattr(ModelComparison, "compare", judged)
+    effects = ["control-delay@drive=0.006", "coulomb-friction@x=0.1"]
+    log, task = tmp_path / "log.zarr", str(MACHINES / "slider" / "task.toml")
+    record(task=task, out=log, effects=effects, noise=1e-4, duration=3, rate=100)
+    diagnose(real_log=log, task=task, out=tmp_path / "diagnosis", quiet=True)
+    assert len(rounds["begun"]) > 1 and compared
+    assert all(mine == other for mine, other in compared)

@@ -10,7 +10,7 @@ import numpy as np
 
 from capture_cli.diagnosis.acceptance import TINY, Support, bic_gain
 from capture_cli.diagnosis.lack_of_fit import NEAR_FLOOR
-from capture_cli.diagnosis.score import similarity
+from capture_cli.diagnosis.score import Score, similarity
 from capture_cli.diagnosis.split import Folds
 from capture_cli.effects.base import GLOBAL
 from capture_cli.identifiers.intervals import intervals
@@ -51,10 +51,12 @@ SIMILAR = 0.97  # cosine of responses beyond which a candidate that was not fitt
 class Accepted:
     """An effect in the model, candidates that did as well when it entered, and how it stands in the last model.
 
+    score: when it entered, and so are those of the rivals: later, with it in the model, they answer to what it leaves.
     share: of the squared error above the noise floor of the declared model, what it took when it entered.
     """
 
     effect: Placed
+    score: Score | None
     rivals: list[Candidate]
     support: Support
     share: float
@@ -165,7 +167,10 @@ class Attribution:
             return current
         joint = self.accepted.pop()
         self._candidate(joint.name).why_rejected = "better at each of its places on its own"
-        self.accepted += [Accepted(place, [], joint.support, joint.share) for place in places]
+        self.accepted += [
+            Accepted(place, self._candidate(placed_name(*place)).score, [], joint.support, joint.share)
+            for place in places
+        ]
         return fit
 
     def _step(self, what: str, number: int, total: int) -> None:
@@ -277,8 +282,8 @@ class Attribution:
             candidate.why_rejected = f"{chosen.name} explains as much with less, or more"
         alike = [c for c in unfitted if abs(similarity(chosen.score.response, c.score.response)) > SIMILAR]
         share = (current.error**2 - chosen.fit.error**2) / self.excess
-        rivals = [*rivals[:RIVALS], *alike[:RIVALS]]
-        self.accepted.append(Accepted(chosen.effect, rivals, chosen.support, share))
+        rivals = [replace(c) for c in (*rivals[:RIVALS], *alike[:RIVALS])]
+        self.accepted.append(Accepted(chosen.effect, chosen.score, rivals, chosen.support, share))
         return chosen
 
     # --- backward ---
@@ -338,13 +343,13 @@ class Attribution:
                     accepted.tied.append(other)
             if best.name != accepted.name:
                 self._candidate(best.name).why_rejected = None
-                accepted.effect, accepted.support, current = best.effect, best.support, best.fit
+                accepted.effect, accepted.score, accepted.support = best.effect, best.score, best.support
+                current = best.fit
         return current
 
     def _candidate_of(self, fit: Fit, accepted: Accepted) -> Candidate:
         select = self.models.judge(fit)
-        own = self._candidate(accepted.name)
-        return Candidate(accepted.effect, own.score, own.start, fit, select, accepted.support)
+        return Candidate(accepted.effect, accepted.score, None, fit, select, accepted.support)
 
     def _swapped(self, current: Fit, accepted: Accepted, rival: Candidate) -> Candidate | None:
         """The model with `rival` in the place of `accepted`, if the rival is supported there."""
