@@ -17,6 +17,7 @@ from capture_cli.sim.windows import Windows
 from capture_cli.tasks.base import Task
 
 TAPE_BYTES = 64 << 20  # of controls of one call, of which effects make several copies
+SHOWS = 0.25  # of an effect's memory: the rest is for the last digits
 LENGTH_RATIO = 1.2  # windows within this ratio of lengths are stepped together
 
 
@@ -91,12 +92,13 @@ class Simulator:
     def hidden_sd(self, windows: Windows) -> np.ndarray:
         """How well hidden states are known at the start of each window, (window, hidden state): 0 for certain.
 
-        What was before is known where neither an episode nor a stretch after a gap begins there.
+        What was before an episode, or a gap, no longer counts where the inputs are known for long enough.
         """
         sd = np.ones((len(windows), self.hidden_states))
         for own in self._placed:
             if own.effect.states_before:
-                sd[windows.known > 0, own.states] = 0.0
+                shows = SHOWS * own.effect.memory(own.effect.space.high[None])
+                sd[(windows.known > 0) & (windows.known >= shows), own.states] = 0.0
         return sd
 
     def hidden_tried(self) -> np.ndarray:

@@ -84,6 +84,11 @@ def test_rivals_are_compared_by_what_they_answered_in_one_round(tmp_path, monkey
         compared.append([rounds[id(c.score)][0] for c in (mine, other)])
         return compare(self, mine, other)
 
+    few = ("control-delay", "sensor-delay", "control-second-order-lag", "coulomb-friction", "sensor-low-pass")
+    catalogue = attribution.all_candidates
+    monkeypatch.setattr(
+        attribution, "all_candidates", lambda log: [c for c in catalogue(log) if c.effect[0] in few]
+    )
     monkeypatch.setattr(attribution, "score_at_null", tagged)
     monkeypatch.setattr(Attribution, "_forward", begin)
     monkeypatch.setattr(ModelComparison, "compare", judged)

@@ -14,6 +14,8 @@ from capture_cli.effects import REGISTRY
 from capture_cli.effects._two_mass import TransmissionEffect
 from capture_cli.effects.base import Effect
 from capture_cli.identifiers.intervals import unit_covariance
+from capture_cli.sim.windows import LEAD
+from capture_cli.simulator import Simulator
 from capture_cli.stages.model_comparison import ModelComparison
 from capture_cli.stages.model_fits import EXACT, RETURNED, Fit, ModelFits, PartFit
 from capture_cli.stages.prepared_log import PreparedLog, prepare
@@ -91,8 +93,14 @@ def test_what_an_actuator_was_told_before_an_episode_is_a_nuisance(tmp_path, nam
     if len(effect.parameters) > 1:
         truth = np.append(truth, [1.0] * (len(prepared.task.space) + len(effect.parameters) - len(truth)))
     free = ModelFits(prepared, 1).fit(prepared, [(name, effect)], truth)
-    later = prepared.windows.elapsed > 0
-    assert later.any() and np.all(free.offsets[later, -1] == 0) and np.all(free.offsets[~later, -1] != 0)
+    windows = prepared.windows
+    later = Simulator(prepared.task, [(name, effect)]).hidden_sd(windows)[:, -1] == 0
+    assert later[windows.elapsed > 0.3 * LEAD].all() and not later[windows.elapsed == 0].any()
+    assert (
+        later.any()
+        and np.all(free.offsets[later, -1] == 0)
+        and np.all(free.offsets[windows.elapsed == 0, -1] != 0)
+    )
     assert 0 < free.at.fitted_hidden.sum() <= (~later).sum()
     without = ModelFits(prepared, 1).fit(prepared.part(later), [(name, effect)], truth)
     assert without.at.fitted_hidden.sum() == 0
