@@ -419,6 +419,18 @@ def test_leftovers_of_dead_runs_are_removed_and_those_of_live_ones_kept(tmp_path
     assert names(tmp_path) == kept
 
 
+def test_the_only_copy_of_what_a_dead_run_moved_away_is_kept(tmp_path):
+    moved = tmp_path / f".out.replaced-{dead_process()}"
+    moved.mkdir()
+    fill(moved, "old")
+    with pytest.raises(ZeroDivisionError), new_directory(tmp_path / "out"):
+        1 / 0  # noqa: B018
+    assert names(tmp_path) == [moved.name]
+    with new_directory(tmp_path / "out") as folder:
+        fill(folder)
+    assert names(tmp_path) == ["out"]
+
+
 def test_refuse_existing_lets_a_new_path_pass(tmp_path):
     refuse_existing(tmp_path / "new", force=False)
 

@@ -157,8 +157,12 @@ def sha256(path: Path) -> str:
 
 
 def _remove_leftovers(path: Path) -> None:
-    marks = (f".{path.name}{PARTIAL}", f".{path.name}{REPLACED}")
-    for leftover in [item for item in path.parent.iterdir() if item.name.startswith(marks)]:
+    marks = [f".{path.name}{PARTIAL}"]
+    if (
+        path.exists()
+    ):  # else a run died just before it put the new one in its place, and the old one is all there is
+        marks.append(f".{path.name}{REPLACED}")
+    for leftover in [item for item in path.parent.iterdir() if item.name.startswith(tuple(marks))]:
         pid = leftover.name.rsplit("-", 1)[-1]
         if pid.isdigit() and not _alive(int(pid)):
             leftover.unlink() if leftover.is_file() else shutil.rmtree(leftover, ignore_errors=True)
@@ -197,6 +201,7 @@ def _move_into_place(partial: Path, path: Path) -> None:
         raise
     _sync_parent(path)
     shutil.rmtree(replaced, ignore_errors=True)
+    _remove_leftovers(path)
 
 
 def _sync_parent(path: Path) -> None:
