@@ -410,23 +410,19 @@ ONE_MASS = """
 """
 
 
-@pytest.mark.parametrize(
-    ("name", "joint", "values", "begin"),
-    [
-        (
-            "compliance",
-            'stiffness="200" damping="0.6" springlength="0"',
-            {"compliance": 1 / 200, "damping_time": 0.003},
-            3 / 200,
-        ),
-        (
-            "backlash",
-            'limited="true" range="-.02 .02" solreflimit="4e-4 3" solimplimit=".99 .999 .0001"',
-            {"width": 0.04},
-            0.02,
-        ),
-    ],
+SPRING = (
+    "compliance",
+    'stiffness="200" damping="0.6" springlength="0"',
+    {"compliance": 1 / 200, "damping_time": 3e-3},
 )
+PLAY = (
+    "backlash",
+    'limited="true" range="-.02 .02" solreflimit="4e-4 3" solimplimit=".99 .999 .0001"',
+    {"width": 0.04},
+)
+
+
+@pytest.mark.parametrize(("name", "joint", "values", "begin"), [(*SPRING, 3 / 200), (*PLAY, 0.02)])
 @pytest.mark.parametrize(
     ("rotor", "motor_damping", "dry", "motor_friction"),
     [
@@ -457,6 +453,32 @@ def test_compliance_and_backlash_are_a_rotor_and_a_link(
     sensors = run(one, (effect, at[None]), tape=tape, starts=start)[0]
     error, error_rigid = (np.sqrt(np.mean((s - truth) ** 2)) for s in (sensors, rigid))
     assert error < 0.1 * error_rigid
+
+
+@pytest.mark.parametrize(("name", "joint", "values"), [SPRING, PLAY])
+@pytest.mark.parametrize("rotor", [0.3, 0.8])
+@pytest.mark.parametrize("seen", ["l", "l+q", "l+v", "l+q+v"])  # which sensors are the rotor's
+def test_an_encoder_on_the_motor_shows_the_rotor(name, joint, values, rotor, seen):
+    shows = {"q": "r" if "+q" in seen else "l", "v": "r" if "+v" in seen else "l"}
+    sensor = '<sensor><jointpos joint="l"/></sensor>'
+    two = TWO_MASSES.format(joint=joint, rotor=rotor, rest=1 - rotor, motor=2, link=2, dry=0, rubs=0)
+    both = '<sensor><jointpos name="q" joint="{q}"/><jointvel name="v" joint="{v}"/></sensor>'
+    two = build(two.replace(sensor, both.format(**shows)))
+    one = build(ONE_MASS.format(dry=0).replace(sensor, both.format(q="l", v="l")))
+    tape = 3 * np.sign(np.cos(2 * np.pi * 1.3 * np.arange(900) * 1e-3))[None, :, None]
+    ahead = 0.02 if name == "backlash" else 3 / 200 * (1 - rotor)  # where the force holds the rotor
+    link = -ahead if shows["q"] == "r" else 0.0
+    held = Starts(np.array([[link + ahead, link]]), np.full((1, 2), 0.1), np.zeros((1, 0)), np.zeros(1))
+    truth = run(two, tape=np.repeat(tape, 10, axis=1), starts=held)[0][:, ::10]
+    start = Starts(np.zeros((1, 1)), np.full((1, 1), 0.1), np.zeros((1, 0)), np.zeros(1))
+    rigid = run(one, tape=tape, starts=start)[0]
+    effect = effects.REGISTRY.get(name)(one, seen)
+    assert effect.reported == {c for c, n in enumerate("qv") if shows[n] == "r"}
+    at = effect.space.to_vector({**values, "rotor": rotor, "motor_damping": 0.5})
+    sensors = run(one, (effect, at[None]), tape=tape, starts=start)[0]
+    size = truth.std(axis=(0, 1))
+    error, error_rigid = (np.sqrt(np.mean(((s - truth) / size) ** 2, axis=(0, 1))) for s in (sensors, rigid))
+    assert (error < 0.2 * error_rigid).all()
 
 
 WITH_A_LOAD = """

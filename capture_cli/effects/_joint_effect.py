@@ -47,7 +47,8 @@ class JointEffect(Effect):
 
     def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
         super().__init__(model, site)
-        self.joint = site_id(model, "joint", site)
+        self.joint_name = self.joint_at(model, site)
+        self.joint = site_id(model, "joint", self.joint_name)
         self.dof = int(model.jnt_dofadr[self.joint])
         self.is_hinge = int(model.jnt_type[self.joint]) == HINGE
 
@@ -56,6 +57,11 @@ class JointEffect(Effect):
         return [
             site_name(model, "joint", j) for j in range(model.njnt) if model.jnt_type[j] in (HINGE, SLIDE)
         ]
+
+    @classmethod
+    def joint_at(cls, model: mujoco.MjModel, site: str) -> str:
+        """The name of the joint that it sits at."""
+        return site
 
     @property
     def characteristic_force(self) -> float:

@@ -84,7 +84,7 @@ class JointForce(JointEffect):
         kernels = (self.kernel, *([inertia_felt] if INERTIA in fields else []))
         numbers = {n: v[0] for n, v in self.coefficients(values[None]).items()}
         term, state = call(name, self.kernel, reads, numbers)
-        joint = f"model.joint({reference(self.model, 'joint', self.site)})"
+        joint = f"model.joint({reference(self.model, 'joint', self.joint_name)})"
         lines = [f"dof = {joint}.dofadr"] + [f"at = {joint}.qposadr"] * ("data.qpos[at]" in reads)
         if self.adds_to == FORCE:
             lines.append(f"data.qfrc_applied[dof] += {term}")

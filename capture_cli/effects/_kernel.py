@@ -27,13 +27,15 @@ class Companion:
 
     kernels: what has to be pasted. state: an expression for what it keeps from step to step, "" where nothing.
     lines: statements at the effect's place, which know model, data and self.state (by the effect's name), or,
-    on measurement, model and sensors. changes: the fields that they change for one step only.
+    on measurement, model and sensors. changes: the fields that they change for one step only. after: statements behind
+    the step, which know data.sensordata of its beginning.
     """
 
     kernels: tuple[Callable, ...]
     lines: tuple[str, ...]
     state: str = ""
     changes: tuple[str, ...] = ()
+    after: tuple[str, ...] = ()
 
 
 def inputs(kernel: Callable) -> list[str]:
@@ -57,10 +59,13 @@ def call(name: str, kernel: Callable, given: Sequence[str], values: Coefficients
     keywords = [f"{n}={number(v)}" for n, v in values.items()]
     keywords += ["timestep=model.opt.timestep"] * _takes_timestep(kernel)
     if inspect.isclass(kernel):
-        return _joined(f"self.state[{json.dumps(name, ensure_ascii=False)}]", given), _joined(
-            kernel.__name__, keywords
-        )
+        return _joined(kept(name), given), _joined(kernel.__name__, keywords)
     return _joined(kernel.__name__, [*given, *keywords]), ""
+
+
+def kept(name: str) -> str:
+    """Source of the kernel with a state that the effect `name` keeps."""
+    return f"self.state[{json.dumps(name, ensure_ascii=False)}]"
 
 
 def number(value) -> str:

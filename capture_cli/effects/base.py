@@ -168,7 +168,7 @@ class Effect(ABC):
 
     @property
     def reported(self) -> frozenset[int]:
-        """Place "measurement": the columns of sensordata that it changes."""
+        """The columns of sensordata that it changes, apart from the motion."""
         return frozenset()
 
     def drift(self, values: np.ndarray, elapsed: np.ndarray) -> np.ndarray:

@@ -142,6 +142,7 @@ def _step(pieces: Pieces) -> Iterator[str]:
         yield block
     yield "mujoco.mj_step(model, data)"
     yield from (f"{field}[:] = {name}" for field, name in own.items())
+    yield from (line for _, piece in pieces.values() for line in piece.after)
     if known:
         yield "self.first = False"
 

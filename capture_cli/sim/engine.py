@@ -88,7 +88,10 @@ class World:
 
 
 class Force(Protocol):
-    """A state-dependent force: adds to `world.qfrc_applied` (N or N m), `world.xfrc_applied` or `world.vary(...)`."""
+    """A state-dependent force: adds to `world.qfrc_applied` (N or N m), `world.xfrc_applied` or `world.vary(...)`.
+
+    A method `report`, where it has one, may change what the sensors show of each step, (simulation, nsensordata).
+    """
 
     def __call__(self, world: World) -> None: ...
 
@@ -246,6 +249,7 @@ def _step_with_forces(
     ctrl, joint_force, body_force = (runner.bind(n) for n in ("ctrl", "qfrc_applied", "xfrc_applied"))
     live = {name: runner.bind(name) for name in names}
     recorded = {name: _room(view, tape.shape[1]) for name, view in live.items()}
+    reports = [force.report for force in forces if hasattr(force, "report")]
     bad = np.zeros(len(rows), dtype=bool)
     for number in range(tape.shape[1] * substeps):
         step, inside = divmod(number, substeps)
@@ -270,8 +274,11 @@ def _step_with_forces(
             continue
         if "ncon" in live:
             recorded["ncon"][:, step] = live["ncon"]
-        held = recorded["sensordata"][:, step - 1] if step else live["sensordata"]
-        recorded["sensordata"][:, step] = np.where(bad[:, None], held, live["sensordata"])
+        shown = live["sensordata"].copy()
+        for report in reports:
+            report(shown)
+        held = recorded["sensordata"][:, step - 1] if step else shown
+        recorded["sensordata"][:, step] = np.where(bad[:, None], held, shown)
     return recorded, bad
 
 

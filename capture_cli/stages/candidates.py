@@ -74,7 +74,15 @@ def all_candidates(prepared: PreparedLog) -> list[Candidate]:
         effect.window, effect.longest = window, prepared.log.longest
         if isinstance(effect, JointEffect):
             effect.seen = seen.get(effect.joint)
-    return [Candidate(e) for e in every if e[1].place != "measurement" or logged & e[1].reported]
+    return [Candidate(e) for e in every if _shows(e[1], logged)]
+
+
+def _shows(effect: Effect, logged: set[int]) -> bool:
+    """Whether it changes what is `logged`, columns of sensordata, if it is the sensors that it changes.
+
+    Not one that also changes the motion and others than those: without them it is another place of it.
+    """
+    return bool(logged & effect.reported) if effect.place == "measurement" else effect.reported <= logged
 
 
 def _seen(prepared: PreparedLog) -> dict[int, JointMotion]:
