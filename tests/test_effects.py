@@ -410,6 +410,11 @@ ONE_MASS = """
 """
 
 
+BOUNCY = (
+    "backlash",
+    'stiffness="4000" springlength="-.02 .02"',
+    {"width": 0.04, "give": 1 / 4000, "damping_time": 1e-5},
+)
 SPRING = (
     "compliance",
     'stiffness="200" damping="0.6" springlength="0"',
@@ -455,7 +460,7 @@ def test_compliance_and_backlash_are_a_rotor_and_a_link(
     assert error < 0.1 * error_rigid
 
 
-@pytest.mark.parametrize(("name", "joint", "values"), [SPRING, PLAY])
+@pytest.mark.parametrize(("name", "joint", "values"), [SPRING, PLAY, BOUNCY])
 @pytest.mark.parametrize("rotor", [0.3, 0.8])
 @pytest.mark.parametrize("seen", ["l", "l+q", "l+v", "l+q+v"])  # which sensors are the rotor's
 def test_an_encoder_on_the_motor_shows_the_rotor(name, joint, values, rotor, seen):
@@ -466,7 +471,8 @@ def test_an_encoder_on_the_motor_shows_the_rotor(name, joint, values, rotor, see
     two = build(two.replace(sensor, both.format(**shows)))
     one = build(ONE_MASS.format(dry=0).replace(sensor, both.format(q="l", v="l")))
     tape = 3 * np.sign(np.cos(2 * np.pi * 1.3 * np.arange(900) * 1e-3))[None, :, None]
-    ahead = 0.02 if name == "backlash" else 3 / 200 * (1 - rotor)  # where the force holds the rotor
+    gives = values.get("give", 0.0) + values.get("compliance", 0.0)
+    ahead = values.get("width", 0.0) / 2 + gives * 3 * (1 - rotor)  # where the force holds the rotor
     link = -ahead if shows["q"] == "r" else 0.0
     held = Starts(np.array([[link + ahead, link]]), np.full((1, 2), 0.1), np.zeros((1, 0)), np.zeros(1))
     truth = run(two, tape=np.repeat(tape, 10, axis=1), starts=held)[0][:, ::10]

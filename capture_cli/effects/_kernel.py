@@ -70,6 +70,8 @@ def kept(name: str) -> str:
 
 def number(value) -> str:
     """A number, or an array of one dimension, as source that evaluates to it, bit by bit."""
+    if isinstance(value, int):
+        return repr(value)
     if np.ndim(value):
         return f"np.array([{', '.join(number(v) for v in value)}])"
     return repr(float(value)) if np.isfinite(value) else f"{'-' if value < 0 else ''}np.inf"

@@ -8,43 +8,73 @@ from capture_cli.effects._scales import characteristic_force
 from capture_cli.effects._two_mass import TransmissionEffect, TwoMass
 from capture_cli.parameters import Parameter
 
+SOFTEST = (
+    0.1  # how far a stop gives at most under the force that the joint commonly sees, over the widest play
+)
+WITHIN = 4  # steps of the play in one of the model: stops are stiff
+
 
 class Play(TwoMass):
-    """Within +-width / 2 the rotor turns alone; at an end it stays with the link until the force turns round."""
+    """Within +-width / 2 the rotor turns alone; beyond, a stop passes on the force F, which pushes and never pulls:
 
-    def __init__(self, *, width, timestep, **rest):
+    F give = (|d| - width / 2) + damping_time d'. The step is the theta-method's: next to the trapezoidal rule, which
+    lets stops bounce, where it can follow them, and implicit where they are rigid.
+    """
+
+    def __init__(self, *, width, give, damping_time, timestep, **rest):
         super().__init__(timestep=timestep, **rest)
-        self.half = width / 2
+        self.half, self.give, self.damping_time = width / 2, give, damping_time
 
     def at_rest(self, passed):
-        return self.half * np.sign(passed)
-
-    def limited(self, deflection):
-        return np.clip(deflection, -self.half, self.half)
+        return self.half * np.sign(passed) + self.give * passed
 
     def advance(self, passed, against, slowing):
-        h, before = self.timestep, self.deflection
-        after = self.limited(before + h * (self.rate + h * passed / against) / (1 + h * slowing))
-        return after, (after - before) / h, 0.0
+        step, d, rate = self.timestep / WITHIN, self.deflection, self.rate
+        theta = 0.5 + 0.5 * step**2 / (self.give * against + step**2)
+        h = theta * step
+        resists = self.give * (1 + h * slowing) + h * (self.damping_time + h) / against
+        for _ in range(WITHIN):
+            driven = rate + h * passed / against
+            alone = driven / (1 + h * slowing)
+            stop = self.half * np.sign(d + h * alone)
+            pushed = (self.give * driven - h * (d - stop) / against) / resists
+            pushes = (d - stop + (h + self.damping_time) * pushed) * np.sign(d + h * alone) >= 0
+            inside = (np.abs(d + h * alone) <= self.half) | ~pushes
+            mean = np.where(inside, alone, pushed)
+            d, rate = d + step * mean, (mean - (1 - theta) * rate) / theta
+        return d, rate, 0.0
 
 
 class Backlash(TransmissionEffect):
     """Play of `width` (m or rad) between drive and joint, in which the motor turns alone and drives nothing.
 
     `rotor` (kg or kg m^2) is the part of the joint's inertia on the motor's side, `motor_damping` and `motor_friction`
-    the shares of its damping and of its dry friction there. At an end of the play the two collide without rebound and
-    stay together until the force turns round; the equations are in _two_mass.py. A simulation begins with the play
-    taken up in the direction of the force.
+    the shares of its damping and of its dry friction there. A stop gives by `give` (m/N or rad/(N m)) per unit of
+    force, and its friction is `damping_time` (s) over that: where it gives, the two sides bounce off each other. The
+    equations are in _two_mass.py. A simulation begins with the play taken up in the direction of the force.
     """
 
     summary = "play between a motor and what it drives"
-    shapes = ("rotor", "motor_damping", "motor_friction")
+    shapes = ("rotor", "motor_damping", "give", "damping_time", "motor_friction")
+    shares = ("motor_damping", "give", "motor_friction")
     kernel = Play
 
     @property
     def parameters(self):
-        width = Parameter("width", self.unit("m", "rad"), 0.0, 0.1 * self.travel, 0.0)
-        return (width, self.rotor, self.motor_damping, *self.motor_friction)
+        widest = 0.1 * self.travel
+        softest = SOFTEST * widest / characteristic_force(self.model, self.joint)
+        return (
+            Parameter("width", self.unit("m", "rad"), 0.0, widest, 0.0),
+            self.rotor,
+            self.motor_damping,
+            Parameter("give", self.unit("m/N", "rad/(N m)"), 0.0, softest, 0.0),
+            Parameter("damping_time", "s", 1e-5, 2e-2, 1e-3),
+            *self.motor_friction,
+        )
+
+    def coefficients(self, values):
+        given = super().coefficients(values)
+        return {**given, "give": np.where(given["width"] > 0, given["give"], 0.0)}
 
     def looseness(self, values):
         width, rotor, *_ = values.T
