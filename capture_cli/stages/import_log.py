@@ -11,6 +11,7 @@ import numpy as np
 
 from capture_cli.errors import LogError
 from capture_cli.stages.prepared_log import check_fits
+from capture_cli.stages.recorded_task import task_inputs
 from capture_cli.stages.source_files import SourceFile, open_source
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.stores.output import new_directory, refuse_existing, refuse_inputs, sha256
@@ -54,7 +55,7 @@ def import_log(
     inputs = {"task": getattr(machine, "path", None), **{str(f): Path(f) for f in files}}
     stored = [Path(f) for f in files if _is_store(Path(f))]
     sources = [open_source(Path(f)) for f in files if not _is_store(Path(f))]
-    refuse_inputs(out, inputs.values())
+    refuse_inputs(out, [*files, *task_inputs(machine).values()])
     provenance = Provenance("import-log", options, inputs)
     if sources:
         names = _recording_names([s.path for s in sources])

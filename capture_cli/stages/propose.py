@@ -14,9 +14,10 @@ from capture_cli.simulator import Simulator
 from capture_cli.stages.multisine import from_rest, multisine, peak
 from capture_cli.stages.next_experiment import BANDS, DURATION, RATE, SHARES, driven_window
 from capture_cli.stages.policy_checkpoint import load_policy
-from capture_cli.stages.recorded_task import load_recorded
+from capture_cli.stages.recorded_task import load_recorded, task_inputs
 from capture_cli.stores.estimate import Estimate, read_result
 from capture_cli.stores.measured_log import MeasuredLog
+from capture_cli.stores.output import refuse_inputs
 from capture_cli.stores.proposal import FORMAT, VERSION
 from capture_cli.tasks.base import ActionTask, Task
 
@@ -35,16 +36,19 @@ def propose(
     amplitude: Mapping[str, float] | None = None,
     seed: int = 0,
     threads: int | None = None,
+    out: Path | None = None,
 ) -> dict[str, Any]:
     """What to do next, given the estimate or diagnosis directory `result`: the document of proposal.json.
 
     Of a task of actions, the one of `candidates` random actions that tells most about what the estimate leaves open;
     with `policy`, the action it chooses for the estimate. Of any other machine, the most telling of a menu of
     multisines that peak at `amplitude` or below (what the log's inputs peaked at where not given). Of a diagnosis, the
-    experiment that would separate what is tied. Raises CaptureError.
+    experiment that would separate what is tied. out: where the document will go. Raises CaptureError.
     """
     diagnosed = (Path(result) / "diagnosis.json").is_file()
     machine = _machine(Path(result), task, "diagnosis" if diagnosed else "estimate")
+    if out is not None:
+        refuse_inputs(out, [result, *task_inputs(machine).values()])
     generator = np.random.default_rng(seed)
     _check_amplitude(machine, amplitude or {})
     if diagnosed:
