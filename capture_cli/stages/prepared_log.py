@@ -365,12 +365,18 @@ def _check_sparse(log: MeasuredLog, task: Task) -> None:
 
 
 def _check_fitted(prepared: PreparedLog) -> None:
-    """Raise LogError where the windows that are fitted hold no sample of an output."""
+    """Raise LogError where no window is fitted, or those that are hold no sample of an output."""
     fitted = prepared.windows.sampled[~prepared.split.is_test]
+    if not len(fitted):
+        raise LogError(
+            f"{prepared.log.path}: no window is left to fit: each of the {len(prepared.windows)} holds some of what "
+            f"was held out ({prepared.split.how})",
+            cure="give a shorter --window, or say anew what to hold out (--test)",
+        )
     never = [
         c.name for c, any_ in zip(prepared.task.outputs, fitted.any(axis=(0, 1)), strict=True) if not any_
     ]
-    if never and len(fitted):
+    if never:
         raise LogError(
             f"{prepared.log.path}: what is fitted holds no sample of {', '.join(never)}: {prepared.split.how}",
             cure="hold out another part (--test), or take that output out of the task.toml and import again",
