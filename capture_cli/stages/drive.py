@@ -12,6 +12,7 @@ import numpy as np
 from capture_cli.errors import OptionError, did_you_mean
 from capture_cli.sim.engine import Starts
 from capture_cli.sim.targets import object_names
+from capture_cli.sim.windows import gaps, usual_interval
 from capture_cli.stages.multisine import multisine, peak
 from capture_cli.stages.policy_checkpoint import load_policy
 from capture_cli.stores.measured_log import MeasuredLog
@@ -120,6 +121,7 @@ def _tapes(machine, episodes, duration, rate, inputs_from, amplitude, band, gene
                 f"--inputs-from {inputs_from}: its inputs are ({', '.join(source.input_names)})",
                 cure=f"give a log with the task's inputs ({', '.join(c.name for c in machine.inputs)})",
             )
+        _refuse_gaps(source)
         return source.time, source.inputs, source.episode_ends
     _check_positive(episodes=episodes, duration=duration, rate=machine.timestep if rate is None else rate)
     if not 0 <= band[0] < band[1] < np.inf:
@@ -136,6 +138,21 @@ def _tapes(machine, episodes, duration, rate, inputs_from, amplitude, band, gene
     peaks = np.array([peak(machine.model, channel, amplitude) for channel in machine.inputs])
     tapes = [peaks * multisine(time, len(peaks), band, generator) for _ in range(episodes)]
     return np.tile(time, episodes), np.concatenate(tapes), steps * (1 + np.arange(episodes))
+
+
+def _refuse_gaps(source: MeasuredLog) -> None:
+    """Raise OptionError where nobody knows what drove the machine: windows end there, and what is recorded cannot."""
+    for number, steps in enumerate(source.episodes):
+        time = source.time[steps]
+        usual = usual_interval(time, source.sampled[steps])
+        found = gaps(time, usual)
+        if found.size:
+            begin, end = time[found[0] : found[0] + 2]
+            raise OptionError(
+                f"--inputs-from {source.path}: episode {number} has a gap of {end - begin:.3g} s after {begin:.9g} s "
+                f"({found.size} in all), and samples {usual:.3g} s apart elsewhere: nobody knows what was put in there",
+                cure="import the log again with what comes before and after as episodes of their own ([log] episode)",
+            )
 
 
 def _starts(model, count: int, positions, velocities, generator) -> Starts:

@@ -307,6 +307,7 @@ def _simulate(simulator: Simulator, drive: Drive, point: np.ndarray) -> np.ndarr
         timestep=machine.timestep,
         duration=None,
         linear=machine.linear,
+        has_gaps=False,
     )
     simulated = simulator.simulate(windows, replace(drive.starts, time=windows.time), point[None])
     if simulated.diverged.any():
