@@ -9,8 +9,11 @@ import numpy as np
 import pytest
 
 from capture_cli.errors import OptionError
+from capture_cli.stages.multisine import BAND, from_rest, multisine, multisine_tape, peak
 from capture_cli.stages.record import record
+from capture_cli.stages.tapes import tape_task
 from capture_cli.stores.measured_log import MeasuredLog
+from capture_cli.tasks import load_task
 
 
 @pytest.fixture
@@ -18,6 +21,15 @@ def driven(slider_task, tmp_path) -> MeasuredLog:
     """A log of the slider, two episodes of 2 s."""
     options = {"duration": 2.0, "rate": 100.0, "amplitude": {"drive": 3.0}, "threads": 1}
     return record(task=str(slider_task), out=tmp_path / "driven.zarr", episodes=2, **options).log
+
+
+def with_range(slider_task: Path, low: float, high: float) -> str:
+    """The slider whose actuator goes from `low` to `high`."""
+    model = slider_task.parent / "model.xml"
+    model.write_text(
+        model.read_text().replace('joint="x"/></act', f'joint="x" ctrlrange="{low} {high}"/></act')
+    )
+    return str(slider_task)
 
 
 def replayed(log: MeasuredLog, task: Path, folder: Path) -> MeasuredLog:
@@ -55,3 +67,61 @@ def test_samples_of_two_loggers_side_by_side_are_no_gaps(driven, slider_task, tm
         sparse=frozenset({"q"}),
     )
     assert np.array_equal(replayed(log, slider_task, tmp_path).time, time)
+
+
+TIME = np.arange(0, 3, 0.01)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "amplitude", "reached"),
+    [
+        (0, 5, None, (0, 5)),
+        (-5, 0, None, (-5, 0)),
+        (0, 5, 2.0, (0, 2)),
+        (0, 5, 9.0, (0, 5)),
+        (-1, 3, None, (-1, 3)),
+        (-1, 3, 2.0, (-1, 2)),
+        (2, 5, None, (2, 5)),
+        (2, 5, 4.0, (2, 4)),
+        (-5, -2, 4.0, (-4, -2)),
+    ],
+)
+def test_a_range_that_is_not_symmetric_is_filled_and_not_left(slider_task, low, high, amplitude, reached):
+    task = load_task(with_range(slider_task, low, high))
+    given = {} if amplitude is None else {"drive": amplitude}
+    peaks = np.array([peak(task.model, task.inputs[0], given)])
+    tape = multisine_tape(task, TIME, peaks, BAND, np.random.default_rng(0))
+    assert (tape.min(), tape.max()) == reached
+    rested = multisine_tape(task, TIME, peaks, BAND, np.random.default_rng(0), at_rest=True)
+    assert low <= rested.min() and rested.max() <= high and np.ptp(rested) > 0.5 * np.ptp(reached)
+    assert rested[0, 0] == np.clip(0, low, high)
+    assert np.abs(np.diff(rested[:, 0]))[:10].max() < 0.1 * np.ptp(reached)
+
+
+@pytest.mark.parametrize("high", [None, 4.0])
+def test_a_symmetric_range_is_driven_to_its_peak(slider_task, high):
+    task = load_task(str(slider_task) if high is None else with_range(slider_task, -high, high))
+    peaks = np.array([peak(task.model, task.inputs[0], {"drive": 3.0} if high is None else {})])
+    assert peaks[0] == (high or 3.0)
+    signals = multisine(TIME, 1, BAND, np.random.default_rng(0))
+    plain, rested = (
+        multisine_tape(task, TIME, peaks, BAND, np.random.default_rng(0), at_rest=r) for r in (False, True)
+    )
+    assert plain.tobytes() == (peaks * signals).tobytes()
+    assert rested.tobytes() == (peaks * from_rest(TIME, signals)).tobytes()
+
+
+def test_an_actuator_that_only_pushes_is_recorded_and_taped_within_its_range(slider_task, tmp_path):
+    task = with_range(slider_task, 0, 5)
+    log = record(task=task, out=tmp_path / "log.zarr", duration=4, rate=100, threads=1).log
+    assert (log.inputs.min(), log.inputs.max()) == (0, 5)
+    tapes = tape_task(load_task(task), window=0.5, points=5)
+    inputs = tapes.library[:, -5:]
+    assert inputs.min() >= 0 and 3 < inputs.max() <= 5
+
+
+def test_an_amplitude_that_the_actuator_does_not_come_down_to_is_refused(slider_task, tmp_path):
+    task = with_range(slider_task, 2, 5)
+    with pytest.raises(OptionError, match=r"'drive' .* no further than 1 N, .* 2 to 5") as caught:
+        record(task=task, out=tmp_path / "log.zarr", amplitude={"drive": 1.0}, threads=1)
+    assert "more than 2" in caught.value.cure

@@ -13,7 +13,7 @@ from capture_cli.errors import OptionError, did_you_mean
 from capture_cli.sim.engine import Starts
 from capture_cli.sim.targets import object_names
 from capture_cli.sim.windows import gaps, usual_interval
-from capture_cli.stages.multisine import multisine, peak
+from capture_cli.stages.multisine import multisine_tape, peak
 from capture_cli.stages.policy_checkpoint import load_policy
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.stores.proposal import read_action
@@ -136,7 +136,7 @@ def _tapes(machine, episodes, duration, rate, inputs_from, amplitude, band, gene
     _check_samples(steps, duration, 1.0 / interval)
     time = interval * np.arange(steps)
     peaks = np.array([peak(machine.model, channel, amplitude) for channel in machine.inputs])
-    tapes = [peaks * multisine(time, len(peaks), band, generator) for _ in range(episodes)]
+    tapes = [multisine_tape(machine, time, peaks, band, generator) for _ in range(episodes)]
     return np.tile(time, episodes), np.concatenate(tapes), steps * (1 + np.arange(episodes))
 
 
