@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from coloured_noise import coloured
+from gimbal import gimbal
 from scipy.spatial.transform import Rotation
 
 from capture_cli.stages.diagnose import diagnose
@@ -79,37 +80,15 @@ def test_coloured_noise_is_no_lack_of_fit(repeats, tmp_path):
         assert estimate.document["verdict"] == found["verdict"] == "explained"
 
 
-GIMBAL = """
-<mujoco>
-  <option timestep="0.004" gravity="0 0 0"/>
-  <worldbody><body>
-    <joint name="gimbal" type="ball" damping="0.02" stiffness="0.2"/><geom type="box" size=".1 .08 .05" mass="2"/>
-  </body></worldbody>
-  <actuator><motor name="roll" joint="gimbal" gear="1 0 0" ctrllimited="true" ctrlrange="-1 1"/></actuator>
-  <sensor><ballquat name="attitude" joint="gimbal"/></sensor>
-</mujoco>
-"""
-GIMBAL_TASK = """
-format = 1
-name = "gimbal"
-model = "model.xml"
-parameters.damping = { set = "joint:gimbal:damping", low = 0.0, high = 0.1, unit = "N m s/rad" }
-inputs.roll = { column = "roll", unit = "N m" }
-outputs.attitude = { column = ["w", "x", "y", "z"], unit = "1" }
-log = { time = "t", window = 0.5 }
-"""
-
-
 def test_the_four_numbers_of_a_repeated_attitude_have_one_floor(tmp_path):
-    (tmp_path / "model.xml").write_text(GIMBAL)
-    (tmp_path / "task.toml").write_text(GIMBAL_TASK)
+    path = str(gimbal(tmp_path))
     time = np.arange(500) / 250
     angle = 0.2 * np.clip(np.sin(np.pi * time) - 0.6, 0, 1)  # level, but for a moment
     true = np.tile(Rotation.from_rotvec(angle[:, None] * [1.0, 0, 0]).as_quat()[:, [3, 0, 1, 2]], (4, 1))
     noise = Rotation.from_rotvec(0.005 * np.random.default_rng(0).standard_normal((2000, 3)))
     seen = (Rotation.from_quat(true[:, [1, 2, 3, 0]]) * noise).as_quat()[:, [3, 0, 1, 2]]
-    task = load_task(str(tmp_path / "task.toml"))
-    record(task=str(tmp_path / "task.toml"), out=tmp_path / "log.zarr", episodes=4, duration=2.0, rate=250.0)
+    task = load_task(path)
+    record(task=path, out=tmp_path / "log.zarr", episodes=4, duration=2.0, rate=250.0)
     log = MeasuredLog.read(tmp_path / "log.zarr")
     repeated = replace(
         log,
