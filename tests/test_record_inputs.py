@@ -125,3 +125,56 @@ def test_an_amplitude_that_the_actuator_does_not_come_down_to_is_refused(slider_
     with pytest.raises(OptionError, match=r"'drive' .* no further than 1 N, .* 2 to 5") as caught:
         record(task=task, out=tmp_path / "log.zarr", amplitude={"drive": 1.0}, threads=1)
     assert "more than 2" in caught.value.cure
+
+
+KEYED = """
+<mujoco>
+  <option timestep="0.002" gravity="0 0 0"/>
+  <worldbody>
+    <body><joint name="x" type="slide" axis="1 0 0"/><joint name="y" type="slide" axis="0 1 0"/>
+      <geom size="0.1" mass="1"/></body>
+    <body pos="0 0 1"><freejoint name="loose"/><geom size="0.1" mass="1"/></body>
+    <body pos="0 0 2"><joint name="turret" type="ball"/><geom size="0.1" mass="1"/></body>
+  </worldbody>
+  <actuator><general name="drive" joint="x" dyntype="integrator" ctrlrange="-1 1"/></actuator>
+  <sensor>
+    <jointpos name="x" joint="x"/><jointpos name="y" joint="y"/>
+    <actuatorfrc name="f" actuator="drive"/>
+  </sensor>
+  <keyframe>
+    <key qpos="0.1 0.2 0 0 1 1 0 0 0 1 0 0 0" qvel="0.3 -0.4 0 0 0 0 0 0 0 0 0" act="0.7"/>
+  </keyframe>
+</mujoco>
+"""
+KEYED_TASK = """
+format = 1
+name = "keyed"
+model = "model.xml"
+inputs.drive = { column = "u", unit = "N/s" }
+outputs.x = { column = "x", unit = "m" }
+outputs.y = { column = "y", unit = "m" }
+outputs.f = { column = "f", unit = "N" }
+"""
+
+
+@pytest.fixture
+def keyed(tmp_path) -> str:
+    """The task.toml of a machine that moves and pushes as it begins, as its keyframe says."""
+    (tmp_path / "model.xml").write_text(KEYED)
+    (tmp_path / "task.toml").write_text(KEYED_TASK)
+    return str(tmp_path / "task.toml")
+
+
+def test_a_machine_begins_as_its_keyframe_says(keyed, tmp_path):
+    options = {"task": keyed, "duration": 1.0, "rate": 100.0, "amplitude": {"drive": 1e-9}, "threads": 1}
+    log = record(out=tmp_path / "a.zarr", episodes=2, **options).log
+    for steps in log.episodes:
+        x, y, force = log.outputs[steps].T
+        time = log.time[steps]
+        np.testing.assert_allclose(force, 0.7, rtol=1e-6)
+        np.testing.assert_allclose(x, 0.1 + 0.3 * time + 0.35 * time**2, atol=1e-3)
+        np.testing.assert_allclose(y, 0.2 - 0.4 * time, atol=1e-6)
+    given = {"start": {"y": (0.5, 0.5)}, "start_velocity": {"y": (0.0, 0.0)}}
+    x, y, _ = record(out=tmp_path / "b.zarr", **given, **options).log.outputs.T
+    np.testing.assert_allclose(y, 0.5, atol=1e-9)
+    np.testing.assert_allclose(x, log.outputs[log.episodes[0], 0], atol=1e-9)

@@ -11,6 +11,7 @@ import numpy as np
 
 from capture_cli.errors import OptionError, did_you_mean
 from capture_cli.sim.engine import Starts
+from capture_cli.sim.starts import model_starts
 from capture_cli.sim.targets import object_names
 from capture_cli.sim.windows import gaps, usual_interval
 from capture_cli.stages.multisine import multisine_tape, peak
@@ -156,11 +157,11 @@ def _refuse_gaps(source: MeasuredLog) -> None:
 
 
 def _starts(model, count: int, positions, velocities, generator) -> Starts:
-    qpos = np.repeat((model.key_qpos[0] if model.nkey else model.qpos0)[None], count, axis=0)
-    qvel = np.zeros((count, model.nv))
+    """The model's own, but for joints of which positions or velocities are given."""
+    starts = model_starts(model, count).starts
     for option, given, state, address in (
-        ("--start", positions, qpos, model.jnt_qposadr),
-        ("--start-velocity", velocities, qvel, model.jnt_dofadr),
+        ("--start", positions, starts.qpos, model.jnt_qposadr),
+        ("--start-velocity", velocities, starts.qvel, model.jnt_dofadr),
     ):
         for joint, (low, high) in given.items():
             number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, joint)
@@ -170,7 +171,7 @@ def _starts(model, count: int, positions, velocities, generator) -> Starts:
                     cure=did_you_mean(joint, object_names(model, "joint")),
                 )
             state[:, address[number]] = generator.uniform(low, high, count)
-    return Starts(qpos, qvel, np.zeros((count, model.na)), np.zeros(count))
+    return starts
 
 
 def _check_samples(steps: int, duration: float, rate: float) -> None:
