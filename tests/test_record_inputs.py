@@ -178,3 +178,13 @@ def test_a_machine_begins_as_its_keyframe_says(keyed, tmp_path):
     x, y, _ = record(out=tmp_path / "b.zarr", **given, **options).log.outputs.T
     np.testing.assert_allclose(y, 0.5, atol=1e-9)
     np.testing.assert_allclose(x, log.outputs[log.episodes[0], 0], atol=1e-9)
+
+
+@pytest.mark.parametrize("option", ["start", "start_velocity"])
+@pytest.mark.parametrize(("joint", "kind"), [("loose", "free"), ("turret", "ball")])
+def test_one_number_is_no_start_of_a_joint_of_several_coordinates(keyed, tmp_path, option, joint, kind):
+    written = f"--{option.replace('_', '-')}"
+    with pytest.raises(OptionError, match=f"{written} gives joint '{joint}' .* {kind} joint") as caught:
+        record(task=keyed, out=tmp_path / "a.zarr", **{option: {joint: (0.3, 0.3)}}, threads=1)
+    assert "first keyframe" in caught.value.cure
+    assert not (tmp_path / "a.zarr").exists()

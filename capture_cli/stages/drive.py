@@ -164,14 +164,27 @@ def _starts(model, count: int, positions, velocities, generator) -> Starts:
         ("--start-velocity", velocities, starts.qvel, model.jnt_dofadr),
     ):
         for joint, (low, high) in given.items():
-            number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, joint)
-            if number < 0:
-                raise OptionError(
-                    f"{option}: the model has no joint {joint!r}",
-                    cure=did_you_mean(joint, object_names(model, "joint")),
-                )
+            number = _joint_of_one_coordinate(model, joint, option)
             state[:, address[number]] = generator.uniform(low, high, count)
     return starts
+
+
+def _joint_of_one_coordinate(model: mujoco.MjModel, joint: str, option: str) -> int:
+    number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, joint)
+    if number < 0:
+        raise OptionError(
+            f"{option}: the model has no joint {joint!r}",
+            cure=did_you_mean(joint, object_names(model, "joint")),
+        )
+    kind = mujoco.mjtJoint(model.jnt_type[number])
+    if kind not in (mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE):
+        name = kind.name.removeprefix("mjJNT_").lower()
+        raise OptionError(
+            f"{option} gives joint {joint!r} one number, and it is a {name} joint, which has several coordinates",
+            cure="write where it begins into the model's first keyframe, <key qpos=... qvel=...>; "
+            f"{option} is for joints that slide or turn about one axis",
+        )
+    return number
 
 
 def _check_samples(steps: int, duration: float, rate: float) -> None:
