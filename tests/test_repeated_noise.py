@@ -103,3 +103,39 @@ def test_the_four_numbers_of_a_repeated_attitude_have_one_floor(tmp_path):
     for prepared in (before, after):
         assert prepared.noise.source == ("repeats",) * 4
         assert prepared.noise.sd == pytest.approx([error] * 4, rel=0.05)
+
+
+def test_no_floor_is_below_the_sensors_steps(tmp_path, step=5e-4):
+    """Repeats that ring apart at first, by less and less, until every one of them shows the same steps."""
+    for name in ("model.xml", "task.toml"):
+        text = (Path(SLIDER).parent / name).read_text()
+        for old, new in (
+            ('damping="4" stiffness="60"', 'damping="3" stiffness="4000"'),
+            ('mass="2"', 'mass="1"'),
+            ("high = 150.0", "high = 8000.0"),
+        ):
+            text = text.replace(old, new)
+        (tmp_path / name).write_text(text)
+    options = {"task": str(tmp_path / "task.toml"), "threads": 1}
+    once = record(out=tmp_path / "once.zarr", duration=2.0, rate=250.0, **options).log
+    length = len(once.time)
+    four = replace(
+        once,
+        time=np.tile(once.time, 4),
+        inputs=np.tile(once.inputs, (4, 1)),
+        outputs=np.tile(once.outputs, (4, 1)),
+        episode_ends=length * np.arange(1, 5),
+        recording=np.zeros(4, dtype=int),
+    )
+    four.write(tmp_path / "four.zarr")
+    kicked = {"start": {"x": (-step, step)}, "start_velocity": {"x": (-60 * step, 60 * step)}}
+    log = record(
+        out=tmp_path / "log.zarr", inputs_from=tmp_path / "four.zarr", seed=1, **kicked, **options
+    ).log
+    log = replace(log, outputs=step * np.round(log.outputs / step))
+    task = load_task(options["task"])
+    before = prepare(log, task, window=None, test=None, seed=0)
+    after, _ = with_noise_of_repeats(before, task.space.nominal, threads=1, seed=0)
+    assert before.noise.source == ("repeats",) and before.noise.sd[0] > step / np.sqrt(12)
+    assert after.noise.source == ("resolution",)
+    assert after.noise.sd[0] == pytest.approx(step / np.sqrt(12))

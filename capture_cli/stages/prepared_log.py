@@ -63,6 +63,11 @@ class PreparedLog:
         """Which recording each window comes from, (window,)."""
         return np.asarray(self.log.recording)[self.windows.episode]
 
+    def samples(self, output: int) -> list[np.ndarray]:
+        """The samples of an output as they were measured, (sample,) of each episode."""
+        values, sampled = self.log.values[:, output], self.log.sampled[:, output]
+        return [values[e][sampled[e]] for e in self.log.episodes]
+
     def part(self, keep: np.ndarray) -> PreparedLog:
         """The windows at `keep` alone (indices or a mask)."""
         keep = np.arange(len(self.windows))[keep]
