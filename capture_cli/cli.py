@@ -883,6 +883,7 @@ def propose(
         amplitude=_pairs(amplitude, "--amplitude"),
         seed=seed,
         threads=threads,
+        out=out,
     )
     if out is None:
         _print_json(document)

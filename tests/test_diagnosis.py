@@ -25,7 +25,7 @@ from capture_cli.diagnosis.localisation import accelerations, curve
 from capture_cli.diagnosis.noise_floor import from_differences, noise_floor
 from capture_cli.diagnosis.score import score
 from capture_cli.diagnosis.split import ENOUGH_WINDOWS, Folds, select_folds, split_windows
-from capture_cli.errors import OptionError, OutputError
+from capture_cli.errors import LogError, OptionError, OutputError
 from capture_cli.identifiers.intervals import intervals
 from capture_cli.linearization import Evidence, Linearization
 from capture_cli.parameters import Parameter, ParameterSpace
@@ -437,6 +437,19 @@ def test_what_the_estimate_held_out_stays_so(logs, tmp_path, monkeypatch):
     assert not set(shorter.arrays["window/episode"][~test]) & {1, 6}
     provenance = json.loads((tmp_path / "shorter" / "provenance.json").read_text())
     assert provenance["options"]["seed"] == 7
+
+
+def test_windows_that_all_hold_something_held_out_are_refused(logs, tmp_path, monkeypatch):
+    monkeypatch.setattr("capture_cli.stages.identify._write_pages", lambda *_: None)
+    options = {"real_log": logs["plain"], "quiet": True, "threads": 1, "starts": 1}
+    made = identify(task=str(SLIDER), out=tmp_path / "estimate", window=0.5, **options)
+    episode = made.arrays["window/episode"]
+    made.arrays["window/is_test"][:] = np.append(episode[1:] != episode[:-1], True)  # the end of each
+    Estimate(made.document, made.arrays, made.attributes).write(tmp_path / "estimate")
+    with pytest.raises(LogError, match=r"plain\.zarr: no window is left to fit: each of the 8 ") as caught:
+        diagnose(estimate=tmp_path / "estimate", out=tmp_path / "longer", window=1.5, **options)
+    assert "a shorter --window" in caught.value.cure
+    assert not (tmp_path / "longer").exists()
 
 
 def test_an_existing_output_is_refused_before_any_work(logs, tmp_path):

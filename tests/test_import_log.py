@@ -165,6 +165,21 @@ def test_several_files_become_recordings_named_apart(tmp_path, slider_task):
     assert log.recording.tolist() == [0, 1]
 
 
+def test_files_and_logs_stay_in_the_order_they_are_given(tmp_path, slider_task):
+    """Logs before files, between them and after."""
+    options = {"task": str(slider_task)}
+    files = {name: csv(tmp_path / f"{name}.csv", *ROWS[: 7 + i]) for i, name in enumerate("abcde")}
+    for name in "ace":
+        import_log(files=[files[name]], out=tmp_path / f"{name}.zarr", **options)
+        files[name] = tmp_path / f"{name}.zarr"
+    for number, order in enumerate(("abcde", "dbace", "cdeab")):
+        given = [files[name] for name in order]
+        log = import_log(files=given, out=tmp_path / f"{number}.zarr", **options)
+        assert log.recording_names == tuple(order)
+        lengths = np.diff([0, *log.episode_ends])
+        assert lengths.tolist() == [7 + "abcde".index(name) for name in order]
+
+
 def test_the_episode_column_separates_episodes(tmp_path, slider_task):
     slider_task.write_text(slider_task.read_text() + 'episode = "drop"\n')
     rows = [f"{r},{'first' if i < 7 else 'second'}" for i, r in enumerate([*ROWS[:7], *ROWS])]

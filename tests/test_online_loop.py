@@ -107,6 +107,16 @@ def test_a_machine_of_ones_own_is_to_be_driven_by_a_multisine(slider_task, tmp_p
         propose(result=tmp_path / "e", amplitude={"motor": 1})
 
 
+def test_an_actuator_that_only_pushes_is_not_to_pull(slider_task, tmp_path):
+    model = slider_task.parent / "model.xml"
+    model.write_text(model.read_text().replace('joint="x"/></act', 'joint="x" ctrlrange="0 5"/></act'))
+    options = {"task": str(slider_task), "threads": 1}
+    record(out=tmp_path / "s.zarr", duration=4, noise=1e-3, rate=200, **options)
+    identify(real_log=tmp_path / "s.zarr", out=tmp_path / "e", quiet=True, **options)
+    tape = np.array(propose(result=tmp_path / "e", threads=1)["inputs"]["drive"])
+    assert tape[0] == tape.min() == 0 < tape.max() <= 5
+
+
 def test_episodes_are_added_to_a_log(scooping, tmp_path):
     log, other = (MeasuredLog.read(scooping / n) for n in ("log.zarr", "other.zarr"))
     import_log(files=[scooping / "log.zarr"], task="scooping", out=tmp_path / "log.zarr")

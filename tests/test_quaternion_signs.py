@@ -2,10 +2,19 @@
 
 from __future__ import annotations
 
+import shutil
+from dataclasses import replace
+
 import mujoco
 import numpy as np
+import pytest
+from episodes_of import episodes_of
+from gimbal import gimbal
 
+from capture_cli.errors import OptionError
 from capture_cli.sim.quaternion_signs import aligned, continuous, quaternion_columns
+from capture_cli.stages.identify import identify
+from capture_cli.stages.record import record
 
 MODEL = """
 <mujoco><worldbody><body name="box"><freejoint/><geom size=".1"/></body></worldbody>
@@ -67,3 +76,22 @@ def test_a_simulation_takes_the_sign_of_what_was_measured():
     turned[0, 1, :, 3:] *= -1
     turned[1, 2, 7:, 3:] *= -1
     assert np.array_equal(aligned(turned, measured, [np.arange(3, 7)]), simulated)
+
+
+def test_an_estimate_is_taken_up_whatever_the_signs_in_its_log(tmp_path, without_pages):
+    options = {"task": str(gimbal(tmp_path)), "threads": 1}
+    log = record(out=tmp_path / "made.zarr", episodes=3, duration=1.5, rate=250.0, noise=1e-3, **options).log
+    outputs = log.outputs.copy()
+    for steps in log.episodes:
+        outputs[steps.start + 100 : steps.stop] *= -1
+    log = replace(log, outputs=outputs)
+    episodes_of(log, [0, 1]).write(tmp_path / "log.zarr")
+    options |= {"real_log": tmp_path / "log.zarr", "out": tmp_path / "e", "starts": 1, "quiet": True}
+    identify(**options)
+    shutil.rmtree(tmp_path / "log.zarr")
+    log.write(tmp_path / "log.zarr")
+    assert identify(resume=True, **options).document["rollouts"]["measured"] == 3
+    shutil.rmtree(tmp_path / "log.zarr")
+    episodes_of(log, [2, 0, 1, 0]).write(tmp_path / "log.zarr")
+    with pytest.raises(OptionError, match="made from other episodes"):
+        identify(resume=True, **options)

@@ -15,6 +15,7 @@ from capture_cli.errors import LogError, OptionError, OutputError
 from capture_cli.stages import diagnose as diagnose_stage
 from capture_cli.stages import identify as identify_stage
 from capture_cli.stages.export import export
+from capture_cli.stages.gen_histories import gen_histories
 from capture_cli.stages.import_log import import_log
 from capture_cli.stages.prepared_log import all_diverged
 from capture_cli.stages.propose import propose
@@ -130,6 +131,33 @@ def test_an_output_is_not_what_is_read(made, out):
         with pytest.raises(OutputError, match="which is read"):
             export(result=Path("estimate"), out=Path(mine), force=True)
     assert (made / "log.zarr" / "zarr.json").is_file() and "<mujoco" in (made / "model.xml").read_text()
+
+
+def test_no_output_is_a_file_of_the_task(made):
+    parts = Path("parts")
+    parts.mkdir()
+    (made / "model.xml").rename(parts / "model.xml")
+    (parts / "provenance.json").write_text("{}")  # as in an output, which --force replaces
+    edit(made / "task.toml", "model.xml", "parts/model.xml")
+    files = {path: path.read_bytes() for path in (Path("task.toml"), parts / "model.xml")}
+    recorded = {"duration": 1.5, "force": True, "threads": 1}
+    for mine in files:
+        with pytest.raises(OutputError, match=r"--truth .*which is read"):
+            record(task="task.toml", out=Path("new.zarr"), truth=mine, **recorded)
+        with pytest.raises(OutputError, match="which is read"):
+            propose(result=Path("estimate"), out=mine)
+    proposal = Path("proposal.json")
+    proposal.write_text("{}")
+    with pytest.raises(OutputError, match=r"--truth .*which is read"):
+        record(task="scooping", out=Path("new.zarr"), truth=proposal, actions_from=proposal, force=True)
+    with pytest.raises(OutputError, match=r"--out .*which is read"):
+        record(task="task.toml", out=parts, **recorded)
+    with pytest.raises(OutputError, match="which is read"):
+        import_log(files=[Path("log.zarr")], task="task.toml", out=parts, force=True)
+    with pytest.raises(OutputError, match="which is read"):
+        gen_histories(task="task.toml", out=parts, pairs=2, force=True)
+    assert all(path.read_bytes() == content for path, content in files.items())
+    assert not Path("new.zarr").exists()
 
 
 def test_recordings_that_fit_alone_do_not_explain_what_is_held_out(made):

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from coloured_noise import coloured
+from gimbal import gimbal
 from scipy.spatial.transform import Rotation
 
 from capture_cli.stages.diagnose import diagnose
@@ -79,37 +80,15 @@ def test_coloured_noise_is_no_lack_of_fit(repeats, tmp_path):
         assert estimate.document["verdict"] == found["verdict"] == "explained"
 
 
-GIMBAL = """
-<mujoco>
-  <option timestep="0.004" gravity="0 0 0"/>
-  <worldbody><body>
-    <joint name="gimbal" type="ball" damping="0.02" stiffness="0.2"/><geom type="box" size=".1 .08 .05" mass="2"/>
-  </body></worldbody>
-  <actuator><motor name="roll" joint="gimbal" gear="1 0 0" ctrllimited="true" ctrlrange="-1 1"/></actuator>
-  <sensor><ballquat name="attitude" joint="gimbal"/></sensor>
-</mujoco>
-"""
-GIMBAL_TASK = """
-format = 1
-name = "gimbal"
-model = "model.xml"
-parameters.damping = { set = "joint:gimbal:damping", low = 0.0, high = 0.1, unit = "N m s/rad" }
-inputs.roll = { column = "roll", unit = "N m" }
-outputs.attitude = { column = ["w", "x", "y", "z"], unit = "1" }
-log = { time = "t", window = 0.5 }
-"""
-
-
 def test_the_four_numbers_of_a_repeated_attitude_have_one_floor(tmp_path):
-    (tmp_path / "model.xml").write_text(GIMBAL)
-    (tmp_path / "task.toml").write_text(GIMBAL_TASK)
+    path = str(gimbal(tmp_path))
     time = np.arange(500) / 250
     angle = 0.2 * np.clip(np.sin(np.pi * time) - 0.6, 0, 1)  # level, but for a moment
     true = np.tile(Rotation.from_rotvec(angle[:, None] * [1.0, 0, 0]).as_quat()[:, [3, 0, 1, 2]], (4, 1))
     noise = Rotation.from_rotvec(0.005 * np.random.default_rng(0).standard_normal((2000, 3)))
     seen = (Rotation.from_quat(true[:, [1, 2, 3, 0]]) * noise).as_quat()[:, [3, 0, 1, 2]]
-    task = load_task(str(tmp_path / "task.toml"))
-    record(task=str(tmp_path / "task.toml"), out=tmp_path / "log.zarr", episodes=4, duration=2.0, rate=250.0)
+    task = load_task(path)
+    record(task=path, out=tmp_path / "log.zarr", episodes=4, duration=2.0, rate=250.0)
     log = MeasuredLog.read(tmp_path / "log.zarr")
     repeated = replace(
         log,
@@ -124,3 +103,39 @@ def test_the_four_numbers_of_a_repeated_attitude_have_one_floor(tmp_path):
     for prepared in (before, after):
         assert prepared.noise.source == ("repeats",) * 4
         assert prepared.noise.sd == pytest.approx([error] * 4, rel=0.05)
+
+
+def test_no_floor_is_below_the_sensors_steps(tmp_path, step=5e-4):
+    """Repeats that ring apart at first, by less and less, until every one of them shows the same steps."""
+    for name in ("model.xml", "task.toml"):
+        text = (Path(SLIDER).parent / name).read_text()
+        for old, new in (
+            ('damping="4" stiffness="60"', 'damping="3" stiffness="4000"'),
+            ('mass="2"', 'mass="1"'),
+            ("high = 150.0", "high = 8000.0"),
+        ):
+            text = text.replace(old, new)
+        (tmp_path / name).write_text(text)
+    options = {"task": str(tmp_path / "task.toml"), "threads": 1}
+    once = record(out=tmp_path / "once.zarr", duration=2.0, rate=250.0, **options).log
+    length = len(once.time)
+    four = replace(
+        once,
+        time=np.tile(once.time, 4),
+        inputs=np.tile(once.inputs, (4, 1)),
+        outputs=np.tile(once.outputs, (4, 1)),
+        episode_ends=length * np.arange(1, 5),
+        recording=np.zeros(4, dtype=int),
+    )
+    four.write(tmp_path / "four.zarr")
+    kicked = {"start": {"x": (-step, step)}, "start_velocity": {"x": (-60 * step, 60 * step)}}
+    log = record(
+        out=tmp_path / "log.zarr", inputs_from=tmp_path / "four.zarr", seed=1, **kicked, **options
+    ).log
+    log = replace(log, outputs=step * np.round(log.outputs / step))
+    task = load_task(options["task"])
+    before = prepare(log, task, window=None, test=None, seed=0)
+    after, _ = with_noise_of_repeats(before, task.space.nominal, threads=1, seed=0)
+    assert before.noise.source == ("repeats",) and before.noise.sd[0] > step / np.sqrt(12)
+    assert after.noise.source == ("resolution",)
+    assert after.noise.sd[0] == pytest.approx(step / np.sqrt(12))

@@ -79,12 +79,9 @@ def noise_floor(
         by_steps = scatter_of_steps(series[k])
         if by_steps > sd[k]:
             sd[k], source[k] = by_steps, "resolution"
-    for columns in attitudes:
-        noisiest = source[columns[np.argmax(sd[columns])]]
-        for k in columns:
-            source[k] = noisiest
+    source = shared_source(source, sd, attitudes)
     sd = np.maximum(shared(sd, attitudes), shared(smallest, attitudes))
-    return NoiseFloor(np.where(sd > 0, sd, 1.0), tuple(source))
+    return NoiseFloor(np.where(sd > 0, sd, 1.0), source)
 
 
 def _in_common(output: np.ndarray, sampled: np.ndarray, repeated: Sequence[slice]) -> np.ndarray:
@@ -103,6 +100,16 @@ def shared(sd: np.ndarray, attitudes: Sequence[np.ndarray]) -> np.ndarray:
     for columns in attitudes:
         sd[columns] = np.sqrt(np.mean(np.square(sd[columns])))
     return sd
+
+
+def shared_source(source: Sequence[str], sd: np.ndarray, attitudes: Sequence[np.ndarray]) -> tuple[str, ...]:
+    """Sources (output,), those of the four numbers of each attitude replaced by that of the noisiest."""
+    source = list(source)
+    for columns in attitudes:
+        noisiest = source[columns[np.argmax(sd[columns])]]
+        for k in columns:
+            source[k] = noisiest
+    return tuple(source)
 
 
 def trimmed_sd(numbers: np.ndarray) -> float:

@@ -114,20 +114,24 @@ def cut(
     duration: float | None,
     linear: np.ndarray,
     sampled: np.ndarray | None = None,
+    has_gaps: bool = True,
 ) -> Windows:
     """Windows of `duration` seconds (whole episodes where None) of every episode.
 
     time (step,) s; inputs (step, input); outputs (step, output). linear (input,): interpolate that input rather than
     hold it. sampled (step, output): where outputs have a sample, everywhere where None. No step is in two windows, and
     none is left out but one that stands alone between two gaps. The tail of an episode that is shorter than half a
-    window is joined to the window before it.
+    window is joined to the window before it. has_gaps: False where time is known to have none, however uneven it is.
     """
     sampled = np.ones(outputs.shape, dtype=bool) if sampled is None else sampled
     spans = [
         (number, begun, a, b)
         for number, steps in enumerate(episodes)
         for begun, a, b in _spans(
-            time[steps], steps.start, duration, usual_interval(time[steps], sampled[steps])
+            time[steps],
+            steps.start,
+            duration,
+            usual_interval(time[steps], sampled[steps]) if has_gaps else np.inf,
         )
     ]
     steps = max(b - a for _, _, a, b in spans)
@@ -211,11 +215,15 @@ def _with_two_samples(edges: np.ndarray, stop: int) -> list[tuple[int, int]]:
 
 
 def _without_gaps(time: np.ndarray, usual: float) -> list[tuple[int, int]]:
-    if len(time) < 3:
-        return [(0, len(time))]
-    interval = np.diff(time)
-    breaks = np.flatnonzero(interval > GAP_FACTOR * usual) + 1
+    breaks = gaps(time, usual) + 1
     return list(zip([0, *breaks], [*breaks, len(time)], strict=True))
+
+
+def gaps(time: np.ndarray, usual: float) -> np.ndarray:
+    """The steps of an episode, time (step,) s, that a gap follows, (gap,). usual: s, between samples."""
+    if len(time) < 3:
+        return np.zeros(0, dtype=int)
+    return np.flatnonzero(np.diff(time) > GAP_FACTOR * usual)
 
 
 def _steps(duration: float, timestep: float) -> int:

@@ -11,8 +11,10 @@ import numpy as np
 
 from capture_cli.errors import OptionError, did_you_mean
 from capture_cli.sim.engine import Starts
+from capture_cli.sim.starts import model_starts
 from capture_cli.sim.targets import object_names
-from capture_cli.stages.multisine import multisine, peak
+from capture_cli.sim.windows import gaps, usual_interval
+from capture_cli.stages.multisine import multisine_tape, peak
 from capture_cli.stages.policy_checkpoint import load_policy
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.stores.proposal import read_action
@@ -120,6 +122,7 @@ def _tapes(machine, episodes, duration, rate, inputs_from, amplitude, band, gene
                 f"--inputs-from {inputs_from}: its inputs are ({', '.join(source.input_names)})",
                 cure=f"give a log with the task's inputs ({', '.join(c.name for c in machine.inputs)})",
             )
+        _refuse_gaps(source)
         return source.time, source.inputs, source.episode_ends
     _check_positive(episodes=episodes, duration=duration, rate=machine.timestep if rate is None else rate)
     if not 0 <= band[0] < band[1] < np.inf:
@@ -134,26 +137,54 @@ def _tapes(machine, episodes, duration, rate, inputs_from, amplitude, band, gene
     _check_samples(steps, duration, 1.0 / interval)
     time = interval * np.arange(steps)
     peaks = np.array([peak(machine.model, channel, amplitude) for channel in machine.inputs])
-    tapes = [peaks * multisine(time, len(peaks), band, generator) for _ in range(episodes)]
+    tapes = [multisine_tape(machine, time, peaks, band, generator) for _ in range(episodes)]
     return np.tile(time, episodes), np.concatenate(tapes), steps * (1 + np.arange(episodes))
 
 
+def _refuse_gaps(source: MeasuredLog) -> None:
+    """Raise OptionError where nobody knows what drove the machine: windows end there, and what is recorded cannot."""
+    for number, steps in enumerate(source.episodes):
+        time = source.time[steps]
+        usual = usual_interval(time, source.sampled[steps])
+        found = gaps(time, usual)
+        if found.size:
+            begin, end = time[found[0] : found[0] + 2]
+            raise OptionError(
+                f"--inputs-from {source.path}: episode {number} has a gap of {end - begin:.3g} s after {begin:.9g} s "
+                f"({found.size} in all), and samples {usual:.3g} s apart elsewhere: nobody knows what was put in there",
+                cure="import the log again with what comes before and after as episodes of their own ([log] episode)",
+            )
+
+
 def _starts(model, count: int, positions, velocities, generator) -> Starts:
-    qpos = np.repeat((model.key_qpos[0] if model.nkey else model.qpos0)[None], count, axis=0)
-    qvel = np.zeros((count, model.nv))
+    """The model's own, but for joints of which positions or velocities are given."""
+    starts = model_starts(model, count).starts
     for option, given, state, address in (
-        ("--start", positions, qpos, model.jnt_qposadr),
-        ("--start-velocity", velocities, qvel, model.jnt_dofadr),
+        ("--start", positions, starts.qpos, model.jnt_qposadr),
+        ("--start-velocity", velocities, starts.qvel, model.jnt_dofadr),
     ):
         for joint, (low, high) in given.items():
-            number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, joint)
-            if number < 0:
-                raise OptionError(
-                    f"{option}: the model has no joint {joint!r}",
-                    cure=did_you_mean(joint, object_names(model, "joint")),
-                )
+            number = _joint_of_one_coordinate(model, joint, option)
             state[:, address[number]] = generator.uniform(low, high, count)
-    return Starts(qpos, qvel, np.zeros((count, model.na)), np.zeros(count))
+    return starts
+
+
+def _joint_of_one_coordinate(model: mujoco.MjModel, joint: str, option: str) -> int:
+    number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, joint)
+    if number < 0:
+        raise OptionError(
+            f"{option}: the model has no joint {joint!r}",
+            cure=did_you_mean(joint, object_names(model, "joint")),
+        )
+    kind = mujoco.mjtJoint(model.jnt_type[number])
+    if kind not in (mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE):
+        name = kind.name.removeprefix("mjJNT_").lower()
+        raise OptionError(
+            f"{option} gives joint {joint!r} one number, and it is a {name} joint, which has several coordinates",
+            cure="write where it begins into the model's first keyframe, <key qpos=... qvel=...>; "
+            f"{option} is for joints that slide or turn about one axis",
+        )
+    return number
 
 
 def _check_samples(steps: int, duration: float, rate: float) -> None:

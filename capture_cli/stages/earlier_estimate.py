@@ -12,7 +12,9 @@ from capture_cli.diagnosis.split import TEST_SHARE, Split
 from capture_cli.errors import OptionError
 from capture_cli.identifiers.base import Best
 from capture_cli.identifiers.rounds import Rounds
+from capture_cli.sim.quaternion_signs import continuous
 from capture_cli.sim.windows import Windows
+from capture_cli.stages.prepared_log import attitudes, check_fits
 from capture_cli.stores.estimate import HISTORY, Estimate, read_result
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.tasks.base import Task
@@ -28,32 +30,33 @@ class EarlierEstimate:
     episodes: int
 
     @classmethod
-    def read(cls, path: Path, log: MeasuredLog) -> EarlierEstimate:
-        """The estimate at `path`, which must be of the first episodes of `log`. Raises CaptureError."""
+    def read(cls, path: Path) -> EarlierEstimate:
+        """The estimate at `path`. Raises CaptureError."""
         estimate = Estimate.read(path)
         again = "make the estimate again with `capture identify`"
         options = read_result(path, "provenance.json", "capture/provenance", 1, again)["options"]
-        episodes = estimate.document["rollouts"]["measured"]
-        if not _continues(log, estimate):
-            raise OptionError(
-                f"--resume: {path} was made from other episodes than those {log.path} begins with",
-                cure=f"identify anew: --force, or another --out; {path} is of {estimate.document['log']['path']}",
-            )
-        if episodes == len(log.episode_ends):
-            raise OptionError(
-                f"--resume: {log.path} has no episode that {path} has not seen",
-                cure="add episodes with `capture import-log --append`, or identify anew with --force",
-            )
-        return cls(path, estimate, options, episodes)
+        return cls(path, estimate, options, estimate.document["rollouts"]["measured"])
 
-    def check(self, task: Task) -> None:
-        """Raise OptionError where it is of another task or other parameters."""
+    def check(self, task: Task, log: MeasuredLog) -> None:
+        """Raise CaptureError where it is of another task, other parameters, or not of the first episodes of `log`."""
         names = list(self.estimate.document["parameters"])
         if self.estimate.document["task"] != task.name or names != list(task.space.names):
             raise OptionError(
                 f"--resume: {self.path} is of the task {self.estimate.document['task']!r} with ({', '.join(names)}); "
                 f"this one is {task.name!r} with ({', '.join(task.space.names)})",
                 cure="identify anew: --force, or another --out",
+            )
+        check_fits(log, task)
+        if not _continues(log, task, self.estimate):
+            raise OptionError(
+                f"--resume: {self.path} was made from other episodes than those {log.path} begins with",
+                cure="identify anew: --force, or another --out; "
+                f"{self.path} is of {self.estimate.document['log']['path']}",
+            )
+        if self.episodes == len(log.episode_ends):
+            raise OptionError(
+                f"--resume: {log.path} has no episode that {self.path} has not seen",
+                cure="add episodes with `capture import-log --append`, or identify anew with --force",
             )
 
     @property
@@ -98,7 +101,7 @@ class EarlierEstimate:
         return Split(is_test, f"{len(held)} of {len(np.unique(windows.episode))} episodes held out")
 
 
-def _continues(log: MeasuredLog, estimate: Estimate) -> bool:
+def _continues(log: MeasuredLog, task: Task, estimate: Estimate) -> bool:
     """Whether the windows of the estimate are in the log, number for number."""
     arrays = estimate.arrays
     window, measured = arrays["step/window"], arrays["step/measured"]
@@ -106,4 +109,6 @@ def _continues(log: MeasuredLog, estimate: Estimate) -> bool:
     steps = arrays["window/first"][window] + np.arange(len(window)) - begins[window]
     if measured.shape[1] != log.outputs.shape[1] or steps.max() >= len(log.outputs):
         return False
-    return bool(np.array_equal(log.outputs[steps], measured, equal_nan=True))
+    # the estimate has the signs of quaternions that its log was prepared with
+    outputs = continuous(log.outputs, log.episodes, attitudes(task), log.sampled)
+    return bool(np.array_equal(outputs[steps], measured, equal_nan=True))

@@ -21,12 +21,13 @@ from capture_cli.search.base import ALPHA, Search
 from capture_cli.stages.history_recipe import Recipe
 from capture_cli.stages.policy_checkpoint import SETTINGS, load_policy
 from capture_cli.stages.progress import Progress
+from capture_cli.stages.recorded_task import task_inputs
 from capture_cli.stages.tapes import tape_task
 from capture_cli.stores.histories import SHARD_PAIRS, HistoriesWriter, is_url, shard_rows
 from capture_cli.stores.output import refuse_inputs, resumable_directory, sha256
 from capture_cli.stores.provenance import Provenance
 from capture_cli.tasks import load_task
-from capture_cli.tasks.base import ActionTask, Feature
+from capture_cli.tasks.base import ActionTask, Feature, Task
 
 ROUNDS = 7  # L of the paper
 EXECUTORS = ("local", "ray")
@@ -69,10 +70,12 @@ def gen_histories(
     options = {k: v for k, v in locals().items() if k not in ("force", "resume", "quiet")}
     out = str(out).removeprefix("file://")
     _check(pairs, rounds, executor, address)
+    machine = load_task(task)
     if not is_url(out):
-        refuse_inputs(Path(out), [inputs_from, policy if Path(policy).exists() else None])
+        checkpoint = policy if Path(policy).exists() else None
+        refuse_inputs(Path(out), [inputs_from, checkpoint, *task_inputs(machine).values()])
     machine = _action_task(
-        task,
+        machine,
         inputs_from=inputs_from,
         window=window,
         points=points,
@@ -124,9 +127,8 @@ def _check(pairs: int, rounds: int, executor: str, address: str | None) -> None:
         raise OptionError(f"--address {address} without --executor ray", cure="add --executor ray")
 
 
-def _action_task(name: str, **tape_options) -> ActionTask:
-    """The built-in task called `name`; or that of a task.toml, its actions made as `tape_options` say."""
-    machine = load_task(name)
+def _action_task(machine: Task, **tape_options) -> ActionTask:
+    """A built-in task as it is; that of a task.toml with actions made as `tape_options` say."""
     given = {k: v for k, v in tape_options.items() if v is not None and k != "seed"}
     if not isinstance(machine, ActionTask):
         return tape_task(machine, **given, seed=tape_options["seed"])

@@ -70,11 +70,13 @@ def identify(
     log = MeasuredLog.read(real_log)
     earlier = None
     if resume:
-        earlier = EarlierEstimate.read(out, log)
+        earlier = EarlierEstimate.read(out)
         for name in ("task", "identifier", "test", "window"):
             options[name] = options[name] if options[name] is not None else earlier.options[name]
         options["seed"] = earlier.options["seed"]
     found = find_task(options["task"], log)
+    if earlier is not None:
+        earlier.check(found, log)
     options["task"] = options["task"] or named(found)
     chosen = choose_identifier(options["identifier"], found, log)
     inputs = {"real_log": real_log, **task_inputs(found), "identifier": chosen.path}
@@ -83,7 +85,6 @@ def identify(
     given = {name: options[name] for name in ("window", "test", "seed")}
     prepared = prepare(log, found, **given, threads=threads)
     if earlier is not None:
-        earlier.check(found)
         prepared = replace(prepared, split=earlier.split(prepared.windows, prepared.split))
     _import_meanwhile(NEEDED_LAST)
     with Progress("identify", "round", quiet=quiet) as progress:

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
+from itertools import groupby
 from pathlib import Path
 
 import numpy as np
 
 from capture_cli.errors import LogError
 from capture_cli.stages.prepared_log import check_fits
+from capture_cli.stages.recorded_task import task_inputs
 from capture_cli.stages.source_files import SourceFile, open_source
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.stores.output import new_directory, refuse_existing, refuse_inputs, sha256
@@ -35,7 +37,7 @@ def import_log(
     drop_nan: bool = False,
     drop_repeats: bool = False,
 ) -> MeasuredLog:
-    """Read `files`, each a recording named by its stem, as channels of `task`; write a measured log at `out`.
+    """Read `files`, each a recording named by its stem, in their order, as channels of `task`; write a log at `out`.
 
     Within a file a new episode begins where the value of the task's episode column changes. Of a task of actions, the
     columns action.NAME hold the action of each episode. A file may be a measured log as well. drop_nan: leave
@@ -52,18 +54,20 @@ def import_log(
     machine = load_task(task)
     logs = [MeasuredLog.read(out)] if append else []
     inputs = {"task": getattr(machine, "path", None), **{str(f): Path(f) for f in files}}
-    stored = [Path(f) for f in files if _is_store(Path(f))]
     sources = [open_source(Path(f)) for f in files if not _is_store(Path(f))]
-    refuse_inputs(out, inputs.values())
+    refuse_inputs(out, [*files, *task_inputs(machine).values()])
     provenance = Provenance("import-log", options, inputs)
-    if sources:
-        names = _recording_names([s.path for s in sources])
-        recordings = [
-            _read_recording(source, name, machine, drop_nan=drop_nan, drop_repeats=drop_repeats)
-            for source, name in zip(sources, names, strict=True)
-        ]
-        logs.append(replace(_join(recordings, machine), path=sources[0].path))
-    logs += [MeasuredLog.read(path) for path in stored]
+    names = _recording_names([s.path for s in sources])
+    recordings = {
+        source.path: _read_recording(source, name, machine, drop_nan=drop_nan, drop_repeats=drop_repeats)
+        for source, name in zip(sources, names, strict=True)
+    }
+    for stored, run in groupby(map(Path, files), key=_is_store):
+        paths = list(run)
+        if stored:
+            logs += [MeasuredLog.read(path) for path in paths]
+        else:
+            logs.append(replace(_join([recordings[path] for path in paths], machine), path=paths[0]))
     for log in logs:
         _check_task(log, machine)
     if append:
@@ -119,7 +123,7 @@ def _recording_names(files: Sequence[Path]) -> list[str]:
         repeated = next(f for i, f in enumerate(files) if f.resolve() in {g.resolve() for g in files[:i]})
         raise LogError(f"{repeated} is given twice", cure="give each file once")
     parts = [f.resolve().with_suffix("").parts for f in files]
-    for count in range(1, max(map(len, parts)) + 1):
+    for count in range(1, max(map(len, parts), default=0) + 1):
         names = ["/".join(p[-count:]) for p in parts]
         if len(set(names)) == len(names):
             return names

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import mujoco
 import numpy as np
 
 from capture_cli.errors import OptionError
-from capture_cli.tasks.base import Channel
+from capture_cli.tasks.base import Channel, Task
 
 LINES = 12  # sines of a multisine
 FADE = 0.5  # s
@@ -28,21 +28,76 @@ def multisine(
     return signals
 
 
+def multisine_tape(
+    machine: Task,
+    time: np.ndarray,
+    peaks: np.ndarray,
+    band: tuple[float, float],
+    generator: np.random.Generator,
+    *,
+    at_rest: bool = False,
+) -> np.ndarray:
+    """Inputs (step, input): multisines in `band` Hz that go to `peaks` (input,), as `peak` gives them.
+
+    Where a ctrlrange is not symmetric about 0 they fill what of it is no further from 0 than the peak. at_rest: the
+    machine is, so they begin at 0, or as near to it as the actuator goes, and come up over FADE s.
+    """
+    signals = multisine(time, len(peaks), band, generator)
+    tape = peaks * (from_rest(time, signals) if at_rest else signals)
+    for k, low, high in _lopsided(machine):
+        ends = np.clip([-peaks[k], peaks[k]], low, high)
+        tape[:, k] = np.interp(signals[:, k], [signals[:, k].min(), signals[:, k].max()], ends)
+        if at_rest:
+            rest, up = np.clip(0.0, low, high), _coming_up(time)
+            tape[:, k] = (1 - up) * rest + up * tape[:, k]
+    return into_range(machine, tape)
+
+
+def into_range(machine: Task, tapes: np.ndarray) -> np.ndarray:
+    """Tapes (..., input), cut off where an actuator that is not symmetric about 0 goes no further."""
+    tapes = tapes.copy()
+    for k, low, high in _lopsided(machine):
+        tapes[..., k] = np.clip(tapes[..., k], low, high)
+    return tapes
+
+
+def _lopsided(machine: Task) -> Iterator[tuple[int, float, float]]:
+    """Which inputs have actuators that go further to one side of 0, as valves and muscles do, and their ctrlranges."""
+    for k, channel in enumerate(machine.inputs):
+        low, high = machine.model.actuator_ctrlrange[channel.index].tolist()
+        if machine.model.actuator_ctrllimited[channel.index] and low != -high:
+            yield k, low, high
+
+
 def from_rest(time: np.ndarray, signals: np.ndarray) -> np.ndarray:
     """Signals (step, count) that begin at 0 and come up over FADE s, peaking at 1: no jump for a machine at rest."""
-    faded = signals * (0.5 - 0.5 * np.cos(np.pi * np.minimum((time - time[0]) / FADE, 1.0)))[:, None]
+    faded = signals * _coming_up(time)[:, None]
     return faded / np.maximum(np.abs(faded).max(axis=0), 1e-12)
 
 
-def peak(model: mujoco.MjModel, channel: Channel, amplitude: Mapping[str, float]) -> float:
-    """How far an input is driven: as `amplitude` (by name) says, otherwise as far as its actuator goes.
+def _coming_up(time: np.ndarray) -> np.ndarray:
+    """From 0 to 1 in FADE s, (step,)."""
+    return 0.5 - 0.5 * np.cos(np.pi * np.minimum((time - time[0]) / FADE, 1.0))
 
-    Raises OptionError where neither is known.
+
+def peak(model: mujoco.MjModel, channel: Channel, amplitude: Mapping[str, float]) -> float:
+    """How far from 0 an input is driven: as `amplitude` (by name) says, otherwise as far as its actuator goes.
+
+    Raises OptionError where neither is known, or the actuator does not come so near to 0.
     """
+    limited = bool(model.actuator_ctrllimited[channel.index])
+    low, high = model.actuator_ctrlrange[channel.index].tolist()
     if channel.name in amplitude:
-        return amplitude[channel.name]
-    if model.actuator_ctrllimited[channel.index]:
-        return float(np.abs(model.actuator_ctrlrange[channel.index]).min())
+        farthest, nearest = amplitude[channel.name], max(low, -high)
+        if limited and abs(farthest) < nearest:
+            raise OptionError(
+                f"input {channel.name!r} is to go no further than {farthest:g} {channel.unit}, and its actuator's "
+                f"ctrlrange, {low:g} to {high:g}, begins beyond that",
+                cure=f"give --amplitude {channel.name}=VALUE of more than {nearest:g}",
+            )
+        return farthest
+    if limited:
+        return max(-low, high)
     raise OptionError(
         f"how far to drive input {channel.name!r} is not known: its actuator has no ctrlrange",
         cure=f"add --amplitude {channel.name}=VALUE (in {channel.unit})",

@@ -11,7 +11,7 @@ from capture_cli.sim.starts import model_starts
 from capture_cli.sim.windows import Windows, cut
 from capture_cli.simulator import placed_name
 from capture_cli.stages.model_fits import Fit, ModelFits
-from capture_cli.stages.multisine import multisine
+from capture_cli.stages.multisine import multisine_tape
 from capture_cli.tasks.base import Task
 
 BANDS = ((0.1, 0.5), (0.5, 3.0), (3.0, 10.0))  # Hz
@@ -35,7 +35,7 @@ def next_experiment(fits: ModelFits, mine: Fit, others: Sequence[Fit], seed: int
     least = CHANCE / np.sqrt(len(time) * len(task.outputs))
     for band in BANDS:
         for share in SHARES:
-            tape = share * peaks * multisine(time, len(peaks), band, np.random.default_rng(seed))
+            tape = multisine_tape(task, time, share * peaks, band, np.random.default_rng(seed))
             windows = driven_window(task, time, tape)
             separation = min(_separation(fits, mine, other, windows) for other in others)
             if np.isfinite(separation) and (best is None or separation > best["separation"]):

@@ -63,6 +63,11 @@ class PreparedLog:
         """Which recording each window comes from, (window,)."""
         return np.asarray(self.log.recording)[self.windows.episode]
 
+    def samples(self, output: int) -> list[np.ndarray]:
+        """The samples of an output as they were measured, (sample,) of each episode."""
+        values, sampled = self.log.values[:, output], self.log.sampled[:, output]
+        return [values[e][sampled[e]] for e in self.log.episodes]
+
     def part(self, keep: np.ndarray) -> PreparedLog:
         """The windows at `keep` alone (indices or a mask)."""
         keep = np.arange(len(self.windows))[keep]
@@ -365,12 +370,18 @@ def _check_sparse(log: MeasuredLog, task: Task) -> None:
 
 
 def _check_fitted(prepared: PreparedLog) -> None:
-    """Raise LogError where the windows that are fitted hold no sample of an output."""
+    """Raise LogError where no window is fitted, or those that are hold no sample of an output."""
     fitted = prepared.windows.sampled[~prepared.split.is_test]
+    if not len(fitted):
+        raise LogError(
+            f"{prepared.log.path}: no window is left to fit: each of the {len(prepared.windows)} holds some of what "
+            f"was held out ({prepared.split.how})",
+            cure="give a shorter --window, or say anew what to hold out (--test)",
+        )
     never = [
         c.name for c, any_ in zip(prepared.task.outputs, fitted.any(axis=(0, 1)), strict=True) if not any_
     ]
-    if never and len(fitted):
+    if never:
         raise LogError(
             f"{prepared.log.path}: what is fitted holds no sample of {', '.join(never)}: {prepared.split.how}",
             cure="hold out another part (--test), or take that output out of the task.toml and import again",

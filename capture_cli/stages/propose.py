@@ -11,12 +11,13 @@ import numpy as np
 from capture_cli.errors import OptionError, StoreError
 from capture_cli.sim.starts import model_starts
 from capture_cli.simulator import Simulator
-from capture_cli.stages.multisine import from_rest, multisine, peak
+from capture_cli.stages.multisine import multisine_tape, peak
 from capture_cli.stages.next_experiment import BANDS, DURATION, RATE, SHARES, driven_window
 from capture_cli.stages.policy_checkpoint import load_policy
-from capture_cli.stages.recorded_task import load_recorded
+from capture_cli.stages.recorded_task import load_recorded, task_inputs
 from capture_cli.stores.estimate import Estimate, read_result
 from capture_cli.stores.measured_log import MeasuredLog
+from capture_cli.stores.output import refuse_inputs
 from capture_cli.stores.proposal import FORMAT, VERSION
 from capture_cli.tasks.base import ActionTask, Task
 
@@ -35,16 +36,19 @@ def propose(
     amplitude: Mapping[str, float] | None = None,
     seed: int = 0,
     threads: int | None = None,
+    out: Path | None = None,
 ) -> dict[str, Any]:
     """What to do next, given the estimate or diagnosis directory `result`: the document of proposal.json.
 
     Of a task of actions, the one of `candidates` random actions that tells most about what the estimate leaves open;
     with `policy`, the action it chooses for the estimate. Of any other machine, the most telling of a menu of
     multisines that peak at `amplitude` or below (what the log's inputs peaked at where not given). Of a diagnosis, the
-    experiment that would separate what is tied. Raises CaptureError.
+    experiment that would separate what is tied. out: where the document will go. Raises CaptureError.
     """
     diagnosed = (Path(result) / "diagnosis.json").is_file()
     machine = _machine(Path(result), task, "diagnosis" if diagnosed else "estimate")
+    if out is not None:
+        refuse_inputs(out, [result, *task_inputs(machine).values()])
     generator = np.random.default_rng(seed)
     _check_amplitude(machine, amplitude or {})
     if diagnosed:
@@ -175,12 +179,12 @@ def _multisine(simulator: Simulator, estimate: Estimate, amplitude, generator) -
     interval = max(task.timestep, 1 / RATE)
     time = interval * np.arange(int(DURATION / interval) + 1)
     menu = [
-        (band, share * peaks, share * peaks * from_rest(time, multisine(time, len(peaks), band, generator)))
+        (band, multisine_tape(task, time, share * peaks, band, generator, at_rest=True))
         for band in BANDS
         for share in SHARES
     ]
     scaled, sound = [], []
-    for _, _, tape in menu:
+    for _, tape in menu:
         windows = driven_window(task, time, tape)
         simulated = simulator.simulate(windows, model_starts(task.model, 1).starts, points)
         scaled.append((simulated.outputs[:, 0] / noise).reshape(len(points), -1))
@@ -192,12 +196,12 @@ def _multisine(simulator: Simulator, estimate: Estimate, amplitude, generator) -
         )
     gain, left = information(np.nan_to_num(np.stack(scaled)))
     best = int(np.argmax(np.where(sound, gain, -np.inf)))
-    band, chosen, tape = menu[best]
+    band, tape = menu[best]
     return {
         **_head(
             task, "inputs", f"the most telling of {len(menu)} multisines from rest: {gain[best]:.2g} nats"
         ),
-        **_tape(task, band, chosen, time, tape),
+        **_tape(task, band, time, tape),
         "information": float(gain[best]),
         "expected_sd": _sd_after(task.space, covariance, left[best]),
     }
@@ -215,12 +219,15 @@ def _of_diagnosis(folder: Path, task: Task, amplitude, generator) -> dict[str, A
         )
     time = np.arange(int(experiment["duration_s"] * RATE) + 1) / RATE
     peaks = np.array(
-        [amplitude.get(c.name, p) for c, p in zip(task.inputs, experiment["peaks"], strict=True)]
+        [
+            peak(task.model, c, amplitude) if c.name in amplitude else p
+            for c, p in zip(task.inputs, experiment["peaks"], strict=True)
+        ]
     )
-    tape = peaks * from_rest(time, multisine(time, len(peaks), tuple(experiment["band_hz"]), generator))
+    tape = multisine_tape(task, time, peaks, tuple(experiment["band_hz"]), generator, at_rest=True)
     return {
         **_head(task, "inputs", experiment["text"]),
-        **_tape(task, experiment["band_hz"], peaks, time, tape),
+        **_tape(task, experiment["band_hz"], time, tape),
     }
 
 
@@ -232,13 +239,13 @@ def _values(task: ActionTask, action: np.ndarray) -> dict[str, Any]:
     return {p.name: {"value": float(v), "unit": p.unit} for p, v in zip(task.actions, action, strict=True)}
 
 
-def _tape(task: Task, band, peaks: np.ndarray, time: np.ndarray, tape: np.ndarray) -> dict[str, Any]:
-    inputs = {c.name: tape[:, k].tolist() for k, c in enumerate(task.inputs)}
+def _tape(task: Task, band, time: np.ndarray, tape: np.ndarray) -> dict[str, Any]:
+    inputs = {c.name: tape[:, k] for k, c in enumerate(task.inputs)}
     return {
         "band_hz": [float(f) for f in band],
-        "peaks": {c.name: float(p) for c, p in zip(task.inputs, peaks, strict=True)},
+        "peaks": {name: float(np.abs(values).max()) for name, values in inputs.items()},
         "time_s": time.tolist(),
-        "inputs": inputs,
+        "inputs": {name: values.tolist() for name, values in inputs.items()},
     }
 
 

@@ -18,6 +18,7 @@ from capture_cli.sim.windows import cut
 from capture_cli.simulator import Simulator, placed_name
 from capture_cli.stages.drive import Drive, drive_by_actions, drive_by_inputs
 from capture_cli.stages.multisine import BAND
+from capture_cli.stages.recorded_task import task_inputs
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.stores.output import new_directory, new_file, refuse_existing, refuse_inputs
 from capture_cli.stores.provenance import Provenance, write_json
@@ -83,8 +84,10 @@ def record(
     refuse_existing(out, force=force)
     refuse_existing(truth, force=force)
     _refuse_inside(truth, out)
-    refuse_inputs(out, [inputs_from, actions_from, _if_path(policy)])
     machine = load_task(task)
+    read = [inputs_from, actions_from, _if_path(policy), *task_inputs(machine).values()]
+    refuse_inputs(out, read)
+    refuse_inputs(truth, read, option="--truth")
     provenance = Provenance(
         "record",
         options,
@@ -304,6 +307,7 @@ def _simulate(simulator: Simulator, drive: Drive, point: np.ndarray) -> np.ndarr
         timestep=machine.timestep,
         duration=None,
         linear=machine.linear,
+        has_gaps=False,
     )
     simulated = simulator.simulate(windows, replace(drive.starts, time=windows.time), point[None])
     if simulated.diverged.any():

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
-from capture_cli.diagnosis.noise_floor import shared, trimmed_sd
+from capture_cli.diagnosis.noise_floor import (
+    NoiseFloor,
+    least,
+    scatter_of_steps,
+    shared,
+    shared_source,
+    trimmed_sd,
+)
 from capture_cli.diagnosis.repeats import FEWEST, pure_error, repeats
 from capture_cli.identifiers.base import Best
 from capture_cli.stages.model_fits import ModelFits
@@ -30,12 +35,17 @@ def with_noise_of_repeats(
     as_measured = np.zeros_like(prepared.starts.sd)
     at = fits.at(prepared, [], Best(fit.point, as_measured, fit.error)).at
     deviations, degrees = pure_error(at, _repeated_windows(prepared))
-    sd = prepared.noise.sd.copy()
-    for k, source in enumerate(prepared.noise.source):
-        if source == "repeats" and degrees[k] >= FEWEST:
+    sd, source = prepared.noise.sd.copy(), list(prepared.noise.source)
+    for k in np.flatnonzero([s == "repeats" for s in source]):
+        if degrees[k] >= FEWEST:
+            samples = prepared.samples(k)
             sd[k] *= trimmed_sd(deviations[k])
-    sd = shared(sd, attitudes(prepared.task))
-    return with_noise(prepared, replace(prepared.noise, sd=sd), threads), fits.rollouts
+            if sd[k] < scatter_of_steps(samples):
+                source[k] = "resolution"
+            sd[k] = max(sd[k], least(samples))
+    quaternions = attitudes(prepared.task)
+    noise = NoiseFloor(shared(sd, quaternions), shared_source(source, sd, quaternions))
+    return with_noise(prepared, noise, threads), fits.rollouts
 
 
 def _repeated_windows(prepared: PreparedLog) -> list[np.ndarray]:

@@ -6,8 +6,6 @@ the model lacks. A model that is nearly right has the same motion: what it leave
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from capture_cli.diagnosis.noise_floor import NoiseFloor, least, shared, white_noise
@@ -54,11 +52,5 @@ def _noise(part: PreparedLog, at: Linearization) -> np.ndarray:
         ]
         found, share = white_noise(series, times), float(taken[..., k][sampled].mean())
         if found is not None and share < MOST_TAKEN:
-            sd[k] = max(found / np.sqrt(1 - share), least(_own_samples(part, k)))
+            sd[k] = max(found / np.sqrt(1 - share), least(part.samples(k)))
     return sd
-
-
-def _own_samples(part: PreparedLog, k: int) -> Sequence[np.ndarray]:
-    """The samples of output k as they were measured, (sample,) of each episode."""
-    log = part.log
-    return [log.values[e, k][log.sampled[e, k]] for e in log.episodes]

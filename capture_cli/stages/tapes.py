@@ -12,7 +12,7 @@ from capture_cli.errors import FitError, LogError, OptionError, did_you_mean
 from capture_cli.sim.engine import Engine, ModelFields, Starts
 from capture_cli.sim.starts import model_starts
 from capture_cli.sim.windows import inputs_at
-from capture_cli.stages.multisine import BAND, multisine, peak
+from capture_cli.stages.multisine import BAND, into_range, multisine_tape, peak
 from capture_cli.stages.prepared_log import PreparedLog, clock, prepare
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.tasks.base import Task
@@ -125,7 +125,7 @@ def _multisine_tapes(
     steps = round(point_times[-1] / machine.timestep) + 1
     time = machine.timestep * np.arange(LONG * steps)
     peaks = np.array([peak(machine.model, c, amplitude) for c in machine.inputs])
-    inputs = np.stack([peaks * multisine(time, len(peaks), band, generator) for _ in range(EPISODES)])
+    inputs = np.stack([multisine_tape(machine, time, peaks, band, generator) for _ in range(EPISODES)])
     rollouts = _nominal(machine, inputs)
     sound = np.flatnonzero(~rollouts.diverged)
     if not sound.size:
@@ -145,9 +145,8 @@ def _multisine_tapes(
     )
     driven = inputs[episode[:, None], first[:, None] + np.arange(steps)]
     outputs = rollouts.sensors[episode[:, None], points][..., [c.index for c in machine.outputs]]
-    return Tapes(
-        actions_of(starts, resample(driven, machine.timestep, point_times)), outputs, np.arange(count)
-    )
+    tapes = into_range(machine, resample(driven, machine.timestep, point_times))
+    return Tapes(actions_of(starts, tapes), outputs, np.arange(count))
 
 
 def _nominal(machine: Task, inputs: np.ndarray):

@@ -134,13 +134,16 @@ def is_complete(path: Path, *, force: bool, resume: bool) -> bool:
     return False
 
 
-def refuse_inputs(path: Path, inputs: Iterable[Path | str | None]) -> None:
-    """Raise OutputError where `path` is one of the inputs, or holds one: not even --force may cost what is read."""
+def refuse_inputs(path: Path, inputs: Iterable[Path | str | None], *, option: str = "--out") -> None:
+    """Raise OutputError where `path` is one of the inputs, or holds one: not even --force may cost what is read.
+
+    option: the one that says where `path` is.
+    """
     path = Path(path).resolve()
     for given in (Path(i) for i in inputs if i is not None):
         if path == given.resolve() or path in given.resolve().parents:
             raise OutputError(
-                f"--out {path} is, or holds, {given}, which is read", cure="choose another --out"
+                f"{option} {path} is, or holds, {given}, which is read", cure=f"choose another {option}"
             )
 
 
