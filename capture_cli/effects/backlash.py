@@ -11,7 +11,7 @@ from capture_cli.parameters import Parameter
 SOFTEST = (
     0.1  # how far a stop gives at most under the force that the joint commonly sees, over the widest play
 )
-WITHIN = 4  # steps of the play in one of the model: stops are stiff
+WITHIN = 2  # steps of the play in one of the model: stops are stiff
 
 
 class Play(TwoMass):
@@ -36,11 +36,12 @@ class Play(TwoMass):
         for _ in range(WITHIN):
             driven = rate + h * passed / against
             alone = driven / (1 + h * slowing)
-            stop = self.half * np.sign(d + h * alone)
-            pushed = (self.give * driven - h * (d - stop) / against) / resists
-            pushes = (d - stop + (h + self.damping_time) * pushed) * np.sign(d + h * alone) >= 0
-            inside = (np.abs(d + h * alone) <= self.half) | ~pushes
-            mean = np.where(inside, alone, pushed)
+            ahead = d + h * alone
+            side = np.sign(ahead)
+            into = d - self.half * side
+            pushed = (self.give * driven - h * into / against) / resists
+            pushes = (into + (h + self.damping_time) * pushed) * side >= 0
+            mean = np.where((np.abs(ahead) > self.half) & pushes, pushed, alone)
             d, rate = d + step * mean, (mean - (1 - theta) * rate) / theta
         return d, rate, 0.0
 
