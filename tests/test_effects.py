@@ -598,18 +598,18 @@ def test_a_cable_over_a_pulley_pulls_at_the_joint_before():
     assert error < 0.02 * before
 
 
-def test_friction_that_builds_up_is_a_spring_before_it_slips_and_dry_friction_after():
+def test_friction_that_builds_up_is_a_spring_after_a_turn_and_dry_friction_in_the_end():
     kernel, h = effects.REGISTRY.get("hysteretic-friction").kernel, 1e-3
     dahl = kernel(friction=np.array([2.0]), distance=np.array([0.01]), timestep=h)
-    at, speed = 0.0, 0.05  # m, m/s
-    for turn, (first, last) in zip((1, -1, 1), ((0.0, 1.0), (1.0, -1.0), (-1.0, 1.0)), strict=True):
-        force = dahl(np.array([turn * speed]))[0]
-        at = turn * speed * h
-        slope = 2.0 / 0.01 * (1 - turn * first)  # of the curve where the motion turns
-        assert -force == pytest.approx(2.0 * first + slope * at, abs=0.01 * 2.0)
+    speed, before = 0.05, 1.0  # m/s; what moves at the start has been moving
+    for turn in (1, -1, 1):
+        force, at = dahl(np.array([turn * speed]))[0], turn * speed * h
+        slope = 2.0 / 0.01 * (1 - turn * before)  # of the curve where the motion turns
+        assert -force == pytest.approx(2.0 * before + slope * at, abs=0.01 * 2.0)
         for _ in range(2000):
             force = dahl(np.array([turn * speed]))[0]
-        assert -force == pytest.approx(2.0 * last, rel=1e-3)
+        assert -force == pytest.approx(2.0 * turn, rel=1e-3)
+        before = turn
 
 
 def drive(name: str, tape: np.ndarray, *values: float) -> np.ndarray:

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from capture_cli.effects._joint_force import ForceOfKernel, JointForce
+from capture_cli.effects._joint_force import JointForce
 from capture_cli.effects._scales import free_inertia
 from capture_cli.parameters import Parameter
 
-SHORTEST, LONGEST = (
-    0.01,
-    1.0,
-)  # of half of how far the joint goes: what is shorter is dry friction, longer a spring
+# Of half of how far the joint goes: what is shorter is dry friction, what is longer a spring
+SHORTEST, LONGEST = 0.01, 1.0
+PASSED = (
+    0.2  # of how far it goes in a window at its fastest: how a longer one begins would count for all of it
+)
 STEPS = 4.0  # h w at most, squared and inverted, of the joint on the spring that the friction is while it builds up
 
 
@@ -19,16 +20,18 @@ class Dahl:
     """Friction -`friction` z, which after every turn comes back over the `distance`: dz/dx = (1 - z sgn v) / distance.
 
     The Dahl model (Dahl, A solid friction model, The Aerospace Corporation TOR-0158(3107-18)-1, 1968, with exponent 1),
-    exact over a step of constant speed. wound: z at the start, within 1.
+    exact over a step of constant speed. What moves at the start has been moving for long: z is 1 there.
     """
 
-    def __init__(self, *, friction, distance, timestep, wound=0.0):
+    def __init__(self, *, friction, distance, timestep):
         self.friction, self.distance, self.timestep = friction, distance, timestep
-        self.z = np.clip(wound + 0.0 * friction, -1.0, 1.0)
+        self.z = None
 
     def __call__(self, qvel):
         """The friction at the end of the step."""
         toward = np.sign(qvel)
+        if self.z is None:
+            self.z = toward
         self.z = toward + (self.z - toward) * np.exp(-np.abs(qvel) * self.timestep / self.distance)
         return -self.friction * self.z
 
@@ -42,12 +45,13 @@ class HystereticFriction(JointForce):
     summary = "friction that builds up over a distance: a tendon in its sheath, rubber, a cable, gears before they slip"
     shapes = ("distance",)
     vague_at_end = ("distance",)
-    states = ("wound",)
     kernel = Dahl
 
     @property
     def parameters(self):
         most, travel = self.characteristic_force, self.characteristic_travel
+        if self.window and self.seen:
+            travel = min(travel, PASSED * self.seen.speed * self.window)
         stable = STEPS * most * self.model.opt.timestep**2 / free_inertia(self.model, self.joint)
         shortest = max(SHORTEST * travel, stable)
         longest = max(LONGEST * travel, 4 * shortest)
@@ -55,7 +59,3 @@ class HystereticFriction(JointForce):
             Parameter("friction", self.unit("N", "N m"), 0.0, most, 0.0),
             Parameter("distance", self.unit("m", "rad"), shortest, longest, np.sqrt(shortest * longest)),
         )
-
-    def force(self, values, timestep, *, states=None, **_):
-        wound = np.zeros(len(values)) if states is None else states[:, 0]
-        return ForceOfKernel(self, self.coefficients(values) | {"wound": wound}, timestep)
