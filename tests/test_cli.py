@@ -144,6 +144,9 @@ def test_a_truth_is_not_overwritten_unasked(capture, tmp_path, monkeypatch):
     arguments = [*RECORD, "--out", "run.zarr", "--truth", "known.json"]
     code, _, err = capture(*arguments)
     assert code == 2 and "known.json exists already" in err and "--force" in err
+    for here in (".", ".."):
+        code, _, err = capture("record", "--task", SLIDER, "--out", here)
+        assert code == 2 and f"{here} exists already" in err
     assert not Path("run.zarr").exists() and Path("known.json").read_text() == "of another log"
     assert capture(*arguments, "--force")[0] == 0
     assert "parameters" in json.loads(Path("known.json").read_text())

@@ -80,8 +80,8 @@ def record(
     start_velocity: JOINT -> (low, high), drawn anew for each episode. Raises CaptureError.
     """
     options = {k: v for k, v in locals().items() if k not in ("force", *TRUTH)}
-    truth = truth or out.with_suffix(".truth.json")
     refuse_existing(out, force=force)
+    truth = truth or out.with_suffix(".truth.json")
     refuse_existing(truth, force=force)
     _refuse_inside(truth, out)
     machine = load_task(task)
