@@ -598,20 +598,6 @@ def test_a_cable_over_a_pulley_pulls_at_the_joint_before():
     assert error < 0.02 * before
 
 
-def test_friction_that_builds_up_is_a_spring_after_a_turn_and_dry_friction_in_the_end():
-    kernel, h = effects.REGISTRY.get("hysteretic-friction").kernel, 1e-3
-    dahl = kernel(friction=np.array([2.0]), distance=np.array([0.01]), timestep=h)
-    speed, before = 0.05, 1.0  # m/s; what moves at the start has been moving
-    for turn in (1, -1, 1):
-        force, at = dahl(np.array([turn * speed]))[0], turn * speed * h
-        slope = 2.0 / 0.01 * (1 - turn * before)  # of the curve where the motion turns
-        assert -force == pytest.approx(2.0 * before + slope * at, abs=0.01 * 2.0)
-        for _ in range(2000):
-            force = dahl(np.array([turn * speed]))[0]
-        assert -force == pytest.approx(2.0 * turn, rel=1e-3)
-        before = turn
-
-
 def drive(name: str, tape: np.ndarray, *values: float) -> np.ndarray:
     """What reaches the slider's actuator of `tape` (grid,), in steps of 1 s."""
     effect = effects.REGISTRY.get(name)(machine("slider"), "drive")
