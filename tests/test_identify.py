@@ -409,3 +409,22 @@ def test_what_is_not_an_identifier(plant, identify):
     with pytest.raises(OptionError) as caught:
         identify(plant(), identifier="least-sqares")
     assert "least-squares" in caught.value.cure
+
+
+def test_windows_in_which_the_simulation_runs_away_are_counted_and_explain_nothing(
+    plant, identify, monkeypatch
+):
+    log = plant()
+    sound = identify(log).document
+    assert (sound["verdict"], sound["diverged_windows"]) == ("explained", 0)
+    curves = stage._Report._curves
+
+    def one_runs_away(self, offsets):
+        simulated, nominal, diverged = curves(self, offsets)
+        return simulated, nominal, diverged | (np.arange(len(diverged)) == 1)
+
+    monkeypatch.setattr(stage._Report, "_curves", one_runs_away)
+    document = identify(log).document
+    windows = document["split"]["fit_windows"]
+    assert (document["verdict"], document["diverged_windows"]) == ("unexplained", 1)
+    assert f"runs away in 1 of {windows} windows" in document["summary"]

@@ -10,6 +10,7 @@ import numpy as np
 from capture_cli.effects._joint_effect import JointEffect, raised
 from capture_cli.effects._kernel import Companion, bound, call, inputs
 from capture_cli.effects._places import reference
+from capture_cli.effects.base import Effect
 from capture_cli.sim.engine import World
 
 FORCE, FRICTION, DAMPING = "qfrc_applied", "dof_frictionloss", "dof_damping"
@@ -95,15 +96,20 @@ class JointForce(JointEffect):
 
 
 class ForceOfKernel:
-    """A JointForce over a batch, chunk after chunk."""
+    """What a JointForce, or another effect with a kernel, adds over a batch, chunk after chunk."""
 
-    def __init__(self, effect: JointForce, coefficients: dict[str, np.ndarray], timestep: float):
+    def __init__(self, effect: Effect, coefficients: dict[str, np.ndarray], timestep: float):
         self.effect, self.coefficients, self.timestep = effect, coefficients, timestep
         self.reads = inputs(effect.kernel)
         self.world: World | None = None
 
     def __call__(self, world: World) -> None:
-        if world is not self.world:  # another chunk begins, and with it another state
+        term = self.begun(world)
+        self.effect.add(world, term(*(self.effect.read(world, field) for field in self.reads)))
+
+    def begun(self, world: World) -> Callable:
+        """The kernel with the coefficients of this chunk: afresh where one begins, and with it another state."""
+        if world is not self.world:
             own = {name: v[world.rows] for name, v in self.coefficients.items()}
             self.world, self.term = world, bound(self.effect.kernel, own, self.timestep)
-        self.effect.add(world, self.term(*(self.effect.read(world, field) for field in self.reads)))
+        return self.term

@@ -138,9 +138,8 @@ class MotorEncoders:
         self.positions = [int(model.sensor_adr[s]) for s, kind in kinds.items() if kind == POSITION]
         self.speeds = [int(model.sensor_adr[s]) for s, kind in kinds.items() if kind == SPEED]
         self.at, self.dof = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
-        self.positions_begin = bool(self.positions)
         # without one of its own the speed is that of the position
-        self.speeds_begin = bool(self.speeds) or (self.positions_begin and SPEED not in others)
+        self.begins_with_speed = bool(self.speeds or (self.positions and SPEED not in others))
 
     @property
     def reported(self) -> frozenset[int]:
@@ -149,9 +148,9 @@ class MotorEncoders:
 
     def begin(self, qpos: np.ndarray, qvel: np.ndarray, seen: tuple[np.ndarray, np.ndarray]) -> None:
         """Put the joint where the rotor was said to be, less (d, d')."""
-        if self.positions_begin:
+        if self.positions:
             qpos[:, self.at] -= seen[0]
-        if self.speeds_begin:
+        if self.begins_with_speed:
             qvel[:, self.dof] -= seen[1]
 
     def show(self, sensordata: np.ndarray, seen: tuple[np.ndarray, np.ndarray]) -> None:
@@ -161,8 +160,8 @@ class MotorEncoders:
 
     def in_companion(self, own: Companion, drive: str) -> Companion:
         """The companion of the transmission, `drive` its kernel, with the encoders."""
-        begin = [f"data.qpos[{[self.at]}] -= {drive}.seen[0]"] * self.positions_begin
-        begin += [f"data.qvel[{[self.dof]}] -= {drive}.seen[1]"] * self.speeds_begin
+        begin = [f"data.qpos[{[self.at]}] -= {drive}.seen[0]"] * bool(self.positions)
+        begin += [f"data.qvel[{[self.dof]}] -= {drive}.seen[1]"] * self.begins_with_speed
         lines = (
             f"begins = {drive}.speed is None",
             *own.lines,

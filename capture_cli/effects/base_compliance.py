@@ -8,7 +8,8 @@ import mujoco
 import numpy as np
 
 from capture_cli.effects._joint_effect import driven_joints
-from capture_cli.effects._kernel import Companion, bound, call
+from capture_cli.effects._joint_force import ForceOfKernel
+from capture_cli.effects._kernel import Companion, call
 from capture_cli.effects._places import site_id
 from capture_cli.effects._scales import moving_bodies
 from capture_cli.effects._vibration import Vibration, VibrationEffect
@@ -61,6 +62,7 @@ class BaseCompliance(VibrationEffect):
     place = "force"
     summary = "the machine stands on something that gives: a table, a stand, a vehicle on its springs"
     where = "each axis of the world along which an actuator can push the base"
+    kernel = SprungBase
 
     def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
         super().__init__(model, site)
@@ -90,22 +92,15 @@ class BaseCompliance(VibrationEffect):
         return Companion((momentum_along, SprungBase), lines, state, ("data.qfrc_applied",))
 
 
-class ForceOfBase:
+class ForceOfBase(ForceOfKernel):
     """What holds the masses back that move on the base while it accelerates, over a batch, chunk after chunk."""
 
-    def __init__(self, effect: BaseCompliance, coefficients: dict[str, np.ndarray], timestep: float):
-        self.effect, self.coefficients, self.timestep = effect, coefficients, timestep
-        self.world: World | None = None
-
     def __call__(self, world: World) -> None:
-        if world is not self.world:  # another chunk begins, and with it another state
-            own = {name: v[world.rows] for name, v in self.coefficients.items()}
-            self.world, self.base = world, bound(SprungBase, own, self.timestep)
-        effect = self.effect
+        effect, base = self.effect, self.begun(world)
         masses, subtrees = world.vary("body_mass"), world.vary("body_subtreemass")
         per_speed = momentum_along(effect.model, effect.axis, world.cdof, world.subtree_com, subtrees)
         momentum, force = (per_speed * world.qvel).sum(axis=1), (per_speed * world.qacc).sum(axis=1)
-        accelerates = self.base(momentum, force, masses[:, effect.moving].sum(axis=1))
+        accelerates = base(momentum, force, masses[:, effect.moving].sum(axis=1))
         world.qfrc_applied[:] -= per_speed * accelerates[:, None]
 
 

@@ -53,7 +53,7 @@ class CoupledDrive(JointForce):
     def companion(self, name, values):
         own, before = (
             f"model.joint({reference(self.model, 'joint', site)}).dofadr"
-            for site in (self.site, site_name(self.model, "joint", self.hangs_on))
+            for site in (self.joint_name, site_name(self.model, "joint", self.hangs_on))
         )
         term, _ = call(name, passed_on, [f"data.qfrc_actuator[{own}]"], {"ratio": values[0]})
         return Companion((passed_on,), (f"data.{FORCE}[{before}] += {term}",), changes=(f"data.{FORCE}",))

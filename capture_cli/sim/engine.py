@@ -274,7 +274,7 @@ def _step_with_forces(
             continue
         if "ncon" in live:
             recorded["ncon"][:, step] = live["ncon"]
-        shown = live["sensordata"].copy()
+        shown = live["sensordata"].copy() if reports else live["sensordata"]
         for report in reports:
             report(shown)
         held = recorded["sensordata"][:, step - 1] if step else shown

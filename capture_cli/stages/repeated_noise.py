@@ -4,14 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from capture_cli.diagnosis.noise_floor import (
-    NoiseFloor,
-    least,
-    scatter_of_steps,
-    shared,
-    shared_source,
-    trimmed_sd,
-)
+from capture_cli.diagnosis.noise_floor import NoiseFloor, least, shared, shared_source, trimmed_sd
+from capture_cli.diagnosis.quantisation import scatter_of_steps
 from capture_cli.diagnosis.repeats import FEWEST, pure_error, repeats
 from capture_cli.identifiers.base import Best
 from capture_cli.stages.model_fits import ModelFits

@@ -161,9 +161,8 @@ def sha256(path: Path) -> str:
 
 def _remove_leftovers(path: Path) -> None:
     marks = [f".{path.name}{PARTIAL}"]
-    if (
-        path.exists()
-    ):  # else a run died just before it put the new one in its place, and the old one is all there is
+    # without it a run died just before it put the new one in its place, and the old one is all there is
+    if path.exists():
         marks.append(f".{path.name}{REPLACED}")
     for leftover in [item for item in path.parent.iterdir() if item.name.startswith(tuple(marks))]:
         pid = leftover.name.rsplit("-", 1)[-1]
