@@ -10,9 +10,8 @@ from capture_cli.parameters import Parameter
 SLOWEST, FASTEST = 0.3, 20.0  # Hz
 # Swings within a window, at least: with how it begins free, less of one imitates any force that changes slowly.
 SWINGS = 0.5
-RESONATES = (
-    4.0  # how much farther it commonly swings, before a window begins, than what pushes it would push it once
-)
+# How much farther it commonly swings, before a window begins, than what pushes it would push it once
+RESONATES = 4.0
 
 
 class Vibration:

@@ -8,9 +8,8 @@ from capture_cli.effects._scales import characteristic_force
 from capture_cli.effects._two_mass import TransmissionEffect, TwoMass
 from capture_cli.parameters import Parameter
 
-SOFTEST = (
-    0.1  # how far a stop gives at most under the force that the joint commonly sees, over the widest play
-)
+# How far a stop gives at most under the force that the joint commonly sees, over the widest play
+SOFTEST = 0.1
 WITHIN = 2  # steps of the play in one of the model: stops are stiff
 
 
