@@ -878,7 +878,7 @@ def test_a_wheel_in_a_free_body_turns_it_as_one_that_is_modelled():
     truth.qvel[3:7] = [*turning, speed]
     held = mujoco.MjData(plain)
     held.qvel[3:6] = turning
-    effect = effects.REGISTRY.get("internal-momentum")(plain, "f")
+    effect = effects.REGISTRY.get("internal-momentum")(plain, "b")
     axial = 0.2 * 0.04**2 / 2
     momentum = np.array([[0.0, axial * speed, 0.0]])
     force = effect.force(momentum, 0.0005)
@@ -890,6 +890,38 @@ def test_a_wheel_in_a_free_body_turns_it_as_one_that_is_modelled():
         mujoco.mj_step(with_wheel, truth)
     np.testing.assert_allclose(rollout.qpos[0, -1, 3:7], truth.qpos[3:7], atol=2e-3)
     assert np.abs(truth.qpos[3:7] - rollout.qpos[0, 0, 3:7]).max() > 0.02
+
+
+def test_a_spindle_between_hinges_turns_them_as_one_that_is_modelled():
+    """A wrist of three hinges that are not at right angles, with a tool that spins and is modelled in the truth."""
+    wrist = """<mujoco><option timestep='0.0005' gravity='0 0 0'/><default><joint damping="0.02"/></default><worldbody>
+      <body name="a"><joint axis="0 0 1"/><geom type="box" size="0.1 0.08 0.05" mass="1"/>
+      <body name="b" pos="0.2 0 0"><joint axis="0 1 0.2"/><geom type="box" size="0.1 0.03 0.05" mass="0.5"/>
+      <body name="tool" pos="0.2 0 0"><joint axis="1 0.3 0"/><geom type="box" size="0.03 0.05 0.02" mass="0.2"/>
+      <body><joint axis="0 0 1" damping="0"/><geom type="cylinder" size="0.04 0.01" mass="0.2"/></body>
+      </body></body></body></worldbody></mujoco>"""
+    spinning = build(wrist)
+    locked = build(wrist.replace('<joint axis="0 0 1" damping="0"/>', ""))
+    speed, turning = 300.0, np.array([0.5, -0.8, 0.6])
+    truth = mujoco.MjData(spinning)
+    truth.qvel[:] = [*turning, speed]
+    motion = []
+    for _ in range(400):
+        motion.append(truth.qpos[:3].copy())
+        mujoco.mj_step(spinning, truth)
+    effect = effects.REGISTRY.get("internal-momentum")
+    assert effect.sites(locked) == ["b", "tool"]
+    momentum = np.array([[0.0, 0.0, 0.2 * 0.04**2 / 2 * speed], [0.0, 0.0, 0.0]])
+    starts = Starts(np.zeros((2, 3)), np.stack([turning] * 2), np.zeros((2, 0)), np.zeros(2))
+    rollout = Engine(locked, 1).rollout(
+        starts=starts,
+        controls=np.zeros((2, 400, 0)),
+        steps=400,
+        forces=[effect(locked, "tool").force(momentum, 0.0005)],
+        states=True,
+    )
+    off = np.abs(rollout.qpos - np.array(motion)).max(axis=(1, 2))
+    assert off[1] > 0.02 and off[0] < 0.02 * off[1]
 
 
 @pytest.mark.parametrize(

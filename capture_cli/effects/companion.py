@@ -17,6 +17,15 @@ from capture_cli.effects.base import Effect
 
 PACKAGE = __name__.split(".", 1)[0]
 MADE_BY_EXPORT = "made by `capture export`"
+GIVEN = {
+    "qpos",
+    "qvel",
+    "act",
+    "ctrl",
+    "time",
+    "qfrc_applied",
+    "xfrc_applied",
+}  # of MjData: not worked out by mj_step
 Pieces = Mapping[str, tuple[Effect, Companion]]
 
 
@@ -155,7 +164,7 @@ def _sense(pieces: Pieces) -> Iterator[str]:
 
 def _late(block: str) -> set[str]:
     """Fields that mj_step leaves as they were at the start of the step before."""
-    return set(re.findall(r"data\.(qacc|qfrc_\w+)", block)) - {"qfrc_applied"}
+    return set(re.findall(r"data\.(\w+)", block)) - GIVEN
 
 
 def _blocks(pieces: Pieces, place: str) -> Iterator[str]:
@@ -169,7 +178,7 @@ def _body(blocks: Iterator[str]) -> str:
     return indent("\n".join(blocks), 2 * INDENT)
 
 
-_FIRST = """if self.first:  # forces of the step before are read, and there is none
+_FIRST = """if self.first:  # what the step before worked out is read, and there is none
     mujoco.mj_forward(model, data)"""
 
 _MODULE = '''"""Effects that {file} cannot hold, for a plain loop; {made} for the task {task}.

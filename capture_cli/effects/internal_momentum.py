@@ -1,6 +1,8 @@
-"""A part that spins inside a body: a fan, a reaction wheel, the rotors of a drone that do not cancel."""
+"""A part that spins inside a body: a fan, a spindle, a reaction wheel, the rotors of a drone that do not cancel."""
 
 from __future__ import annotations
+
+from functools import lru_cache
 
 import mujoco
 import numpy as np
@@ -11,57 +13,81 @@ from capture_cli.effects.base import GLOBAL, Effect
 from capture_cli.parameters import Parameter
 from capture_cli.sim.engine import World
 
-FREE, BALL = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_BALL)
 FASTEST = 10.0  # rad/s: nutation of the body, its momentum inside over its own inertia
+PARALLEL = 1e-6  # of axes, as a sine
 
 
-def gyroscopic_torque(qvel, *, momentum):
-    """Torque (..., 3) in the body's frame: - turning x momentum. qvel (..., 3): of the turning, in that frame."""
-    return -np.cross(qvel, momentum)
+def gyroscopic_force(qvel, axes, frame, *, momentum):
+    """Generalised force (..., dof) of the torque momentum x w on a body that turns at w.
+
+    qvel (..., dof): of what turns it; axes (..., dof, 3), in the world: what each of them turns it about.
+    frame (..., 3, 3): the body's in the world; momentum (..., 3): in the body's.
+    """
+    carried = (frame @ momentum[..., None])[..., 0]
+    turning = (qvel[..., None] * axes).sum(axis=-2)
+    return (axes @ np.cross(carried, turning)[..., None])[..., 0]
 
 
 class InternalMomentum(Effect):
-    """The torque - w x h on a free body, w its angular velocity and h = (`x`, `y`, `z`) the angular momentum (N m s, in
-    its frame) of what spins inside at a constant speed.
+    """The torque - w x h on a body, w its angular velocity and h = (`x`, `y`, `z`) the angular momentum (N m s, in its
+    frame) of what spins inside at a constant speed.
     """
 
     place = "force"
-    summary = "a part that spins inside a body that turns: a fan, a wheel"
-    where = "every free joint, and every ball joint to the world"
+    summary = "a part that spins inside a body that turns: a fan, a spindle, a wheel"
+    where = "every body that joints turn about more than one axis"
 
     def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
         super().__init__(model, site)
-        joint = site_id(model, "joint", site)
-        self.is_free = model.jnt_type[joint] == FREE
-        self.dof = int(model.jnt_dofadr[joint]) + (3 if self.is_free else 0)
+        self.body = site_id(model, "body", site)
+        self.dofs = _turning(model)[self.body]
 
     @classmethod
     def sites(cls, model):
-        return [site_name(model, "joint", j) for j in range(model.njnt) if _turns_in_the_world(model, j)]
+        return [site_name(model, "body", body) for body in _turning(model)]
 
     @property
     def parameters(self):
-        high = FASTEST * float(self.model.dof_M0[self.dof : self.dof + 3].max())
+        high = FASTEST * float(self.model.dof_M0[self.dofs].max())
         return tuple(Parameter(axis, "N m s", -high, high, 0.0) for axis in "xyz")
 
     def force(self, values, timestep, **_):
-        dofs = slice(self.dof, self.dof + 3)
-
         def on_body(world: World) -> None:
-            world.qfrc_applied[:, dofs] += gyroscopic_torque(world.qvel[:, dofs], momentum=values[world.rows])
+            frame = world.xmat[:, self.body].reshape(-1, 3, 3)
+            given = world.qvel[:, self.dofs], world.cdof[:, self.dofs, :3], frame
+            world.qfrc_applied[:, self.dofs] += gyroscopic_force(*given, momentum=values[world.rows])
 
         return on_body
 
     def companion(self, name, values):
-        torque, _ = call(name, gyroscopic_torque, ["data.qvel[dof : dof + 3]"], {"momentum": values})
-        joint = f"model.joint({reference(self.model, 'joint', self.site)})"
-        turning = " + 3" if self.is_free else ""
-        lines = (f"dof = {joint}.dofadr[0]{turning}", f"data.qfrc_applied[dof : dof + 3] += {torque}")
-        return Companion((gyroscopic_torque,), lines, changes=("data.qfrc_applied",))
+        given = ["data.qvel[dofs]", "data.cdof[dofs, :3]", "data.xmat[body].reshape(3, 3)"]
+        force, _ = call(name, gyroscopic_force, given, {"momentum": values})
+        lines = (
+            f"body, dofs = model.body({reference(self.model, 'body', self.site)}).id, {self.dofs}",
+            f"data.qfrc_applied[dofs] += {force}",
+        )
+        return Companion((gyroscopic_force,), lines, changes=("data.qfrc_applied",))
 
 
-def _turns_in_the_world(model: mujoco.MjModel, joint: int) -> bool:
-    """Whether its angular velocity is that of its body, rather than from another that moves."""
-    kind, body = model.jnt_type[joint], model.jnt_bodyid[joint]
-    fixed = model.body_weldid[model.body_parentid[body]] == 0 and model.body_jntnum[body] == 1
-    return bool(kind == FREE or (kind == BALL and fixed))
+@lru_cache(maxsize=16)
+def _turning(model: mujoco.MjModel) -> dict[int, list[int]]:
+    """The degrees of freedom that turn each body, for the bodies that turn about more than one axis."""
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    axes = data.cdof[:, :3]
+    chains = {
+        b: [d for d in _chain(model, b) if axes[d].any()]
+        for b in range(1, model.nbody)
+        if model.body_dofnum[b]
+    }
+    return {b: dofs for b, dofs in chains.items() if np.linalg.matrix_rank(axes[dofs], tol=PARALLEL) > 1}
+
+
+def _chain(model: mujoco.MjModel, body: int) -> list[int]:
+    """The degrees of freedom between the world and `body`, those of the world first."""
+    dof, chain = int(model.body_dofadr[body] + model.body_dofnum[body]) - 1, []
+    while dof >= 0:
+        chain.insert(0, dof)
+        dof = int(model.dof_parentid[dof])
+    return chain
