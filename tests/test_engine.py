@@ -117,6 +117,56 @@ def test_equals_mj_step_bit_for_bit(model, starts, controls):
     )
 
 
+# One tree, of which no two geoms can touch: friction, a limit, a loop and a distance go through other stages.
+ARM = """
+<mujoco>
+  <option timestep="0.002"/>
+  <default><joint axis="0 1 0" damping="0.02" frictionloss="0.1"/><geom type="capsule" size=".02"/></default>
+  <worldbody>
+    <body>
+      <joint name="a" limited="true" range="-.5 .5"/>
+      <geom name="upper" fromto="0 0 0 0 0 -.2" mass=".5"/>
+      <body pos="0 0 -.3">
+        <joint name="b"/>
+        <geom fromto="0 0 0 .3 0 0" mass=".3"/>
+        <body pos=".3 0 0">
+          <joint name="c"/>
+          <geom name="tip" fromto="0 0 0 .1 0 0" mass=".1" contype="0" conaffinity="0"/>
+        </body>
+      </body>
+    </body>
+  </worldbody>
+  <equality><joint joint1="c" joint2="b" polycoef="0 .5 0 0 0"/></equality>
+  <sensor>
+    <jointpos joint="a"/><jointvel joint="b"/><jointpos joint="c"/><distance geom1="upper" geom2="tip" cutoff="1"/>
+  </sensor>
+</mujoco>
+"""
+
+
+def test_stages_in_which_nothing_happens_are_left_out_to_the_same_bits():
+    arm = mujoco.MjModel.from_xml_string(ARM)
+    disable = mujoco.mjtDisableBit
+    lean = Engine(arm, 1).model
+    assert lean.opt.disableflags == disable.mjDSBL_CONTACT | disable.mjDSBL_ISLAND
+    assert arm.opt.disableflags == 0
+    begin = Starts(np.array([[0.4, 0.1, 0.05]]), np.array([[1.0, -2.0, 3.0]]), np.zeros((1, 0)), np.zeros(1))
+    batch = Engine(arm, 1).rollout(starts=begin, controls=np.zeros((1, 500, 0)), steps=500)
+    data = mujoco.MjData(arm)
+    data.qpos, data.qvel = begin.qpos[0], begin.qvel[0]
+    sensors, limited = [], False
+    for _ in range(500):
+        mujoco.mj_step(arm, data)
+        sensors.append(data.sensordata.copy())
+        limited |= data.nl > 0
+    assert limited and np.ptp(sensors, axis=0).min() > 0.005
+    np.testing.assert_array_equal(batch.sensors[0], sensors)
+
+
+def test_contacts_and_islands_are_kept_where_there_can_be_any(model):
+    assert Engine(model, 1).model.opt.disableflags == 0
+
+
 def test_equals_mj_step_with_parameters_of_each_simulation(model, starts, controls, fields):
     batch = rollout(model, starts, controls, fields=fields)
     np.testing.assert_array_equal(batch.sensors, one_by_one(model, starts, controls, fields))

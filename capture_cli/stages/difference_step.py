@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from capture_cli.identifiers.base import Trial
+from capture_cli.sim.contacts import can_touch
 from capture_cli.sim.engine import Engine
 from capture_cli.simulator import Simulator
 
@@ -29,7 +30,7 @@ def difference_step(prepared: PreparedLog, threads: int | None) -> float:
     none. 0, too, where the task says which it needs, nothing is open, or no two bodies touch.
     """
     space = prepared.task.space
-    if not len(space) or space.steps.max() > STEPS[0] or not _can_touch(prepared.task.model):
+    if not len(space) or space.steps.max() > STEPS[0] or not can_touch(prepared.task.model):
         return 0.0
     few = prepared.part(np.unique(np.linspace(0, len(prepared.windows) - 1, WINDOWS).astype(int)))
     simulator = Simulator(prepared.task, engine=Engine(prepared.task.model, threads))
@@ -65,8 +66,3 @@ def _disagreement(part: PreparedLog, simulator: Simulator) -> np.ndarray:
     shows = (size > 0) & ~diverged.any(axis=0)
     share = np.ma.masked_array(apart / np.maximum(size, np.finfo(float).tiny), ~shows)
     return np.ma.median(share, axis=-1).filled(0.0)
-
-
-def _can_touch(model) -> bool:
-    """Whether two geoms of the model may collide at all."""
-    return bool(model.npair or (model.geom_contype.any() and model.geom_conaffinity.any()))
