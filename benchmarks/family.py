@@ -36,8 +36,8 @@ class FamilyTest(Benchmark):
         hockey, scooping = (Logs(name, self.logs) for name in ("air-hockey", "scooping"))
         alarms = (None, MOST_ALARMS)
         figures = [
-            Figure("as in training, air-hockey", hockey.outside(), target=alarms),
-            Figure("as in training, scooping", scooping.outside(), target=alarms),
+            Figure("logs as in training taken for others, air-hockey", hockey.outside(), target=alarms),
+            Figure("logs as in training taken for others, scooping", scooping.outside(), target=alarms),
             Figure("random actions, air-hockey", hockey.outside(policy="random")),
             Figure("random actions, scooping", scooping.outside(policy="random")),
             *(
