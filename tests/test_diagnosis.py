@@ -309,9 +309,12 @@ def test_what_cannot_show_in_a_log_is_no_candidate(logs, tmp_path):
     log = replace(MeasuredLog.read(logs["plain"]), path=None)
     log = replace(log, inputs=np.abs(log.inputs))
     task = load_task(str(folder / "task.toml"))
-    names = {c.name for c in all_candidates(prepare(log, task, window=None, test=None, seed=0))}
+    candidates = all_candidates(prepare(log, task, window=None, test=None, seed=0))
+    names = {c.name for c in candidates}
     assert "sensor-delay@q" in names and "sensor-delay@speed" not in names
     assert "control-gain@drive" in names and "control-reverse-gain@drive" not in names
+    encoder = {task.model.sensor("q").adr[0]}
+    assert all(c.effect[1].logged == encoder for c in candidates), "without the speed"
 
 
 def test_a_covariate_of_few_values_has_a_bin_for_each():

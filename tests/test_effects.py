@@ -60,6 +60,7 @@ def test_an_effect_says_what_it_is_and_where_it_sits(name):
             "substeps",
             "window",
             "longest",
+            "logged",
         }, "hides what all have"
         for parameter in instance.parameters:
             assert parameter.unit and parameter.low <= parameter.nominal <= parameter.high
@@ -410,6 +411,7 @@ ONE_MASS = """
 """
 
 
+NOTHING = np.zeros((1, 0)), np.zeros(1)  # activations and time, s, of a start
 BOUNCY = (
     "backlash",
     'stiffness="4000" springlength="-.02 .02"',
@@ -485,6 +487,39 @@ def test_an_encoder_on_the_motor_shows_the_rotor(name, joint, values, rotor, see
     size = truth.std(axis=(0, 1))
     error, error_rigid = (np.sqrt(np.mean(((s - truth) / size) ** 2, axis=(0, 1))) for s in (sensors, rigid))
     assert (error < 0.2 * error_rigid).all()
+
+
+@pytest.mark.parametrize(("name", "joint", "values"), [SPRING, PLAY])
+@pytest.mark.parametrize(
+    ("seen", "logged", "read"),  # read: of which of the two the speed is that the start was read to have
+    [("l+q", "qv", "l"), ("l+v", "qv", "r"), ("l+q+v", "qv", "r"), ("l+q", "q", "r")],
+)
+def test_an_encoder_on_the_motor_shows_a_rotor_that_began_to_turn_alone(
+    name, joint, values, seen, logged, read
+):
+    """In free flight, in which only the transmission moves them against each other; the play is not crossed."""
+    sensor = '<sensor><jointpos joint="l"/></sensor>'
+    both = '<sensor><jointpos name="q" joint="{q}"/><jointvel name="v" joint="{v}"/></sensor>'
+    one, two = (
+        xml.replace('damping="4"', "").replace('stiffness="30"', "") for xml in (ONE_MASS, TWO_MASSES)
+    )
+    shows = {kind: "r" if f"+{kind}" in seen else "l" for kind in "qv"}
+    one = build(one.format(dry=0).replace(sensor, both.format(q="l", v="l")))
+    sides = {"rotor": 0.3, "rest": 0.7, "motor": 0, "link": 0, "dry": 0, "rubs": 0}
+    two = build(two.format(joint=joint, **sides).replace(sensor, both.format(**shows)))
+    effect, states = effects.REGISTRY.get(name)(one, seen), np.array([[0.2, 0.1]])
+    effect.logged = frozenset("qv".index(kind) for kind in logged)
+    at = effect.space.to_vector({**values, "rotor": 0.3, "motor_damping": 0.0})[None]
+    ahead, turning = (size[0] * state for size, state in zip(effect.looseness(at), states[0], strict=True))
+    where, fast = ahead * (shows["q"] == "l"), 0.2 + turning * (read == "l")  # of the rotor
+    held = Starts(np.array([[where, where - ahead]]), np.array([[fast, fast - turning]]), *NOTHING)
+    tape = np.zeros((1, 60, 1))
+    truth = run(two, tape=tape.repeat(10, axis=1), starts=held)[0][:, ::10]
+    start = Starts(np.zeros((1, 1)), np.full((1, 1), 0.2), *NOTHING)
+    force = effect.force(at, 1e-3, states=states)
+    sensors = Engine(one).rollout(starts=start, controls=tape, steps=60, forces=[force]).sensors
+    error = np.abs(sensors - truth).max(axis=1)[0]
+    assert (error < 0.02 * np.array([0.06 * turning, turning])).all()
 
 
 WITH_A_LOAD = """
