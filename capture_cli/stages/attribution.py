@@ -151,10 +151,10 @@ class Attribution:
         name, together = current.effects[-1]
         if together.site != GLOBAL:
             return current
-        sites = [s for s in together.sites(together.model) if s != GLOBAL]
-        if len(sites) < 2 or len(self.accepted) - 1 + len(sites) > self.most_effects:
+        # those among the candidates: at a sensor that is not in the log it would show nothing
+        places = [c.effect for c in self.candidates if c.effect[0] == name and c.effect[1].site != GLOBAL]
+        if len(places) < 2 or len(self.accepted) - 1 + len(places) > self.most_effects:
             return current
-        places = [(name, type(together)(together.model, site)) for site in sites]
         size = len(together.parameters)
         rest, own = current.point[: len(current.point) - size], current.point[len(current.point) - size :]
         start = np.concatenate([rest, np.tile(own, len(places))])
