@@ -633,6 +633,17 @@ def test_a_cable_over_a_pulley_pulls_at_the_joint_before():
     assert error < 0.02 * before
 
 
+@pytest.mark.parametrize("torque", [(5, 50), (50, 5)])
+def test_a_cable_over_equal_pulleys_is_in_range_however_strong_the_motors_are(torque):
+    own = ('<motor joint="shoulder"/>', '<motor joint="elbow"/>')
+    xml = ON_A_BASE.format(base="").replace('mass="3"', 'mass="1"').replace('mass="2"', 'mass="1"')
+    for motor, most in zip(own, torque, strict=True):
+        limited = motor.replace("/>", f' ctrllimited="true" ctrlrange="-{most} {most}"/>')
+        xml = xml.replace(motor, limited)
+    (ratio,) = effects.REGISTRY.get("coupled-drive")(build(xml), "elbow").parameters
+    assert ratio.low <= -1 and ratio.high >= 1
+
+
 def drive(name: str, tape: np.ndarray, *values: float) -> np.ndarray:
     """What reaches the slider's actuator of `tape` (grid,), in steps of 1 s."""
     effect = effects.REGISTRY.get(name)(machine("slider"), "drive")

@@ -24,7 +24,7 @@ class CoupledDrive(JointForce):
     """`ratio` (1, m or 1/m) times the force that actuators give the joint acts on the one before it, too.
 
     So does a cable that runs over a pulley there, of `ratio` times the radius of its own: the motor turns by
-    q + ratio p for positions q of its joint and p of the one before.
+    q + ratio p for positions q of its joint and p of the one before. The force passed on is that of the step before.
     """
 
     summary = "a motor's force that also acts on the joint before: a cable that runs over it, a differential, a belt"
@@ -43,8 +43,9 @@ class CoupledDrive(JointForce):
     def parameters(self):
         turns = self.model.jnt_type[self.hangs_on] == HINGE
         unit = "1" if turns == self.is_hinge else "m" if turns else "1/m"
-        share = characteristic_force(self.model, self.hangs_on) / self.characteristic_force
-        most = MOST * (min(share, 1.0) if turns == self.is_hinge else share)
+        most = MOST
+        if turns != self.is_hinge:  # a length: such that what is passed on is like other forces there
+            most *= characteristic_force(self.model, self.hangs_on) / self.characteristic_force
         return (Parameter("ratio", unit, -most, most, 0.0),)
 
     def add(self, world, term):
