@@ -613,6 +613,15 @@ def test_a_base_gives_where_an_actuator_can_push_it(name, axes):
     assert effects.REGISTRY.get("base-compliance").sites(machine(name)) == axes
 
 
+def test_a_base_gives_where_an_actuator_pulls_by_a_tendon():
+    cable = '<tendon><fixed name="cable"><joint joint="l" coef="1"/></fixed></tendon><actuator>'
+    pulled = ONE_MASS.format(dry=0).replace("<actuator>", cable)
+    pulled = build(pulled.replace('<motor joint="l"/>', '<motor tendon="cable"/>'))
+    assert effects.REGISTRY.get("base-compliance").sites(pulled) == ["x"]
+    assert effects.REGISTRY.get("load-dependent-friction").sites(pulled) == ["l"]
+    assert effects.REGISTRY.get("backlash").sites(pulled) == [], "whose motor is not the joint's alone"
+
+
 def test_a_cable_over_a_pulley_pulls_at_the_joint_before():
     """Against a fixed tendon, which is that: its length is q + ratio p."""
     ratio = 0.7

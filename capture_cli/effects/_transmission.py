@@ -11,11 +11,10 @@ from itertools import product
 import mujoco
 import numpy as np
 
-from capture_cli.effects._joint_effect import driven_joints
 from capture_cli.effects._joint_force import FRICTION, ForceOfKernel, JointForce
 from capture_cli.effects._kernel import INDENT, Companion, kept, number
-from capture_cli.effects._places import site_id, site_name
-from capture_cli.effects._scales import free_inertia
+from capture_cli.effects._places import site_name
+from capture_cli.effects._scales import driven_joints, free_inertia
 from capture_cli.effects._two_mass import MOST_SHARE
 from capture_cli.effects.base import GLOBAL, spread
 from capture_cli.parameters import Parameter
@@ -186,8 +185,8 @@ class MotorEncoders:
 def _places(model: mujoco.MjModel) -> dict[str, tuple[str, tuple[int, ...]]]:
     """Sites: a joint that an actuator drives, and which of its encoders are the motor's."""
     places = {}
-    for joint in driven_joints(model):
-        encoders = _encoders(model, site_id(model, "joint", joint))
+    for j in driven_joints(model):
+        joint, encoders = site_name(model, "joint", j), _encoders(model, j)
         some = [(e,) for e in encoders] + ([tuple(encoders)] if len(encoders) > 1 else [])
         for sensors in [(), *some]:
             places["+".join([joint, *(site_name(model, "sensor", s) for s in sensors)])] = (joint, sensors)

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import mujoco
 
-from capture_cli.effects._joint_effect import driven_joints
 from capture_cli.effects._joint_force import FORCE, JointForce
 from capture_cli.effects._kernel import Companion, call
-from capture_cli.effects._places import reference, site_id, site_name
-from capture_cli.effects._scales import HINGE, SLIDE, characteristic_force
+from capture_cli.effects._places import reference, site_name
+from capture_cli.effects._scales import HINGE, SLIDE, characteristic_force, driven_joints
 from capture_cli.effects.base import GLOBAL
 from capture_cli.parameters import Parameter
 
@@ -37,7 +36,7 @@ class CoupledDrive(JointForce):
 
     @classmethod
     def sites(cls, model):
-        return [s for s in driven_joints(model) if _hangs_on(model, site_id(model, "joint", s)) >= 0]
+        return [site_name(model, "joint", j) for j in driven_joints(model) if _hangs_on(model, j) >= 0]
 
     @property
     def parameters(self):
