@@ -979,6 +979,15 @@ def test_a_spindle_between_hinges_turns_them_as_one_that_is_modelled():
     assert off[1] > 0.02 and off[0] < 0.02 * off[1]
 
 
+def test_a_part_that_slides_in_a_body_carries_its_momentum_as_that_body_does():
+    head = """<mujoco><worldbody>
+      <body name="pan"><joint axis="0 0 1"/><geom size="0.1" mass="1"/>
+      <body name="tilt"><joint axis="0 1 0"/><geom size="0.1" mass="1"/>
+      <body name="zoom"><joint type="slide" axis="1 0 0"/><geom size="0.05" mass="0.1"/></body>
+      </body></body></worldbody></mujoco>"""
+    assert effects.REGISTRY.get("internal-momentum").sites(build(head)) == ["tilt"]
+
+
 @pytest.mark.parametrize(
     ("name", "where"), [("one-sided-spring", "position"), ("position-dependent-friction", "centre")]
 )

@@ -13,7 +13,8 @@ from capture_cli.effects.base import GLOBAL, Effect
 from capture_cli.parameters import Parameter
 from capture_cli.sim.engine import World
 
-FASTEST = 10.0  # rad/s: nutation of the body, its momentum inside over its own inertia
+# rad/s: nutation, the momentum inside over the inertia of a free body, or over the largest that a chain turns
+FASTEST = 10.0
 PARALLEL = 1e-6  # of axes, as a sine
 
 
@@ -76,12 +77,16 @@ def _turning(model: mujoco.MjModel) -> dict[int, list[int]]:
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
     axes = data.cdof[:, :3]
-    chains = {
-        b: [d for d in _chain(model, b) if axes[d].any()]
-        for b in range(1, model.nbody)
-        if model.body_dofnum[b]
-    }
-    return {b: dofs for b, dofs in chains.items() if np.linalg.matrix_rank(axes[dofs], tol=PARALLEL) > 1}
+    turns = axes.any(axis=1)
+    found = {}
+    for body in range(1, model.nbody):
+        first = model.body_dofadr[body]
+        if not turns[first : first + model.body_dofnum[body]].any():
+            continue  # it turns with the body that carries it, which is the place
+        dofs = [d for d in _chain(model, body) if turns[d]]
+        if np.linalg.matrix_rank(axes[dofs], tol=PARALLEL) > 1:
+            found[body] = dofs
+    return found
 
 
 def _chain(model: mujoco.MjModel, body: int) -> list[int]:
