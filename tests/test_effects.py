@@ -979,6 +979,20 @@ def test_a_spindle_between_hinges_turns_them_as_one_that_is_modelled():
     assert off[1] > 0.02 and off[0] < 0.02 * off[1]
 
 
+def test_a_part_that_spins_inside_does_no_work():
+    body = """<mujoco><option timestep="0.002" gravity="0 0 0"/><worldbody><body name="b"><freejoint/>
+      <geom type="box" size="0.1 0.08 0.05" mass="1"/></body></worldbody></mujoco>"""
+    body = build(body)
+    effect = effects.REGISTRY.get("internal-momentum")(body, "b")
+    force = effect.force(np.array([[0.0, 0.0, effect.parameters[2].high]]), 0.002)
+    nods = Starts(body.qpos0[None], np.array([[0.0, 0, 0, 0.5, 0, 0]]), *NOTHING)
+    tape = np.zeros((1, 500, 0))
+    motion = Engine(body).rollout(starts=nods, controls=tape, steps=500, forces=[force], states=True)
+    turning = motion.qvel[0, :, 3:]
+    energy = np.square(turning) @ body.dof_M0[3:] / 2
+    assert energy == pytest.approx(np.full(500, energy[0]), rel=0.01)
+
+
 def test_a_part_that_slides_in_a_body_carries_its_momentum_as_that_body_does():
     head = """<mujoco><worldbody>
       <body name="pan"><joint axis="0 0 1"/><geom size="0.1" mass="1"/>

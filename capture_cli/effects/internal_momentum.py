@@ -18,14 +18,15 @@ FASTEST = 10.0
 PARALLEL = 1e-6  # of axes, as a sine
 
 
-def gyroscopic_force(qvel, axes, frame, *, momentum):
+def gyroscopic_force(qvel, qacc, axes, frame, *, momentum, timestep):
     """Generalised force (..., dof) of the torque momentum x w on a body that turns at w.
 
-    qvel (..., dof): of what turns it; axes (..., dof, 3), in the world: what each of them turns it about.
-    frame (..., 3, 3): the body's in the world; momentum (..., 3): in the body's.
+    qvel, qacc (..., dof): of what turns it; axes (..., dof, 3), in the world: what each of them turns it about.
+    frame (..., 3, 3): the body's in the world; momentum (..., 3): in the body's. w is that of the middle of the step,
+    going on as in the step before, of which qacc is: with that of its beginning nutation grows by itself.
     """
     carried = (frame @ momentum[..., None])[..., 0]
-    turning = (qvel[..., None] * axes).sum(axis=-2)
+    turning = ((qvel + timestep / 2 * qacc)[..., None] * axes).sum(axis=-2)
     return (axes @ np.cross(carried, turning)[..., None])[..., 0]
 
 
@@ -55,13 +56,15 @@ class InternalMomentum(Effect):
     def force(self, values, timestep, **_):
         def on_body(world: World) -> None:
             frame = world.xmat[:, self.body].reshape(-1, 3, 3)
-            given = world.qvel[:, self.dofs], world.cdof[:, self.dofs, :3], frame
-            world.qfrc_applied[:, self.dofs] += gyroscopic_force(*given, momentum=values[world.rows])
+            moves = world.qvel[:, self.dofs], world.qacc[:, self.dofs]
+            world.qfrc_applied[:, self.dofs] += gyroscopic_force(
+                *moves, world.cdof[:, self.dofs, :3], frame, momentum=values[world.rows], timestep=timestep
+            )
 
         return on_body
 
     def companion(self, name, values):
-        given = ["data.qvel[dofs]", "data.cdof[dofs, :3]", "data.xmat[body].reshape(3, 3)"]
+        given = ["data.qvel[dofs]", "data.qacc[dofs]", "data.cdof[dofs, :3]", "data.xmat[body].reshape(3, 3)"]
         force, _ = call(name, gyroscopic_force, given, {"momentum": values})
         lines = (
             f"body, dofs = model.body({reference(self.model, 'body', self.site)}).id, {self.dofs}",
