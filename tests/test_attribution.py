@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -98,3 +99,28 @@ def test_rivals_are_compared_by_what_they_answered_in_one_round(tmp_path, monkey
     diagnose(real_log=log, task=task, out=tmp_path / "diagnosis", quiet=True)
     assert len(rounds["begun"]) > 1 and compared
     assert all(mine == other for mine, other in compared)
+
+
+def test_an_effect_of_all_sensors_is_tried_at_each_that_is_in_the_log(
+    slider_task, tmp_path, monkeypatch, without_pages
+):
+    model = slider_task.parent / "model.xml"
+    more = '<jointvel name="v" joint="x"/><actuatorfrc name="not logged" actuator="drive"/></sensor>'
+    model.write_text(model.read_text().replace("</sensor>", more))
+    outputs = '[outputs.q]\ncolumn = "q_m"\nunit = "m"\n'
+    slider_task.write_text(
+        slider_task.read_text().replace(outputs, outputs + '[outputs.v]\ncolumn = "v"\nunit = "m/s"\n')
+    )
+    catalogue = attribution.all_candidates
+    monkeypatch.setattr(
+        attribution,
+        "all_candidates",
+        lambda log: [c for c in catalogue(log) if c.effect[0] == "sensor-delay"],
+    )
+    log, task, out = tmp_path / "log.zarr", str(slider_task), tmp_path / "diagnosis"
+    effects = ["sensor-delay@q=0.012", "sensor-delay@v=0.02"]
+    record(task=task, out=log, effects=effects, noise=1e-4, duration=3, rate=100, amplitude={"drive": 8.0})
+    diagnose(real_log=log, task=task, out=out, quiet=True)
+    found = json.loads((out / "diagnosis.json").read_text())["effects"]
+    delays = {e["site"]: e["parameters"]["delay"]["value"] for e in found}
+    assert delays == pytest.approx({"q": 0.012, "v": 0.02}, abs=1e-3)

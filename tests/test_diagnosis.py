@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from coloured_noise import coloured
 from scipy.spatial.transform import Rotation
+from scipy.stats import ttest_1samp
 
 from capture_cli.diagnosis.acceptance import (
     bic_gain,
@@ -21,7 +22,7 @@ from capture_cli.diagnosis.acceptance import (
     ratio_p_value,
 )
 from capture_cli.diagnosis.lack_of_fit import LackOfFit
-from capture_cli.diagnosis.localisation import accelerations, curve
+from capture_cli.diagnosis.localisation import HALF_WIDTH, accelerations, curve, largest_around
 from capture_cli.diagnosis.noise_floor import from_differences, noise_floor
 from capture_cli.diagnosis.score import score
 from capture_cli.diagnosis.split import ENOUGH_WINDOWS, Folds, select_folds, split_windows
@@ -231,6 +232,12 @@ def test_one_block_proves_nothing_and_no_change_is_none():
     assert paired_p_value(np.ones(4), np.ones(4), seed=0) == 0.5
 
 
+def test_few_blocks_are_put_to_students_test():
+    before, after = np.random.default_rng(2).chisquare(20, (2, 9))
+    student = ttest_1samp(np.log(before / after), 0, alternative="greater").pvalue
+    assert paired_p_value(before, after, seed=0) == pytest.approx(student)
+
+
 @pytest.mark.parametrize("memory", [0.0, 0.6, 0.85])
 def test_correlation_is_seen_where_starts_were_fitted(memory):
     """Of an autoregressive error in windows of 45 steps, parabolas taken out: (1 + memory) / (1 - memory) steps."""
@@ -300,6 +307,13 @@ def test_accelerations_of_unevenly_sampled_residuals():
     np.testing.assert_allclose(found, np.broadcast_to([0.0, 1.0], found.shape), atol=1e-6)
 
 
+@pytest.mark.parametrize("steps", [3, 17, 40])
+def test_contacts_count_for_all_accelerations_that_are_taken_over_them(steps):
+    values = np.random.default_rng(0).integers(0, 9, (2, steps))
+    around = [[v[max(0, i - HALF_WIDTH) : i + HALF_WIDTH + 1].max() for i in range(steps)] for v in values]
+    assert np.array_equal(largest_around(values), around)
+
+
 def test_what_cannot_show_in_a_log_is_no_candidate(logs, tmp_path):
     """A sensor that is no output may be late; and of a drive that only pushes nothing is known of its pull."""
     folder = tmp_path / "slider"
@@ -309,9 +323,12 @@ def test_what_cannot_show_in_a_log_is_no_candidate(logs, tmp_path):
     log = replace(MeasuredLog.read(logs["plain"]), path=None)
     log = replace(log, inputs=np.abs(log.inputs))
     task = load_task(str(folder / "task.toml"))
-    names = {c.name for c in all_candidates(prepare(log, task, window=None, test=None, seed=0))}
+    candidates = all_candidates(prepare(log, task, window=None, test=None, seed=0))
+    names = {c.name for c in candidates}
     assert "sensor-delay@q" in names and "sensor-delay@speed" not in names
     assert "control-gain@drive" in names and "control-reverse-gain@drive" not in names
+    encoder = {task.model.sensor("q").adr[0]}
+    assert all(c.effect[1].logged == encoder for c in candidates), "without the speed"
 
 
 def test_a_covariate_of_few_values_has_a_bin_for_each():

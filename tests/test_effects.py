@@ -60,6 +60,7 @@ def test_an_effect_says_what_it_is_and_where_it_sits(name):
             "substeps",
             "window",
             "longest",
+            "logged",
         }, "hides what all have"
         for parameter in instance.parameters:
             assert parameter.unit and parameter.low <= parameter.nominal <= parameter.high
@@ -410,6 +411,7 @@ ONE_MASS = """
 """
 
 
+NOTHING = np.zeros((1, 0)), np.zeros(1)  # activations and time, s, of a start
 BOUNCY = (
     "backlash",
     'stiffness="4000" springlength="-.02 .02"',
@@ -485,6 +487,39 @@ def test_an_encoder_on_the_motor_shows_the_rotor(name, joint, values, rotor, see
     size = truth.std(axis=(0, 1))
     error, error_rigid = (np.sqrt(np.mean(((s - truth) / size) ** 2, axis=(0, 1))) for s in (sensors, rigid))
     assert (error < 0.2 * error_rigid).all()
+
+
+@pytest.mark.parametrize(("name", "joint", "values"), [SPRING, PLAY])
+@pytest.mark.parametrize(
+    ("seen", "logged", "read"),  # read: of which of the two the speed is that the start was read to have
+    [("l+q", "qv", "l"), ("l+v", "qv", "r"), ("l+q+v", "qv", "r"), ("l+q", "q", "r")],
+)
+def test_an_encoder_on_the_motor_shows_a_rotor_that_began_to_turn_alone(
+    name, joint, values, seen, logged, read
+):
+    """In free flight, in which only the transmission moves them against each other; the play is not crossed."""
+    sensor = '<sensor><jointpos joint="l"/></sensor>'
+    both = '<sensor><jointpos name="q" joint="{q}"/><jointvel name="v" joint="{v}"/></sensor>'
+    one, two = (
+        xml.replace('damping="4"', "").replace('stiffness="30"', "") for xml in (ONE_MASS, TWO_MASSES)
+    )
+    shows = {kind: "r" if f"+{kind}" in seen else "l" for kind in "qv"}
+    one = build(one.format(dry=0).replace(sensor, both.format(q="l", v="l")))
+    sides = {"rotor": 0.3, "rest": 0.7, "motor": 0, "link": 0, "dry": 0, "rubs": 0}
+    two = build(two.format(joint=joint, **sides).replace(sensor, both.format(**shows)))
+    effect, states = effects.REGISTRY.get(name)(one, seen), np.array([[0.2, 0.1]])
+    effect.logged = frozenset("qv".index(kind) for kind in logged)
+    at = effect.space.to_vector({**values, "rotor": 0.3, "motor_damping": 0.0})[None]
+    ahead, turning = (size[0] * state for size, state in zip(effect.looseness(at), states[0], strict=True))
+    where, fast = ahead * (shows["q"] == "l"), 0.2 + turning * (read == "l")  # of the rotor
+    held = Starts(np.array([[where, where - ahead]]), np.array([[fast, fast - turning]]), *NOTHING)
+    tape = np.zeros((1, 60, 1))
+    truth = run(two, tape=tape.repeat(10, axis=1), starts=held)[0][:, ::10]
+    start = Starts(np.zeros((1, 1)), np.full((1, 1), 0.2), *NOTHING)
+    force = effect.force(at, 1e-3, states=states)
+    sensors = Engine(one).rollout(starts=start, controls=tape, steps=60, forces=[force]).sensors
+    error = np.abs(sensors - truth).max(axis=1)[0]
+    assert (error < 0.02 * np.array([0.06 * turning, turning])).all()
 
 
 WITH_A_LOAD = """
@@ -578,6 +613,15 @@ def test_a_base_gives_where_an_actuator_can_push_it(name, axes):
     assert effects.REGISTRY.get("base-compliance").sites(machine(name)) == axes
 
 
+def test_a_base_gives_where_an_actuator_pulls_by_a_tendon():
+    cable = '<tendon><fixed name="cable"><joint joint="l" coef="1"/></fixed></tendon><actuator>'
+    pulled = ONE_MASS.format(dry=0).replace("<actuator>", cable)
+    pulled = build(pulled.replace('<motor joint="l"/>', '<motor tendon="cable"/>'))
+    assert effects.REGISTRY.get("base-compliance").sites(pulled) == ["x"]
+    assert effects.REGISTRY.get("load-dependent-friction").sites(pulled) == ["l"]
+    assert effects.REGISTRY.get("backlash").sites(pulled) == [], "whose motor is not the joint's alone"
+
+
 def test_a_cable_over_a_pulley_pulls_at_the_joint_before():
     """Against a fixed tendon, which is that: its length is q + ratio p."""
     ratio = 0.7
@@ -596,6 +640,17 @@ def test_a_cable_over_a_pulley_pulls_at_the_joint_before():
     sensors = Engine(plain_arm).rollout(starts=begin, controls=tape, steps=1000, forces=[force]).sensors[0]
     error, before = (np.sqrt(np.mean((s - truth) ** 2)) for s in (sensors, plain_one))
     assert error < 0.02 * before
+
+
+@pytest.mark.parametrize("torque", [(5, 50), (50, 5)])
+def test_a_cable_over_equal_pulleys_is_in_range_however_strong_the_motors_are(torque):
+    own = ('<motor joint="shoulder"/>', '<motor joint="elbow"/>')
+    xml = ON_A_BASE.format(base="").replace('mass="3"', 'mass="1"').replace('mass="2"', 'mass="1"')
+    for motor, most in zip(own, torque, strict=True):
+        limited = motor.replace("/>", f' ctrllimited="true" ctrlrange="-{most} {most}"/>')
+        xml = xml.replace(motor, limited)
+    (ratio,) = effects.REGISTRY.get("coupled-drive")(build(xml), "elbow").parameters
+    assert ratio.low <= -1 and ratio.high >= 1
 
 
 def drive(name: str, tape: np.ndarray, *values: float) -> np.ndarray:
@@ -922,6 +977,29 @@ def test_a_spindle_between_hinges_turns_them_as_one_that_is_modelled():
     )
     off = np.abs(rollout.qpos - np.array(motion)).max(axis=(1, 2))
     assert off[1] > 0.02 and off[0] < 0.02 * off[1]
+
+
+def test_a_part_that_spins_inside_does_no_work():
+    body = """<mujoco><option timestep="0.002" gravity="0 0 0"/><worldbody><body name="b"><freejoint/>
+      <geom type="box" size="0.1 0.08 0.05" mass="1"/></body></worldbody></mujoco>"""
+    body = build(body)
+    effect = effects.REGISTRY.get("internal-momentum")(body, "b")
+    force = effect.force(np.array([[0.0, 0.0, effect.parameters[2].high]]), 0.002)
+    nods = Starts(body.qpos0[None], np.array([[0.0, 0, 0, 0.5, 0, 0]]), *NOTHING)
+    tape = np.zeros((1, 500, 0))
+    motion = Engine(body).rollout(starts=nods, controls=tape, steps=500, forces=[force], states=True)
+    turning = motion.qvel[0, :, 3:]
+    energy = np.square(turning) @ body.dof_M0[3:] / 2
+    assert energy == pytest.approx(np.full(500, energy[0]), rel=0.01)
+
+
+def test_a_part_that_slides_in_a_body_carries_its_momentum_as_that_body_does():
+    head = """<mujoco><worldbody>
+      <body name="pan"><joint axis="0 0 1"/><geom size="0.1" mass="1"/>
+      <body name="tilt"><joint axis="0 1 0"/><geom size="0.1" mass="1"/>
+      <body name="zoom"><joint type="slide" axis="1 0 0"/><geom size="0.05" mass="0.1"/></body>
+      </body></body></worldbody></mujoco>"""
+    assert effects.REGISTRY.get("internal-momentum").sites(build(head)) == ["tilt"]
 
 
 @pytest.mark.parametrize(

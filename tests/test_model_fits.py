@@ -11,7 +11,7 @@ import pytest
 
 from capture_cli.diagnosis.split import select_folds
 from capture_cli.effects import REGISTRY
-from capture_cli.effects._two_mass import TransmissionEffect
+from capture_cli.effects._transmission import TransmissionEffect
 from capture_cli.effects.base import Effect
 from capture_cli.identifiers.intervals import unit_covariance
 from capture_cli.sim.windows import LEAD

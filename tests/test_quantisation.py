@@ -45,6 +45,30 @@ def test_few_levels_and_noise_are_no_grid():
     assert scatter_of_steps([np.zeros(9)]) == 0
 
 
-def test_a_million_levels_are_a_grid_like_any_other():
-    levels = np.arange(1_200_000) * 1e-3
-    assert grid_step(distinct(levels)) in (None, pytest.approx(1e-3))
+@pytest.mark.parametrize("offset", [0.1, 0.37, 0.5])  # of a tick
+def test_an_encoder_may_begin_elsewhere_in_every_episode(offset):
+    series = [(ticks(seed) + offset * seed) * TICK for seed in range(3)]
+    assert scatter_of_steps(series) == pytest.approx(TICK / np.sqrt(12))
+
+
+def test_short_episodes_show_the_steps_together():
+    series = list(ticks().reshape(100, 40) * TICK)  # in which hardly any value comes twice
+    assert scatter_of_steps(series) == pytest.approx(TICK / np.sqrt(12))
+
+
+def test_contacts_in_every_episode_are_no_grid():
+    assert scatter_of_steps([np.repeat([0.0, 1.0], 9)] * 4) == 0
+
+
+@pytest.mark.parametrize("series", [[], [np.zeros(0)], [np.zeros(0), np.zeros(0)]])
+def test_without_samples_there_are_no_steps(series):
+    assert scatter_of_steps(series) == 0
+
+
+def test_an_episode_without_samples_says_nothing_about_the_others():
+    assert scatter_of_steps([ticks() * TICK, np.zeros(0)]) == pytest.approx(TICK / np.sqrt(12))
+
+
+@pytest.mark.parametrize(("levels", "step"), [(900_000, 1e-3), (1_200_000, None)])
+def test_a_grid_is_told_from_rounding_to_a_millionth_of_the_range(levels, step):
+    assert grid_step(distinct(np.arange(levels) * 1e-3)) == (step and pytest.approx(step))

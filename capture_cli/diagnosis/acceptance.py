@@ -91,7 +91,10 @@ def paired_p_value(before: np.ndarray, after: np.ndarray, seed: int) -> float:
 
 
 def _student_p_value(fall: np.ndarray) -> float:
-    """That the mean of `fall` (block,) is above zero only by chance; 1 where there is one block."""
+    """That the mean of `fall` (block,) is above zero only by chance; 1 where there is one block.
+
+    Not scipy.stats.ttest_1samp, of which that is nan, as it is where nothing changed; and scipy.stats loads for 0.5 s.
+    """
     from scipy.special import stdtr
 
     if len(fall) < 2:

@@ -46,8 +46,9 @@ def accelerations(residual: np.ndarray, time: np.ndarray, mask: np.ndarray) -> n
 
 def largest_around(values: np.ndarray) -> np.ndarray:
     """The largest of `values` (window, step) within the samples that an acceleration is taken over."""
-    padded = np.pad(values, ((0, 0), (HALF_WIDTH, HALF_WIDTH)), mode="edge")
-    return np.lib.stride_tricks.sliding_window_view(padded, 2 * HALF_WIDTH + 1, axis=1).max(axis=-1)
+    from scipy.ndimage import maximum_filter1d
+
+    return maximum_filter1d(values, 2 * HALF_WIDTH + 1, axis=1, mode="nearest")
 
 
 def curve(covariate: np.ndarray, acceleration: np.ndarray) -> Curve:

@@ -14,25 +14,42 @@ MOST_OFF = 0.01  # of the levels
 
 
 def scatter_of_steps(series: Sequence[np.ndarray]) -> float:
-    """Standard deviation of what rounding to the sensor's steps adds to series (sample,); 0 where it has none."""
-    values = np.unique(np.concatenate(series))
-    levels = distinct(values)
-    if len(levels) > MOST_LEVELS * sum(len(s) for s in series):
+    """Standard deviation of what rounding to the sensor's steps adds to series (sample,); 0 where it has none.
+
+    Each series by itself, as an encoder may be set to zero anew before it; or all in one, where they are too short.
+    """
+    series = [s for s in series if len(s)]
+    if not series:
         return 0.0
-    return (grid_step(levels) or 0.0) / np.sqrt(12)
+    return (_common_step(series) or _common_step([np.concatenate(series)]) or 0.0) / np.sqrt(12)
 
 
-def distinct(values: np.ndarray) -> np.ndarray:
-    """Sorted `values` without those that are the same as the one before but for rounding."""
-    apart = np.diff(values) > FINEST * (values[-1] - values[0])
+def distinct(values: np.ndarray, span: float | None = None) -> np.ndarray:
+    """Sorted `values` without those that are the same as the one before but for rounding.
+
+    span: of all that was rounded alike, of which they may be a part; their own where None.
+    """
+    apart = np.diff(values) > FINEST * (values[-1] - values[0] if span is None else span)
     return values[np.concatenate([[True], apart])]
 
 
 def grid_step(levels: np.ndarray) -> float | None:
     """The spacing of which all differences of `levels` (sorted) are multiples, None where there is none."""
-    if len(levels) < FEWEST_LEVELS:
+    return _unit(np.diff(levels)) if len(levels) >= FEWEST_LEVELS else None
+
+
+def _common_step(series: Sequence[np.ndarray]) -> float | None:
+    """The step of grids that each series is on, wherever that of each begins; None where there is none."""
+    every = np.concatenate(series)
+    levels = [distinct(np.unique(s), np.ptp(every)) for s in series]
+    if sum(len(own) for own in levels) > MOST_LEVELS * len(every):
         return None
-    gaps = np.diff(levels)
+    gaps = [np.diff(own) for own in levels if len(own) >= FEWEST_LEVELS]
+    return _unit(np.concatenate(gaps)) if gaps else None
+
+
+def _unit(gaps: np.ndarray) -> float | None:
+    """What all `gaps` are multiples of, None where of nothing."""
     step = gaps.sum() / np.round(gaps / gaps.min()).sum()
     off = np.abs(gaps / step - np.round(gaps / step))
     return float(step) if np.quantile(off, 1 - MOST_OFF) < TOLERANCE else None

@@ -14,7 +14,6 @@ from capture_cli.effects._scales import (
     SLIDE,
     characteristic_force,
     characteristic_speed,
-    driven_joint,
     inertia,
     travel,
 )
@@ -127,12 +126,6 @@ class SpringEffect(JointEffect):
     @abstractmethod
     def suits(cls, model: mujoco.MjModel, joint: int) -> bool:
         """Whether the joint's spring, or that it has none, lets the effect sit there."""
-
-
-def driven_joints(model: mujoco.MjModel) -> list[str]:
-    """Sites of the joints that an actuator drives."""
-    joints = {driven_joint(model, a) for a in range(model.nactuator)} - {-1}
-    return [site_name(model, "joint", j) for j in sorted(joints)]
 
 
 def raised(own: np.ndarray, change: np.ndarray) -> np.ndarray:

@@ -69,9 +69,10 @@ def driven_joint(model: mujoco.MjModel, actuator: int) -> int:
     return joint
 
 
-def pulled_joints(model: mujoco.MjModel) -> list[int]:
-    """The hinge and slide joints that actuators drive, themselves or by a tendon."""
-    kinds = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT, mujoco.mjtTrn.mjTRN_TENDON)
+def driven_joints(model: mujoco.MjModel, *, by_tendons: bool = False) -> list[int]:
+    """The hinge and slide joints that actuators drive directly, and, `by_tendons`, those that they pull by one."""
+    kinds = [mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT]
+    kinds += [mujoco.mjtTrn.mjTRN_TENDON] * by_tendons
     driven = _gears(model)[np.isin(model.actuator_trntype, [int(k) for k in kinds])].any(axis=0)
     joints = (j for j in range(model.njnt) if model.jnt_type[j] in (HINGE, SLIDE))
     return [j for j in joints if driven[model.jnt_dofadr[j]]]

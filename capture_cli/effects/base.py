@@ -44,7 +44,7 @@ class Effect(ABC):
         the start of a simulation each is 0 where nothing else is said, and commonly within 1.
     states_before: whether the states are what was before an episode began: known where a simulation begins inside one.
     window: s, for how long it is followed at a time in the log that it is looked for in; longest: s, of the longest
-        episode there. None where in no log.
+        episode there; logged: the columns of sensordata that it has. None where in no log.
     states_tried: points (point, state) among which those that a simulation began with are looked for, where a descent
         from 0 can miss them; none where it finds them.
     """
@@ -62,6 +62,7 @@ class Effect(ABC):
     substeps: int = 1
     window: float | None = None
     longest: float | None = None
+    logged: frozenset[int] | None = None
 
     def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
         """Raises ModelError, naming those there are, where `site` is no site of this effect."""

@@ -7,11 +7,9 @@ from functools import lru_cache
 import mujoco
 import numpy as np
 
-from capture_cli.effects._joint_effect import driven_joints
 from capture_cli.effects._joint_force import ForceOfKernel
 from capture_cli.effects._kernel import Companion, call
-from capture_cli.effects._places import site_id
-from capture_cli.effects._scales import moving_bodies
+from capture_cli.effects._scales import driven_joints, moving_bodies
 from capture_cli.effects._vibration import Vibration, VibrationEffect
 from capture_cli.effects.base import GLOBAL
 from capture_cli.parameters import Parameter
@@ -107,7 +105,7 @@ class ForceOfBase(ForceOfKernel):
 @lru_cache(maxsize=16)
 def _pushed(model: mujoco.MjModel) -> tuple[int, ...]:
     """Axes of the world along which joints that actuators drive move masses, in one of some poses."""
-    dofs = [int(model.jnt_dofadr[site_id(model, "joint", name)]) for name in driven_joints(model)]
+    dofs = model.jnt_dofadr[driven_joints(model, by_tendons=True)]
     generator = np.random.default_rng(0)
     data, found = mujoco.MjData(model), set()
     for _ in range(POSES):

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import mujoco
 
-from capture_cli.effects._joint_effect import driven_joints
 from capture_cli.effects._joint_force import FORCE, JointForce
 from capture_cli.effects._kernel import Companion, call
-from capture_cli.effects._places import reference, site_id, site_name
-from capture_cli.effects._scales import HINGE, SLIDE, characteristic_force
+from capture_cli.effects._places import reference, site_name
+from capture_cli.effects._scales import HINGE, SLIDE, characteristic_force, driven_joints
 from capture_cli.effects.base import GLOBAL
 from capture_cli.parameters import Parameter
 
@@ -24,7 +23,7 @@ class CoupledDrive(JointForce):
     """`ratio` (1, m or 1/m) times the force that actuators give the joint acts on the one before it, too.
 
     So does a cable that runs over a pulley there, of `ratio` times the radius of its own: the motor turns by
-    q + ratio p for positions q of its joint and p of the one before.
+    q + ratio p for positions q of its joint and p of the one before. The force passed on is that of the step before.
     """
 
     summary = "a motor's force that also acts on the joint before: a cable that runs over it, a differential, a belt"
@@ -37,14 +36,15 @@ class CoupledDrive(JointForce):
 
     @classmethod
     def sites(cls, model):
-        return [s for s in driven_joints(model) if _hangs_on(model, site_id(model, "joint", s)) >= 0]
+        return [site_name(model, "joint", j) for j in driven_joints(model) if _hangs_on(model, j) >= 0]
 
     @property
     def parameters(self):
         turns = self.model.jnt_type[self.hangs_on] == HINGE
         unit = "1" if turns == self.is_hinge else "m" if turns else "1/m"
-        share = characteristic_force(self.model, self.hangs_on) / self.characteristic_force
-        most = MOST * (min(share, 1.0) if turns == self.is_hinge else share)
+        most = MOST
+        if turns != self.is_hinge:  # a length: such that what is passed on is like other forces there
+            most *= characteristic_force(self.model, self.hangs_on) / self.characteristic_force
         return (Parameter("ratio", unit, -most, most, 0.0),)
 
     def add(self, world, term):

@@ -13,18 +13,20 @@ from capture_cli.effects.base import GLOBAL, Effect
 from capture_cli.parameters import Parameter
 from capture_cli.sim.engine import World
 
-FASTEST = 10.0  # rad/s: nutation of the body, its momentum inside over its own inertia
+# rad/s: nutation, the momentum inside over the inertia of a free body, or over the largest that a chain turns
+FASTEST = 10.0
 PARALLEL = 1e-6  # of axes, as a sine
 
 
-def gyroscopic_force(qvel, axes, frame, *, momentum):
+def gyroscopic_force(qvel, qacc, axes, frame, *, momentum, timestep):
     """Generalised force (..., dof) of the torque momentum x w on a body that turns at w.
 
-    qvel (..., dof): of what turns it; axes (..., dof, 3), in the world: what each of them turns it about.
-    frame (..., 3, 3): the body's in the world; momentum (..., 3): in the body's.
+    qvel, qacc (..., dof): of what turns it; axes (..., dof, 3), in the world: what each of them turns it about.
+    frame (..., 3, 3): the body's in the world; momentum (..., 3): in the body's. w is that of the middle of the step,
+    going on as in the step before, of which qacc is: with that of its beginning nutation grows by itself.
     """
     carried = (frame @ momentum[..., None])[..., 0]
-    turning = (qvel[..., None] * axes).sum(axis=-2)
+    turning = ((qvel + timestep / 2 * qacc)[..., None] * axes).sum(axis=-2)
     return (axes @ np.cross(carried, turning)[..., None])[..., 0]
 
 
@@ -54,13 +56,15 @@ class InternalMomentum(Effect):
     def force(self, values, timestep, **_):
         def on_body(world: World) -> None:
             frame = world.xmat[:, self.body].reshape(-1, 3, 3)
-            given = world.qvel[:, self.dofs], world.cdof[:, self.dofs, :3], frame
-            world.qfrc_applied[:, self.dofs] += gyroscopic_force(*given, momentum=values[world.rows])
+            moves = world.qvel[:, self.dofs], world.qacc[:, self.dofs]
+            world.qfrc_applied[:, self.dofs] += gyroscopic_force(
+                *moves, world.cdof[:, self.dofs, :3], frame, momentum=values[world.rows], timestep=timestep
+            )
 
         return on_body
 
     def companion(self, name, values):
-        given = ["data.qvel[dofs]", "data.cdof[dofs, :3]", "data.xmat[body].reshape(3, 3)"]
+        given = ["data.qvel[dofs]", "data.qacc[dofs]", "data.cdof[dofs, :3]", "data.xmat[body].reshape(3, 3)"]
         force, _ = call(name, gyroscopic_force, given, {"momentum": values})
         lines = (
             f"body, dofs = model.body({reference(self.model, 'body', self.site)}).id, {self.dofs}",
@@ -76,12 +80,16 @@ def _turning(model: mujoco.MjModel) -> dict[int, list[int]]:
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
     axes = data.cdof[:, :3]
-    chains = {
-        b: [d for d in _chain(model, b) if axes[d].any()]
-        for b in range(1, model.nbody)
-        if model.body_dofnum[b]
-    }
-    return {b: dofs for b, dofs in chains.items() if np.linalg.matrix_rank(axes[dofs], tol=PARALLEL) > 1}
+    turns = axes.any(axis=1)
+    found = {}
+    for body in range(1, model.nbody):
+        first = model.body_dofadr[body]
+        if not turns[first : first + model.body_dofnum[body]].any():
+            continue  # it turns with the body that carries it, which is the place
+        dofs = [d for d in _chain(model, body) if turns[d]]
+        if np.linalg.matrix_rank(axes[dofs], tol=PARALLEL) > 1:
+            found[body] = dofs
+    return found
 
 
 def _chain(model: mujoco.MjModel, body: int) -> list[int]:

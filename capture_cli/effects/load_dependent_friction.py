@@ -6,7 +6,7 @@ import numpy as np
 
 from capture_cli.effects._joint_force import FRICTION, JointForce
 from capture_cli.effects._places import site_name
-from capture_cli.effects._scales import pulled_joints
+from capture_cli.effects._scales import driven_joints
 from capture_cli.parameters import Parameter
 
 
@@ -34,7 +34,7 @@ class LoadDependentFriction(JointForce):
 
     @classmethod
     def sites(cls, model):
-        return [site_name(model, "joint", j) for j in pulled_joints(model)]
+        return [site_name(model, "joint", j) for j in driven_joints(model, by_tendons=True)]
 
     @property
     def parameters(self):

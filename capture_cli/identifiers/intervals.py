@@ -73,7 +73,8 @@ def intervals(at: Linearization, minima: Sequence[Linearization] = ()) -> Interv
     """
     from scipy.special import stdtrit
 
-    evidence, space = at.evidence, at.evidence.space
+    assert at.evidence.count > 0
+    space = at.evidence.space
     covariance, degrees = unit_covariance(at)
     covariance = covariance + _scatter_of_minima(at, minima)
     sd_unit = np.sqrt(np.maximum(np.diag(covariance), 0.0))
@@ -81,7 +82,6 @@ def intervals(at: Linearization, minima: Sequence[Linearization] = ()) -> Interv
     loose = np.sqrt(np.maximum(values, 0)) > UNDETERMINED_SD
     value = space.from_unit(at.x)
     half = stdtrit(degrees, 0.975) * sd_unit * space.span
-    assert evidence.count > 0
     return Intervals(
         covariance=covariance * np.outer(space.span, space.span),
         sd=sd_unit * space.span,

@@ -39,7 +39,9 @@ MATERIAL = 0.1
 # that no effect is takes any number of minor ones, so they stand only where with them nothing is left, or one alone
 # comes near the floor.
 MINOR, MOST_MINOR = 0.05, 2
-AT_BOUND = 1e-3  # of an amplitude's range
+# Of a range. A result file says "at its bound" from AT_BOUND on; but a descent gives up where its trust region is this
+# small, and an effect that ends so near to where its range does is drawn there.
+NEAR_BOUND = 1e-3
 RIVALS = 4  # other candidates that an accepted effect is compared with once everything else is in the model
 # Before it is said that nothing explains the log, so often are the next best fitted, of this share of the best score:
 # where contacts make the error rough, a score at null says little.
@@ -151,10 +153,10 @@ class Attribution:
         name, together = current.effects[-1]
         if together.site != GLOBAL:
             return current
-        sites = [s for s in together.sites(together.model) if s != GLOBAL]
-        if len(sites) < 2 or len(self.accepted) - 1 + len(sites) > self.most_effects:
+        # those among the candidates: at a sensor that is not in the log it would show nothing
+        places = [c.effect for c in self.candidates if c.effect[0] == name and c.effect[1].site != GLOBAL]
+        if len(places) < 2 or len(self.accepted) - 1 + len(places) > self.most_effects:
             return current
-        places = [(name, type(together)(together.model, site)) for site in sites]
         size = len(together.parameters)
         rest, own = current.point[: len(current.point) - size], current.point[len(current.point) - size :]
         start = np.concatenate([rest, np.tile(own, len(places))])
@@ -262,7 +264,7 @@ class Attribution:
         was = current.at.x
         determined = intervals(fit.at).identifiable
         for i in range(size):
-            at_bound = min(x[i], 1 - x[i]) < AT_BOUND <= min(was[i], 1 - was[i])
+            at_bound = min(x[i], 1 - x[i]) < NEAR_BOUND <= min(was[i], 1 - was[i])
             bound = fit.space.low[i] if x[i] < 0.5 else fit.space.high[i]
             if determined[i] and bound != 0 and at_bound:
                 return f"it drives {fit.space.names[i]} to its bound ({fit.point[i]:.3g})"
@@ -275,14 +277,14 @@ class Attribution:
         The others are its rivals, and so are those not fitted whose response is nearly its own.
         """
         best = min(supported, key=self.models.loss)
-        alike = [c for c in supported if c is best or self.models.as_good(best, c)]
-        chosen = min(alike, key=lambda c: (len(c.effect[1].parameters), c.fit.squares))
+        as_good = [c for c in supported if c is best or self.models.as_good(best, c)]
+        chosen = min(as_good, key=lambda c: (len(c.effect[1].parameters), c.fit.squares))
         rivals = sorted((c for c in supported if c is not chosen), key=self.models.loss)
         for candidate in rivals:
             candidate.why_rejected = f"{chosen.name} explains as much with less, or more"
-        alike = [c for c in unfitted if abs(similarity(chosen.score.response, c.score.response)) > SIMILAR]
+        similar = [c for c in unfitted if abs(similarity(chosen.score.response, c.score.response)) > SIMILAR]
         share = (current.error**2 - chosen.fit.error**2) / self.excess
-        rivals = [replace(c) for c in (*rivals[:RIVALS], *alike[:RIVALS])]
+        rivals = [replace(c) for c in (*rivals[:RIVALS], *similar[:RIVALS])]
         self.accepted.append(Accepted(chosen.effect, chosen.score, rivals, chosen.support, share))
         return chosen
 
@@ -376,7 +378,7 @@ def _at_end(fit: Fit, placed: Placed) -> dict[str, str]:
     x, space, found = fit.space.to_unit(fit.point), fit.space, {}
     for i, name in zip(range(own.start, own.stop), effect.space.names, strict=True):
         null = (space.nominal[i] - space.low[i]) / space.span[i]
-        if min(x[i], 1 - x[i]) < AT_BOUND and abs(x[i] - null) > AT_BOUND and name not in effect.shares:
+        if min(x[i], 1 - x[i]) < NEAR_BOUND and abs(x[i] - null) > NEAR_BOUND and name not in effect.shares:
             found[name] = (
                 f"it would have to be at the end of its range ({space.names[i]} = {fit.point[i]:.3g})"
             )

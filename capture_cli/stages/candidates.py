@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from copy import copy
 from dataclasses import dataclass, replace
 
@@ -67,17 +67,17 @@ def all_candidates(prepared: PreparedLog) -> list[Candidate]:
     """Every effect at every site of the model that could show in the log."""
     model = _as_driven(prepared)
     every = [(name, cls(model, site)) for name, cls in REGISTRY.items() for site in cls.sites(model)]
-    logged = {c.index for c in prepared.task.outputs}
+    logged = frozenset(c.index for c in prepared.task.outputs)
     seen, windows = _seen(prepared), prepared.windows
     window = float(windows.grid_steps.max() * windows.timestep)
     for _, effect in every:
-        effect.window, effect.longest = window, prepared.log.longest
+        effect.window, effect.longest, effect.logged = window, prepared.log.longest, logged
         if isinstance(effect, JointEffect):
             effect.seen = seen.get(effect.joint)
     return [Candidate(e) for e in every if _shows(e[1], logged)]
 
 
-def _shows(effect: Effect, logged: set[int]) -> bool:
+def _shows(effect: Effect, logged: Set[int]) -> bool:
     """Whether it changes what is `logged`, columns of sensordata, if it is the sensors that it changes.
 
     Not one that also changes the motion and others than those: without them it is another place of it.
