@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from capture_cli import effects
+from capture_cli.sim.coordinate_sources import measures_every_coordinate, unmeasured_joints
 from capture_cli.sim.engine import Engine, Rollouts, Starts
 from capture_cli.sim.local_motion import Neighbours, local_motion
 from capture_cli.sim.starts import (
@@ -15,7 +16,6 @@ from capture_cli.sim.starts import (
     estimate_starts,
     from_episodes,
     known_starts,
-    measures_every_coordinate,
     model_starts,
     shift,
 )
@@ -296,6 +296,79 @@ def test_which_outputs_measure_every_coordinate(model):
     assert measures_every_coordinate(model, columns(model, *ALL)[0])
     assert not measures_every_coordinate(model, columns(model, "x", "ball", "where")[0])
     assert not measures_every_coordinate(model, columns(model, "v", "ball", "where", "how")[0])
+
+
+# A differential gear behind an elevator: the two shafts turn with all three joints, and only the first has a sensor.
+DIFFERENTIAL = """
+<mujoco>
+  <option timestep="0.001" gravity="0 0 0"/>
+  <default><joint damping="0.05" stiffness="2"/></default>
+  <worldbody>
+    <body><joint name="lift" type="slide" axis="0 0 1"/><geom size=".1" mass="1"/>
+      <body><joint name="pitch" axis="0 1 0"/><geom size=".05" pos=".1 0 0" mass=".5"/>
+        <body><joint name="roll" axis="1 0 0"/><geom size=".05" pos=".1 .03 0" mass=".3"/></body></body></body>
+  </worldbody>
+  <tendon>
+    <fixed name="a"><joint joint="pitch" coef="1"/><joint joint="roll" coef=".8"/><joint joint="lift" coef="3"/></fixed>
+    <fixed name="b"><joint joint="pitch" coef="1"/><joint joint="roll" coef="-.8"/></fixed>
+  </tendon>
+  <actuator><motor name="m" tendon="b" gear="-20"/></actuator>
+  <sensor>
+    <jointpos name="lift" joint="lift"/><tendonpos name="a" tendon="a"/><actuatorpos name="m" actuator="m"/>
+    <actuatorvel name="turning" actuator="m"/><tendonvel name="running" tendon="a"/><jointvel name="up" joint="lift"/>
+  </sensor>
+</mujoco>
+"""
+
+
+@pytest.mark.parametrize("names", [("lift", "a", "m"), ("up", "turning", "a", "running", "lift", "m")])
+def test_gears_and_tendons_are_solved_for_the_joints_they_move(names):
+    gears = mujoco.MjModel.from_xml_string(DIFFERENTIAL)
+    random = np.random.default_rng(5)
+    begin = Starts(
+        random.normal(0, 0.3, (1, 3)), random.normal(0, 1.0, (1, 3)), np.zeros((1, 0)), np.zeros(1)
+    )
+    done = Engine(gears, 1).rollout(starts=begin, controls=np.zeros((1, 1000, 1)), steps=1000, states=True)
+    sensors, data = columns(gears, *names)
+    assert measures_every_coordinate(gears, sensors)
+    assert unmeasured_joints(gears, sensors) == []
+    noise = np.array([20e-4 if name in ("m", "turning") else 1e-4 for name in names])
+    outputs = done.sensors[0][:, data] + noise * random.standard_normal((1000, len(data)))
+    first = np.arange(100, 900, 50)
+    found = estimate_starts(
+        gears,
+        sensors,
+        time=0.001 * np.arange(1000),
+        outputs=outputs,
+        episodes=[slice(0, 1000)],
+        window_first=first,
+        window_episode=np.zeros(len(first), dtype=int),
+        noise_sd=noise,
+    )
+    off = np.hstack([found.starts.qpos - done.qpos[0, first], found.starts.qvel - done.qvel[0, first]])
+    assert (found.sd[:, :3] < 20 * 1e-4).all() and (found.sd[:, 3:] < 0.5).all()
+    assert (np.abs(off) < 0.4 * found.sd).all()  # the sd of starts is ten times that of what was read
+    # what an effect of a sensor changes in its numbers changes the starts that were read off them
+    jets = found.reported.jets.copy()
+    true = jets.copy()
+    scale = data[names.index("m")]
+    true[:, :, scale] *= 1.1
+    change = found.reported.start_change(true, 6)
+    share = -0.1 * jets[:, 0, scale] / 20
+    np.testing.assert_allclose(change[:, :3], share[:, None] * [0, 0.5, -0.5 / 0.8], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("names", "left"),
+    [
+        (("m",), ["lift", "pitch", "roll"]),
+        (("lift", "a"), ["pitch", "roll"]),
+        (("up", "a", "m"), ["lift", "pitch", "roll"]),
+    ],
+)
+def test_what_tendons_over_several_joints_leave_open_is_not_measured(names, left):
+    gears = mujoco.MjModel.from_xml_string(DIFFERENTIAL)
+    assert unmeasured_joints(gears, columns(gears, *names)[0]) == left
 
 
 def test_the_models_start_is_its_first_keyframe():

@@ -71,6 +71,12 @@ class LocalMotion:
         """That at the places at `keep`."""
         return LocalMotion(**{name: values[keep] for name, values in vars(self).items()})
 
+    def mixed(self, weights: np.ndarray) -> LocalMotion:
+        """That of sums `weights` (sum, column) of the columns, whose noise is independent."""
+        sums = (values @ weights.T for values in (self.value, self.slope, self.curvature))
+        sds = (np.sqrt(np.square(sd) @ np.square(weights).T) for sd in (self.value_sd, self.slope_sd))
+        return LocalMotion(*sums, *sds)
+
     def take(self, other: LocalMotion, places: np.ndarray, which: np.ndarray) -> None:
         """Replace the columns `which` (other's place, column) of `places` (other's place,) by those of `other`."""
         place, column = np.nonzero(which)

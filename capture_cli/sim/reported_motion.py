@@ -16,7 +16,7 @@ class ReportedMotion:
 
     path (window, knot, 3, column): value, slope and curvature, per s and s^2, of each column of sensordata; 0 where it
     is not an output. before (window, knot): s, how long before the start that was; 0 first, then increasing.
-    position, velocity, slope: pairs (column, tangent coordinate) that each was taken from. orientation: of each
+    position, velocity, slope: (column, tangent coordinate, weight) of which each is the sum. orientation: of each
     attitude its four columns, its tangent coordinates and their velocities. lag: s, how long before the time of a
     state its velocity is that of its path. read (window,): False for starts that somebody knows, which no sensor has to
     be believed for.
@@ -24,9 +24,9 @@ class ReportedMotion:
 
     path: np.ndarray
     before: np.ndarray
-    position: tuple[tuple[int, int], ...]
-    velocity: tuple[tuple[int, int], ...]
-    slope: tuple[tuple[int, int], ...]
+    position: tuple[tuple[int, int, float], ...]
+    velocity: tuple[tuple[int, int, float], ...]
+    slope: tuple[tuple[int, int, float], ...]
     orientation: tuple[tuple[slice, slice, slice], ...]
     lag: float
     read: np.ndarray
@@ -77,9 +77,9 @@ class ReportedMotion:
     def _of_states(self, value: np.ndarray, slope: np.ndarray, states: int) -> np.ndarray:
         """(window, state) of what was read off columns whose values and slopes are these, (window, column) each."""
         found = np.zeros((len(value), states))
-        for numbers, pairs in ((value, (*self.position, *self.velocity)), (slope, self.slope)):
-            for column, state in pairs:
-                found[:, state] = numbers[:, column]
+        for numbers, terms in ((value, (*self.position, *self.velocity)), (slope, self.slope)):
+            for column, state, weight in terms:
+                found[:, state] += weight * numbers[:, column]
         return found
 
 

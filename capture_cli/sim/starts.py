@@ -1,6 +1,6 @@
 """Initial states from the outputs of a log, with how well each is known.
 
-Where an output measures a coordinate or its velocity, its motion around the window's first sample gives value and
+Where outputs measure a coordinate or its velocity, their motion around the window's first sample gives value and
 derivative. What no output measures is taken from one simulation of the whole episode, and may be off by more than it
 moves there: a coordinate that rests stays where it is. Both are then made to satisfy the equality constraints.
 """
@@ -14,8 +14,9 @@ from functools import cached_property
 import mujoco
 import numpy as np
 
+from capture_cli.sim.coordinate_sources import Source, sources_of
 from capture_cli.sim.engine import Rollouts, Starts
-from capture_cli.sim.local_motion import HALF_WIDTHS, Neighbours, local_motion
+from capture_cli.sim.local_motion import HALF_WIDTHS, LocalMotion, Neighbours, local_motion
 from capture_cli.sim.loop_closure import LoopClosure
 from capture_cli.sim.reported_motion import KNOT_INTERVAL, MOST_LATE, ReportedMotion, extended
 
@@ -44,28 +45,6 @@ class StartEstimate:
         """Those of the windows at `keep`."""
         reported = None if self.reported is None else self.reported.rows(keep)
         return StartEstimate(self.starts.rows(keep), self.sd[keep], reported)
-
-
-@dataclass(frozen=True)
-class _Source:
-    """Output columns that give some tangent coordinates: `kind` is position, velocity or orientation.
-
-    data: where in sensordata they stand.
-    """
-
-    kind: str
-    columns: tuple[int, ...]
-    data: tuple[int, ...]
-    dofs: tuple[int, ...]
-    qpos: tuple[int, ...]
-
-    def noise(self, noise_sd: np.ndarray) -> np.ndarray:
-        """The noise of each coordinate, (dof,), from that of all outputs, (output,).
-
-        Of an orientation: of a rotation about each axis, half of which is in the four numbers together.
-        """
-        own = noise_sd[list(self.columns)]
-        return np.full(3, 2 * np.sqrt(np.square(own).sum() / 3)) if self.kind == "orientation" else own
 
 
 @dataclass(frozen=True)
@@ -106,7 +85,7 @@ def estimate_starts(
     sd = believed.sd.copy()
     sampled = np.ones(outputs.shape, dtype=bool) if sampled is None else sampled
     # of two that give a coordinate the last has the say: one that is not sparse
-    sources = sorted(_sources(model, sensors), key=lambda s: bool(sampled[:, s.columns[0]].all()))
+    sources = sorted(sources_of(model, sensors), key=lambda s: bool(sampled[:, list(s.columns)].all()))
     lag = _velocity_lag(model)
     places = _Places(np.asarray(time), episodes, window_first, window_episode)
     knots = _Knots.of(places, merged=not sampled.all(axis=0).any())
@@ -114,18 +93,19 @@ def estimate_starts(
     measured_velocity = {d for s in sources if s.kind == "velocity" for d in s.dofs}
     for source in sources:
         columns, dofs = list(source.columns), np.array(source.dofs)
-        near = knots.around(sampled[:, columns[0]])
-        every = local_motion(near, outputs[near.index][..., columns], noise_sd[columns])
+        every = _motion(knots, outputs, sampled, columns, noise_sd)
         motion = np.stack([every.value, every.slope, every.curvature], axis=1)
         path[..., list(source.data)] = motion.reshape(count, knots.count, 3, -1)
         if source.kind == "orientation":
-            at_starts = near.rows(slice(None, None, knots.count))
+            at_starts = knots.around(sampled[:, columns[0]]).rows(slice(None, None, knots.count))
             quaternions = outputs[at_starts.index][..., columns]
             rotation = _rotation_vectors(quaternions, HALF_WIDTHS[-1])
             fit = local_motion(at_starts, rotation, source.noise(noise_sd))
             qpos[:, list(source.qpos)] = _turned(quaternions[:, HALF_WIDTHS[-1]], fit.value)
         else:
             fit = every.rows(slice(None, None, knots.count))
+            if source.weights is not None:
+                fit = fit.mixed(source.weights)
             if source.kind == "position":
                 qpos[:, list(source.qpos)] = fit.value
         if source.kind == "velocity":
@@ -147,6 +127,17 @@ def estimate_starts(
     return StartEstimate(starts, sd, reported)
 
 
+def _motion(
+    knots: _Knots, outputs: np.ndarray, sampled: np.ndarray, columns: list[int], noise_sd: np.ndarray
+) -> LocalMotion:
+    """That of output columns at all knots, (window and knot, column)."""
+    if (sampled[:, columns] == sampled[:, columns[:1]]).all():
+        near = knots.around(sampled[:, columns[0]])
+        return local_motion(near, outputs[near.index][..., columns], noise_sd[columns])
+    parts = [vars(_motion(knots, outputs, sampled, [c], noise_sd)) for c in columns]
+    return LocalMotion(**{name: np.hstack([p[name] for p in parts]) for name in parts[0]})
+
+
 def _between_samples(outputs: np.ndarray, sampled: np.ndarray, places: _Places) -> np.ndarray:
     """Outputs (step, output) with straight lines between samples: near enough to follow a loop by."""
     if sampled.all():
@@ -163,24 +154,24 @@ def _closed(
     loops: LoopClosure,
     starts: Starts,
     sd: np.ndarray,
-    sources: Sequence[_Source],
+    sources: Sequence[Source],
     outputs: np.ndarray,
     places: _Places,
     noise_sd: np.ndarray,
 ) -> tuple[Starts, np.ndarray]:
     """Starts and their sd (window, state) that satisfy the model's equality constraints."""
     positions = [s for s in sources if s.kind != "velocity"]
-    columns, qpos, dofs = (
-        np.array([i for s in positions for i in getattr(s, n)], dtype=int)
-        for n in ("columns", "qpos", "dofs")
+    qpos, dofs = (
+        np.array([i for s in positions for i in getattr(s, n)], dtype=int) for n in ("qpos", "dofs")
     )
+    coordinates = np.hstack([outputs[:, :0], *(s.of(outputs[:, list(s.columns)]) for s in positions)])
     known = np.concatenate([s.noise(noise_sd) for s in positions] or [np.zeros(0)])
     begin = model_starts(loops.model, 1).starts.qpos[0]
     followed = np.zeros_like(starts.qpos)
     for number, steps in enumerate(places.episodes):
         own = places.episode == number
         at = places.first[own] - steps.start
-        measured = outputs[steps][:, columns]
+        measured = coordinates[steps]
         followed[own] = loops.follow(places.time[steps], measured, qpos, dofs, known, begin, at)
     return loops.close(starts, sd, followed)
 
@@ -244,9 +235,9 @@ def _turned(quaternions: np.ndarray, rotations: np.ndarray) -> np.ndarray:
 
 
 def _reported(
-    path, before, sources: list[_Source], measured_velocity: set[int], nv: int, lag: float
+    path, before, sources: list[Source], measured_velocity: set[int], nv: int, lag: float
 ) -> ReportedMotion:
-    pairs: dict[str, list[tuple[int, int]]] = {"position": [], "velocity": [], "slope": []}
+    taken: dict[str, dict[int, list[tuple[int, int, float]]]] = {"position": {}, "velocity": {}, "slope": {}}
     orientation = []
     for source in sources:
         if source.kind == "orientation":
@@ -255,16 +246,22 @@ def _reported(
                 (slice(column, column + 4), slice(dof, dof + 3), slice(nv + dof, nv + dof + 3))
             )
             continue
-        for column, dof in zip(source.data, source.dofs, strict=True):
-            pairs[source.kind].append((column, dof + nv if source.kind == "velocity" else dof))
+        weights = np.eye(len(source.dofs)) if source.weights is None else source.weights
+        for dof, row in zip(source.dofs, weights, strict=True):
+            terms = [(column, float(w)) for column, w in zip(source.data, row, strict=True) if w]
+            state = dof + nv if source.kind == "velocity" else dof
+            taken[source.kind][state] = [(column, state, w) for column, w in terms]
             if source.kind == "position" and dof not in measured_velocity:
-                pairs["slope"].append((column, dof + nv))
+                taken["slope"][dof + nv] = [(column, dof + nv, w) for column, w in terms]
+    position, velocity, slope = (
+        tuple(term for terms in states.values() for term in terms) for states in taken.values()
+    )
     return ReportedMotion(
         path,
         before,
-        tuple(pairs["position"]),
-        tuple(pairs["velocity"]),
-        tuple(pairs["slope"]),
+        position,
+        velocity,
+        slope,
         tuple(orientation),
         lag,
         np.ones(len(path), dtype=bool),
@@ -303,7 +300,7 @@ def known_starts(model: mujoco.MjModel, sensors, starts: Starts, noise_sd: np.nd
     sensors, noise_sd (output,) as in `estimate_starts`.
     """
     sd = np.zeros((len(starts), 2 * model.nv + model.na))
-    for source in _sources(model, sensors):
+    for source in sources_of(model, sensors):
         if source.kind != "velocity":
             sd[:, list(source.dofs)] = PRIOR_INFLATION * source.noise(noise_sd)
     return StartEstimate(starts, sd)
@@ -322,22 +319,6 @@ def with_known(read: StartEstimate, known: StartEstimate, which: np.ndarray) -> 
     )
 
 
-def measures_every_coordinate(model: mujoco.MjModel, sensors: Sequence[int]) -> bool:
-    """Whether every coordinate's position is among the outputs, and there are no activations."""
-    return len(_positioned(model, sensors)) == model.nv and model.na == 0
-
-
-def unmeasured_joints(model: mujoco.MjModel, sensors: Sequence[int]) -> list[str]:
-    """Names of the joints whose position no output gives; "#3" is the fourth of those without a name."""
-    dofs = _positioned(model, sensors)
-    return [model.joint(j).name or f"#{j}" for j in range(model.njnt) if int(model.jnt_dofadr[j]) not in dofs]
-
-
-def _positioned(model: mujoco.MjModel, sensors: Sequence[int]) -> set[int]:
-    """Tangent coordinates whose position is among the outputs."""
-    return {d for s in _sources(model, sensors) if s.kind != "velocity" for d in s.dofs}
-
-
 def from_episodes(model: mujoco.MjModel, whole: Rollouts, *, window_episode, window_step) -> StartEstimate:
     """Starts of windows from simulations of `whole` episodes, with their states. window_step (window,): on their grid.
 
@@ -354,52 +335,6 @@ def from_episodes(model: mujoco.MjModel, whole: Rollouts, *, window_episode, win
     motion = np.concatenate([states.std(axis=1) for states in (moved, qvel, act)], axis=1)
     motion[motion < STILL] = 0.0
     return StartEstimate(starts, UNMEASURED_MOTION * motion[window_episode])
-
-
-def _sources(model: mujoco.MjModel, sensors: Sequence[int]) -> list[_Source]:
-    kind = mujoco.mjtSensor
-    sources = []
-    sensors = np.asarray(sensors)
-    for sensor in dict.fromkeys(int(s) for s in sensors):
-        columns = tuple(np.flatnonzero(sensors == sensor).tolist())
-        what, which = int(model.sensor_type[sensor]), int(model.sensor_objid[sensor])
-        first = int(model.sensor_adr[sensor])
-        data = tuple(range(first, first + int(model.sensor_dim[sensor])))
-        if what in (kind.mjSENS_JOINTPOS, kind.mjSENS_JOINTVEL):
-            name = "position" if what == kind.mjSENS_JOINTPOS else "velocity"
-            sources.append(
-                _Source(
-                    name, columns, data, (int(model.jnt_dofadr[which]),), (int(model.jnt_qposadr[which]),)
-                )
-            )
-        elif what == kind.mjSENS_BALLQUAT:
-            dof, adr = int(model.jnt_dofadr[which]), int(model.jnt_qposadr[which])
-            sources.append(
-                _Source("orientation", columns, data, tuple(range(dof, dof + 3)), tuple(range(adr, adr + 4)))
-            )
-        elif what in (kind.mjSENS_FRAMEPOS, kind.mjSENS_FRAMEQUAT) and _is_free_body_frame(model, sensor):
-            joint = int(model.body_jntadr[which])
-            dof, adr = int(model.jnt_dofadr[joint]), int(model.jnt_qposadr[joint])
-            if what == kind.mjSENS_FRAMEPOS:
-                sources.append(
-                    _Source("position", columns, data, tuple(range(dof, dof + 3)), tuple(range(adr, adr + 3)))
-                )
-            else:
-                dofs, adrs = tuple(range(dof + 3, dof + 6)), tuple(range(adr + 3, adr + 7))
-                sources.append(_Source("orientation", columns, data, dofs, adrs))
-    return [s for s in sources if len(s.columns) == len(s.qpos)]
-
-
-def _is_free_body_frame(model: mujoco.MjModel, sensor: int) -> bool:
-    """Whether a frame sensor reads, in world coordinates, the frame that a free joint moves."""
-    body = int(model.sensor_objid[sensor])
-    is_xbody = int(model.sensor_objtype[sensor]) == mujoco.mjtObj.mjOBJ_XBODY
-    is_body = (
-        int(model.sensor_objtype[sensor]) == mujoco.mjtObj.mjOBJ_BODY and model.body_sameframe[body] == 1
-    )
-    if not (is_xbody or is_body) or model.sensor_refid[sensor] >= 0 or model.body_jntnum[body] != 1:
-        return False
-    return int(model.jnt_type[model.body_jntadr[body]]) == mujoco.mjtJoint.mjJNT_FREE
 
 
 def _velocity_lag(model: mujoco.MjModel) -> float:

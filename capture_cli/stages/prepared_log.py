@@ -14,6 +14,7 @@ from capture_cli.diagnosis.split import HeldOut, Split, split_windows
 from capture_cli.errors import FitError, LogError, OptionError
 from capture_cli.identifiers.base import Evidence, Trial
 from capture_cli.linearization import ROUGH_START_STEP, START_STEP
+from capture_cli.sim.coordinate_sources import measures_every_coordinate, unmeasured_joints
 from capture_cli.sim.engine import Engine, ModelFields
 from capture_cli.sim.quaternion_signs import aligned, continuous, quaternion_columns
 from capture_cli.sim.reported_motion import MOST_LATE
@@ -22,9 +23,7 @@ from capture_cli.sim.starts import (
     estimate_starts,
     from_episodes,
     known_starts,
-    measures_every_coordinate,
     model_starts,
-    unmeasured_joints,
     with_known,
 )
 from capture_cli.sim.windows import Windows, cut
