@@ -252,6 +252,9 @@ class _Work:
         diagnosis = self._diagnosis(attribution, self._models(attribution, last))
         if with_expression and diagnosis.document["verdict"] == "unexplained":
             diagnosis.document["expression"] = self._expression(last)
+        diagnosis.document["rollouts"]["simulated"] = (
+            self.fits.rollouts
+        )  # the document's own parts took some, too
         return diagnosis
 
     def _expression(self, last: Fit) -> dict[str, Any]:
