@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 from capture_cli.errors import FitError, LogError, OptionError
+from capture_cli.identifiers.least_squares import LeastSquares
 from capture_cli.stages import identify as stage
+from capture_cli.stages.chosen_identifier import ChosenIdentifier
 from capture_cli.stages.record import record
 from capture_cli.stores import output
 from capture_cli.stores.estimate import Estimate
@@ -279,6 +281,17 @@ def test_a_parameter_that_moves_nothing_is_named(plant, identify, tmp_path):
         identify(plant(), task)
     assert "mass" not in caught.value.message
     assert not (tmp_path / "estimate").exists()
+
+
+def test_that_is_said_before_any_work_whoever_identifies(plant, identify, tmp_path, monkeypatch):
+    task = variant(tmp_path, MASS + parameter("idle", "geom:block:friction", 0.1, 1.0))
+    log = plant()
+    learned = ChosenIdentifier("learned", LeastSquares, checkpoint=object(), path=tmp_path)
+    monkeypatch.setattr(stage, "with_noise_of_repeats", lambda *_, **__: pytest.fail("worked before"))
+    for chosen in (learned, replace(learned, checkpoint=None)):
+        monkeypatch.setattr(stage, "choose_identifier", lambda *_, chosen=chosen: chosen)
+        with pytest.raises(FitError, match="idle moves no output"):
+            identify(log, task)
 
 
 def test_a_parameter_at_its_bound_is_said(plant, identify):

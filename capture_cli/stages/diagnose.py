@@ -117,10 +117,9 @@ def diagnose_prepared(
 ) -> Diagnosis:
     """What `diagnose` finds in a log that was made ready, from the values `nominal` (parameter,) of its task."""
     options = {k: v for k, v in locals().items() if k != "prepared"}
-    simulator = ModelFits(prepared, threads).simulator(())
-    check_parameters_move_outputs(prepared, simulator, seed)
+    checked = check_parameters_move_outputs(prepared, seed=seed, threads=threads)
     prepared, rollouts = with_noise_of_repeats(prepared, nominal, threads=threads, seed=seed)
-    return _diagnose(prepared, rollouts=simulator.rollouts + rollouts, **options)
+    return _diagnose(prepared, rollouts=checked + rollouts, **options)
 
 
 def _diagnose(

@@ -34,6 +34,7 @@ from capture_cli.stores.estimate import FORMAT, HISTORY, VERSION, Estimate
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.stores.output import new_directory, refuse_existing, refuse_inputs, sha256
 from capture_cli.stores.provenance import Provenance
+from capture_cli.tasks.base import ActionTask, Task
 
 ROUNDS = 100  # of simulations, at most, unless told otherwise
 ROUGH = 1.0  # of the objective over k: a standard error
@@ -87,6 +88,9 @@ def identify(
     if earlier is not None:
         prepared = replace(prepared, split=earlier.split(prepared.windows, prepared.split))
     _import_meanwhile(NEEDED_LAST)
+    checked = 0
+    if _must_show_all(found, chosen):
+        checked = check_parameters_move_outputs(prepared, seed=options["seed"], threads=threads)
     with Progress("identify", "round", quiet=quiet) as progress:
         start = found.space.nominal if earlier is None else earlier.parameters
         prepared, rollouts = with_noise_of_repeats(prepared, start, threads=threads, seed=options["seed"])
@@ -96,7 +100,7 @@ def identify(
         if quieter is not prepared:
             rollouts += result.fits.rollouts
             result = replace(search, prepared=quieter).run()
-        result.fits.rollouts += rollouts
+        result.fits.rollouts += checked + rollouts
     estimate = _Report(result, chosen.name, options["seed"], earlier).estimate()
     if estimate.document["verdict"] == "unexplained":
         estimate.document["next_command"] = f"capture diagnose --real-log {real_log} --estimate {out}"
@@ -105,6 +109,15 @@ def identify(
         _write_pages(estimate, folder, provenance)
         provenance.write(folder)
     return estimate
+
+
+def _must_show_all(task: Task, chosen: ChosenIdentifier) -> bool:
+    """Whether a log in which a parameter moves no output is an error.
+
+    Not where rounds in context are made of actions: the first few need not reach every wall. What was learned proposes
+    a value all the same, the verdict names what the log leaves open, and the next action is chosen by it.
+    """
+    return chosen.checkpoint is None or not isinstance(task, ActionTask)
 
 
 @dataclass(frozen=True)
@@ -139,12 +152,8 @@ class _Search:
                 new=new,
                 earlier=None if earlier is None else earlier.rounds,
             )
-        fits = ModelFits(prepared, self.threads)
-        simulator = fits.simulator([])
-        check_parameters_move_outputs(prepared, simulator, self.seed)
-        fits.rollouts += simulator.rollouts
         return by_physics(
-            fits,
+            ModelFits(prepared, self.threads),
             self.chosen.method,
             start,
             self.progress,

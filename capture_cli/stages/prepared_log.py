@@ -429,11 +429,19 @@ def _check_long_enough(log: MeasuredLog, duration: float | None) -> None:
         )
 
 
-def check_parameters_move_outputs(prepared: PreparedLog, simulator: Simulator, seed: int) -> None:
-    """Raise FitError naming parameters that move no output, at the nominal point, the centre, nor at random ones."""
+def check_parameters_move_outputs(prepared: PreparedLog, *, seed: int, threads: int | None) -> int:
+    """Raise FitError naming parameters that move no output, at the nominal point, the centre, nor at random ones.
+
+    Returns how many windows were simulated to see that.
+    """
+    simulator = Simulator(
+        prepared.task,
+        engine=Engine(prepared.task.model, threads),
+        difference_step=prepared.difference_step,
+    )
     space = simulator.space
     if not len(space):
-        return
+        return 0
     generator = np.random.default_rng(seed)
     bases = np.stack(
         [space.to_unit(space.nominal), np.full(len(space), 0.5), generator.uniform(0.1, 0.9, len(space))]
@@ -453,10 +461,10 @@ def check_parameters_move_outputs(prepared: PreparedLog, simulator: Simulator, s
         seen[columns] |= valid.any(axis=1)
         still[columns[(valid & (change > MOVES_LEAST)).any(axis=1)]] = False
         if not still.any():
-            return
+            break
     names = [name for name, fixed in zip(space.names, still & seen, strict=True) if fixed]
     if not names:
-        return  # where everything diverged nothing can be told: the fit will say so
+        return simulator.rollouts  # where everything diverged nothing can be told: the fit will say so
     raise FitError(
         f"task {prepared.task.name!r}: {', '.join(names)} moves no output of this log, so it cannot be identified",
         cure="remove it from the task.toml, correct what it sets, or record a motion in which it matters",
