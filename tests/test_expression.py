@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from capture_cli.diagnosis.expression import expression_terms, formula
+from capture_cli.simulator import Simulator
 from capture_cli.stages import attribution
 from capture_cli.stages.diagnose import diagnose
-from capture_cli.stages.model_fits import ModelFits
 from capture_cli.stages.record import record
 from capture_cli.tasks import load_task
 
@@ -20,15 +20,15 @@ STIFFNESS = 150.0  # N/m^3
 
 
 @pytest.fixture
-def simulators(monkeypatch) -> list:
-    """Every simulator that fits of models make."""
-    made, simulator = [], ModelFits.simulator
+def simulators(monkeypatch) -> list[Simulator]:
+    """Every simulator that is made from here on."""
+    made, begin = [], Simulator.__init__
 
-    def kept(fits, effects):
-        made.append(simulator(fits, effects))
-        return made[-1]
+    def kept(simulator, *arguments, **options):
+        begin(simulator, *arguments, **options)
+        made.append(simulator)
 
-    monkeypatch.setattr(ModelFits, "simulator", kept)
+    monkeypatch.setattr(Simulator, "__init__", kept)
     return made
 
 

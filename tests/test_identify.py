@@ -13,6 +13,7 @@ from capture_cli.errors import FitError, LogError, OptionError
 from capture_cli.identifiers.least_squares import LeastSquares
 from capture_cli.stages import identify as stage
 from capture_cli.stages.chosen_identifier import ChosenIdentifier
+from capture_cli.stages.estimate_document import Report
 from capture_cli.stages.record import record
 from capture_cli.stores import output
 from capture_cli.stores.estimate import Estimate
@@ -430,13 +431,13 @@ def test_windows_in_which_the_simulation_runs_away_are_counted_and_explain_nothi
     log = plant()
     sound = identify(log).document
     assert (sound["verdict"], sound["diverged_windows"]) == ("explained", 0)
-    curves = stage._Report._curves
+    curves = Report._curves
 
     def one_runs_away(self, offsets):
         simulated, nominal, diverged = curves(self, offsets)
         return simulated, nominal, diverged | (np.arange(len(diverged)) == 1)
 
-    monkeypatch.setattr(stage._Report, "_curves", one_runs_away)
+    monkeypatch.setattr(Report, "_curves", one_runs_away)
     document = identify(log).document
     windows = document["split"]["fit_windows"]
     assert (document["verdict"], document["diverged_windows"]) == ("unexplained", 1)

@@ -45,9 +45,10 @@ REPEATED_SAMPLES = (16, 100)  # half a window within these: over how long repeat
 
 @dataclass(frozen=True)
 class PreparedLog:
-    """Everything `identify` and `diagnose` know before the first simulation.
+    """Everything `identify` and `diagnose` know before the first fit.
 
     difference_step: the least share of a parameter's range that finite differences take, as of `difference_step`.
+    rollouts: how many windows were simulated to make it ready.
     """
 
     task: Task
@@ -57,11 +58,18 @@ class PreparedLog:
     noise: NoiseFloor
     split: Split
     difference_step: float = 0.0
+    rollouts: int = 0
 
     @property
     def recording(self) -> np.ndarray:
         """Which recording each window comes from, (window,)."""
         return np.asarray(self.log.recording)[self.windows.episode]
+
+    @property
+    def log_steps(self) -> np.ndarray:
+        """Which step of the log each step of a window is, (window, step); past a window's end any that there is."""
+        steps = self.windows.first[:, None] + np.arange(self.windows.mask.shape[1])
+        return np.minimum(steps, len(self.log.time) - 1)
 
     def samples(self, output: int) -> list[np.ndarray]:
         """The samples of an output as they were measured, (sample,) of each episode."""
@@ -183,7 +191,8 @@ def prepare(
     )
     prepared = PreparedLog(task, log, windows, starts, noise, split)
     _check_fitted(prepared)
-    return replace(prepared, difference_step=difference_step(prepared, threads))
+    step, rollouts = difference_step(prepared, threads)
+    return replace(prepared, difference_step=step, rollouts=rollouts)
 
 
 def clock(log: MeasuredLog) -> np.ndarray:
