@@ -17,7 +17,7 @@ from capture_cli.stages import identify as identify_stage
 from capture_cli.stages.export import export
 from capture_cli.stages.gen_histories import gen_histories
 from capture_cli.stages.import_log import import_log
-from capture_cli.stages.prepared_log import all_diverged
+from capture_cli.stages.log_checks import all_diverged
 from capture_cli.stages.propose import propose
 from capture_cli.stages.record import record
 from capture_cli.stages.recorded_task import recorded_task

@@ -13,9 +13,9 @@ from capture_cli.errors import OptionError, StoreError
 from capture_cli.stages.attribution import MOST_EFFECTS
 from capture_cli.stages.diagnosis_document import diagnosis_of
 from capture_cli.stages.explain import Settings, explain
-from capture_cli.stages.prepared_log import PreparedLog, find_task, named, prepare
+from capture_cli.stages.prepared_log import PreparedLog, prepare
 from capture_cli.stages.progress import Progress
-from capture_cli.stages.recorded_task import load_recorded, task_inputs
+from capture_cli.stages.recorded_task import find_task, load_recorded, named, task_inputs
 from capture_cli.stores.diagnosis import Diagnosis
 from capture_cli.stores.estimate import Estimate, read_result
 from capture_cli.stores.measured_log import MeasuredLog

@@ -18,8 +18,10 @@ from capture_cli.parameters import ParameterSpace
 from capture_cli.simulator import Simulator
 from capture_cli.stages.identifier_checkpoint import IdentifierCheckpoint
 from capture_cli.stages.in_context import InContext, LoggedRounds, logged_rounds, walk_log
+from capture_cli.stages.log_checks import all_diverged
+from capture_cli.stages.log_starts import as_acted
 from capture_cli.stages.model_fits import TOLERANCE, Fit, ModelFits
-from capture_cli.stages.prepared_log import PreparedLog, all_diverged, as_acted
+from capture_cli.stages.prepared_log import PreparedLog
 from capture_cli.stages.progress import Progress
 
 # Simulated hits make the error a little rough: near the noise a descent can look for ever for what is not there.

@@ -14,17 +14,13 @@ from capture_cli.simulator import placed_name
 from capture_cli.stages.attribution import MOST_EFFECTS, Attribution
 from capture_cli.stages.candidates import Candidate
 from capture_cli.stages.explanation import Explanation, Expression, JudgedModel
+from capture_cli.stages.log_checks import all_diverged, check_parameters_move_outputs
 from capture_cli.stages.log_parts import FIT, SELECT, TEST, LogParts
+from capture_cli.stages.log_starts import as_acted, begins_as_acted
 from capture_cli.stages.model_comparison import ModelComparison
 from capture_cli.stages.model_fits import EXACT, Fit, ModelFits, PartFit
 from capture_cli.stages.next_experiment import next_experiment
-from capture_cli.stages.prepared_log import (
-    PreparedLog,
-    all_diverged,
-    as_acted,
-    begins_as_acted,
-    check_parameters_move_outputs,
-)
+from capture_cli.stages.prepared_log import PreparedLog
 from capture_cli.stages.repeated_noise import with_noise_of_repeats
 from capture_cli.stages.residual_noise import with_noise_of_residual
 
