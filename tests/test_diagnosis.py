@@ -29,19 +29,19 @@ from capture_cli.errors import LogError, OptionError, OutputError
 from capture_cli.identifiers.intervals import intervals
 from capture_cli.linearization import Evidence, Linearization
 from capture_cli.parameters import Parameter, ParameterSpace
+from capture_cli.protocol.attribution import _slight
+from capture_cli.protocol.candidates import REFITTED, all_candidates, worth_a_refit
+from capture_cli.protocol.explain import starts_found
+from capture_cli.protocol.explanation import verdict as judged_as
+from capture_cli.protocol.log_parts import FIT, SELECT, TEST, LogParts
+from capture_cli.protocol.model_fits import ModelFits, PartFit
+from capture_cli.protocol.prepared_log import prepare
+from capture_cli.protocol.residual_curves import residual_curves
 from capture_cli.stages import diagnose as diagnose_stage
-from capture_cli.stages.attribution import _slight
-from capture_cli.stages.candidates import REFITTED, all_candidates, worth_a_refit
 from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.diagnosis_document import summary
-from capture_cli.stages.explain import starts_found
-from capture_cli.stages.explanation import verdict as judged_as
 from capture_cli.stages.identify import identify
-from capture_cli.stages.log_parts import FIT, SELECT, TEST, LogParts
-from capture_cli.stages.model_fits import ModelFits, PartFit
-from capture_cli.stages.prepared_log import prepare
 from capture_cli.stages.record import record
-from capture_cli.stages.residual_curves import residual_curves
 from capture_cli.stores.estimate import Estimate
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.tasks import load_task

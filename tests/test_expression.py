@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from capture_cli.diagnosis.expression import expression_terms, formula
+from capture_cli.protocol import attribution
 from capture_cli.simulator import Simulator
-from capture_cli.stages import attribution
 from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.record import record
 from capture_cli.tasks import load_task

@@ -15,10 +15,10 @@ import numpy as np
 from benchmarks._planted.cases import LEFT, NOTHING, Case, experiment, size
 from benchmarks._planted.machines import EPISODES, Experiment
 from benchmarks._planted.outcomes import judge
-from capture_cli.stages import attribution
+from capture_cli.protocol import attribution
+from capture_cli.protocol.explain import Settings
+from capture_cli.protocol.prepared_log import prepare
 from capture_cli.stages.diagnose import diagnose_prepared
-from capture_cli.stages.explain import Settings
-from capture_cli.stages.prepared_log import prepare
 from capture_cli.stages.progress import Progress
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.tasks.base import Task

@@ -9,13 +9,13 @@ import numpy as np
 
 from capture_cli.diagnosis.lack_of_fit import LackOfFit
 from capture_cli.identifiers.intervals import Intervals
-from capture_cli.stages.attribution import Accepted
-from capture_cli.stages.candidates import Candidate
-from capture_cli.stages.explanation import Explanation, Expression, JudgedModel
-from capture_cli.stages.log_parts import FIT, SELECT, TEST, LogParts
-from capture_cli.stages.model_fits import Fit
-from capture_cli.stages.prepared_log import PreparedLog
-from capture_cli.stages.residual_curves import ResidualCurve, residual_curves
+from capture_cli.protocol.attribution import Accepted
+from capture_cli.protocol.candidates import Candidate
+from capture_cli.protocol.explanation import Explanation, Expression, JudgedModel
+from capture_cli.protocol.log_parts import FIT, SELECT, TEST, LogParts
+from capture_cli.protocol.model_fits import Fit
+from capture_cli.protocol.prepared_log import PreparedLog
+from capture_cli.protocol.residual_curves import ResidualCurve, residual_curves
 from capture_cli.stages.result_document import attributes_of, error_of, measured_arrays, noise_floor_of
 from capture_cli.stores.diagnosis import FORMAT, VERSION, Diagnosis
 from capture_cli.stores.output import sha256

@@ -9,9 +9,9 @@ from capture_cli.identifiers.base import Trial
 from capture_cli.identifiers.intervals import Intervals, intervals
 from capture_cli.identifiers.least_squares import CONVERGED_GAIN
 from capture_cli.identifiers.rounds import Rounds
+from capture_cli.protocol.model_fits import TOLERANCE, PartFit
 from capture_cli.stages.earlier_estimate import EarlierEstimate
 from capture_cli.stages.estimation import Found
-from capture_cli.stages.model_fits import TOLERANCE, PartFit
 from capture_cli.stages.result_document import attributes_of, error_of, measured_arrays, noise_floor_of
 from capture_cli.stores.estimate import FORMAT, HISTORY, VERSION, Estimate
 from capture_cli.stores.output import sha256

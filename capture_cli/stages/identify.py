@@ -10,17 +10,17 @@ from pathlib import Path
 
 import numpy as np
 
+from capture_cli.protocol.log_checks import check_parameters_move_outputs
+from capture_cli.protocol.model_fits import ModelFits
+from capture_cli.protocol.prepared_log import PreparedLog, prepare
+from capture_cli.protocol.repeated_noise import with_noise_of_repeats
+from capture_cli.protocol.residual_noise import with_noise_of_residual
 from capture_cli.stages.chosen_identifier import ChosenIdentifier, choose_identifier
 from capture_cli.stages.earlier_estimate import EarlierEstimate
 from capture_cli.stages.estimate_document import Report
 from capture_cli.stages.estimation import Found, by_physics, by_rounds
-from capture_cli.stages.log_checks import check_parameters_move_outputs
-from capture_cli.stages.model_fits import ModelFits
-from capture_cli.stages.prepared_log import PreparedLog, prepare
 from capture_cli.stages.progress import Progress
 from capture_cli.stages.recorded_task import find_task, named, task_inputs
-from capture_cli.stages.repeated_noise import with_noise_of_repeats
-from capture_cli.stages.residual_noise import with_noise_of_residual
 from capture_cli.stores.estimate import Estimate
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.stores.output import new_directory, refuse_existing, refuse_inputs

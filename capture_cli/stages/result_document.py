@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from capture_cli.stages.model_fits import PartFit
-from capture_cli.stages.prepared_log import PreparedLog
+from capture_cli.protocol.model_fits import PartFit
+from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.stores.measured_log import MeasuredLog
 
 

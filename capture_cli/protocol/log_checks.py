@@ -16,7 +16,7 @@ from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.tasks.base import Channel, Task
 
 if TYPE_CHECKING:
-    from capture_cli.stages.prepared_log import PreparedLog
+    from capture_cli.protocol.prepared_log import PreparedLog
 
 MOVES_SHARE = 0.05  # of the range: the step with which a parameter must move some output
 MOVES_LEAST = 1e-4  # of the noise floor: less is nothing

@@ -16,9 +16,9 @@ from capture_cli.identifiers.intervals import unit_covariance
 from capture_cli.identifiers.least_squares import HOPELESS, LONG_PATIENCE, PATIENCE, LeastSquares
 from capture_cli.linearization import Linearization, columns
 from capture_cli.parameters import ParameterSpace
+from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.sim.engine import Engine
 from capture_cli.simulator import Motion, Simulator, placed_name
-from capture_cli.stages.prepared_log import PreparedLog
 
 Placed = tuple[str, Effect]
 

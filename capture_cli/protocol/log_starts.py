@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from capture_cli.diagnosis.noise_floor import NoiseFloor
+from capture_cli.protocol.log_windows import clock, cut_log
 from capture_cli.sim.engine import Engine, ModelFields
 from capture_cli.sim.starts import (
     StartEstimate,
@@ -19,12 +20,11 @@ from capture_cli.sim.starts import (
     with_known,
 )
 from capture_cli.sim.windows import Windows
-from capture_cli.stages.log_windows import clock, cut_log
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.tasks.base import ActionTask, Task
 
 if TYPE_CHECKING:
-    from capture_cli.stages.prepared_log import PreparedLog
+    from capture_cli.protocol.prepared_log import PreparedLog
 
 AGREES = 1e-3  # p of the first samples of episodes below which they do not begin where their actions say
 

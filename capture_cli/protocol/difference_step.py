@@ -15,7 +15,7 @@ from capture_cli.sim.engine import Engine
 from capture_cli.simulator import Simulator
 
 if TYPE_CHECKING:
-    from capture_cli.stages.prepared_log import PreparedLog
+    from capture_cli.protocol.prepared_log import PreparedLog
 
 STEPS = (1e-4, 1e-3, 1e-2)  # shares of a parameter's range
 AGREE = 0.3  # of a slope, that one over a step ten times as long may differ by

@@ -10,11 +10,11 @@ from typing import Any
 from capture_cli.diagnosis.expression import ExpressionTerm, formula
 from capture_cli.diagnosis.lack_of_fit import NEAR_FLOOR, LackOfFit, holds, lack_of_fit
 from capture_cli.identifiers.intervals import Intervals, intervals
+from capture_cli.protocol.attribution import Accepted
+from capture_cli.protocol.candidates import Candidate
+from capture_cli.protocol.log_parts import TEST, LogParts
+from capture_cli.protocol.model_fits import Fit, PartFit
 from capture_cli.simulator import Motion
-from capture_cli.stages.attribution import Accepted
-from capture_cli.stages.candidates import Candidate
-from capture_cli.stages.log_parts import TEST, LogParts
-from capture_cli.stages.model_fits import Fit, PartFit
 
 
 @dataclass(frozen=True)

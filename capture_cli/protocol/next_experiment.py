@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from capture_cli.multisine import multisine_tape
+from capture_cli.protocol.model_fits import Fit, ModelFits
 from capture_cli.sim.starts import model_starts
 from capture_cli.sim.windows import Windows, cut
 from capture_cli.simulator import placed_name
-from capture_cli.stages.model_fits import Fit, ModelFits
-from capture_cli.stages.multisine import multisine_tape
 from capture_cli.tasks.base import Task
 
 BANDS = ((0.1, 0.5), (0.5, 3.0), (3.0, 10.0))  # Hz

@@ -1,4 +1,4 @@
-"""A log made ready for a task: checked, cut into windows, with starts, noise floor and split. Shared by stages."""
+"""A log made ready for a task: checked, cut into windows, with starts, noise floor and split."""
 
 from __future__ import annotations
 
@@ -11,6 +11,10 @@ from capture_cli.diagnosis.noise_floor import NoiseFloor, noise_floor
 from capture_cli.diagnosis.split import HeldOut, Split, split_windows
 from capture_cli.identifiers.base import Evidence, Trial
 from capture_cli.linearization import ROUGH_START_STEP, START_STEP
+from capture_cli.protocol.difference_step import difference_step
+from capture_cli.protocol.log_checks import check_fits, check_fitted, check_long_enough
+from capture_cli.protocol.log_starts import log_starts
+from capture_cli.protocol.log_windows import cut_log
 from capture_cli.sim.quaternion_signs import aligned, continuous, quaternion_columns
 from capture_cli.sim.reported_motion import MOST_LATE
 from capture_cli.sim.starts import (
@@ -18,10 +22,6 @@ from capture_cli.sim.starts import (
 )
 from capture_cli.sim.windows import Windows
 from capture_cli.simulator import Simulator
-from capture_cli.stages.difference_step import difference_step
-from capture_cli.stages.log_checks import check_fits, check_fitted, check_long_enough
-from capture_cli.stages.log_starts import log_starts
-from capture_cli.stages.log_windows import cut_log
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.tasks.base import Task
 

@@ -10,19 +10,19 @@ import numpy as np
 from capture_cli.diagnosis.expression import expression_terms
 from capture_cli.diagnosis.lack_of_fit import lack_of_fit
 from capture_cli.identifiers.intervals import intervals
+from capture_cli.protocol.attribution import MOST_EFFECTS, Attribution
+from capture_cli.protocol.candidates import Candidate
+from capture_cli.protocol.explanation import Explanation, Expression, JudgedModel
+from capture_cli.protocol.log_checks import all_diverged, check_parameters_move_outputs
+from capture_cli.protocol.log_parts import FIT, SELECT, TEST, LogParts
+from capture_cli.protocol.log_starts import as_acted, begins_as_acted
+from capture_cli.protocol.model_comparison import ModelComparison
+from capture_cli.protocol.model_fits import EXACT, Fit, ModelFits, PartFit
+from capture_cli.protocol.next_experiment import next_experiment
+from capture_cli.protocol.prepared_log import PreparedLog
+from capture_cli.protocol.repeated_noise import with_noise_of_repeats
+from capture_cli.protocol.residual_noise import with_noise_of_residual
 from capture_cli.simulator import placed_name
-from capture_cli.stages.attribution import MOST_EFFECTS, Attribution
-from capture_cli.stages.candidates import Candidate
-from capture_cli.stages.explanation import Explanation, Expression, JudgedModel
-from capture_cli.stages.log_checks import all_diverged, check_parameters_move_outputs
-from capture_cli.stages.log_parts import FIT, SELECT, TEST, LogParts
-from capture_cli.stages.log_starts import as_acted, begins_as_acted
-from capture_cli.stages.model_comparison import ModelComparison
-from capture_cli.stages.model_fits import EXACT, Fit, ModelFits, PartFit
-from capture_cli.stages.next_experiment import next_experiment
-from capture_cli.stages.prepared_log import PreparedLog
-from capture_cli.stages.repeated_noise import with_noise_of_repeats
-from capture_cli.stages.residual_noise import with_noise_of_residual
 
 # what is tried, its number, of how many, what was found so far
 OnStep = Callable[[str, int, int, Sequence[str]], None]
