@@ -41,7 +41,7 @@ def timed(owner, name, part):
 
 timed(stage, "prepare", "prepare the log")
 timed(stage, "check_parameters_move_outputs", "check the parameters")
-timed(stage._Report, "estimate", "intervals, curves, verdict")
+timed(stage.Report, "estimate", "intervals, curves, verdict")
 timed(stage, "_write_pages", "report and figures")
 log, task, out = map(Path, sys.argv[1:])
 began = time.perf_counter()

@@ -19,10 +19,10 @@ ROWS = (
     ("__main__",),
     ("cli",),
     ("stages",),
-    ("reports",),
+    ("reports", "protocol"),
     ("identifiers", "policies", "search", "diagnosis"),
     ("linearization",),
-    ("simulator", "worlds", "observation_noise"),
+    ("simulator", "worlds", "observation_noise", "multisine"),
     ("tasks", "effects"),
     ("sim", "stores"),
     ("parameters", "registry"),
@@ -92,6 +92,11 @@ def test_imports_go_down_the_rows(module):
 @pytest.mark.parametrize("module", [m for m in MODULES if m.split(".")[0] in ALGORITHMS])
 def test_algorithms_do_not_import_stores(module):
     assert not {m for m in imported(module) if m.startswith("stores")}
+
+
+@pytest.mark.parametrize("module", [m for m in MODULES if m.startswith("protocol.")])
+def test_the_protocol_knows_a_log_and_no_other_file(module):
+    assert {m for m in imported(module) if m.startswith("stores")} <= {"stores.measured_log"}
 
 
 @pytest.mark.parametrize("registry", registries(), ids=lambda r: r.package)

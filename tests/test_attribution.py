@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from capture_cli.stages import attribution
-from capture_cli.stages.attribution import Accepted, Attribution
-from capture_cli.stages.candidates import Candidate
+from capture_cli.protocol import attribution
+from capture_cli.protocol.attribution import Accepted, Attribution
+from capture_cli.protocol.candidates import Candidate
+from capture_cli.protocol.model_comparison import ModelComparison
 from capture_cli.stages.diagnose import diagnose
-from capture_cli.stages.model_comparison import ModelComparison
 from capture_cli.stages.record import record
 
 MACHINES = Path(__file__).parents[1] / "benchmarks" / "machines"

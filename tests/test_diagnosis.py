@@ -30,13 +30,18 @@ from capture_cli.errors import LogError, OptionError, OutputError
 from capture_cli.identifiers.intervals import intervals
 from capture_cli.linearization import Evidence, Linearization
 from capture_cli.parameters import Parameter, ParameterSpace
+from capture_cli.protocol.attribution import _slight
+from capture_cli.protocol.candidates import REFITTED, all_candidates, worth_a_refit
+from capture_cli.protocol.explain import starts_found
+from capture_cli.protocol.explanation import verdict as judged_as
+from capture_cli.protocol.log_parts import FIT, SELECT, TEST, LogParts
+from capture_cli.protocol.model_fits import ModelFits, PartFit
+from capture_cli.protocol.prepared_log import prepare
+from capture_cli.protocol.residual_curves import residual_curves
 from capture_cli.stages import diagnose as diagnose_stage
-from capture_cli.stages.attribution import _slight
-from capture_cli.stages.candidates import REFITTED, all_candidates, worth_a_refit
-from capture_cli.stages.diagnose import _summary, _verdict, diagnose
+from capture_cli.stages.diagnose import diagnose
+from capture_cli.stages.diagnosis_document import summary
 from capture_cli.stages.identify import identify
-from capture_cli.stages.model_fits import ModelFits, PartFit
-from capture_cli.stages.prepared_log import prepare
 from capture_cli.stages.record import record
 from capture_cli.stores.estimate import Estimate
 from capture_cli.stores.measured_log import MeasuredLog
@@ -378,16 +383,15 @@ def test_an_effect_is_found_added_and_its_error_reported_before_and_after(logs, 
 
 
 def test_a_refit_begins_with_the_starts_that_were_found():
-    work = object.__new__(diagnose_stage._Work)
-    fit, select, test = diagnose_stage.FIT, diagnose_stage.SELECT, diagnose_stage.TEST
-    work.part = np.array([fit, test, select, fit, select])
+    number = np.array([FIT, TEST, SELECT, FIT, SELECT])
+    folds = Folds(number == FIT, ((number == FIT, number == SELECT),))
+    parts = LogParts(None, folds, number)
     fitted, judged = (
         SimpleNamespace(offsets=np.array([[1.0], [4]])),
         SimpleNamespace(offsets=np.array([[3.0], [5]])),
     )
-    work.folds = Folds(work.part == fit, ((work.part == fit, work.part == select),))
-    assert work._starts_found(fitted, judged).ravel().tolist() == [1, 3, 4, 5]
-    assert work._starts_found(fitted, None).ravel().tolist() == [1, 0, 4, 0]
+    assert starts_found(parts, fitted, judged).ravel().tolist() == [1, 3, 4, 5]
+    assert starts_found(parts, fitted, None).ravel().tolist() == [1, 0, 4, 0]
 
 
 def test_what_arises_in_contact_is_found_there(tmp_path):
@@ -409,9 +413,8 @@ def test_what_arises_in_contact_is_found_there(tmp_path):
     fits = ModelFits(prepared, 1)
     fit = fits.fit(prepared, [], task.space.nominal, rounds=1)
     whole = PartFit.of(fit.at)
-    work = diagnose_stage._Work(prepared, fits, None, 0)
-    curves, _ = work._localise({"before": whole, "after": whole}, fits.motion(prepared, fit))
-    share = {(c["output"], c["against"]): c["share"] for c in curves}
+    curves = residual_curves(prepared, whole, whole, fits.motion(prepared, fit).contacts)
+    share = {(c.output, c.against): c.share for c in curves}
     assert share["x", "number of contacts"] > 0.1
     assert share["y", "number of contacts"] < 0.05  # along the wall nothing is missing
 
@@ -443,13 +446,13 @@ def test_what_the_estimate_held_out_stays_so(logs, tmp_path, monkeypatch):
     made.arrays["window/is_test"][:] = held
     Estimate(made.document, made.arrays, made.attributes).write(tmp_path / "estimate")
     found = diagnose(estimate=tmp_path / "estimate", out=tmp_path / "same", **options)
-    assert np.array_equal(found.arrays["window/part"] == diagnose_stage.TEST, held)
+    assert np.array_equal(found.arrays["window/part"] == TEST, held)
     provenance = json.loads((tmp_path / "same" / "provenance.json").read_text())
     assert provenance["options"]["seed"] == 5
     shorter = diagnose(
         estimate=tmp_path / "estimate", out=tmp_path / "shorter", window=0.3, seed=7, **options
     )
-    test = shorter.arrays["window/part"] == diagnose_stage.TEST
+    test = shorter.arrays["window/part"] == TEST
     assert set(shorter.arrays["window/episode"][test]) == {1, 6}
     assert not set(shorter.arrays["window/episode"][~test]) & {1, 6}
     provenance = json.loads((tmp_path / "shorter" / "provenance.json").read_text())
@@ -521,8 +524,8 @@ def test_what_does_not_show_in_held_out_data_is_not_found(without, with_it, verd
         PartFit(evidence, np.zeros((4, 2)), np.full((4, 50), error), np.zeros(4))
         for error in (without, with_it)
     ]
-    found = SimpleNamespace(accepted=[SimpleNamespace(tied_with=[])])
-    assert _verdict(*lacking, *held_out, found) == verdict
+    accepted = [SimpleNamespace(tied_with=[])]
+    assert judged_as(*lacking, *held_out, accepted) == verdict
 
 
 def test_lags_that_differ_are_told_apart_although_they_come_together(tmp_path, monkeypatch):
@@ -553,10 +556,10 @@ def test_lags_that_differ_are_told_apart_although_they_come_together(tmp_path, m
 
 def test_what_is_left_is_told_with_where_it_is():
     stages = [{"test": {"normalized": 45.1}}, {"test": {"normalized": 16.1}}]
-    found = SimpleNamespace(accepted=[SimpleNamespace(name="cogging@q", tied_with=())])
+    accepted = [SimpleNamespace(name="cogging@q", tied_with=())]
     for fitted, words in (
         (24.7, "left on what was fitted is still 24.7 times"),
         (9.0, "left is still 16.1 times"),
     ):
         lacking = SimpleNamespace(normalized=fitted, lacking=True)
-        assert words in _summary("unexplained", stages, found, lacking, "test")
+        assert words in summary("unexplained", stages, accepted, lacking)

@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 
 from benchmarks import REGISTRY as BENCHMARKS
 from capture_cli.cli import app
-from capture_cli.stages.candidates import Candidate, all_candidates
+from capture_cli.protocol.candidates import Candidate, all_candidates
 from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.evaluation_run import evaluate
 from capture_cli.stages.gen_histories import gen_histories
@@ -96,7 +96,7 @@ def written(tmp_path_factory) -> dict[str, dict]:
     record(task=task, out=folder / "log.zarr", **options)
     identify(real_log=folder / "log.zarr", task=task, out=folder / "e", starts=1, rounds=2, quiet=True)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("capture_cli.stages.attribution.all_candidates", friction_only)
+        patch.setattr("capture_cli.protocol.attribution.all_candidates", friction_only)
         diagnose(real_log=folder / "log.zarr", task=task, out=folder / "d", starts=1, quiet=True)
     histories = write(toy_histories(20, rounds=3), folder / "h.zarr")
     tiny = {"width": 8, "layers": 1, "heads": 1, "steps": 2, "batch": 8}

@@ -10,7 +10,10 @@ import numpy as np
 import pytest
 
 from capture_cli.errors import FitError, LogError, OptionError
+from capture_cli.identifiers.least_squares import LeastSquares
 from capture_cli.stages import identify as stage
+from capture_cli.stages.chosen_identifier import ChosenIdentifier
+from capture_cli.stages.estimate_document import Report
 from capture_cli.stages.record import record
 from capture_cli.stores import output
 from capture_cli.stores.estimate import Estimate
@@ -281,6 +284,17 @@ def test_a_parameter_that_moves_nothing_is_named(plant, identify, tmp_path):
     assert not (tmp_path / "estimate").exists()
 
 
+def test_that_is_said_before_any_work_whoever_identifies(plant, identify, tmp_path, monkeypatch):
+    task = variant(tmp_path, MASS + parameter("idle", "geom:block:friction", 0.1, 1.0))
+    log = plant()
+    learned = ChosenIdentifier("learned", LeastSquares, checkpoint=object(), path=tmp_path)
+    monkeypatch.setattr(stage, "with_noise_of_repeats", lambda *_, **__: pytest.fail("worked before"))
+    for chosen in (learned, replace(learned, checkpoint=None)):
+        monkeypatch.setattr(stage, "choose_identifier", lambda *_, chosen=chosen: chosen)
+        with pytest.raises(FitError, match="idle moves no output"):
+            identify(log, task)
+
+
 def test_a_parameter_at_its_bound_is_said(plant, identify):
     found = identify(plant(parameters={**TRUTH, "mass": 5.0}))
     mass = found.document["parameters"]["mass"]
@@ -417,13 +431,13 @@ def test_windows_in_which_the_simulation_runs_away_are_counted_and_explain_nothi
     log = plant()
     sound = identify(log).document
     assert (sound["verdict"], sound["diverged_windows"]) == ("explained", 0)
-    curves = stage._Report._curves
+    curves = Report._curves
 
     def one_runs_away(self, offsets):
         simulated, nominal, diverged = curves(self, offsets)
         return simulated, nominal, diverged | (np.arange(len(diverged)) == 1)
 
-    monkeypatch.setattr(stage._Report, "_curves", one_runs_away)
+    monkeypatch.setattr(Report, "_curves", one_runs_away)
     document = identify(log).document
     windows = document["split"]["fit_windows"]
     assert (document["verdict"], document["diverged_windows"]) == ("unexplained", 1)

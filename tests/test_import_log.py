@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from pyarrow import parquet
 
 from capture_cli.errors import CaptureError, LogError, OutputError
+from capture_cli.protocol.log_checks import check_fits
 from capture_cli.stages.import_log import import_log
-from capture_cli.stages.prepared_log import check_fits
 from capture_cli.stages.source_files import open_source
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.tasks import load_task

@@ -14,11 +14,11 @@ from capture_cli.effects import REGISTRY
 from capture_cli.effects._transmission import TransmissionEffect
 from capture_cli.effects.base import Effect
 from capture_cli.identifiers.intervals import unit_covariance
+from capture_cli.protocol.model_comparison import ModelComparison
+from capture_cli.protocol.model_fits import EXACT, RETURNED, Fit, ModelFits, PartFit
+from capture_cli.protocol.prepared_log import PreparedLog, prepare
 from capture_cli.sim.windows import LEAD
 from capture_cli.simulator import Simulator
-from capture_cli.stages.model_comparison import ModelComparison
-from capture_cli.stages.model_fits import EXACT, RETURNED, Fit, ModelFits, PartFit
-from capture_cli.stages.prepared_log import PreparedLog, prepare
 from capture_cli.stages.record import record
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.tasks import load_task

@@ -15,12 +15,12 @@ from capture_cli.diagnosis.score import score
 from capture_cli.diagnosis.split import select_folds
 from capture_cli.effects import REGISTRY
 from capture_cli.effects._periodic_force import PeriodicForce
+from capture_cli.protocol.attribution import Attribution
+from capture_cli.protocol.candidates import Candidate
+from capture_cli.protocol.model_fits import ModelFits
+from capture_cli.protocol.narrow_shapes import NarrowShapes, _peaks
+from capture_cli.protocol.prepared_log import prepare
 from capture_cli.sim.engine import Engine, Starts
-from capture_cli.stages.attribution import Attribution
-from capture_cli.stages.candidates import Candidate
-from capture_cli.stages.model_fits import ModelFits
-from capture_cli.stages.narrow_shapes import NarrowShapes, _peaks
-from capture_cli.stages.prepared_log import prepare
 from capture_cli.stages.record import record
 from capture_cli.tasks import load_task
 

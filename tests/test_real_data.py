@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from capture_cli.stages import identify as stage
+from capture_cli.stages.estimate_document import Report
 from capture_cli.stages.import_log import import_log
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "docs" / "examples"
@@ -18,7 +19,7 @@ EMPS = {"mass": (95.11, 0.03), "damping": (203.5, 0.08), "coulomb": (20.39, 0.09
 def without_the_slow_parts(monkeypatch):
     """Pages and the estimate of each recording alone have tests of their own."""
     monkeypatch.setattr(stage, "_write_pages", lambda *_: None)
-    monkeypatch.setattr(stage._Report, "_recordings", lambda *_: None)
+    monkeypatch.setattr(Report, "_recordings", lambda *_: None)
 
 
 def identify(folder: Path, task: Path, files: list[Path], **options) -> dict:

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from capture_cli.errors import OptionError
+from capture_cli.protocol.log_starts import as_acted, begins_as_acted
+from capture_cli.protocol.prepared_log import prepare
 from capture_cli.simulator import Simulator
 from capture_cli.stages.drive import ACTION_RATE
 from capture_cli.stages.identify import identify
-from capture_cli.stages.prepared_log import as_acted, begins_as_acted, prepare
 from capture_cli.stages.record import record
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.tasks import load_task

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from capture_cli.errors import OptionError
-from capture_cli.stages.multisine import BAND, from_rest, multisine, multisine_tape, peak
+from capture_cli.multisine import BAND, from_rest, multisine, multisine_tape, peak
 from capture_cli.stages.record import record
 from capture_cli.stages.tapes import tape_task
 from capture_cli.stores.measured_log import MeasuredLog

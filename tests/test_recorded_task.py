@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 from capture_cli.errors import LogError, OptionError, OutputError
+from capture_cli.protocol.log_checks import all_diverged
 from capture_cli.stages import diagnose as diagnose_stage
 from capture_cli.stages import identify as identify_stage
 from capture_cli.stages.export import export
 from capture_cli.stages.gen_histories import gen_histories
 from capture_cli.stages.import_log import import_log
-from capture_cli.stages.prepared_log import all_diverged
 from capture_cli.stages.propose import propose
 from capture_cli.stages.record import record
 from capture_cli.stages.recorded_task import recorded_task

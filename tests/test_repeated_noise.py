@@ -11,11 +11,11 @@ from coloured_noise import coloured
 from gimbal import gimbal
 from scipy.spatial.transform import Rotation
 
+from capture_cli.protocol.prepared_log import prepare
+from capture_cli.protocol.repeated_noise import with_noise_of_repeats
 from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.identify import identify
-from capture_cli.stages.prepared_log import prepare
 from capture_cli.stages.record import record
-from capture_cli.stages.repeated_noise import with_noise_of_repeats
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.tasks import load_task
 

@@ -11,7 +11,7 @@ import pytest
 from episodes_of import episodes_of
 
 from benchmarks.family import Logs
-from capture_cli.errors import LogError, OptionError, StoreError
+from capture_cli.errors import FitError, LogError, OptionError, StoreError
 from capture_cli.identifiers._family import Family
 from capture_cli.identifiers._normalisation import Normalisation
 from capture_cli.identifiers.rounds import Rounds
@@ -201,6 +201,18 @@ def test_a_machine_of_ones_own_from_its_log_to_an_identifier_of_its_own(slider_t
         p = document["parameters"][name]
         assert abs(p["value"] - truth) < 4 * p["sd"]
     assert document["in_context"]["rounds"] == document["split"]["fit_windows"] == 9
+
+
+def test_strokes_need_not_reach_every_wall_in_context(tmp_path):
+    """Two strokes, of which none touches the right wall: a loop that begins with them goes on from there."""
+    record(task="air-hockey", out=tmp_path / "log.zarr", episodes=2, noise=1e-3, seed=3, threads=1)
+    options = {"real_log": tmp_path / "log.zarr", "out": tmp_path / "e", "test": "none", "quiet": True}
+    document = identify(**options, threads=1).document
+    assert document["in_context"]["rounds"] == 2
+    assert not document["parameters"]["right_damping"]["identifiable"]
+    assert any("right_damping" in u["combination"] for u in document["undetermined"])
+    with pytest.raises(FitError, match="right_damping moves no output"):
+        identify(**options, identifier="least-squares", force=True, threads=1)
 
 
 def test_logs_as_in_training_are_not_taken_for_others():

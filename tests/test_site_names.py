@@ -6,13 +6,13 @@ import mujoco
 import pytest
 
 from capture_cli.errors import OptionError
+from capture_cli.protocol import attribution
+from capture_cli.protocol.candidates import Candidate, all_candidates
+from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.simulator import placed_name
-from capture_cli.stages import attribution as attribution_stage
 from capture_cli.stages import diagnose as diagnose_stage
-from capture_cli.stages.candidates import Candidate, all_candidates
 from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.export import export
-from capture_cli.stages.prepared_log import PreparedLog
 from capture_cli.stages.record import parse_effects, record
 
 TWO_JOINTS = """
@@ -54,7 +54,7 @@ def test_joints_may_have_dots_in_their_names(tmp_path, monkeypatch):
         "coulomb-friction@arm.1.friction": 1.5,
     }
     out = tmp_path / "found"
-    monkeypatch.setattr(attribution_stage, "all_candidates", coulomb_alone)
+    monkeypatch.setattr(attribution, "all_candidates", coulomb_alone)
     found = diagnose(real_log=tmp_path / "log.zarr", task=str(task), out=out, threads=1, quiet=True).document
     values = {e["site"]: {n: p["value"] for n, p in e["parameters"].items()} for e in found["effects"]}
     assert {site: set(own) for site, own in values.items()} == {"arm": {"friction"}, "arm.1": {"friction"}}

@@ -18,12 +18,12 @@ from capture_cli.diagnosis.acceptance import correlation_samples, correlation_st
 from capture_cli.diagnosis.noise_floor import noise_floor
 from capture_cli.errors import LogError
 from capture_cli.linearization import autocorrelation_time, autocovariance
+from capture_cli.protocol.prepared_log import prepare
 from capture_cli.reports.curves import Curves
 from capture_cli.stages import diagnose as diagnose_stage
 from capture_cli.stages import identify as identify_stage
 from capture_cli.stages.import_log import import_log
 from capture_cli.stages.inspect import inspect
-from capture_cli.stages.prepared_log import prepare
 from capture_cli.stages.record import record
 from capture_cli.stages.tapes import tape_task
 from capture_cli.stores.estimate import Estimate

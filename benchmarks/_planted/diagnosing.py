@@ -15,9 +15,10 @@ import numpy as np
 from benchmarks._planted.cases import LEFT, NOTHING, Case, experiment, size
 from benchmarks._planted.machines import EPISODES, Experiment
 from benchmarks._planted.outcomes import judge
-from capture_cli.stages import attribution
+from capture_cli.protocol import attribution
+from capture_cli.protocol.explain import Settings
+from capture_cli.protocol.prepared_log import prepare
 from capture_cli.stages.diagnose import diagnose_prepared
-from capture_cli.stages.prepared_log import prepare
 from capture_cli.stages.progress import Progress
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.tasks.base import Task
@@ -66,7 +67,8 @@ def diagnose(log: MeasuredLog, task: Task, seed: int) -> dict[str, Any]:
     """diagnosis.json of `log` with the defaults of `capture diagnose`, on one thread."""
     prepared = prepare(log, task, window=None, test=None, seed=seed)
     progress = Progress("diagnose", "model", quiet=True)
-    return diagnose_prepared(prepared, task.space.nominal, progress, seed=seed, threads=1).document
+    settings = Settings(seed=seed, threads=1)
+    return diagnose_prepared(prepared, task.space.nominal, settings, progress).document
 
 
 @contextmanager

@@ -10,12 +10,12 @@ import numpy as np
 from benchmarks import MACHINES
 from capture_cli.diagnosis.noise_floor import NoiseFloor
 from capture_cli.effects.base import Effect
+from capture_cli.multisine import multisine
+from capture_cli.protocol.model_fits import ModelFits
+from capture_cli.protocol.prepared_log import prepare
 from capture_cli.sim.engine import Starts
 from capture_cli.sim.windows import cut
 from capture_cli.simulator import Simulator
-from capture_cli.stages.model_fits import ModelFits
-from capture_cli.stages.multisine import multisine
-from capture_cli.stages.prepared_log import prepare
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.tasks import load_task
 from capture_cli.tasks.base import Task

@@ -50,7 +50,10 @@ class Source:
 
 
 def sources_of(model: mujoco.MjModel, sensors: Sequence[int]) -> list[Source]:
-    """What the outputs give of the sensors `sensors` (output,), of which one of dimension n stands n times in a row."""
+    """What the outputs give, whose sensors are `sensors` (output,); -1 of one that is not to be believed.
+
+    A sensor of dimension n stands n times in a row.
+    """
     alone = [s for s in _alone(model, np.asarray(sensors)) if len(s.columns) == len(s.qpos)]
     return alone + [
         s for kind in ("position", "velocity") for s in _unmixed(model, np.asarray(sensors), kind, alone)
@@ -75,7 +78,7 @@ def _positioned(model: mujoco.MjModel, sensors: Sequence[int]) -> set[int]:
 
 def _alone(model: mujoco.MjModel, sensors: np.ndarray) -> Iterator[Source]:
     """Sensors that each give coordinates of their own."""
-    for sensor in dict.fromkeys(int(s) for s in sensors):
+    for sensor in dict.fromkeys(int(s) for s in sensors if s >= 0):
         columns = tuple(np.flatnonzero(sensors == sensor).tolist())
         what, which = int(model.sensor_type[sensor]), int(model.sensor_objid[sensor])
         first = int(model.sensor_adr[sensor])
@@ -130,7 +133,7 @@ def _unmixed(
 
 def _kind(model: mujoco.MjModel, sensor: int) -> str:
     """Of a sensor of an actuator or of a tendon; "" of others."""
-    return _KINDS.get(int(model.sensor_type[sensor]), "")
+    return _KINDS.get(int(model.sensor_type[sensor]), "") if sensor >= 0 else ""
 
 
 def _sum(model: mujoco.MjModel, sensor: int) -> np.ndarray | None:

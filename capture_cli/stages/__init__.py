@@ -1,1 +1,1 @@
-"""What you run: one file = one command = one kind of output. Only stages join files and algorithms."""
+"""What you run: one file = one command, and what several commands share. Only stages join files and algorithms."""

@@ -10,11 +10,11 @@ import mujoco
 import numpy as np
 
 from capture_cli.errors import OptionError, did_you_mean
+from capture_cli.multisine import multisine_tape, peak
 from capture_cli.sim.engine import Starts
 from capture_cli.sim.starts import model_starts
 from capture_cli.sim.targets import object_names
 from capture_cli.sim.windows import gaps, usual_interval
-from capture_cli.stages.multisine import multisine_tape, peak
 from capture_cli.stages.policy_checkpoint import load_policy
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.stores.proposal import read_action

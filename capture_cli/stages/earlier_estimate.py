@@ -12,9 +12,10 @@ from capture_cli.diagnosis.split import TEST_SHARE, Split
 from capture_cli.errors import OptionError
 from capture_cli.identifiers.base import Best
 from capture_cli.identifiers.rounds import Rounds
+from capture_cli.protocol.log_checks import check_fits
+from capture_cli.protocol.prepared_log import attitudes
 from capture_cli.sim.quaternion_signs import continuous
 from capture_cli.sim.windows import Windows
-from capture_cli.stages.prepared_log import attitudes, check_fits
 from capture_cli.stores.estimate import HISTORY, Estimate, read_result
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.tasks.base import Task

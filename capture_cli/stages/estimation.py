@@ -15,11 +15,13 @@ from capture_cli.identifiers.least_squares import LeastSquares
 from capture_cli.identifiers.rounds import Rounds, finite
 from capture_cli.linearization import Linearization
 from capture_cli.parameters import ParameterSpace
+from capture_cli.protocol.log_checks import all_diverged
+from capture_cli.protocol.log_starts import as_acted
+from capture_cli.protocol.model_fits import TOLERANCE, Fit, ModelFits
+from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.simulator import Simulator
 from capture_cli.stages.identifier_checkpoint import IdentifierCheckpoint
 from capture_cli.stages.in_context import InContext, LoggedRounds, logged_rounds, walk_log
-from capture_cli.stages.model_fits import TOLERANCE, Fit, ModelFits
-from capture_cli.stages.prepared_log import PreparedLog, all_diverged, as_acted
 from capture_cli.stages.progress import Progress
 
 # Simulated hits make the error a little rough: near the noise a descent can look for ever for what is not there.

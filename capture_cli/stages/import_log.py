@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from capture_cli.errors import LogError
-from capture_cli.stages.prepared_log import check_fits
+from capture_cli.protocol.log_checks import check_fits
 from capture_cli.stages.recorded_task import task_inputs
 from capture_cli.stages.source_files import SourceFile, open_source
 from capture_cli.stores.measured_log import MeasuredLog

@@ -12,10 +12,10 @@ import numpy as np
 import capture_cli
 from capture_cli.errors import LogError, OptionError
 from capture_cli.identifiers.rounds import Rounds, Signature, Walk, run_rounds
+from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.sim.engine import Engine
 from capture_cli.simulator import Simulator
 from capture_cli.stages.identifier_checkpoint import IdentifierCheckpoint
-from capture_cli.stages.prepared_log import PreparedLog
 from capture_cli.stages.tapes import log_tapes
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.stores.output import sha256

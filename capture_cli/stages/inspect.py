@@ -13,7 +13,7 @@ from capture_cli.errors import CaptureError, StoreError
 from capture_cli.sim.windows import usual_interval
 from capture_cli.stages.log_findings import finding, log_findings, task_findings
 from capture_cli.stages.log_health import channel, excitation, quantisation, sampling, spikes, timing
-from capture_cli.stages.prepared_log import find_task
+from capture_cli.stages.recorded_task import find_task
 from capture_cli.stores.estimate import Estimate, read_result
 from capture_cli.stores.histories import SCHEMA as HISTORIES_SCHEMA
 from capture_cli.stores.histories import Histories

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from capture_cli.errors import OptionError, StoreError
+from capture_cli.multisine import multisine_tape, peak
+from capture_cli.protocol.next_experiment import BANDS, DURATION, RATE, SHARES, driven_window
 from capture_cli.sim.starts import model_starts
 from capture_cli.simulator import Simulator
-from capture_cli.stages.multisine import multisine_tape, peak
-from capture_cli.stages.next_experiment import BANDS, DURATION, RATE, SHARES, driven_window
 from capture_cli.stages.policy_checkpoint import load_policy
 from capture_cli.stages.recorded_task import load_recorded, task_inputs
 from capture_cli.stores.estimate import Estimate, read_result

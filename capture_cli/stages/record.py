@@ -14,10 +14,10 @@ import numpy as np
 from capture_cli.effects import REGISTRY
 from capture_cli.effects.base import GLOBAL, Effect
 from capture_cli.errors import FitError, OptionError, did_you_mean
+from capture_cli.multisine import BAND
 from capture_cli.sim.windows import cut
 from capture_cli.simulator import Simulator, placed_name
 from capture_cli.stages.drive import Drive, drive_by_actions, drive_by_inputs
-from capture_cli.stages.multisine import BAND
 from capture_cli.stages.recorded_task import task_inputs
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.stores.output import new_directory, new_file, refuse_existing, refuse_inputs

@@ -1,4 +1,4 @@
-"""The task that an estimate or a diagnosis was made with, found again, and whether its model is what it was."""
+"""The task that a log, an estimate or a diagnosis belongs to, found again, and whether its model is what it was."""
 
 from __future__ import annotations
 
@@ -11,8 +11,9 @@ from typing import Any
 import mujoco
 
 from capture_cli.errors import OptionError
+from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.stores.output import sha256
-from capture_cli.tasks import load_task
+from capture_cli.tasks import REGISTRY, load_task
 from capture_cli.tasks.base import Task
 
 MODEL = "model"  # what the inputs of provenance.json call it
@@ -66,6 +67,29 @@ def load_recorded(
             cure="give the task it was made with (--task), or make it again with the model as it is now",
         )
     return found
+
+
+def find_task(task: str | None, log: MeasuredLog) -> Task:
+    """The task of `--task`; without it the built-in one that the log names, or a task.toml of that name beside it."""
+    if task is not None:
+        return load_task(task)
+    if log.task in REGISTRY.names():
+        return load_task(log.task)
+    beside = Path(log.path).parent / "task.toml" if log.path else None
+    if beside is not None and beside.is_file():
+        found = load_task(str(beside))
+        if found.name == log.task:
+            return found
+    raise OptionError(
+        f"the log belongs to the task {log.task!r}, which is not built in, and no task.toml of that name "
+        "lies beside it",
+        cure="add --task PATH/TO/task.toml",
+    )
+
+
+def named(task: Task) -> str | None:
+    """What `--task` is to say for a built-in task, whatever log it is for; None of a task.toml, which has a path."""
+    return task.name if task.name in REGISTRY.names() and not hasattr(task, "path") else None
 
 
 def _has_model(path: Path, provenance: Mapping[str, Any]) -> bool:

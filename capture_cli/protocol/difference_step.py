@@ -16,35 +16,33 @@ from capture_cli.sim.engine import Engine
 from capture_cli.simulator import Simulator
 
 if TYPE_CHECKING:
-    from capture_cli.stages.prepared_log import PreparedLog
+    from capture_cli.protocol.prepared_log import PreparedLog
 
 STEPS = (1e-4, 1e-3, 1e-2)  # shares of a parameter's range
 AGREE = 0.3  # of a slope, that one over a step ten times as long may differ by
 WINDOWS = 16  # evenly spread, that it is measured in
 
 
-def difference_step(prepared: PreparedLog, threads: int | None) -> float:
+def difference_step(prepared: PreparedLog, threads: int | None) -> tuple[float, int]:
     """The least share of a parameter's range that differences should take at the nominal point; 0: none is too short.
+    And how many windows were simulated to see that.
 
     The shortest of STEPS over which the slopes of all parameters are those over the next, the longest where there is
     none. 0, too, where the task says which it needs, nothing is open, or no two bodies touch.
     """
     space = prepared.task.space
     if not len(space) or space.steps.max() > STEPS[0] or not can_touch(prepared.task.model):
-        return 0.0
+        return 0.0, 0
     few = prepared.part(np.unique(np.linspace(0, len(prepared.windows) - 1, WINDOWS).astype(int)))
     simulator = Simulator(prepared.task, engine=Engine(prepared.task.model, threads))
     still = np.zeros((len(few.windows), few.starts.sd.shape[1]))
     starts = few.starts
     motion = simulator.motion(few.windows, starts.starts, space.nominal, still, starts.reported)
     if not motion.contacts.any():
-        return 0.0
+        return 0.0, simulator.rollouts
     rough = (_disagreement(few, simulator) > AGREE).any(axis=1)
-    return (
-        0.0
-        if not rough[0]
-        else next((s for s, r in zip(STEPS[1:], rough[1:], strict=False) if not r), STEPS[-1])
-    )
+    longer = next((s for s, r in zip(STEPS[1:], rough[1:], strict=False) if not r), STEPS[-1])
+    return longer if rough[0] else 0.0, simulator.rollouts
 
 
 def _disagreement(part: PreparedLog, simulator: Simulator) -> np.ndarray:

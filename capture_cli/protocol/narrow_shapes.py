@@ -9,8 +9,8 @@ import numpy as np
 from capture_cli.diagnosis.pulses import NAME, PulseResponse, Pulses
 from capture_cli.effects._periodic_force import PeriodicForce
 from capture_cli.effects.base import Effect
-from capture_cli.stages.model_fits import Fit, ModelFits
-from capture_cli.stages.prepared_log import PreparedLog
+from capture_cli.protocol.model_fits import Fit, ModelFits
+from capture_cli.protocol.prepared_log import PreparedLog
 
 PEAKS = 3  # values that are simulated
 MOST = 16384  # values that are judged: in a log of over 400 s the peaks of fast forces can fall between them

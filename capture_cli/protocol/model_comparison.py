@@ -17,9 +17,9 @@ from capture_cli.diagnosis.acceptance import (
 )
 from capture_cli.diagnosis.score import similarity
 from capture_cli.diagnosis.split import Folds
+from capture_cli.protocol.candidates import Candidate
+from capture_cli.protocol.model_fits import Fit, ModelFits, PartFit, Placed
 from capture_cli.simulator import placed_name
-from capture_cli.stages.candidates import Candidate
-from capture_cli.stages.model_fits import Fit, ModelFits, PartFit, Placed
 
 AGAIN_ROUNDS = 20  # in which a model without an effect is to get where it got with it
 INDISTINCT = 0.05  # two models are tied where the paired test between them is not below this

@@ -16,9 +16,9 @@ from capture_cli.identifiers.intervals import unit_covariance
 from capture_cli.identifiers.least_squares import HOPELESS, LONG_PATIENCE, PATIENCE, LeastSquares
 from capture_cli.linearization import Linearization, columns
 from capture_cli.parameters import ParameterSpace
+from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.sim.engine import Engine
 from capture_cli.simulator import Motion, Simulator, placed_name
-from capture_cli.stages.prepared_log import PreparedLog
 
 Placed = tuple[str, Effect]
 
@@ -101,12 +101,12 @@ class PartFit:
     @property
     def rmse(self) -> np.ndarray:
         """Per output, in its unit, (output,); nan of one that has no sample here."""
-        return np.sqrt(self._mean(np.square(self._in_units)))
+        return np.sqrt(self._mean(np.square(self.in_units)))
 
     @property
     def mae(self) -> np.ndarray:
         """Mean absolute error per output, in its unit, (output,); nan of one that has no sample here."""
-        return self._mean(np.abs(self._in_units))
+        return self._mean(np.abs(self.in_units))
 
     @property
     def normalized(self) -> float:
@@ -114,17 +114,13 @@ class PartFit:
         return float(np.sqrt(np.square(self.residual).sum() / max(self.evidence.count, 1)))
 
     @property
-    def _in_units(self) -> np.ndarray:
+    def in_units(self) -> np.ndarray:
+        """Residual (window, step, output) in the outputs' units."""
         return self.residual.reshape(self.evidence.measured.shape) * self.evidence.noise_sd
 
     def _mean(self, values: np.ndarray) -> np.ndarray:
         samples = self.evidence.mask.sum(axis=(0, 1))
         return np.where(samples > 0, values.sum(axis=(0, 1)) / np.maximum(samples, 1), np.nan)
-
-
-def by_output(names: Sequence[str], errors: np.ndarray) -> dict[str, float | None]:
-    """Errors (output,) as documents have them: None of an output that has none."""
-    return {n: None if np.isnan(e) else float(e) for n, e in zip(names, errors, strict=True)}
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,8 +10,8 @@ import numpy as np
 
 from capture_cli.diagnosis.noise_floor import NoiseFloor, least, shared, white_noise
 from capture_cli.linearization import Linearization
-from capture_cli.stages.model_fits import Fit
-from capture_cli.stages.prepared_log import PreparedLog, attitudes, with_noise
+from capture_cli.protocol.model_fits import Fit
+from capture_cli.protocol.prepared_log import PreparedLog, attitudes, with_noise
 
 # Of a floor: one that is lower than this is lower by more than the scatter of two estimates from the same samples.
 CLEARLY_LOWER = 0.8

@@ -14,23 +14,23 @@ from capture_cli.diagnosis.score import Score, similarity
 from capture_cli.diagnosis.split import Folds
 from capture_cli.effects.base import GLOBAL
 from capture_cli.identifiers.intervals import intervals
-from capture_cli.simulator import placed_name
-from capture_cli.stages.candidates import (
+from capture_cli.protocol.candidates import (
     Candidate,
     all_candidates,
     score_at_null,
     thinned,
     worth_a_refit,
 )
-from capture_cli.stages.model_comparison import (
+from capture_cli.protocol.model_comparison import (
     CLEARLY_BETTER,
     TIED,
     ModelComparison,
     effective_samples,
     least,
 )
-from capture_cli.stages.model_fits import Fit, ModelFits, PartFit, Placed
-from capture_cli.stages.narrow_shapes import NarrowShapes
+from capture_cli.protocol.model_fits import Fit, ModelFits, PartFit, Placed
+from capture_cli.protocol.narrow_shapes import NarrowShapes
+from capture_cli.simulator import placed_name
 
 MOST_EFFECTS = 6
 # Of the squared error above the noise floor: an effect that takes less away corrects a model that is wrong otherwise

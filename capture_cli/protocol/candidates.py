@@ -16,10 +16,10 @@ from capture_cli.effects._joint_effect import JointEffect, JointMotion
 from capture_cli.effects._periodic_force import PeriodicForce
 from capture_cli.effects.base import Effect
 from capture_cli.linearization import Linearization
+from capture_cli.protocol.model_fits import Fit, PartFit, Placed
+from capture_cli.protocol.narrow_shapes import NarrowShapes
+from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.simulator import placed_name
-from capture_cli.stages.model_fits import Fit, PartFit, Placed
-from capture_cli.stages.narrow_shapes import NarrowShapes
-from capture_cli.stages.prepared_log import PreparedLog
 
 # Best-scoring candidates that are fitted jointly, each time round: so many that differ, with so many like each, no more
 # than so many in all. A force of one direction can be a bias, a preload or a tilt: they must not keep all others out.

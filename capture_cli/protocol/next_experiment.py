@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from capture_cli.multisine import multisine_tape
+from capture_cli.protocol.model_fits import Fit, ModelFits
 from capture_cli.sim.starts import model_starts
 from capture_cli.sim.windows import Windows, cut
 from capture_cli.simulator import placed_name
-from capture_cli.stages.model_fits import Fit, ModelFits
-from capture_cli.stages.multisine import multisine_tape
 from capture_cli.tasks.base import Task
 
 BANDS = ((0.1, 0.5), (0.5, 3.0), (3.0, 10.0))  # Hz
@@ -25,7 +25,8 @@ CHANCE = 2.0  # sd, over all samples together: of a smaller difference no test i
 def next_experiment(fits: ModelFits, mine: Fit, others: Sequence[Fit], seed: int) -> dict[str, Any] | None:
     """Of a menu of multisines from rest, the one under which `mine` and its nearest rival differ most.
 
-    None where the task has no inputs, or no experiment of the menu can be simulated.
+    None where the task has no inputs, or no experiment of the menu can be simulated. What was simulated for it is
+    counted in `fits.rollouts`.
     """
     task, log = fits.prepared.task, fits.prepared.log
     peaks = np.abs(log.inputs).max(axis=0)
@@ -68,7 +69,9 @@ def _separation(fits: ModelFits, mine: Fit, other: Fit, windows: Windows) -> flo
     starts = model_starts(fits.prepared.task.model, 1).starts
     outputs = []
     for fit in (mine, other):
-        simulated = fits.simulator(fit.effects).simulate(windows, starts, fit.point[None])
+        simulator = fits.simulator(fit.effects)
+        simulated = simulator.simulate(windows, starts, fit.point[None])
+        fits.rollouts += simulator.rollouts
         if simulated.diverged.any():
             return float("nan")
         outputs.append(simulated.outputs[0][windows.mask] / fits.prepared.noise.sd)

@@ -1,4 +1,4 @@
-"""Input signals that excite a machine: sums of sines, and how far an input may be driven. Shared by stages."""
+"""Input signals that excite a machine: sums of sines, and how far an input may be driven."""
 
 from __future__ import annotations
 

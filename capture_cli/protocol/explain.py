@@ -1,0 +1,211 @@
+"""The protocol of `diagnose`, step by step: noise floor, declared model, effects one by one, what judges them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from capture_cli.diagnosis.expression import expression_terms
+from capture_cli.diagnosis.lack_of_fit import lack_of_fit
+from capture_cli.identifiers.intervals import intervals
+from capture_cli.protocol.attribution import MOST_EFFECTS, Attribution
+from capture_cli.protocol.candidates import Candidate
+from capture_cli.protocol.explanation import Explanation, Expression, JudgedModel
+from capture_cli.protocol.log_checks import all_diverged, check_parameters_move_outputs
+from capture_cli.protocol.log_parts import FIT, SELECT, TEST, LogParts
+from capture_cli.protocol.log_starts import as_acted, begins_as_acted
+from capture_cli.protocol.model_comparison import ModelComparison
+from capture_cli.protocol.model_fits import EXACT, Fit, ModelFits, PartFit
+from capture_cli.protocol.next_experiment import next_experiment
+from capture_cli.protocol.prepared_log import PreparedLog
+from capture_cli.protocol.repeated_noise import with_noise_of_repeats
+from capture_cli.protocol.residual_noise import with_noise_of_residual
+from capture_cli.simulator import placed_name
+
+# what is tried, its number, of how many, what was found so far
+OnStep = Callable[[str, int, int, Sequence[str]], None]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """starts: of the declared model's fit. most_effects: to add. expression: to look for a formula of what is left."""
+
+    starts: int = 3
+    most_effects: int = MOST_EFFECTS
+    expression: bool = False
+    seed: int = 0
+    threads: int | None = None
+
+
+def explain(prepared: PreparedLog, nominal: np.ndarray, settings: Settings, on_step: OnStep) -> Explanation:
+    """What explains the log, from the values `nominal` (parameter,) of its task. Raises FitError.
+
+    With the starts that the actions say, where that explains what was fitted; else with free starts. Where contacts
+    follow, free starts are worse: they make the error rough, and hide what moves them.
+    """
+    rollouts = prepared.rollouts
+    rollouts += check_parameters_move_outputs(prepared, seed=settings.seed, threads=settings.threads)
+    prepared, more = with_noise_of_repeats(prepared, nominal, threads=settings.threads, seed=settings.seed)
+    begun = _begin(prepared, nominal, settings, on_step, rollouts + more)
+    found = begun.explain()
+    if begun.as_acted and found.leaves_something:
+        found = _begin(begun.prepared, nominal, settings, on_step, found.rollouts, free=True).explain()
+    return found
+
+
+@dataclass(frozen=True)
+class _Begun:
+    """The protocol with its declared model, on the log `prepared` with the noise floor that it stays with.
+
+    as_acted: with the starts that the actions say; then `prepared` has them as free as they were.
+    """
+
+    protocol: _Protocol
+    declared: Fit
+    prepared: PreparedLog
+    as_acted: bool
+
+    def explain(self) -> Explanation:
+        return self.protocol.run(self.declared, last_time=not self.as_acted)
+
+
+def _begin(
+    prepared: PreparedLog,
+    nominal: np.ndarray,
+    settings: Settings,
+    on_step: OnStep,
+    rollouts: int,
+    *,
+    free: bool = False,
+) -> _Begun:
+    """Declare the model, anew where what it leaves shows less noise than the log, until it does not.
+
+    free: not with the starts that the actions say. rollouts: how many windows were simulated before.
+    """
+    while True:
+        acted = not free and begins_as_acted(prepared)
+        protocol = _Protocol(as_acted(prepared) if acted else prepared, settings, on_step, rollouts)
+        declared = protocol.declare(nominal)
+        quieter = with_noise_of_residual(prepared, protocol.parts.windows(FIT), declared, settings.threads)
+        if quieter is prepared:
+            return _Begun(protocol, declared, prepared, acted)
+        prepared, rollouts = quieter, protocol.fits.rollouts
+
+
+class _Protocol:
+    """The declared model, then effects, on one prepared log. `fits.rollouts` goes on from `rollouts`."""
+
+    def __init__(self, prepared: PreparedLog, settings: Settings, on_step: OnStep, rollouts: int = 0):
+        self.prepared = prepared
+        self.settings = settings
+        self.on_step = on_step
+        self.fits = ModelFits(prepared, settings.threads)
+        self.fits.rollouts = rollouts
+        self.parts = LogParts.of(prepared)
+
+    def declare(self, start: np.ndarray) -> Fit:
+        """The declared model, from `start` (parameter,) and other places."""
+        own = self.settings
+        declared = self.fits.fit(
+            self.parts.windows(FIT), [], start, starts=own.starts, tolerance=EXACT, seed=own.seed
+        )
+        if declared is None:
+            raise all_diverged(self.prepared.task)
+        return declared
+
+    def run(self, declared: Fit, *, last_time: bool = True) -> Explanation:
+        """Attribute what `declared` leaves. last_time: if that fails, look for an expression where one is wanted."""
+        attribution = self._attribution()
+        last = attribution.run(declared)
+        models = self._models(attribution.models, last)
+        after = models[-1]
+        tied = next((a.tied for a in attribution.accepted if a.tied), [])
+        found = Explanation(
+            self.parts,
+            attribution.accepted,
+            attribution.candidates,
+            models,
+            motion=self.fits.motion(self.prepared, after.again, after.whole.offsets),
+            next_experiment=next_experiment(self.fits, after.fit, [c.fit for c in tied], self.settings.seed),
+        )
+        if self.settings.expression and last_time and found.verdict == "unexplained":
+            found = replace(found, expression=self._expression(last))
+        return replace(found, rollouts=self.fits.rollouts)
+
+    def _attribution(self, candidates: Sequence[Candidate] | None = None) -> Attribution:
+        return Attribution(
+            self.fits,
+            self.parts.folds,
+            seed=self.settings.seed,
+            is_explained=lambda fit: not lack_of_fit(fit.at).lacking,
+            most_effects=self.settings.most_effects,
+            candidates=candidates,
+            on_step=self.on_step,
+        )
+
+    def _models(self, compared: ModelComparison, last: Fit) -> list[JudgedModel]:
+        """The declared model and each with one more accepted effect."""
+        models = []
+        for count in range(len(last.effects) + 1):
+            self.on_step("refit", count, len(last.effects) + 1, [])
+            if count == len(last.effects):
+                models.append(self._judged(compared, last, with_minima=True))
+            else:
+                models.append(self._judged(compared, compared.nested(last, count), with_minima=False))
+        return models
+
+    def _judged(self, compared: ModelComparison, fit: Fit, *, with_minima: bool) -> JudgedModel:
+        name = f"+ {placed_name(*fit.effects[-1])}" if fit.effects else "declared"
+        judged, seen = compared.judge(fit), self.parts.windows(FIT, SELECT)
+        again = self.fits.fit(
+            seen,
+            fit.effects,
+            fit.point,
+            offsets=starts_found(self.parts, fit, judged),
+            offsets_with=fit.effects,
+            tolerance=EXACT,
+        )
+        minima = []
+        if again is not None and with_minima:
+            again, *minima = self.fits.minima(seen, again, self.settings.seed)
+        return JudgedModel(name, fit, again or fit, minima, judged, self._whole(fit, again))
+
+    def _whole(self, fit: Fit, again: Fit | None) -> PartFit:
+        """The refit, or the fit where there is none, on every window; what was held out has no say in the others."""
+        seen = self.parts.number != TEST
+        offsets = None if again is None else again.offsets
+        parts = [self.fits.on(self.prepared.part(seen), again or fit, offsets=offsets)]
+        if not seen.all():
+            parts.append(self.fits.on(self.prepared.part(~seen), again or fit))
+        order = np.argsort(np.concatenate([np.flatnonzero(seen), np.flatnonzero(~seen)]))
+        return PartFit.concatenate(parts).rows(order)
+
+    def _expression(self, last: Fit) -> Expression:
+        """A sparse expression for the force that is missing in `last`."""
+        task = self.prepared.task
+        terms = expression_terms(task.model, [c.index for c in task.inputs])
+        search = self._attribution([Candidate(term) for term in terms])
+        found = search.run(last)
+        chosen = found.effects[len(last.effects) :]
+        if not chosen:
+            return Expression()
+        seen, test = self.parts.windows(FIT, SELECT), self.parts.windows(TEST)
+        again = self.fits.fit(seen, found.effects, found.point, tolerance=EXACT) or found
+        return Expression(
+            [effect for _, effect in chosen],
+            again.point[-len(chosen) :],
+            intervals(again.at).sd[-len(chosen) :],
+            judged=search.models.judge(found),
+            held_out=None if test is None else self.fits.on(test, again),
+        )
+
+
+def starts_found(parts: LogParts, fit: Fit, judged: PartFit | None) -> np.ndarray:
+    """Offsets (window, state) of the starts where a refit on all that is not test begins: there it is nearly done."""
+    offsets = np.zeros((len(parts.number), fit.offsets.shape[1]))
+    offsets[parts.number == FIT] = fit.offsets
+    if judged is not None and len(parts.folds.folds) == 1:
+        offsets[parts.number == SELECT] = judged.offsets
+    return offsets[parts.number != TEST]

@@ -1,0 +1,121 @@
+"""What explains a log: the declared model and each with one more effect, what judges them, and the verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+from capture_cli.diagnosis.expression import ExpressionTerm, formula
+from capture_cli.diagnosis.lack_of_fit import NEAR_FLOOR, LackOfFit, holds, lack_of_fit
+from capture_cli.identifiers.intervals import Intervals, intervals
+from capture_cli.protocol.attribution import Accepted
+from capture_cli.protocol.candidates import Candidate
+from capture_cli.protocol.log_parts import TEST, LogParts
+from capture_cli.protocol.model_fits import Fit, PartFit
+from capture_cli.simulator import Motion
+
+
+@dataclass(frozen=True)
+class JudgedModel:
+    """A model with what judges it.
+
+    fit: to the fit part. again: to all that is not test. minima: others of the same, nearly as good. judged: the fit on
+    what it did not see; None where nothing judges. whole: the refit on every window.
+    """
+
+    name: str
+    fit: Fit
+    again: Fit
+    minima: list[Fit]
+    judged: PartFit | None
+    whole: PartFit
+
+    @property
+    def lacking(self) -> LackOfFit:
+        """What it leaves of what it was fitted to."""
+        return lack_of_fit(self.fit.at)
+
+    @property
+    def intervals(self) -> Intervals:
+        """Of the refit, with those of the other minima."""
+        return intervals(self.again.at, [m.at for m in self.minima])
+
+
+@dataclass(frozen=True)
+class Expression:
+    """A sparse expression for the force that is still missing; no terms where none holds.
+
+    coefficients, sd (term,). judged, held_out: the model with it on what it did not see, and on the test part.
+    """
+
+    terms: Sequence[ExpressionTerm] = ()
+    coefficients: Sequence[float] = ()
+    sd: Sequence[float] = ()
+    judged: PartFit | None = None
+    held_out: PartFit | None = None
+
+    @property
+    def text(self) -> str:
+        return formula(self.terms, self.coefficients) if self.terms else "no expression explains what is left"
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """What the protocol found in a log.
+
+    models: the declared one, then each with one more of the `accepted` effects. motion: of the last, in every window.
+    next_experiment: what would separate the first tie. rollouts: windows simulated in all.
+    """
+
+    parts: LogParts
+    accepted: list[Accepted]
+    candidates: list[Candidate]
+    models: list[JudgedModel]
+    motion: Motion
+    next_experiment: dict[str, Any] | None
+    expression: Expression | None = None
+    rollouts: int = 0
+
+    @property
+    def before(self) -> JudgedModel:
+        return self.models[0]
+
+    @property
+    def after(self) -> JudgedModel:
+        return self.models[-1]
+
+    @property
+    def leaves_something(self) -> bool:
+        """Whether the last model does not explain what it was fitted to."""
+        return _leaves_something(self.after.lacking)
+
+    @cached_property
+    def verdict(self) -> str:
+        held_out = [m.whole.rows(self.parts.number == TEST) for m in (self.before, self.after)]
+        return verdict(self.before.lacking, self.after.lacking, *held_out, self.accepted)
+
+
+def verdict(
+    before: LackOfFit,
+    after: LackOfFit,
+    held_out_before: PartFit,
+    held_out: PartFit,
+    accepted: Sequence[Accepted],
+) -> str:
+    """A model that does not hold on what was held out explains nothing, however well it fits the rest."""
+    count = held_out.evidence.count
+    if count and not holds(held_out.normalized, count):
+        return "unexplained"
+    if count and accepted and held_out.normalized >= held_out_before.normalized:
+        return "unexplained"
+    if not before.lacking:
+        return "explained"
+    if not accepted or _leaves_something(after):
+        return "unexplained"
+    return "tied" if any(a.tied_with for a in accepted) else "effect-found"
+
+
+def _leaves_something(after: LackOfFit) -> bool:
+    return after.lacking and after.normalized > NEAR_FLOOR

@@ -1,0 +1,124 @@
+"""Where the windows of a log start: where an action says, or what the outputs say; and whether the two agree."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import mujoco
+import numpy as np
+
+from capture_cli.diagnosis.noise_floor import NoiseFloor
+from capture_cli.protocol.log_windows import clock, cut_log
+from capture_cli.sim.coordinate_sources import measures_every_coordinate
+from capture_cli.sim.engine import Engine, ModelFields
+from capture_cli.sim.starts import (
+    StartEstimate,
+    estimate_starts,
+    from_episodes,
+    known_starts,
+    model_starts,
+    with_known,
+)
+from capture_cli.sim.windows import Windows
+from capture_cli.stores.measured_log import MeasuredLog
+from capture_cli.tasks.base import ActionTask, Task
+
+if TYPE_CHECKING:
+    from capture_cli.protocol.prepared_log import PreparedLog
+
+AGREES = 1e-3  # p of the first samples of episodes below which they do not begin where their actions say
+
+
+def log_starts(
+    log: MeasuredLog, task: Task, windows: Windows, noise: NoiseFloor, threads: int | None
+) -> StartEstimate:
+    """Where every window starts: where its action says, if it begins an episode of one; else what the outputs say."""
+    sensors = _readable(task)
+    acted = begins_by_action(log, task, windows)
+    if acted.any():
+        starts = task.episodes(log.actions[windows.episode]).starts
+        known = known_starts(task.model, sensors, replace(starts, time=windows.time), noise.sd)
+        if acted.all():
+            return known
+    read = estimate_starts(
+        task.model,
+        sensors,
+        time=clock(log),
+        outputs=log.values,
+        episodes=log.episodes,
+        window_first=windows.first,
+        window_episode=windows.episode,
+        noise_sd=noise.sd,
+        sampled=log.sampled,
+        unmeasured=None
+        if measures_every_coordinate(task.model, sensors)
+        else _simulate_episodes(log, task, windows, threads),
+    )
+    return with_known(read, known, acted) if acted.any() else read
+
+
+def _readable(task: Task) -> list[int]:
+    """The sensor of each output; -1 of an actuator's where gears are open, and what it says of the joints with them."""
+    fields = ModelFields(task.model, 1)
+    task.write(fields, task.space.nominal[None])
+    sensors = [c.sensor for c in task.outputs]
+    if "actuator_gear" not in fields.values:
+        return sensors
+    of_actuators = task.model.sensor_objtype[sensors] == mujoco.mjtObj.mjOBJ_ACTUATOR
+    return np.where(of_actuators, -1, sensors).tolist()
+
+
+def begins_by_action(log: MeasuredLog, task: Task, windows: Windows) -> np.ndarray:
+    """Which windows begin an episode whose action says where, (window,)."""
+    if not isinstance(task, ActionTask) or log.actions is None:
+        return np.zeros(len(windows), dtype=bool)
+    return windows.first == np.array([e.start for e in log.episodes])[windows.episode]
+
+
+def as_acted(prepared: PreparedLog) -> PreparedLog:
+    """With no doubt about starts that an action says."""
+    acted = begins_by_action(prepared.log, prepared.task, prepared.windows)
+    sd = np.where(acted[:, None], 0.0, prepared.starts.sd)
+    return replace(prepared, starts=replace(prepared.starts, sd=sd))
+
+
+def begins_as_acted(prepared: PreparedLog) -> bool:
+    """Whether episodes begin where their actions say, as far as the noise lets their first samples tell.
+
+    False where no action says it.
+    """
+    from scipy.special import chdtrc
+
+    task, windows = prepared.task, prepared.windows
+    acted = begins_by_action(prepared.log, task, windows)
+    if not acted.any():
+        return False
+    said = Engine(task.model).rollout(
+        starts=prepared.starts.starts.rows(acted),
+        controls=task.controls(windows.rows(acted).controls),
+        steps=1,
+        columns=np.array([c.index for c in task.outputs]),
+    )
+    apart = (windows.measured[acted, 0] - said.sensors[:, 0]) / prepared.noise.sd
+    return bool(chdtrc(apart.size, np.square(apart).sum()) > AGREES)
+
+
+def _simulate_episodes(log: MeasuredLog, task: Task, windows: Windows, threads: int | None) -> StartEstimate:
+    """What the coordinates that no output measures do when the nominal model is driven through whole episodes."""
+    model = task.model
+    whole = cut_log(log, task, None)
+    own = model_starts(model, len(whole)).starts
+    fields = ModelFields(model, len(whole))
+    task.write(fields, np.repeat(task.space.nominal[None], len(whole), axis=0))
+    rollouts = Engine(model, threads).rollout(
+        starts=own,
+        controls=task.controls(whole.controls),
+        steps=int(whole.grid_steps.max()),
+        fields=fields,
+        states=True,
+    )
+    number = np.searchsorted(whole.first, windows.first, side="right") - 1
+    step = np.round((windows.time - whole.time[number]) / task.timestep).astype(int)
+    step = np.minimum(step, rollouts.qpos.shape[1] - 1)
+    return from_episodes(model, rollouts, window_episode=number, window_step=step)

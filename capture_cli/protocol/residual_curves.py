@@ -1,0 +1,75 @@
+"""Where and when is something missing? Residual acceleration before and after, against all that it may depend on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from capture_cli.diagnosis.localisation import accelerations, curve, largest_around
+from capture_cli.linearization import in_order, own_samples
+from capture_cli.protocol.model_fits import PartFit
+from capture_cli.protocol.prepared_log import PreparedLog
+from capture_cli.tasks.base import Channel
+
+
+@dataclass(frozen=True)
+class ResidualCurve:
+    """The residual acceleration of `output` against a covariate, in its unit; share, centre: as of a `Curve`.
+
+    before, after (bin,): means with the declared model and with the last; error (bin,): of those before.
+    """
+
+    output: str
+    against: str
+    unit: str
+    share: float
+    centre: np.ndarray
+    before: np.ndarray
+    after: np.ndarray
+    error: np.ndarray
+
+
+def residual_curves(
+    prepared: PreparedLog, before: PartFit, after: PartFit, contacts: np.ndarray
+) -> list[ResidualCurve]:
+    """Curves of every output of two models. contacts (window, grid): how many there are, on the model's grid."""
+    windows = prepared.windows
+    time = prepared.log.time[prepared.log_steps]
+    inputs = prepared.log.inputs[prepared.log_steps]
+    contacts = np.take_along_axis(contacts, windows.index, axis=1)
+    contacts = largest_around(np.where(windows.mask, contacts, 0)).astype(float)
+    touches = np.ptp(contacts[windows.mask]) > 0
+    curves = []
+    for k, output in enumerate(prepared.task.outputs):
+        order = own_samples(windows.sampled[..., k])
+        own_time, own = in_order(time, order), in_order(windows.sampled[..., k], order)
+        left = [in_order(model.in_units[..., k, None], order) for model in (before, after)]
+        was_and_is = [accelerations(residual, own_time, own) for residual in left]
+        position = np.where(own, in_order(windows.measured[..., k], order), np.nan)
+        covariates = _motion(output, own_time, position)
+        covariates += _inputs(prepared, in_order(inputs, order))
+        if touches:
+            covariates.append(("number of contacts", "1", in_order(contacts, order)))
+        for against, unit, covariate in covariates:
+            flat = np.where(own, covariate, np.nan).ravel()
+            was, now = (curve(flat, a.ravel()) for a in was_and_is)
+            found = (was.share, was.centre, was.mean, now.mean, was.error)
+            curves.append(ResidualCurve(output.name, against, unit, *found))
+    return curves
+
+
+Covariate = tuple[str, str, np.ndarray]  # what it is, its unit, its values (window, step)
+
+
+def _motion(output: Channel, time: np.ndarray, position: np.ndarray) -> list[Covariate]:
+    velocity = np.gradient(position, axis=1) / np.gradient(time, axis=1)
+    return [
+        ("time", "s", time),
+        (output.name, output.unit, position),
+        (f"rate of {output.name}", f"{output.unit}/s", velocity),
+    ]
+
+
+def _inputs(prepared: PreparedLog, inputs: np.ndarray) -> list[Covariate]:
+    return [(c.name, c.unit, inputs[..., i]) for i, c in enumerate(prepared.task.inputs)]

@@ -1,0 +1,194 @@
+"""The document and the arrays of a diagnosis, from what explains the log."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from capture_cli.diagnosis.lack_of_fit import LackOfFit
+from capture_cli.identifiers.intervals import Intervals
+from capture_cli.protocol.attribution import Accepted
+from capture_cli.protocol.candidates import Candidate
+from capture_cli.protocol.explanation import Explanation, Expression, JudgedModel
+from capture_cli.protocol.log_parts import FIT, SELECT, TEST, LogParts
+from capture_cli.protocol.model_fits import Fit
+from capture_cli.protocol.prepared_log import PreparedLog
+from capture_cli.protocol.residual_curves import ResidualCurve, residual_curves
+from capture_cli.stages.result_document import attributes_of, error_of, measured_arrays, noise_floor_of
+from capture_cli.stores.diagnosis import FORMAT, VERSION, Diagnosis
+from capture_cli.stores.output import sha256
+
+
+def diagnosis_of(found: Explanation) -> Diagnosis:
+    """What is written of it."""
+    curves = residual_curves(
+        found.parts.prepared, found.before.whole, found.after.whole, found.motion.contacts
+    )
+    rows = [{"output": c.output, "against": c.against, "unit": c.unit, "share": c.share} for c in curves]
+    attributes = {**attributes_of(found.parts.prepared.log), "curves": rows}
+    return Diagnosis(_document(found, rows), _arrays(found, curves), attributes)
+
+
+def _document(found: Explanation, curves: list[dict[str, Any]]) -> dict[str, Any]:
+    prepared, before, after = found.parts.prepared, found.before, found.after
+    log, task = prepared.log, prepared.task
+    sure = after.intervals
+    stages = [_stage(found.parts, m) for m in found.models]
+    declared = sure.rows(after.again.space, after.again.point, range(len(task.space)))
+    return {
+        "format": FORMAT,
+        "version": VERSION,
+        "task": task.name,
+        "log": {
+            "path": str(log.path),
+            "sha256": sha256(log.path),
+            "first_time": float(log.time[0]),
+        },
+        "verdict": found.verdict,
+        "summary": summary(found.verdict, stages, found.accepted, after.lacking),
+        "effects": [_effect(a, after.again, sure) for a in found.accepted],
+        "parameters": dict(zip(task.space.names, declared, strict=True)),
+        "stages": stages,
+        "before": {"test": stages[0]["test"]},
+        "after": {"test": stages[-1]["test"]},
+        **noise_floor_of(prepared),
+        "lack_of_fit": {"before": vars(before.lacking), "after": vars(after.lacking)},
+        "absorbed": _absorbed(before.again, after.again, sure.sd),
+        "candidates": [_candidate(c) for c in _ranked(found)],
+        "localisation": curves,
+        "split": {
+            "how": prepared.split.how,
+            **{
+                f"{name}_windows": int((found.parts.number == number).sum())
+                for name, number in (("fit", FIT), ("select", SELECT), ("test", TEST))
+            },
+        },
+        "rollouts": {"measured": len(log.episode_ends), "simulated": found.rollouts},
+        "next_experiment": found.next_experiment,
+        "expression": None if found.expression is None else _expression(prepared, found.expression),
+    }
+
+
+def _arrays(found: Explanation, curves: list[ResidualCurve]) -> dict[str, np.ndarray]:
+    mask, measured = found.parts.prepared.windows.mask, measured_arrays(found.parts.prepared)
+    bins = {k: np.array([getattr(c, k) for c in curves]) for k in ("centre", "before", "after", "error")}
+    return {
+        **measured,
+        "window/part": found.parts.number,
+        "step/before": measured["step/measured"] - found.before.whole.in_units[mask],
+        "step/after": measured["step/measured"] - found.after.whole.in_units[mask],
+        **{f"bin/{name}": np.nan_to_num(values) for name, values in bins.items()},
+    }
+
+
+def _stage(parts: LogParts, model: JudgedModel) -> dict[str, Any]:
+    """Errors of one model. fit and test are of the refit; select is of fits that did not see what they judge."""
+    prepared = parts.prepared
+    return {
+        "model": model.name,
+        "fit": error_of(prepared, model.whole.rows(parts.number == FIT)),
+        "select": None if model.judged is None else error_of(prepared, model.judged),
+        "test": error_of(prepared, model.whole.rows(parts.number == TEST)),
+    }
+
+
+def _effect(accepted: Accepted, after: Fit, sure: Intervals) -> dict[str, Any]:
+    name, effect = accepted.effect
+    own = after.columns(accepted.name)
+    parameters = sure.rows(after.space, after.point, range(own.start, own.stop))
+    return {
+        "name": name,
+        "site": effect.site,
+        "summary": effect.summary,
+        "parameters": dict(zip(effect.space.names, parameters, strict=True)),
+        "p_value": accepted.support.p_fit,
+        "p_select": accepted.support.p_select,
+        "tied_with": accepted.tied_with,
+    }
+
+
+def _candidate(candidate: Candidate) -> dict[str, Any]:
+    select = candidate.select
+    return {
+        "effect": candidate.effect[0],
+        "site": candidate.effect[1].site,
+        "score": None if candidate.score is None else candidate.score.gain,
+        "refit_select_error": None if select is None else select.normalized,
+        "why_rejected": candidate.why_rejected,
+    }
+
+
+def _ranked(found: Explanation) -> list[Candidate]:
+    """Candidates, accepted ones first, then by score."""
+    accepted = {a.name for a in found.accepted}
+    return sorted(
+        found.candidates,
+        key=lambda c: (c.name not in accepted, -(c.score.gain if c.score else -1.0), c.name),
+    )
+
+
+def _expression(prepared: PreparedLog, found: Expression) -> dict[str, Any]:
+    terms = zip(found.terms, found.coefficients, found.sd, strict=True)
+    return {
+        "text": found.text,
+        "terms": [
+            {"site": e.site, "coefficient": float(c), "sd": float(s), "unit": e.parameters[0].unit}
+            for e, c, s in terms
+        ],
+        "select": None if found.judged is None else error_of(prepared, found.judged),
+        "test": None if found.held_out is None else error_of(prepared, found.held_out),
+    }
+
+
+def _absorbed(before: Fit, after: Fit, sd: np.ndarray) -> dict[str, Any]:
+    """How far each declared parameter moved when the effects came in, in sd (parameter,) of the later one."""
+    if len(after.space) == len(before.space):
+        return {}
+    return {
+        name: {
+            "before": float(before.point[i]),
+            "after": float(after.point[i]),
+            "unit": before.space.parameters[i].unit,
+            "shift_in_sd": float((after.point[i] - before.point[i]) / sd[i]) if sd[i] > 0 else 0.0,
+        }
+        for i, name in enumerate(before.space.names)
+    }
+
+
+def summary(
+    verdict: str, stages: Sequence[dict[str, Any]], accepted: Sequence[Accepted], lacking: LackOfFit
+) -> str:
+    """The finding in words. stages: as in the document; lacking: what the last model leaves of the fit part."""
+    from capture_cli.reports.diagnosis_findings import listed
+
+    if verdict == "explained":
+        return f"Nothing is missing: the error is {lacking.normalized:.3g} times the noise floor."
+    part = "test" if stages[-1]["test"] else "fit"
+    first, last = (s[part]["normalized"] for s in (stages[0], stages[-1]))
+    where = "held-out" if part == "test" else "fit"
+    if not accepted and not lacking.lacking:
+        return (
+            f"The model fits what it was fitted to, but not what was held out: there the error is {last:.3g} times the "
+            "noise floor. The two parts of the log are not alike."
+        )
+    if not accepted:
+        return (
+            f"None of these: the {where} error is {last:.3g} times the noise floor, and no effect of the catalogue "
+            "explains it."
+        )
+    found = listed([a.name + (f" (or {', '.join(a.tied_with)})" if a.tied_with else "") for a in accepted])
+    if part == "test" and last >= first:
+        return (
+            f"{found} would explain what was fitted, but not what was held out: there the error is {last:.3g} times "
+            f"the noise floor, and {first:.3g} without."
+        )
+    them = "it" if len(accepted) == 1 else "them"
+    text = (
+        f"The model lacks {found}: with {them} the {where} error falls to {last / first:.2g} of what it was."
+    )
+    if verdict == "unexplained":
+        left, on = (lacking.normalized, " on what was fitted") if lacking.normalized > last else (last, "")
+        text += f" What is left{on} is still {left:.3g} times the noise floor: this is not all."
+    return text

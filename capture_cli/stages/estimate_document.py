@@ -1,0 +1,262 @@
+"""The document and the arrays of an estimate, from what was found: errors, intervals, verdict, recordings."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from capture_cli.diagnosis.lack_of_fit import LackOfFit, holds, lack_of_fit
+from capture_cli.identifiers.base import Trial
+from capture_cli.identifiers.intervals import Intervals, intervals
+from capture_cli.identifiers.least_squares import CONVERGED_GAIN
+from capture_cli.identifiers.rounds import Rounds
+from capture_cli.protocol.model_fits import TOLERANCE, PartFit
+from capture_cli.stages.earlier_estimate import EarlierEstimate
+from capture_cli.stages.estimation import Found
+from capture_cli.stages.result_document import attributes_of, error_of, measured_arrays, noise_floor_of
+from capture_cli.stores.estimate import FORMAT, HISTORY, VERSION, Estimate
+from capture_cli.stores.output import sha256
+
+ROUGH = 1.0  # of the objective over k: a standard error
+DISAGREE_P = 0.01  # of all parameters together, Bonferroni
+
+
+class Report:
+    """Turns the best point into an Estimate: errors, intervals, verdict, recordings."""
+
+    def __init__(self, result: Found, identifier: str, seed: int, earlier: EarlierEstimate | None):
+        self.result = result
+        self.fits = result.fits
+        self.prepared = result.fits.prepared
+        self.identifier = identifier
+        self.best = result.best
+        before = [] if earlier is None else earlier.history
+        self.history = [b for b in (*before, *result.history) if np.isfinite(b.error)]
+        self.seed = seed
+        self.earlier = earlier
+        self.is_test = self.prepared.split.is_test
+        self.space = self.prepared.task.space
+
+    def estimate(self) -> Estimate:
+        fit = self.result.at
+        found, lacking = intervals(fit.at), lack_of_fit(fit.at)
+        offsets = np.zeros_like(self.prepared.starts.sd)
+        offsets[~self.is_test] = fit.offsets
+        if self.is_test.any():
+            test = self.prepared.part(self.is_test)
+            offsets[self.is_test] = self.fits.on(test, fit, self._start_tolerance(lacking.lacking)).offsets
+        simulated, nominal, diverged = self._curves(offsets)
+        recordings = self._recordings(found)
+        whole = self._whole(offsets, simulated)
+        document = self._document(found, lacking, whole, recordings, diverged)
+        arrays = self._arrays(found, offsets, simulated, nominal, recordings)
+        attributes = {"parameters": list(self.space.names), **attributes_of(self.prepared.log)}
+        return Estimate(document, arrays, attributes)
+
+    def _start_tolerance(self, lacking: bool) -> float:
+        """Of held-out starts, over k: as exact as the fit was."""
+        if self.result.in_context is None:
+            return CONVERGED_GAIN
+        return ROUGH if lacking and not self.result.elsewhere else TOLERANCE
+
+    def _curves(self, offsets: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Simulated at the estimate and at the nominal values, (window, step, output); whether it diverged at the
+        estimate, (window,).
+        """
+        points = np.stack([self.best.parameters, self.space.nominal])
+        simulator = self.fits.simulator([])
+        trial = Trial(points, np.repeat(offsets[None], 2, axis=0))
+        outputs, diverged = self.prepared.evaluate(simulator, trial)
+        self.fits.rollouts += simulator.rollouts
+        return outputs[0], outputs[1], diverged[0]
+
+    def _whole(self, offsets: np.ndarray, simulated: np.ndarray) -> PartFit:
+        """The whole log at the estimate: `simulated` (window, step, output), starts at `offsets` (window, state)."""
+        evidence = self.prepared.evidence(self.fits.simulator([]))
+        return PartFit(evidence, offsets, evidence.residual(simulated), np.zeros(len(offsets)))
+
+    def _recordings(self, joint: Intervals):
+        """The estimate of each fitted recording alone, from the joint one on; None for a single recording."""
+        fit = self.prepared.part(~self.is_test)
+        numbers = [n for n in np.unique(fit.recording) if (fit.recording == n).sum() >= 2]
+        if len(numbers) < 2 or not len(self.space):
+            return None
+        values, sds, names = [], [], []
+        for number in numbers:
+            which = fit.recording == number
+            own = self.fits.fit(
+                fit.part(which),
+                [],
+                self.best.parameters,
+                offsets=self.result.at.offsets[which],
+                rounds=12,
+                tolerance=CONVERGED_GAIN,
+                seed=self.seed,
+            )
+            if own is None:
+                return None
+            values.append(own.point)
+            sds.append(intervals(own.at).sd)
+            names.append(self.prepared.log.recording_names[number])
+        return _agreement(names, np.array(values), np.array(sds), self.space.names, joint)
+
+    # --- what is written ---
+
+    def _document(self, found: Intervals, lacking: LackOfFit, whole: PartFit, recordings, diverged) -> dict:
+        prepared, log = self.prepared, self.prepared.log
+        undetermined = _undetermined(found, self.space.names)
+        error = {
+            "fit": error_of(prepared, whole.rows(~self.is_test)),
+            "test": error_of(prepared, whole.rows(self.is_test)),
+        }
+        held_out = error["test"] and error["test"]["normalized"]
+        numbers = int(prepared.windows.sampled[self.is_test].sum())
+        if diverged.any() or lacking.lacking or (held_out is not None and not holds(held_out, numbers)):
+            verdict = "unexplained"
+        else:
+            verdict = "explained" if found.identifiable.all() else "not-identifiable"
+        rows = found.rows(self.space, self.best.parameters, range(len(self.space)))
+        document = {
+            "format": FORMAT,
+            "version": VERSION,
+            "task": prepared.task.name,
+            "log": {"path": str(log.path), "sha256": sha256(log.path)},
+            "identifier": self.identifier,
+            "parameters": dict(zip(self.space.names, rows, strict=True)),
+            "error": error,
+            **noise_floor_of(prepared),
+            "verdict": verdict,
+            "summary": _summary(verdict, lacking, held_out, undetermined, diverged),
+            "diverged_windows": int(diverged.sum()),
+            "lack_of_fit": {
+                "normalized": lacking.normalized,
+                "threshold": lacking.threshold,
+                "autocorrelation_time": lacking.autocorrelation_time,
+            },
+            "undetermined": undetermined,
+            "correlation": _correlation(found.covariance).tolist(),
+            "recordings": None if recordings is None else recordings["document"],
+            "split": {
+                "how": prepared.split.how,
+                "fit_windows": int((~self.is_test).sum()),
+                "test_windows": int(self.is_test.sum()),
+            },
+            "rollouts": {"measured": len(log.episode_ends), "simulated": self.fits.rollouts},
+            "rounds": [
+                {"parameters": self.space.to_dict(b.parameters), "error": float(b.error)}
+                for b in self.history
+            ],
+            "in_context": self._in_context(),
+            "next_command": None,
+        }
+        return document
+
+    def _in_context(self) -> dict | None:
+        """What the rounds over the episodes gave; those of the earlier estimate where there were none now."""
+        result = self.result
+        if result.in_context is None:
+            return None if self.earlier is None else self.earlier.estimate.document["in_context"]
+        return result.in_context.document(
+            contradicted=result.contradicted, fallback=result.fallback, elsewhere=result.elsewhere
+        )
+
+    def _rounds(self) -> Rounds | None:
+        """All rounds in context so far."""
+        before = None if self.earlier is None else self.earlier.rounds
+        if self.result.in_context is None:
+            return before
+        now = self.result.in_context.walk.rounds
+        return now if before is None else before.followed_by(now)
+
+    def _arrays(self, found: Intervals, offsets, simulated, nominal, recordings) -> dict[str, np.ndarray]:
+        mask = self.prepared.windows.mask
+        arrays = {
+            **measured_arrays(self.prepared),
+            "window/is_test": self.is_test,
+            "window/start_offset": offsets,
+            "step/simulated": simulated[mask],
+            "step/nominal": nominal[mask],
+            "parameter/estimate": self.best.parameters,
+            "parameter/covariance": found.covariance,
+            "round/parameters": np.array([b.parameters for b in self.history]).reshape(len(self.history), -1),
+            "round/error": np.array([b.error for b in self.history]),
+        }
+        rounds = self._rounds()
+        if rounds is not None:
+            values = (rounds.parameters, rounds.actions, rounds.simulated, rounds.measured)
+            arrays |= {name: a[0] for name, a in zip(HISTORY, values, strict=True)}
+        if recordings is not None:
+            arrays["parameter/recordings"] = recordings["values"]
+            arrays["parameter/recordings_sd"] = recordings["sd"]
+        return arrays
+
+
+def _agreement(names, values: np.ndarray, sd: np.ndarray, parameters, joint: Intervals) -> dict:
+    """Do the recordings agree? Cochran's Q per parameter, over the estimates that a recording determines."""
+    from scipy.special import chdtrc
+
+    document, p_values = {}, []
+    for i, name in enumerate(parameters):
+        weight = 1 / np.square(sd[:, i])
+        mean = (weight * values[:, i]).sum() / weight.sum()
+        p = float(chdtrc(len(values) - 1, (weight * np.square(values[:, i] - mean)).sum()))
+        p_values.append(p if joint.identifiable[i] else 1.0)
+        document[name] = {"values": values[:, i].tolist(), "sd": sd[:, i].tolist(), "p_value": p}
+    agree = min(p_values) * len(p_values) > DISAGREE_P
+    worst = parameters[int(np.argmin(p_values))]
+    spread = np.ptp([document[worst]["values"]])
+    text = (
+        f"the {len(names)} recordings agree"
+        if agree
+        else f"the {len(names)} recordings disagree, most about {worst} "
+        f"(spread {spread:.3g}, p = {min(p_values):.1g}): something changed between them, or the model lacks something"
+    )
+    return {
+        "values": values,
+        "sd": sd,
+        "document": {"names": names, "agree": bool(agree), "parameters": document, "text": text},
+    }
+
+
+def _undetermined(found: Intervals, names) -> list[dict]:
+    """Combinations of parameters that the log leaves open, largest weights first."""
+    result = []
+    for direction, sd in zip(found.undetermined, found.undetermined_sd, strict=True):
+        order = np.argsort(-np.abs(direction))
+        main = [i for i in order if abs(direction[i]) > 0.1]
+        combination = {names[i]: round(float(direction[i] / direction[main[0]]), 4) for i in main}
+        text = (
+            f"this log does not determine {names[main[0]]}"
+            if len(main) == 1
+            else "only a combination of " + ", ".join(names[i] for i in main) + " shows in the outputs"
+        )
+        result.append({"combination": combination, "sd_over_range": float(min(sd, 1e6)), "text": text})
+    return result
+
+
+def _summary(
+    verdict: str, lacking: LackOfFit, held_out: float | None, undetermined: list[dict], diverged: np.ndarray
+) -> str:
+    if diverged.any():
+        return (
+            f"With these parameters the simulation runs away in {diverged.sum()} of {len(diverged)} windows. "
+            "The model lacks something, or its time step is too long."
+        )
+    if verdict == "unexplained" and not lacking.lacking:
+        return (
+            "The parameters explain what they were fitted to, but not what was held out: there the error is "
+            f"{held_out:.3g} times the noise floor. The two parts of the log are not alike."
+        )
+    if verdict == "unexplained":
+        return (
+            f"These parameters do not explain the log: the error is {lacking.normalized:.3g} times the noise floor "
+            f"(chance allows {lacking.threshold:.3g}). The model lacks something."
+        )
+    if verdict == "not-identifiable":
+        names = dict.fromkeys(name for u in undetermined for name in u["combination"])
+        return f"The fit reaches the noise floor, but the log does not determine {', '.join(names)}."
+    return f"The parameters explain the log: the error is {lacking.normalized:.3g} times the noise floor."
+
+
+def _correlation(covariance: np.ndarray) -> np.ndarray:
+    sd = np.sqrt(np.diag(covariance))
+    return covariance / np.where(sd > 0, np.outer(sd, sd), 1.0)

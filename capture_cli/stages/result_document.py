@@ -1,0 +1,60 @@
+"""What the documents and arrays of an estimate and of a diagnosis have in common."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from capture_cli.protocol.model_fits import PartFit
+from capture_cli.protocol.prepared_log import PreparedLog
+from capture_cli.stores.measured_log import MeasuredLog
+
+
+def error_of(prepared: PreparedLog, on: PartFit) -> dict[str, Any] | None:
+    """RMSE and mean absolute error per output, in its unit, and RMSE over the noise floor.
+
+    None where there is no sample; likewise of an output without any.
+    """
+    if not on.evidence.count:
+        return None
+    return {
+        "rmse": _by_output(prepared, on.rmse),
+        "mae": _by_output(prepared, on.mae),
+        "normalized": on.normalized,
+    }
+
+
+def noise_floor_of(prepared: PreparedLog) -> dict[str, Any]:
+    """Standard deviation per output, in its unit, and where it comes from."""
+    names, noise = [c.name for c in prepared.task.outputs], prepared.noise
+    return {
+        "noise_floor": dict(zip(names, noise.sd.tolist(), strict=True)),
+        "noise_floor_source": dict(zip(names, noise.source, strict=True)),
+    }
+
+
+def measured_arrays(prepared: PreparedLog) -> dict[str, np.ndarray]:
+    """Which window is which, and what was measured in it; the steps of all windows are one after the other."""
+    windows = prepared.windows
+    return {
+        "window/episode": windows.episode,
+        "window/first": windows.first,
+        "step/window": np.repeat(np.arange(len(windows)), windows.samples),
+        "step/time": prepared.log.time[prepared.log_steps[windows.mask]],
+        "step/measured": np.where(windows.sampled, windows.measured, np.nan)[windows.mask],
+    }
+
+
+def attributes_of(log: MeasuredLog) -> dict[str, Any]:
+    """What outputs and recordings are called, beside the arrays."""
+    outputs = zip(log.output_names, log.output_units, strict=True)
+    return {
+        "outputs": [{"name": name, "unit": unit} for name, unit in outputs],
+        "recordings": list(log.recording_names),
+    }
+
+
+def _by_output(prepared: PreparedLog, errors: np.ndarray) -> dict[str, float | None]:
+    names = [c.name for c in prepared.task.outputs]
+    return {n: None if np.isnan(e) else float(e) for n, e in zip(names, errors, strict=True)}

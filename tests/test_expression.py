@@ -1,0 +1,97 @@
+"""`diagnose --expression`: a formula for a force that no effect of the catalogue explains."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from capture_cli.diagnosis.expression import expression_terms, formula
+from capture_cli.protocol import attribution
+from capture_cli.simulator import Simulator
+from capture_cli.stages.diagnose import diagnose
+from capture_cli.stages.record import record
+from capture_cli.tasks import load_task
+
+MACHINES = Path(__file__).parents[1] / "benchmarks" / "machines"
+SLIDER, CART_POLE = (MACHINES / name / "task.toml" for name in ("slider", "cart_pole"))
+STIFFNESS = 150.0  # N/m^3
+
+
+@pytest.fixture
+def simulators(monkeypatch) -> list[Simulator]:
+    """Every simulator that is made from here on."""
+    made, begin = [], Simulator.__init__
+
+    def kept(simulator, *arguments, **options):
+        begin(simulator, *arguments, **options)
+        made.append(simulator)
+
+    monkeypatch.setattr(Simulator, "__init__", kept)
+    return made
+
+
+@pytest.fixture
+def diagnosed(tmp_path, monkeypatch, without_pages):
+    """diagnosed(**options): of the slider with a cubic spring, by a catalogue that has no effect."""
+    log = tmp_path / "log.zarr"
+    record(
+        task=str(SLIDER),
+        out=log,
+        effects=[f"cubic-stiffness@x={STIFFNESS}"],
+        noise=5e-4,
+        episodes=4,
+        duration=1.5,
+        rate=250,
+        seed=1,
+    )
+    monkeypatch.setattr(attribution, "all_candidates", lambda _: [])
+
+    def run(**options):
+        out = tmp_path / "diagnosis"
+        return diagnose(
+            real_log=log, task=str(SLIDER), out=out, quiet=True, threads=1, starts=1, **options
+        ).document
+
+    return run
+
+
+def test_a_force_that_the_catalogue_lacks_is_written_as_a_formula(diagnosed, simulators):
+    document = diagnosed(expression=True)
+    assert (document["verdict"], document["effects"]) == ("unexplained", [])
+    found = document["expression"]
+    (term,) = found["terms"]
+    assert (term["site"], term["unit"]) == ("x: q^3", "N per m^3")
+    assert term["coefficient"] == pytest.approx(-STIFFNESS, abs=4 * term["sd"])
+    assert term["sd"] < 1.0
+    assert found["text"] == f"missing force at x = {term['coefficient']:+.4g} q^3"
+    assert document["before"]["test"]["normalized"] > 5
+    assert found["select"]["normalized"] == pytest.approx(1, abs=0.1)
+    assert found["test"]["normalized"] == pytest.approx(1, abs=0.1)
+    assert document["rollouts"]["simulated"] == sum(s.rollouts for s in simulators)
+
+
+def test_it_is_looked_for_when_asked(diagnosed, simulators):
+    document = diagnosed()
+    assert (document["verdict"], document["expression"]) == ("unexplained", None)
+    assert document["rollouts"]["simulated"] == sum(s.rollouts for s in simulators)
+
+
+def test_every_joint_has_terms_of_its_own_and_of_the_others():
+    task = load_task(str(CART_POLE))
+    terms = [effect for _, effect in expression_terms(task.model, [c.index for c in task.inputs])]
+    sites = [t.site for t in terms]
+    assert len(set(sites)) == len(sites)
+    joints = [task.model.joint(j).name for j in range(task.model.njnt)]
+    for own, other in (joints, joints[::-1]):
+        assert {f"{own}: q^3", f"{own}: v|v|", f"{own}: v v_{other}"} <= set(sites)
+
+
+def test_the_formula_has_a_line_for_each_joint():
+    task = load_task(str(CART_POLE))
+    terms = {e.site: e for _, e in expression_terms(task.model, [])}
+    first, second = (task.model.joint(j).name for j in range(2))
+    chosen = [terms[f"{first}: q"], terms[f"{second}: sign(v)"], terms[f"{first}: v|v|"]]
+    expected = f"missing force at {first} = -1.5 q +2 v|v|; missing force at {second} = +0.25 sign(v)"
+    assert formula(chosen, np.array([-1.5, 0.25, 2.0])) == expected
