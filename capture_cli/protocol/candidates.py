@@ -19,6 +19,7 @@ from capture_cli.linearization import Linearization
 from capture_cli.protocol.model_fits import Fit, PartFit, Placed
 from capture_cli.protocol.narrow_shapes import NarrowShapes
 from capture_cli.protocol.prepared_log import PreparedLog
+from capture_cli.sim.coordinate_sources import sources_of
 from capture_cli.simulator import placed_name
 
 # Best-scoring candidates that are fitted jointly, each time round: so many that differ, with so many like each, no more
@@ -86,17 +87,23 @@ def _shows(effect: Effect, logged: Set[int]) -> bool:
 
 
 def _seen(prepared: PreparedLog) -> dict[int, JointMotion]:
-    """The motion of each joint whose position is an output."""
-    model, reported = prepared.task.model, prepared.starts.reported
+    """The motion of each joint whose position outputs say, alone or together."""
+    model, reported, log = prepared.task.model, prepared.starts.reported, prepared.log
+    if reported is None:
+        return {}
     seen = {}
-    log = prepared.log
-    for channel, every, sampled in zip(prepared.task.outputs, log.outputs.T, log.sampled.T, strict=True):
-        if model.sensor_type[channel.sensor] != mujoco.mjtSensor.mjSENS_JOINTPOS or reported is None:
+    for source in sources_of(model, [c.sensor for c in prepared.task.outputs]):
+        if source.kind != "position" or len(source.dofs) != 1:
             continue
-        path = every[sampled]
-        low, high, speed = path.min(), path.max(), np.abs(reported.jets[:, 1, channel.index]).max()
+        columns = list(source.columns)
+        path = source.of(log.outputs[log.sampled[:, columns].all(axis=1)][:, columns])
+        if not len(path):
+            continue
+        low, high = path.min(), path.max()
+        speed = np.abs(source.of(reported.jets[:, 1, list(source.data)])).max()
         if low < high and speed > 0:
-            seen[int(model.sensor_objid[channel.sensor])] = JointMotion(float(low), float(high), float(speed))
+            joint = int(model.dof_jntid[source.dofs[0]])
+            seen[joint] = JointMotion(float(low), float(high), float(speed))
     return seen
 
 
