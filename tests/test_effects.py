@@ -490,6 +490,32 @@ def test_an_encoder_on_the_motor_shows_the_rotor(name, joint, values, rotor, see
 
 
 @pytest.mark.parametrize(("name", "joint", "values"), [SPRING, PLAY])
+def test_an_actuators_encoder_shows_the_rotor_through_its_gear(name, joint, values):
+    xml = (
+        ONE_MASS.format(dry=0)
+        .replace("<motor ", '<motor name="m" gear="-50" ')
+        .replace(
+            '<sensor><jointpos joint="l"/></sensor>',
+            '<sensor><jointpos name="q" joint="l"/><jointvel name="v" joint="l"/>'
+            '<actuatorpos name="turns" actuator="m"/><actuatorvel name="speed" actuator="m"/></sensor>',
+        )
+    )
+    one = build(xml)
+    tape = 0.06 * np.sign(np.cos(2 * np.pi * 1.3 * np.arange(900) * 1e-3))[None, :, None]
+    start = Starts(np.zeros((1, 1)), np.full((1, 1), 0.1), *NOTHING)
+    shown = {}
+    for seen in ("l+q", "l+turns", "l+v", "l+speed"):
+        effect = effects.REGISTRY.get(name)(one, seen)
+        at = effect.space.to_vector({**values, "rotor": 0.6, "motor_damping": 0.5})
+        shown[seen] = run(one, (effect, at[None]), tape=tape, starts=start)[0][0]
+    assert np.abs(shown["l+q"][:, 0] - shown["l+v"][:, 0]).max() > 1e-3, (
+        "the encoder on the motor shows nothing"
+    )
+    np.testing.assert_allclose(shown["l+turns"][:, 2], -50 * shown["l+q"][:, 0], atol=1e-12)
+    np.testing.assert_allclose(shown["l+speed"][:, 3], -50 * shown["l+v"][:, 1], atol=1e-12)
+
+
+@pytest.mark.parametrize(("name", "joint", "values"), [SPRING, PLAY])
 @pytest.mark.parametrize(
     ("seen", "logged", "read"),  # read: of which of the two the speed is that the start was read to have
     [("l+q", "qv", "l"), ("l+v", "qv", "r"), ("l+q+v", "qv", "r"), ("l+q", "q", "r")],

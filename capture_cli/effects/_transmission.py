@@ -19,13 +19,19 @@ from capture_cli.effects._two_mass import MOST_SHARE
 from capture_cli.effects.base import GLOBAL, spread
 from capture_cli.parameters import Parameter
 
-POSITION, SPEED = int(mujoco.mjtSensor.mjSENS_JOINTPOS), int(mujoco.mjtSensor.mjSENS_JOINTVEL)
+_S = mujoco.mjtSensor
+POSITIONS = (int(_S.mjSENS_JOINTPOS), int(_S.mjSENS_ACTUATORPOS))
+SPEEDS = (int(_S.mjSENS_JOINTVEL), int(_S.mjSENS_ACTUATORVEL))
+ON_JOINTS = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
 
 
 class TransmissionEffect(JointForce):
     """An effect between a motor and the joint that it drives. Its kernel is a TwoMass."""
 
-    where = "every hinge and slide joint that an actuator drives; JOINT+SENSOR where that sensor of it is the motor's"
+    where = (
+        "every hinge and slide joint that an actuator drives; "
+        "JOINT+SENSOR where that sensor, of it or of its actuator, is the motor's"
+    )
     shares = ("motor_damping", "motor_friction")
     states = ("ahead", "turning")
     # A rotor that crosses its play is seldom faster than half of what the largest force would give it there.
@@ -133,14 +139,18 @@ class TransmissionSeenFromMotor(TransmissionForce):
 
 
 class MotorEncoders:
-    """The sensors among those of a joint that see the rotor, which is ahead of the joint by d at d'."""
+    """The sensors of a joint and of its actuators that see the rotor, which is ahead of the joint by d at d'.
+
+    positions, speeds: their columns of sensordata, and what each shows of d or d', {column: gear}.
+    """
 
     def __init__(self, model: mujoco.MjModel, joint: int, sensors: Sequence[int]):
-        def columns(kind: int, numbers: Sequence[int]) -> list[int]:
-            return [int(model.sensor_adr[s]) for s in numbers if model.sensor_type[s] == kind]
+        def gears(kinds: Sequence[int], numbers: Sequence[int]) -> dict[int, float]:
+            own = [s for s in numbers if model.sensor_type[s] in kinds]
+            return {int(model.sensor_adr[s]): _gear(model, s) for s in own}
 
-        self.positions, self.speeds = columns(POSITION, sensors), columns(SPEED, sensors)
-        self.other_speeds = set(columns(SPEED, _encoders(model, joint))) - set(self.speeds)
+        self.positions, self.speeds = gears(POSITIONS, sensors), gears(SPEEDS, sensors)
+        self.other_speeds = set(gears(SPEEDS, _encoders(model, joint))) - set(self.speeds)
         self.at, self.dof = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
 
     @property
@@ -166,8 +176,9 @@ class MotorEncoders:
 
     def show(self, sensordata: np.ndarray, seen: tuple[np.ndarray, np.ndarray]) -> None:
         """Add (d, d') to sensordata (simulation, column)."""
-        for columns, ahead in zip((self.positions, self.speeds), seen, strict=True):
-            sensordata[:, columns] += ahead[:, None]
+        for gears, ahead in zip((self.positions, self.speeds), seen, strict=True):
+            for column, gear in gears.items():
+                sensordata[:, column] += gear * ahead
 
     def in_companion(self, own: Companion, drive: str) -> Companion:
         """The companion of the transmission, `drive` its kernel, with the encoders."""
@@ -176,8 +187,11 @@ class MotorEncoders:
             "if begins:  # the encoder showed where the rotor was",
             f"{INDENT}data.qpos[{[self.at]}] -= {drive}.seen[0]",
         ) * bool(self.positions)
-        after = [f"data.sensordata[{self.positions}] += {drive}.seen[0]"] * bool(self.positions)
-        after += [f"data.sensordata[{self.speeds}] += {drive}.seen[1]"] * bool(self.speeds)
+        after = (
+            f"data.sensordata[{column}] += {drive}.seen[{k}]" + f" * {number(gear)}" * (gear != 1)
+            for k, gears in enumerate((self.positions, self.speeds))
+            for column, gear in gears.items()
+        )
         return replace(own, lines=(*begins, *own.lines, *where), after=tuple(after))
 
 
@@ -194,5 +208,23 @@ def _places(model: mujoco.MjModel) -> dict[str, tuple[str, tuple[int, ...]]]:
 
 
 def _encoders(model: mujoco.MjModel, joint: int) -> list[int]:
-    own = (model.sensor_objid == joint) & np.isin(model.sensor_type, (POSITION, SPEED))
-    return [int(s) for s in np.flatnonzero(own)]
+    """The sensors that show where a joint is, or how fast it turns: its own, and those of actuators on it."""
+    return [
+        s
+        for s in range(model.nsensor)
+        if model.sensor_type[s] in (*POSITIONS, *SPEEDS) and _joint(model, s) == joint
+    ]
+
+
+def _joint(model: mujoco.MjModel, sensor: int) -> int:
+    """Of a sensor of a joint or of an actuator; -1 of an actuator that moves something else."""
+    which = int(model.sensor_objid[sensor])
+    if model.sensor_objtype[sensor] == mujoco.mjtObj.mjOBJ_JOINT:
+        return which
+    return int(model.actuator_trnid[which, 0]) if model.actuator_trntype[which] in ON_JOINTS else -1
+
+
+def _gear(model: mujoco.MjModel, sensor: int) -> float:
+    """By how much what a sensor shows is more than the joint's position, or speed."""
+    is_own = model.sensor_objtype[sensor] == mujoco.mjtObj.mjOBJ_JOINT
+    return 1.0 if is_own else float(model.actuator_gear[model.sensor_objid[sensor], 0])

@@ -15,7 +15,7 @@ _KINDS = {
     _S.mjSENS_ACTUATORVEL: "velocity",
     _S.mjSENS_TENDONVEL: "velocity",
 }
-_SCALAR = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
+_SCALAR = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 ROUNDING = 1e-9  # of a coordinate, that a sum of readings may be off by
 
 
