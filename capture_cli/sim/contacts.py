@@ -18,7 +18,7 @@ def touching_pairs(model: mujoco.MjModel) -> np.ndarray:
     allowed = (kind[first] & affinity[second]) | (kind[second] & affinity[first])
     body_a, body_b = model.geom_bodyid[first], model.geom_bodyid[second]
     weld_a, weld_b = model.body_weldid[body_a], model.body_weldid[body_b]
-    apart = weld_a != weld_b
+    apart = (weld_a != weld_b) & ((model.body_treeid[body_a] >= 0) | (model.body_treeid[body_b] >= 0))
     if not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_FILTERPARENT:
         parent_a, parent_b = (model.body_weldid[model.body_parentid[weld]] for weld in (weld_a, weld_b))
         # a body does not touch its parent, unless that is the world
