@@ -44,7 +44,9 @@ def multisine_tape(
     """
     signals = multisine(time, len(peaks), band, generator)
     tape = peaks * (from_rest(time, signals) if at_rest else signals)
-    for k, low, high in _lopsided(machine):
+    for k, low, high in _limited(machine):
+        if low == -high:
+            continue
         ends = np.clip([-peaks[k], peaks[k]], low, high)
         tape[:, k] = np.interp(signals[:, k], [signals[:, k].min(), signals[:, k].max()], ends)
         if at_rest:
@@ -54,19 +56,18 @@ def multisine_tape(
 
 
 def into_range(machine: Task, tapes: np.ndarray) -> np.ndarray:
-    """Tapes (..., input), cut off where an actuator that is not symmetric about 0 goes no further."""
+    """Tapes (..., input), cut off where an actuator goes no further: a log has what reached it."""
     tapes = tapes.copy()
-    for k, low, high in _lopsided(machine):
+    for k, low, high in _limited(machine):
         tapes[..., k] = np.clip(tapes[..., k], low, high)
     return tapes
 
 
-def _lopsided(machine: Task) -> Iterator[tuple[int, float, float]]:
-    """Which inputs have actuators that go further to one side of 0, as valves and muscles do, and their ctrlranges."""
+def _limited(machine: Task) -> Iterator[tuple[int, float, float]]:
+    """Which inputs have actuators with a ctrlrange, and from where to where that goes."""
     for k, channel in enumerate(machine.inputs):
-        low, high = machine.model.actuator_ctrlrange[channel.index].tolist()
-        if machine.model.actuator_ctrllimited[channel.index] and low != -high:
-            yield k, low, high
+        if machine.model.actuator_ctrllimited[channel.index]:
+            yield k, *machine.model.actuator_ctrlrange[channel.index].tolist()
 
 
 def from_rest(time: np.ndarray, signals: np.ndarray) -> np.ndarray:

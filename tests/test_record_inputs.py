@@ -111,6 +111,14 @@ def test_a_symmetric_range_is_driven_to_its_peak(slider_task, high):
     assert rested.tobytes() == (peaks * from_rest(TIME, signals)).tobytes()
 
 
+def test_a_symmetric_range_is_not_left_however_far_an_input_is_to_go(slider_task):
+    task = load_task(with_range(slider_task, -4, 4))
+    tape = multisine_tape(task, TIME, np.array([9.0]), BAND, np.random.default_rng(0))
+    wanted = 9 * multisine(TIME, 1, BAND, np.random.default_rng(0))
+    np.testing.assert_array_equal(tape, np.clip(wanted, -4, 4))
+    assert tape.max() == 4 or tape.min() == -4
+
+
 def test_an_actuator_that_only_pushes_is_recorded_and_taped_within_its_range(slider_task, tmp_path):
     task = with_range(slider_task, 0, 5)
     log = record(task=task, out=tmp_path / "log.zarr", duration=4, rate=100, threads=1).log
