@@ -11,7 +11,7 @@ import pytest
 from capture_cli.protocol import attribution
 from capture_cli.protocol.attribution import Accepted, Attribution
 from capture_cli.protocol.candidates import Candidate
-from capture_cli.protocol.model_comparison import ModelComparison
+from capture_cli.protocol.model_comparison import WORSE, ModelComparison
 from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.record import record
 
@@ -63,6 +63,26 @@ def test_minor_effects_stand_only_where_they_explain(shares, error, explained, k
     assert fit.names == tuple(a.name for a in selection.accepted) == names[:kept]
     reasons = [c.why_rejected for c in selection.candidates]
     assert reasons[:kept] == [None] * kept and all("correction" in r for r in reasons[kept:])
+
+
+@pytest.mark.parametrize("explained", [True, False])
+def test_a_rival_that_is_not_as_good_may_be_enough(explained):
+    """A delay and a lag on a model whose steps are too long: the better one is not the only one that explains."""
+    lag, delay = (("lag", Named("drive")), ("delay", Named("drive")))
+    selection = Attribution.__new__(Attribution)
+    selection.models = FakeModels(explained)
+    selection.models.best = lambda mine, others: (mine, others)
+    selection.models.compare = lambda mine, other: WORSE
+    selection.candidates = [Candidate(lag), Candidate(delay)]
+    selection.accepted = [Accepted(lag, None, [Candidate(delay)], None, 0.9)]
+    selection.on_step = lambda *_: None
+    fit = FakeFit(("lag@drive",), 1.0)
+    selection._candidate_of = lambda *_: Candidate(lag, fit=fit)
+    selection._swapped = lambda *_: Candidate(delay, fit=FakeFit(("delay@drive",), 1.01))
+    assert selection._compare_with_rivals(fit) is fit
+    reason = selection.candidates[1].why_rejected
+    assert reason.startswith("lag@drive explains more")
+    assert reason.endswith("chance allows") == explained
 
 
 def test_rivals_are_compared_by_what_they_answered_in_one_round(tmp_path, monkeypatch, without_pages):

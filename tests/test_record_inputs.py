@@ -196,3 +196,26 @@ def test_one_number_is_no_start_of_a_joint_of_several_coordinates(keyed, tmp_pat
         record(task=keyed, out=tmp_path / "a.zarr", **{option: {joint: (0.3, 0.3)}}, threads=1)
     assert "first keyframe" in caught.value.cure
     assert not (tmp_path / "a.zarr").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"effects": ["coulomb-friction@x=-5"]}, r"friction = -5 N, and it cannot be negative"),
+        ({"parameters": {"mass": -1.0}}, r"--param: mass = -1 kg, and it cannot be negative"),
+    ],
+)
+def test_what_cannot_be_negative_is_refused_before_anything_is_simulated(
+    slider_task, tmp_path, options, said
+):
+    with pytest.raises(OptionError, match=said) as caught:
+        record(
+            task=slider_task,
+            out=tmp_path / "log.zarr",
+            duration=4,
+            amplitude={"drive": 3.0},
+            threads=1,
+            **options,
+        )
+    assert caught.value.cure.startswith("choose one from")
+    assert not (tmp_path / "log.zarr").exists()

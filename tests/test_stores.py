@@ -20,6 +20,7 @@ from hypothesis.extra.numpy import arrays
 
 from capture_cli.errors import CaptureError, LogError, OutputError, StoreError
 from capture_cli.stages.import_log import import_log
+from capture_cli.stores.estimate import read_result
 from capture_cli.stores.measured_log import SCHEMA, MeasuredLog
 from capture_cli.stores.output import PROVENANCE, new_directory, new_file, refuse_existing, sha256
 from capture_cli.stores.schema import ArraySpec, Schema
@@ -496,3 +497,8 @@ def test_the_schema_prints_every_array_and_attribute():
         assert spec.meaning in text
     for name in SCHEMA.attributes:
         assert f"`{name}`" in text
+
+
+def test_a_result_that_is_not_there_is_said_to_be_missing(tmp_path):
+    with pytest.raises(StoreError, match="nowhere does not exist"):
+        read_result(tmp_path / "nowhere", "estimate.json", "capture/estimate", 1, "make it")

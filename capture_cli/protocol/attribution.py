@@ -24,6 +24,7 @@ from capture_cli.protocol.candidates import (
 from capture_cli.protocol.model_comparison import (
     CLEARLY_BETTER,
     TIED,
+    WORSE,
     ModelComparison,
     effective_samples,
     least,
@@ -46,6 +47,7 @@ RIVALS = 4  # other candidates that an accepted effect is compared with once eve
 # Before it is said that nothing explains the log, so often are the next best fitted, of this share of the best score:
 # where contacts make the error rough, a score at null says little.
 FURTHER, WORTH = 2, 0.2
+ALSO_ENOUGH = "; but with it, too, no more is left than chance allows"  # of a rival that is not as good
 SIMILAR = 0.97  # cosine of responses beyond which a candidate that was not fitted may still be a rival
 
 
@@ -340,7 +342,10 @@ class Attribution:
             best, others = self.models.best(self._candidate_of(current, accepted), others)
             for other in others:
                 verdict = self.models.compare(best, other)
-                self._candidate(other.name).why_rejected = verdict.format(mine=best.name)
+                enough = verdict == WORSE and self.models.is_explained(other.fit)
+                self._candidate(other.name).why_rejected = (
+                    verdict.format(mine=best.name) + ALSO_ENOUGH * enough
+                )
                 if verdict == TIED:
                     accepted.tied.append(other)
             if best.name != accepted.name:

@@ -15,6 +15,7 @@ from capture_cli.effects import REGISTRY
 from capture_cli.effects.base import GLOBAL, Effect
 from capture_cli.errors import FitError, OptionError, did_you_mean
 from capture_cli.multisine import BAND
+from capture_cli.parameters import Parameter
 from capture_cli.sim.windows import cut
 from capture_cli.simulator import Simulator, placed_name
 from capture_cli.stages.drive import Drive, drive_by_actions, drive_by_inputs
@@ -98,6 +99,8 @@ def record(
     noise_sd = _noise(noise, machine.outputs)
     generator = np.random.default_rng(seed)
     point = machine.space.to_vector(parameters or {}, default=_random(machine, generator, random_parameters))
+    for parameter, value in zip(machine.space.parameters, point, strict=True):
+        _refuse_negative("--param", parameter, value)
     by_inputs = {
         "duration": duration,
         "inputs_from": inputs_from,
@@ -192,6 +195,7 @@ def parse_effects(texts: Sequence[str], model: mujoco.MjModel) -> tuple[list[tup
             continue
         which = _parameter(text, match, parameter, effect.space.names)
         values[which] = _number(match["value"], f"--effect {text!r}")
+        _refuse_negative(f"--effect {text}", effect.space.parameters[which], values[which])
     effects = [(name, effect) for name, effect, _ in placed.values()]
     return effects, np.concatenate([np.zeros(0), *(values for _, _, values in placed.values())])
 
@@ -238,9 +242,19 @@ def _site(name: str, site: str | None, sites: list[str]) -> str:
     if site is None or site not in sites:
         found = "no site is given" if site is None else f"{site!r} is not a site"
         raise OptionError(
-            f"--effect {name}: {found}, and it can sit at {len(sites)}", cure=did_you_mean(site or "", sites)
+            f"--effect {name}: {found}; there {'is' if len(sites) == 1 else 'are'} {len(sites)}",
+            cure=did_you_mean(site or "", sites),
         )
     return site
+
+
+def _refuse_negative(option: str, parameter: Parameter, value: float) -> None:
+    """Raise OptionError for a negative mass, friction, time...: of no machine, and of simulations that run away."""
+    if value < 0 <= parameter.low:
+        raise OptionError(
+            f"{option}: {parameter.name} = {value:g} {parameter.unit}, and it cannot be negative",
+            cure=f"choose one from {parameter.low:g} to {parameter.high:g}",
+        )
 
 
 def _number(text: str, where: str) -> float:

@@ -104,6 +104,8 @@ class Estimate:
 def read_result(folder: Path, name: str, form: str, version: int, cure: str) -> Mapping[str, Any]:
     """The JSON document `name` of a result directory. Raises StoreError where it is not one of `form`."""
     path = folder / name
+    if not folder.exists():
+        raise StoreError(f"{folder} does not exist", cure="check the path")
     if not path.is_file():
         raise StoreError(f"{folder} holds no {name}", cure=f"give the directory that holds it; {cure}")
     try:
