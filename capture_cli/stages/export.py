@@ -154,6 +154,7 @@ def _header(
         lines += [f"    {_size(p, v)}" for p, v in zip(effect.parameters, own, strict=True)]
     if _left_out(found):
         lines.append(f"  left out: {_left_out(found)}")
+        lines.append("  the values above were fitted without that, and may stand in for some of it")
     text = re.sub("-(?=-)", "- ", "\n".join(lines))  # two in a row would end the comment
     return f"<!-- {text}\n-->\n"
 
