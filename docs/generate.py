@@ -616,7 +616,7 @@ def _planted() -> str:
         f"On recorded logs with a known answer: the right effect in {right['hits']} of the {right['of']} in which it "
         f"more than doubles the error ({100 * right['low']:.1f} % or more, with 95 % confidence), and {alarms['hits']} "
         f"false alarms in {alarms['of']} with nothing missing ({100 * alarms['high']:.1f} % or less). These are of the "
-        "version of the code that saw most of them; [others](docs/diagnosis.md#on-logs-with-a-known-answer) did alike."
+        "last version that was measured; [those before](docs/diagnosis.md#on-logs-with-a-known-answer) saw more."
     )
 
 

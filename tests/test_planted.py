@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import asdict
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -211,3 +213,10 @@ def test_lines_of_other_code_and_half_lines_are_not_read(tmp_path):
     )
     assert [r["seed"] for r in results.rows(tmp_path, "a")] == [1]
     assert results.newest_code(tmp_path) == "b"
+
+
+def test_the_summary_that_is_shipped_is_of_the_newest_lines():
+    folder = Path(__file__).parents[1] / "runs" / "planted"
+    shipped = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    assert shipped["code"] == results.newest_code(folder)
+    assert shipped["logs"] == len(results.rows(folder, shipped["code"]))
