@@ -96,9 +96,10 @@ Effects of the place *model* are native MuJoCo features. Those of the place *for
 friction and damping that depend on the state change MuJoCo's own `frictionloss` and `damping` step by
 step, so that they are integrated implicitly and stick as MuJoCo's do; compliance and backlash keep the
 motor's position as a state of their own. `backlash@knee` is a play behind which all sensors are; in
-`backlash@knee+angle` the sensor `angle` of that joint is the motor's encoder, and shows what the motor does
-inside the play. A servo still closes its loop on the joint. Effects of *control* change what the actuators
-receive, those of *measurement* what the sensors report. `ctrl` stands for the unit of the actuator's control.
+`backlash@knee+angle` the sensor `angle`, of that joint or of its actuator, is the motor's encoder, and shows
+what the motor does inside the play. A servo still closes its loop on the joint. Effects of *control*
+change what the actuators receive, those of *measurement* what the sensors report. `ctrl` stands for the
+unit of the actuator's control.
 
 `capture export` writes a diagnosis as a model that runs without this package. *MJCF*: the effect is in
 `model.xml`. *companion*: beside it lies `model_effects.py`, which depends on MuJoCo and numpy alone and applies

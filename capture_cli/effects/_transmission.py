@@ -14,7 +14,7 @@ import numpy as np
 from capture_cli.effects._joint_force import FRICTION, ForceOfKernel, JointForce
 from capture_cli.effects._kernel import INDENT, Companion, kept, number
 from capture_cli.effects._places import site_name
-from capture_cli.effects._scales import driven_joints, free_inertia
+from capture_cli.effects._scales import driven_joint, driven_joints, free_inertia
 from capture_cli.effects._two_mass import MOST_SHARE
 from capture_cli.effects.base import GLOBAL, spread
 from capture_cli.parameters import Parameter
@@ -22,7 +22,6 @@ from capture_cli.parameters import Parameter
 _S = mujoco.mjtSensor
 POSITIONS = (int(_S.mjSENS_JOINTPOS), int(_S.mjSENS_ACTUATORPOS))
 SPEEDS = (int(_S.mjSENS_JOINTVEL), int(_S.mjSENS_ACTUATORVEL))
-ON_JOINTS = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
 
 
 class TransmissionEffect(JointForce):
@@ -221,7 +220,7 @@ def _joint(model: mujoco.MjModel, sensor: int) -> int:
     which = int(model.sensor_objid[sensor])
     if model.sensor_objtype[sensor] == mujoco.mjtObj.mjOBJ_JOINT:
         return which
-    return int(model.actuator_trnid[which, 0]) if model.actuator_trntype[which] in ON_JOINTS else -1
+    return driven_joint(model, which)
 
 
 def _gear(model: mujoco.MjModel, sensor: int) -> float:

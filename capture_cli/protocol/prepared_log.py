@@ -17,9 +17,7 @@ from capture_cli.protocol.log_starts import log_starts
 from capture_cli.protocol.log_windows import cut_log
 from capture_cli.sim.quaternion_signs import aligned, continuous, quaternion_columns
 from capture_cli.sim.reported_motion import MOST_LATE
-from capture_cli.sim.starts import (
-    StartEstimate,
-)
+from capture_cli.sim.starts import StartEstimate
 from capture_cli.sim.windows import Windows
 from capture_cli.simulator import Simulator
 from capture_cli.stores.measured_log import MeasuredLog

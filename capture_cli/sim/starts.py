@@ -237,7 +237,7 @@ def _turned(quaternions: np.ndarray, rotations: np.ndarray) -> np.ndarray:
 def _reported(
     path, before, sources: list[Source], measured_velocity: set[int], nv: int, lag: float
 ) -> ReportedMotion:
-    taken: dict[str, dict[int, list[tuple[int, int, float]]]] = {"position": {}, "velocity": {}, "slope": {}}
+    taken: dict[str, dict[int, list[tuple[int, float]]]] = {"position": {}, "velocity": {}, "slope": {}}
     orientation = []
     for source in sources:
         if source.kind == "orientation":
@@ -249,12 +249,12 @@ def _reported(
         weights = np.eye(len(source.dofs)) if source.weights is None else source.weights
         for dof, row in zip(source.dofs, weights, strict=True):
             terms = [(column, float(w)) for column, w in zip(source.data, row, strict=True) if w]
-            state = dof + nv if source.kind == "velocity" else dof
-            taken[source.kind][state] = [(column, state, w) for column, w in terms]
+            taken[source.kind][dof + nv if source.kind == "velocity" else dof] = terms
             if source.kind == "position" and dof not in measured_velocity:
-                taken["slope"][dof + nv] = [(column, dof + nv, w) for column, w in terms]
+                taken["slope"][dof + nv] = terms
     position, velocity, slope = (
-        tuple(term for terms in states.values() for term in terms) for states in taken.values()
+        tuple((column, state, weight) for state, terms in states.items() for column, weight in terms)
+        for states in taken.values()
     )
     return ReportedMotion(
         path,
