@@ -50,7 +50,8 @@ class Simulator:
     """Simulates windows of a log under candidate parameters: those of the task, then those of each effect.
 
     An effect's parameters are named EFFECT@SITE.PARAMETER. `rollouts` counts the simulations run so far.
-    difference_step: the least share of a parameter's range that finite differences take.
+    difference_step: the least share of a parameter's range that finite differences take, for the task's sake or an
+    effect's.
     """
 
     def __init__(
@@ -65,8 +66,9 @@ class Simulator:
         self.effects = tuple(effects)
         self.engine = engine or Engine(task.model, threads)
         self.rollouts = 0
-        longest = max([difference_step, *task.space.steps])
-        self.space = ParameterSpace([p.with_step_of(difference_step) for p in task.space])
+        self.difference_step = max([difference_step, *(effect.difference_step for _, effect in self.effects)])
+        longest = max([self.difference_step, *task.space.steps])
+        self.space = ParameterSpace([p.with_step_of(self.difference_step) for p in task.space])
         self._placed: list[_Placed] = []
         self.hidden_states = 0
         for name, effect in self.effects:

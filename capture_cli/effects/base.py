@@ -39,6 +39,8 @@ class Effect(ABC):
     vague_at_end: names of shapes at whose ends it imitates what it is not: a fit that ends there says nothing, however
         well it does.
     has_threshold: whether next to null it may do nothing, or next to nothing: a limit that little comes near.
+    difference_step: the least share of a parameter's range that finite differences take where the effect is in the
+        model; 0 where its motion does not jump at the smallest change.
     substeps: steps that the model takes, where the effect is in it, for each of its own.
     states: names of what the effect keeps from step to step that no sensor shows: how far a spring is wound up. At
         the start of a simulation each is 0 where nothing else is said, and commonly within 1.
@@ -56,6 +58,7 @@ class Effect(ABC):
     shares: ClassVar[tuple[str, ...]] = ()
     vague_at_end: ClassVar[tuple[str, ...]] = ()
     has_threshold: ClassVar[bool] = False
+    difference_step: ClassVar[float] = 0.0
     states: tuple[str, ...] = ()
     states_before: ClassVar[bool] = False
     states_tried: ClassVar[np.ndarray] = np.zeros((0, 0))

@@ -81,7 +81,7 @@ class PreparedLog:
             self.noise.sd,
             self._start_sd(simulator),
             hidden_tried=simulator.hidden_tried(),
-            start_step=ROUGH_START_STEP if self.difference_step else START_STEP,
+            start_step=ROUGH_START_STEP if simulator.difference_step else START_STEP,
         )
 
     def _start_sd(self, simulator: Simulator) -> np.ndarray:
