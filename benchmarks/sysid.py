@@ -29,7 +29,8 @@ from benchmarks.base import Benchmark, Figure, Result
 from capture_cli.errors import OptionError
 from capture_cli.identifiers.base import Evidence, Trial, run
 from capture_cli.identifiers.least_squares import LeastSquares
-from capture_cli.protocol.prepared_log import PreparedLog, prepare
+from capture_cli.protocol.prepare import prepare
+from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.simulator import Simulator
 from capture_cli.stages.import_log import import_log
 from capture_cli.stages.record import record

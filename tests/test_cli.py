@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from capture_cli import cli
-from capture_cli.protocol.prepared_log import prepare
+from capture_cli.protocol.prepare import prepare
 from capture_cli.simulator import Simulator
 from capture_cli.stages import identify as stage
 from capture_cli.stores.estimate import Estimate

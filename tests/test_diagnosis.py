@@ -36,7 +36,7 @@ from capture_cli.protocol.explain import starts_found
 from capture_cli.protocol.explanation import verdict as judged_as
 from capture_cli.protocol.log_parts import FIT, SELECT, TEST, LogParts
 from capture_cli.protocol.model_fits import ModelFits, PartFit
-from capture_cli.protocol.prepared_log import prepare
+from capture_cli.protocol.prepare import prepare
 from capture_cli.protocol.residual_curves import residual_curves
 from capture_cli.stages import diagnose as diagnose_stage
 from capture_cli.stages.diagnose import diagnose

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from capture_cli.protocol.model_fits import ModelFits
-from capture_cli.protocol.prepared_log import prepare
+from capture_cli.protocol.prepare import prepare
 from capture_cli.stages.record import record
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.tasks import load_task

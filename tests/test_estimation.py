@@ -8,7 +8,8 @@ import pytest
 from capture_cli.identifiers.base import Best
 from capture_cli.identifiers.least_squares import LeastSquares
 from capture_cli.protocol.model_fits import ModelFits
-from capture_cli.protocol.prepared_log import PreparedLog, prepare
+from capture_cli.protocol.prepare import prepare
+from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.stages import estimation
 from capture_cli.stages.estimation import by_physics
 from capture_cli.stages.progress import Progress

@@ -16,7 +16,8 @@ from capture_cli.effects.base import Effect
 from capture_cli.identifiers.intervals import unit_covariance
 from capture_cli.protocol.model_comparison import ModelComparison
 from capture_cli.protocol.model_fits import EXACT, RETURNED, Fit, ModelFits, PartFit
-from capture_cli.protocol.prepared_log import PreparedLog, prepare
+from capture_cli.protocol.prepare import prepare
+from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.sim.windows import LEAD
 from capture_cli.simulator import Simulator
 from capture_cli.stages.record import record

@@ -19,7 +19,7 @@ from capture_cli.protocol.attribution import Attribution
 from capture_cli.protocol.candidates import Candidate
 from capture_cli.protocol.model_fits import ModelFits
 from capture_cli.protocol.narrow_shapes import NarrowShapes, _peaks
-from capture_cli.protocol.prepared_log import prepare
+from capture_cli.protocol.prepare import prepare
 from capture_cli.sim.engine import Engine, Starts
 from capture_cli.stages.record import record
 from capture_cli.tasks import load_task

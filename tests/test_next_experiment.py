@@ -11,7 +11,7 @@ import pytest
 from capture_cli.effects import REGISTRY
 from capture_cli.protocol.model_fits import ModelFits
 from capture_cli.protocol.next_experiment import BANDS, SHARES, next_experiment
-from capture_cli.protocol.prepared_log import prepare
+from capture_cli.protocol.prepare import prepare
 from capture_cli.stages.record import record
 from capture_cli.tasks import load_task
 

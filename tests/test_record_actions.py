@@ -10,7 +10,7 @@ import pytest
 
 from capture_cli.errors import OptionError
 from capture_cli.protocol.log_starts import as_acted, begins_as_acted
-from capture_cli.protocol.prepared_log import prepare
+from capture_cli.protocol.prepare import prepare
 from capture_cli.simulator import Simulator
 from capture_cli.stages.drive import ACTION_RATE
 from capture_cli.stages.identify import identify

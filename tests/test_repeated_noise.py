@@ -11,7 +11,7 @@ from coloured_noise import coloured
 from gimbal import gimbal
 from scipy.spatial.transform import Rotation
 
-from capture_cli.protocol.prepared_log import prepare
+from capture_cli.protocol.prepare import prepare
 from capture_cli.protocol.repeated_noise import with_noise_of_repeats
 from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.identify import identify

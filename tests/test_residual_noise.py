@@ -11,7 +11,8 @@ from slow_sensors import regular, thinned, with_sparse
 
 from capture_cli.diagnosis.noise_floor import from_differences, white_noise
 from capture_cli.protocol.model_fits import Fit, ModelFits
-from capture_cli.protocol.prepared_log import PreparedLog, prepare
+from capture_cli.protocol.prepare import prepare
+from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.protocol.residual_noise import with_noise_of_residual
 from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.identify import identify

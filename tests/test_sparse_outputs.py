@@ -18,7 +18,7 @@ from capture_cli.diagnosis.acceptance import correlation_samples, correlation_st
 from capture_cli.diagnosis.noise_floor import noise_floor
 from capture_cli.errors import LogError
 from capture_cli.linearization import autocorrelation_time, autocovariance
-from capture_cli.protocol.prepared_log import prepare
+from capture_cli.protocol.prepare import prepare
 from capture_cli.reports.curves import Curves
 from capture_cli.stages import diagnose as diagnose_stage
 from capture_cli.stages import identify as identify_stage

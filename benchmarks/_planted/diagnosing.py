@@ -17,7 +17,7 @@ from benchmarks._planted.machines import EPISODES, Experiment
 from benchmarks._planted.outcomes import judge
 from capture_cli.protocol import attribution
 from capture_cli.protocol.explain import Settings
-from capture_cli.protocol.prepared_log import prepare
+from capture_cli.protocol.prepare import prepare
 from capture_cli.stages.diagnose import diagnose_prepared
 from capture_cli.stages.progress import Progress
 from capture_cli.stores.measured_log import MeasuredLog

@@ -12,7 +12,7 @@ from capture_cli.diagnosis.noise_floor import NoiseFloor
 from capture_cli.effects.base import Effect
 from capture_cli.multisine import multisine
 from capture_cli.protocol.model_fits import ModelFits
-from capture_cli.protocol.prepared_log import prepare
+from capture_cli.protocol.prepare import prepare
 from capture_cli.sim.engine import Starts
 from capture_cli.sim.windows import cut
 from capture_cli.simulator import Simulator

@@ -6,17 +6,13 @@ elsewhere a second later: a difference over a short step measures the jumps, ove
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from capture_cli.identifiers.base import Trial
+from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.sim.contacts import can_touch
 from capture_cli.sim.engine import Engine
 from capture_cli.simulator import Simulator
-
-if TYPE_CHECKING:
-    from capture_cli.protocol.prepared_log import PreparedLog
 
 STEPS = (1e-4, 1e-3, 1e-2)  # shares of a parameter's range
 AGREE = 0.3  # of a slope, that one over a step ten times as long may differ by

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from capture_cli.errors import FitError, LogError, OptionError
 from capture_cli.identifiers.base import Trial
+from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.sim.coordinate_sources import unmeasured_joints
 from capture_cli.sim.engine import Engine
 from capture_cli.simulator import Simulator
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.tasks.base import Channel, Task
-
-if TYPE_CHECKING:
-    from capture_cli.protocol.prepared_log import PreparedLog
 
 MOVES_SHARE = 0.05  # of the range: the step with which a parameter must move some output
 MOVES_LEAST = 1e-4  # of the noise floor: less is nothing

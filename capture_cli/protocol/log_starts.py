@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
 
 from capture_cli.diagnosis.noise_floor import NoiseFloor
 from capture_cli.protocol.log_windows import clock, cut_log
+from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.sim.coordinate_sources import measures_every_coordinate
 from capture_cli.sim.engine import Engine, ModelFields
 from capture_cli.sim.starts import (
@@ -23,9 +23,6 @@ from capture_cli.sim.starts import (
 from capture_cli.sim.windows import Windows
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.tasks.base import ActionTask, Task
-
-if TYPE_CHECKING:
-    from capture_cli.protocol.prepared_log import PreparedLog
 
 AGREES = 1e-3  # p of the first samples of episodes below which they do not begin where their actions say
 

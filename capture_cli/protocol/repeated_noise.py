@@ -9,7 +9,8 @@ from capture_cli.diagnosis.quantisation import scatter_of_steps
 from capture_cli.diagnosis.repeats import FEWEST, pure_error, repeats
 from capture_cli.identifiers.base import Best
 from capture_cli.protocol.model_fits import ModelFits
-from capture_cli.protocol.prepared_log import PreparedLog, attitudes, driven_by, with_noise
+from capture_cli.protocol.prepare import driven_by, with_noise
+from capture_cli.protocol.prepared_log import PreparedLog, attitudes
 
 
 def with_noise_of_repeats(

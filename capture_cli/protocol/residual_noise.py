@@ -11,7 +11,8 @@ import numpy as np
 from capture_cli.diagnosis.noise_floor import NoiseFloor, least, shared, white_noise
 from capture_cli.linearization import Linearization
 from capture_cli.protocol.model_fits import Fit
-from capture_cli.protocol.prepared_log import PreparedLog, attitudes, with_noise
+from capture_cli.protocol.prepare import with_noise
+from capture_cli.protocol.prepared_log import PreparedLog, attitudes
 
 # Of a floor: one that is lower than this is lower by more than the scatter of two estimates from the same samples.
 CLEARLY_LOWER = 0.8

@@ -12,7 +12,8 @@ from capture_cli.diagnosis.split import HeldOut
 from capture_cli.errors import OptionError, StoreError
 from capture_cli.protocol.attribution import MOST_EFFECTS
 from capture_cli.protocol.explain import Settings, explain
-from capture_cli.protocol.prepared_log import PreparedLog, prepare
+from capture_cli.protocol.prepare import prepare
+from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.stages.diagnosis_document import diagnosis_of
 from capture_cli.stages.progress import Progress
 from capture_cli.stages.recorded_task import find_task, load_recorded, named, task_inputs

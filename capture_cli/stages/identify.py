@@ -12,7 +12,8 @@ import numpy as np
 
 from capture_cli.protocol.log_checks import check_parameters_move_outputs
 from capture_cli.protocol.model_fits import ModelFits
-from capture_cli.protocol.prepared_log import PreparedLog, prepare
+from capture_cli.protocol.prepare import prepare
+from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.protocol.repeated_noise import with_noise_of_repeats
 from capture_cli.protocol.residual_noise import with_noise_of_residual
 from capture_cli.stages.chosen_identifier import ChosenIdentifier, choose_identifier

@@ -11,7 +11,8 @@ import numpy as np
 from capture_cli.errors import FitError, LogError, OptionError, did_you_mean
 from capture_cli.multisine import BAND, into_range, multisine_tape, peak
 from capture_cli.protocol.log_windows import clock
-from capture_cli.protocol.prepared_log import PreparedLog, prepare
+from capture_cli.protocol.prepare import prepare
+from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.sim.engine import Engine, ModelFields, Starts
 from capture_cli.sim.starts import model_starts
 from capture_cli.sim.windows import inputs_at

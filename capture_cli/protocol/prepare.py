@@ -1,0 +1,81 @@
+"""A log made ready for a task: checked, cut into windows, with starts, noise floor and split."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from capture_cli.diagnosis.noise_floor import NoiseFloor, noise_floor
+from capture_cli.diagnosis.split import HeldOut, split_windows
+from capture_cli.protocol.difference_step import difference_step
+from capture_cli.protocol.log_checks import check_fits, check_fitted, check_long_enough
+from capture_cli.protocol.log_starts import log_starts
+from capture_cli.protocol.log_windows import cut_log
+from capture_cli.protocol.prepared_log import PreparedLog, attitudes
+from capture_cli.sim.quaternion_signs import continuous
+from capture_cli.stores.measured_log import MeasuredLog
+from capture_cli.tasks.base import Task
+
+REPEATED_SAMPLES = (16, 100)  # half a window within these: over how long repeats are compared
+
+
+def prepare(
+    log: MeasuredLog,
+    task: Task,
+    *,
+    window: float | None,
+    test: str | None,
+    seed: int,
+    held_out: HeldOut | None = None,
+    threads: int | None = None,
+) -> PreparedLog:
+    """Check that the log fits the task, and make it ready. Raises LogError or OptionError.
+
+    held_out: what an estimate of the same log kept back, which is kept back again; `test` and `seed` say what where
+    None.
+    """
+    check_fits(log, task)
+    turned = continuous(log.outputs, log.episodes, attitudes(task), log.sampled)
+    log = replace(log, outputs=turned)
+    duration = window if window is not None else task.log.window
+    check_long_enough(log, duration)
+    windows = cut_log(log, task, duration)
+    noise = noise_floor(
+        log.values,
+        log.episodes,
+        [c.noise_sd for c in task.outputs],
+        time=log.time,
+        driven_by=driven_by(log),
+        block=int(np.clip(np.median(windows.samples) / 2, *REPEATED_SAMPLES)),
+        attitudes=attitudes(task),
+        sampled=log.sampled,
+    )
+    starts = log_starts(log, task, windows, noise, threads)
+    split = (
+        held_out.split(windows.first, windows.samples)
+        if held_out is not None
+        else split_windows(
+            episode=windows.episode,
+            recording=log.recording,
+            recording_names=log.recording_names,
+            test=test,
+            seed=seed,
+        )
+    )
+    prepared = PreparedLog(task, log, windows, starts, noise, split)
+    check_fitted(prepared)
+    step, rollouts = difference_step(prepared, threads)
+    return replace(prepared, difference_step=step, rollouts=rollouts)
+
+
+def driven_by(log: MeasuredLog) -> Sequence[np.ndarray]:
+    """What drove each episode: its inputs (step, input), or its action."""
+    return [log.inputs[e] for e in log.episodes] if log.actions is None else log.actions
+
+
+def with_noise(prepared: PreparedLog, noise: NoiseFloor, threads: int | None) -> PreparedLog:
+    """The log with another noise floor, which its starts are known by, too."""
+    starts = log_starts(prepared.log, prepared.task, prepared.windows, noise, threads)
+    return replace(prepared, noise=noise, starts=starts)
