@@ -89,7 +89,7 @@ class Simulator:
     @property
     def begins_early(self) -> bool:
         """Whether a simulation may begin before its window does: where a sensor reports late."""
-        return any(type(effect).lateness is not Effect.lateness for _, effect in self.effects)
+        return any(effect.reports_late for _, effect in self.effects)
 
     def hidden_sd(self, windows: Windows) -> np.ndarray:
         """How well hidden states are known at the start of each window, (window, hidden state): 0 for certain.

@@ -26,9 +26,8 @@ from machines import (
 from scipy.linalg import expm
 
 from capture_cli import effects
-from capture_cli.effects._joint_effect import JointMotion
 from capture_cli.effects._joint_force import inertia_felt
-from capture_cli.effects.base import GLOBAL, PLACES
+from capture_cli.effects.base import GLOBAL, PLACES, Effect, JointMotion
 from capture_cli.errors import ModelError
 from capture_cli.sim import engine as engine_module
 from capture_cli.sim.engine import Engine, ModelFields, Starts
@@ -49,6 +48,7 @@ SIZED = [n for n in NAMES if placed(n)[0][1].parameters]
 def test_an_effect_says_what_it_is_and_where_it_sits(name):
     effect = effects.REGISTRY.get(name)
     assert effect.place in PLACES and effect.summary and effect.where
+    assert effect.reports_late == (effect.lateness is not Effect.lateness)
     assert placed(name), "no test machine has a site for it"
     for _, instance in placed(name):
         names = [p.name for p in instance.parameters]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -17,22 +16,8 @@ from capture_cli.effects._scales import (
     inertia,
     travel,
 )
-from capture_cli.effects.base import GLOBAL, Effect
+from capture_cli.effects.base import GLOBAL, Effect, JointMotion
 from capture_cli.parameters import Parameter
-
-
-@dataclass(frozen=True)
-class JointMotion:
-    """What a log saw of a joint: from where to where it went, and how fast; m or rad, and per s."""
-
-    low: float
-    high: float
-    speed: float
-
-    @property
-    def travel(self) -> float:
-        """Half of how far it went."""
-        return (self.high - self.low) / 2
 
 
 class JointEffect(Effect):
@@ -50,6 +35,10 @@ class JointEffect(Effect):
         self.joint = site_id(model, "joint", self.joint_name)
         self.dof = int(model.jnt_dofadr[self.joint])
         self.is_hinge = int(model.jnt_type[self.joint]) == HINGE
+
+    def look_in(self, *, seen, **log):
+        super().look_in(seen=seen, **log)
+        self.seen = seen.get(self.joint)
 
     @classmethod
     def sites(cls, model: mujoco.MjModel) -> list[str]:

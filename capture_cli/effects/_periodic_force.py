@@ -14,11 +14,11 @@ SHAPE_STEP = 1e-6
 
 
 class PeriodicForce(JointForce):
-    """A joint force with the amplitudes `sine` and `cosine` and the one shape `narrow`, which its kernel makes of the
+    """A joint force with the amplitudes `sine` and `cosine` and one shape, which its kernel makes of the
     one input that it repeats along.
-
-    A score at null shows peaks as narrow as one over the span of the log: a handful of shapes would miss them.
     """
+
+    narrow_shape = True
 
     @property
     def along(self) -> str:

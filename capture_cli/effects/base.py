@@ -14,6 +14,8 @@ one without the effect, bit by bit, whatever the shapes are. An effect without p
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import ClassVar
 
 import mujoco
@@ -28,6 +30,20 @@ PLACES = ("model", "force", "control", "measurement")
 GLOBAL = ""  # the site of an effect that concerns the model as a whole
 
 
+@dataclass(frozen=True)
+class JointMotion:
+    """What a log saw of a joint: from where to where it went, and how fast; m or rad, and per s."""
+
+    low: float
+    high: float
+    speed: float
+
+    @property
+    def travel(self) -> float:
+        """Half of how far it went."""
+        return (self.high - self.low) / 2
+
+
 class Effect(ABC):
     """An effect at `site` of `model`. Class attributes:
 
@@ -38,6 +54,8 @@ class Effect(ABC):
     shares: names of shapes that are shares of a whole: none and all of it are ends that a machine may be at.
     vague_at_end: names of shapes at whose ends it imitates what it is not: a fit that ends there says nothing, however
         well it does.
+    narrow_shape: whether a score at null has peaks along its one shape that a handful of values would miss: those of a
+        PeriodicForce are as narrow as one over the span of the log.
     has_threshold: whether next to null it may do nothing, or next to nothing: a limit that little comes near.
     difference_step: the least share of a parameter's range that finite differences take where the effect is in the
         model; 0 where its motion does not jump at the smallest change.
@@ -45,8 +63,8 @@ class Effect(ABC):
     states: names of what the effect keeps from step to step that no sensor shows: how far a spring is wound up. At
         the start of a simulation each is 0 where nothing else is said, and commonly within 1.
     states_before: whether the states are what was before an episode began: known where a simulation begins inside one.
-    window: s, for how long it is followed at a time in the log that it is looked for in; longest: s, of the longest
-        episode there; logged: the columns of sensordata that it has. None where in no log.
+    reports_late: whether it has a `lateness`, for which a simulation begins before its window.
+    window, longest, logged: of the log that it is looked for in, as `look_in` is given them; None where in no log.
     states_tried: points (point, state) among which those that a simulation began with are looked for, where a descent
         from 0 can miss them; none where it finds them.
     """
@@ -57,11 +75,13 @@ class Effect(ABC):
     shapes: ClassVar[tuple[str, ...]] = ()
     shares: ClassVar[tuple[str, ...]] = ()
     vague_at_end: ClassVar[tuple[str, ...]] = ()
+    narrow_shape: ClassVar[bool] = False
     has_threshold: ClassVar[bool] = False
     difference_step: ClassVar[float] = 0.0
     states: tuple[str, ...] = ()
     states_before: ClassVar[bool] = False
     states_tried: ClassVar[np.ndarray] = np.zeros((0, 0))
+    reports_late: ClassVar[bool] = False
     substeps: int = 1
     window: float | None = None
     longest: float | None = None
@@ -77,6 +97,16 @@ class Effect(ABC):
             raise ModelError(f"{kind} cannot sit at {site!r}", cure=did_you_mean(site, sites))
         self.model = model
         self.site = site
+
+    def look_in(
+        self, *, window: float, longest: float, logged: frozenset[int], seen: Mapping[int, JointMotion]
+    ) -> None:
+        """What the log that it is looked for in is like, from which ranges of parameters follow.
+
+        window: s, for how long it is followed at a time; longest: s, of the longest episode; logged: the columns of
+        sensordata that the log has; seen: the motion of each joint, by its number, whose position they say.
+        """
+        self.window, self.longest, self.logged = window, longest, logged
 
     @classmethod
     @abstractmethod

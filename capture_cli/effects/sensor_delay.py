@@ -25,6 +25,7 @@ class SensorDelay(TimeEffect):
 
     summary = "a sensor reports late"
     states_before = True
+    reports_late = True
     kernel = staticmethod(late)
 
     @property

@@ -12,9 +12,7 @@ import numpy as np
 from capture_cli.diagnosis.acceptance import Support
 from capture_cli.diagnosis.score import STEP, Score, score, similarity
 from capture_cli.effects import REGISTRY
-from capture_cli.effects._joint_effect import JointEffect, JointMotion
-from capture_cli.effects._periodic_force import PeriodicForce
-from capture_cli.effects.base import Effect
+from capture_cli.effects.base import Effect, JointMotion
 from capture_cli.linearization import Linearization
 from capture_cli.protocol.model_fits import Fit, PartFit, Placed
 from capture_cli.protocol.narrow_shapes import NarrowShapes
@@ -72,9 +70,7 @@ def all_candidates(prepared: PreparedLog) -> list[Candidate]:
     seen, windows = _seen(prepared), prepared.windows
     window = float(windows.grid_steps.max() * windows.timestep)
     for _, effect in every:
-        effect.window, effect.longest, effect.logged = window, prepared.log.longest, logged
-        if isinstance(effect, JointEffect):
-            effect.seen = seen.get(effect.joint)
+        effect.look_in(window=window, longest=prepared.log.longest, logged=logged, seen=seen)
     return [Candidate(e) for e in every if _shows(e[1], logged)]
 
 
@@ -205,15 +201,15 @@ def _scores(
 
 def _at_another_peak(effect: Effect, starts: Sequence[np.ndarray]) -> np.ndarray | None:
     """The first of `starts`, best first, with another period than the first: a fit goes no further than one peak."""
-    if not isinstance(effect, PeriodicForce):
+    if not effect.narrow_shape:
         return None
-    shapes = [i for i, n in enumerate(effect.space.names) if n in effect.shapes]
-    return next((s for s in starts[1:] if not np.array_equal(s[shapes], starts[0][shapes])), None)
+    column = effect.space.names.index(effect.shapes[0])
+    return next((s for s in starts[1:] if s[column] != starts[0][column]), None)
 
 
 def _shapes(narrow: NarrowShapes, effect: Effect) -> tuple[np.ndarray, int]:
     """Points (point, parameter) with null amplitudes at which to score, and how many they were chosen from."""
-    if isinstance(effect, PeriodicForce):
+    if effect.narrow_shape:
         return narrow.points(effect)
     grid = effect.shape_grid(SHAPES if len(effect.shapes) < 2 else SHAPES_OF_SEVERAL)
     return grid, len(grid)
