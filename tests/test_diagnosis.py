@@ -38,9 +38,9 @@ from capture_cli.protocol.log_parts import FIT, SELECT, TEST, LogParts
 from capture_cli.protocol.model_fits import ModelFits, PartFit
 from capture_cli.protocol.prepare import prepare
 from capture_cli.protocol.residual_curves import residual_curves
+from capture_cli.reports.diagnosis_findings import summary
 from capture_cli.stages import diagnose as diagnose_stage
 from capture_cli.stages.diagnose import diagnose
-from capture_cli.stages.diagnosis_document import summary
 from capture_cli.stages.identify import identify
 from capture_cli.stages.record import record
 from capture_cli.stores.estimate import Estimate
@@ -555,11 +555,13 @@ def test_lags_that_differ_are_told_apart_although_they_come_together(tmp_path, m
 
 
 def test_what_is_left_is_told_with_where_it_is():
-    stages = [{"test": {"normalized": 45.1}}, {"test": {"normalized": 16.1}}]
-    accepted = [SimpleNamespace(name="cogging@q", tied_with=())]
+    found = {
+        "verdict": "unexplained",
+        "stages": [{"test": {"normalized": 45.1}}, {"test": {"normalized": 16.1}}],
+        "effects": [{"name": "cogging", "site": "q", "tied_with": []}],
+    }
     for fitted, words in (
         (24.7, "left on what was fitted is still 24.7 times"),
         (9.0, "left is still 16.1 times"),
     ):
-        lacking = SimpleNamespace(normalized=fitted, lacking=True)
-        assert words in summary("unexplained", stages, accepted, lacking)
+        assert words in summary(found | {"lack_of_fit": {"after": {"normalized": fitted, "lacking": True}}})

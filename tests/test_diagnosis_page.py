@@ -133,7 +133,9 @@ def make(
         },
         "rollouts": {"measured": 4, "simulated": 72958},
         "next_experiment": None,
+        "expression": None,
     }
+    document["summary"] = findings.summary(document)
     arrays = {
         "window/episode": episode,
         "window/first": np.arange(windows) * steps,
@@ -181,7 +183,7 @@ def full():
     diagnosis = make(OUTPUTS)
     document = diagnosis.document
     document["verdict"] = "unexplained"
-    document["summary"] = "The model lacks two kinds of friction, and what is left is not noise."
+    document["summary"] = findings.summary(document)
     document["expression"] = {
         "text": "missing force at x = -3.2 v|v|",
         "terms": [{"site": "x: v|v|", "coefficient": -3.21, "sd": 0.12, "unit": "N per (m/s)^2"}],
@@ -200,6 +202,7 @@ def nothing_found():
     diagnosis = make(effects=())
     diagnosis.document["verdict"] = "unexplained"
     diagnosis.document["lack_of_fit"]["after"] = diagnosis.document["lack_of_fit"]["before"]
+    diagnosis.document["summary"] = findings.summary(diagnosis.document)
     diagnosis.document["candidates"] = [
         _candidate("cogging", "x", 3.0, None, "it explains nothing (score 3)")
     ]
@@ -310,7 +313,9 @@ def test_embedded_residuals_are_those_of_the_record():
 def test_page_says_what_was_found():
     text = Page(render(full(), PROVENANCE)).text
     for said in (
-        "unexplained The model lacks two kinds of friction",
+        "unexplained The model lacks coulomb-friction@x and direction-dependent-viscous@x (or constant-force@x, "
+        "control-bias@drive): with them the held-out error falls to",
+        "times the noise floor: this is not all.",
         "This log cannot tell direction-dependent-viscous@x from constant-force@x or control-bias@drive.",
         "Take what was found as a part of the answer",
         "mass is at the end of its range",
@@ -459,7 +464,11 @@ def test_terminal_names_the_outputs_that_had_been_farthest_from_their_floor():
 
 def test_terminal_says_that_none_of_these_explains_it():
     text = printed(nothing_found(), 140)
-    assert "None of these: not one of 1 candidates explains what is left, 14.1 times the noise floor." in text
+    assert (
+        "None of these: the held-out error is 14.1 times the noise floor, and no effect of the catalogue"
+        in text
+    )
+    assert "runner-up  cogging@x, of 1 candidates: it explains nothing (score 3)" in text
     assert "where      drive accounts for 45 % of the residual acceleration of q" in text
     assert "Nothing is missing: the error is 1.02 times the noise floor." in printed(make(effects=()), 140)
     assert "and more." in printed(full(), 140)

@@ -1,4 +1,4 @@
-"""What a diagnosis says, in words and rows: one source for the page, the figures and the terminal."""
+"""What a diagnosis says, in words and rows: one source for diagnosis.json, the page, the figures and the terminal."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from capture_cli.reports.findings import NEAR, UNTRUSTED
+from capture_cli.reports.findings import NEAR, NOT_ALIKE, UNTRUSTED
 from capture_cli.reports.quantities import scaled_unit, significant, titled, to_precision_of, with_unit
 from capture_cli.stores.diagnosis import Diagnosis
 
@@ -21,7 +21,6 @@ PARTS = {"fit": "fitted", "select": "selecting", "test": "held out"}
 MOVED = 2.0  # sd: more than chance moves a parameter
 WORTH_A_LOGARITHM = 15.0  # errors that differ by more than this factor
 TELLING = 0.1  # share of a residual's variance that is worth a word
-FITTED_ALONE = "The model explains what it was fitted to, but not what was held out"
 ACCEPTED, TIED, NOT_TRIED = "accepted", "tied", "not tried"
 
 
@@ -135,25 +134,55 @@ def closest_rejected(document: Mapping[str, Any]) -> Mapping[str, Any] | None:
     return max(scored, key=lambda c: c["score"], default=None)
 
 
-def lacks(document: Mapping[str, Any]) -> str:
-    """The answer in one sentence."""
-    effects, verdict = document["effects"], document["verdict"]
-    left = significant(document["lack_of_fit"]["after"]["normalized"])
-    if verdict == "explained":
-        return f"Nothing is missing: the error is {left} times the noise floor."
-    if not effects and not document["lack_of_fit"]["after"]["lacking"]:
+def summary(document: Mapping[str, Any]) -> str:
+    """The finding in words, with the numbers that it rests on."""
+    effects, stages, left = document["effects"], document["stages"], document["lack_of_fit"]["after"]
+    if document["verdict"] == "explained":
+        return f"Nothing is missing: the error is {left['normalized']:.3g} times the noise floor."
+    part, where = ("test", "held-out") if stages[-1]["test"] else ("fit", "fit")
+    first, last = (stage[part]["normalized"] for stage in (stages[0], stages[-1]))
+    if not effects and not left["lacking"]:
         return (
-            f"{FITTED_ALONE}, {significant(document['after']['test']['normalized'])} times the noise floor."
+            f"The model fits what it was fitted to, but not what was held out: there the error is {last:.3g} times the "
+            f"noise floor. {NOT_ALIKE}"
         )
     if not effects:
-        count = len(document["candidates"])
-        return f"None of these: not one of {count} candidates explains what is left, {left} times the noise floor."
-    found = listed([placed(e) for e in effects])
-    before, after = document["before"]["test"], document["after"]["test"]
-    if before and after["normalized"] >= before["normalized"]:
-        return f"{found} would explain what was fitted, but not what was held out."
-    sentence = f"The model lacks {found}"
-    return f"{sentence}, and more." if verdict == "unexplained" else f"{sentence}."
+        return (
+            f"None of these: the {where} error is {last:.3g} times the noise floor, and no effect of the catalogue "
+            "explains it."
+        )
+    tied = [f" (or {', '.join(e['tied_with'])})" if e["tied_with"] else "" for e in effects]
+    found = _found(document, [f"{placed(e)}{rivals}" for e, rivals in zip(effects, tied, strict=True)])
+    if _fits_alone(document):
+        return f"{found}: there the error is {last:.3g} times the noise floor, and {first:.3g} without."
+    them = "it" if len(effects) == 1 else "them"
+    text = f"{found}: with {them} the {where} error falls to {last / first:.2g} of what it was."
+    if document["verdict"] == "unexplained":
+        size, on = (left["normalized"], " on what was fitted") if left["normalized"] > last else (last, "")
+        text += f" What is left{on} is still {size:.3g} times the noise floor: this is not all."
+    return text
+
+
+def answer(document: Mapping[str, Any]) -> str:
+    """The summary without the numbers and rivals of what was found, where they stand in lines of their own."""
+    if document["verdict"] == "explained" or not document["effects"]:
+        return document["summary"]
+    found = _found(document, [placed(e) for e in document["effects"]])
+    is_all = document["verdict"] != "unexplained" or _fits_alone(document)
+    return f"{found}." if is_all else f"{found}, and more."
+
+
+def _found(document: Mapping[str, Any], names: Sequence[str]) -> str:
+    """What the effects `names` are to the model."""
+    if _fits_alone(document):
+        return f"{listed(names)} would explain what was fitted, but not what was held out"
+    return f"The model lacks {listed(names)}"
+
+
+def _fits_alone(document: Mapping[str, Any]) -> bool:
+    """Whether what was held out is no better with the effects than without."""
+    before, after = (document["stages"][k]["test"] for k in (0, -1))
+    return bool(before) and after["normalized"] >= before["normalized"]
 
 
 def left_over(document: Mapping[str, Any]) -> str:
@@ -172,11 +201,7 @@ def notes(document: Mapping[str, Any]) -> list[str]:
         if effect["tied_with"]:
             rivals = " or ".join(effect["tied_with"])
             found.append(f"This log cannot tell {placed(effect)} from {rivals}.")
-    lack = document["lack_of_fit"]["after"]
     if document["verdict"] == "unexplained":
-        if not document.get("summary"):  # a summary has said it
-            size, chance = significant(lack["normalized"]), significant(lack["threshold"])
-            found.append(f"What is left is {size} times the noise floor; chance alone stays under {chance}.")
         if document["effects"]:
             found.append(
                 "Take what was found as a part of the answer: its sizes may change once the rest is known."

@@ -48,9 +48,8 @@ def render(diagnosis: Diagnosis, provenance: Mapping[str, Any] | None) -> str:
         verdict(
             document["verdict"],
             badge,
-            document.get("summary") or findings.lacks(document),
+            document["summary"],
             notes=findings.notes(document),
-            command=document.get("next_command"),
         ),
         _tiles(diagnosis, provenance),
         _effects(document),

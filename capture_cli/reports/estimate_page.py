@@ -38,9 +38,9 @@ def render(estimate: Estimate, provenance: Mapping[str, Any] | None) -> str:
         verdict(
             document["verdict"],
             badge,
-            findings.sentence(document),
+            document["summary"],
             notes=[*findings.suspicions(estimate), *findings.notes(document)],
-            command=document.get("next_command"),
+            command=document["next_command"],
         ),
         _tiles(document, provenance),
         _parameters(document),
@@ -179,19 +179,13 @@ def _search(document: Mapping[str, Any], plots: Mapping[str, Any]) -> str:
 def _recordings(document: Mapping[str, Any], plots: Mapping[str, Any]) -> str:
     if "recordings" not in plots:
         return ""
-    found = document["recordings"]
-    answer = {
-        True: "The recordings agree: their estimates differ no more than their intervals allow.",
-        False: "The recordings disagree: their estimates differ by more than their intervals allow.",
-        None: "Too little is known to say whether the recordings agree.",
-    }[found.get("agree")]
     shown = plot(
         "recordings",
         height=parameter_plots.recordings_height(document),
         label="each parameter as estimated from each recording alone",
         caption="Each recording fitted alone, with 95 % intervals; the band is the joint estimate's.",
     )
-    return section("Recording by recording", shown, lead=found.get("text") or answer)
+    return section("Recording by recording", shown, lead=document["recordings"]["text"])
 
 
 def _facts(document: Mapping[str, Any]) -> list[tuple[str, str]]:
@@ -199,14 +193,9 @@ def _facts(document: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("log", source(document["log"]["path"], document["log"]["sha256"])),
         ("identifier", escape(document["identifier"])),
     ]
-    split = document.get("split")
-    if split:
-        windows = f"{counted(split['fit_windows'])} windows fitted, {counted(split['test_windows'])} held out"
-        facts.append(("split", f"{escape(split['how'])}: {windows}"))
-    if document.get("starts"):
-        refined = document["starts"]["refined"]
-        how = "refined together with the parameters" if refined else "taken from the log"
-        facts.append(("start of each window", how))
+    split = document["split"]
+    windows = f"{counted(split['fit_windows'])} windows fitted, {counted(split['test_windows'])} held out"
+    facts.append(("split", f"{escape(split['how'])}: {windows}"))
     rollouts = {kind: counted(count) for kind, count in document["rollouts"].items()}
     facts.append(("rollouts", f"{rollouts['measured']} measured, {rollouts['simulated']} simulated"))
     return facts

@@ -15,6 +15,7 @@ from capture_cli.stores.estimate import Estimate
 LEFT, ABOVE = 0.5, 3.0
 TOO_GOOD = 0.7  # times the noise floor: no fit gets so far below it
 TITLES = {"explained": "explained", "unexplained": "unexplained", "not-identifiable": "not identifiable"}
+NOT_ALIKE = "The two parts of the log are not alike."
 UNTRUSTED = "Do not trust the intervals: they leave out what the model lacks."
 # In the unit of the errors, a noise floor under this has more zeros than digits.
 NEAR = 0.01
@@ -64,44 +65,24 @@ def normalized(document: Mapping[str, Any], part: str) -> float | None:
     return (document["error"].get(part) or {}).get("normalized")
 
 
-def sentence(document: Mapping[str, Any]) -> str:
-    """The verdict in plain words."""
-    if document.get("summary"):
-        return document["summary"]
-    held_out = normalized(document, "test")
-    error = held_out if held_out is not None else normalized(document, "fit")
-    where = "on data that was never fitted" if held_out is not None else "on the data it was fitted to"
-    size = "" if error is None else f": the error {where} is {significant(error)} times the noise floor"
-    return {
-        "explained": f"These parameters explain the log{size}.",
-        "unexplained": f"Something remains that no value of these parameters explains{size}.",
-        "not-identifiable": f"This log does not determine every parameter{size}.",
-    }[document["verdict"]]
-
-
 def notes(document: Mapping[str, Any]) -> list[str]:
     """What a reader has to know before using the numbers, most important first."""
-    undetermined = [_undetermined(item) for item in document.get("undetermined") or []]
-    if not undetermined:  # then the list of parameters is all that is known
-        names = [n for n, p in document["parameters"].items() if not p["identifiable"]]
-        undetermined = [f"{', '.join(names)}: not determined by this log."] if names else []
     found = [UNTRUSTED] if document["verdict"] == "unexplained" and document["parameters"] else []
-    found += [(document.get("in_context") or {}).get("text") or ""]
-    found += undetermined
+    if document["in_context"] and document["in_context"]["text"]:
+        found.append(document["in_context"]["text"])
+    found += [item["text"] for item in document["undetermined"]]
     found += [_at_bound(n, p) for n, p in document["parameters"].items() if p["at_bound"]]
-    recordings = document.get("recordings") or {}
-    if recordings.get("agree") is False:
-        found.append(_disagreement(recordings))
-    lack = document.get("lack_of_fit") or {}
-    if lack.get("text") or not document.get("summary"):  # a summary has said it
-        found.append(_lack_of_fit(lack))
-    if lack.get("normalized") is not None and lack["normalized"] < TOO_GOOD:
-        size = significant(lack["normalized"], 2)
+    recordings = document["recordings"]
+    if recordings and not recordings["agree"]:
+        found.append(recordings["text"])
+    left = document["lack_of_fit"]["normalized"]
+    if left < TOO_GOOD:
+        size = significant(left, 2)
         found.append(
             f"The error is {size} times the noise floor: the floor is too high and may hide what the model lacks. "
             "Give noise_sd in the task file."
         )
-    return [n for n in found if n]
+    return found
 
 
 def suspicions(estimate: Estimate) -> list[str]:
@@ -136,24 +117,11 @@ def _motion(estimate: Estimate) -> np.ndarray:
     return np.sqrt(np.sum(within**2, axis=0) / np.maximum(sampled.sum(axis=0), 1))
 
 
-def combination(weights: Mapping[str, float]) -> str:
-    """A direction in parameter space as text: mass 0.71 and gain -0.7 give "0.71 mass − 0.70 gain"."""
-    terms = sorted(weights.items(), key=lambda item: -abs(item[1]))
-    text = " ".join(f"{'−' if w < 0 else '+'} {abs(w):.2f} {name}" for name, w in terms)
-    return text[2:] if text.startswith("+") else f"−{text[2:]}"
-
-
 def correlation(estimate: Estimate) -> np.ndarray | None:
     """Correlation of the parameters' errors (parameter, parameter); None for fewer than two parameters."""
     if len(estimate.attributes["parameters"]) < 2:
         return None
-    if estimate.document.get("correlation"):
-        return np.array(estimate.document["correlation"], dtype=float)
-    covariance = np.asarray(estimate.arrays["parameter/covariance"])
-    sd = np.sqrt(np.diag(covariance))
-    if not np.all(np.isfinite(sd)) or not np.all(sd > 0):
-        return None
-    return covariance / np.outer(sd, sd)
+    return np.array(estimate.document["correlation"], dtype=float)
 
 
 def _output_error(document, name: str, unit: str, nominal: float | None, source: str) -> OutputError:
@@ -196,37 +164,8 @@ def _times(value: float | None, factor: float) -> float | None:
     return None if value is None else value * factor
 
 
-def _undetermined(item: Mapping[str, Any]) -> str:
-    if item.get("text"):
-        return item["text"]
-    spread = (
-        ""
-        if item.get("sd_over_range") is None
-        else f" (sd {significant(item['sd_over_range'], 2)} of its range)"
-    )
-    return f"Not determined by this log: {combination(item['combination'])}{spread}."
-
-
 def _at_bound(name: str, parameter: Mapping[str, Any]) -> str:
     upper = abs(parameter["value"] - parameter["high"]) < abs(parameter["value"] - parameter["low"])
     limit = with_unit(bound(parameter["high" if upper else "low"]), parameter["unit"])
     side = "upper" if upper else "lower"
     return f"{name} is at its {side} bound, {limit}: the bound, not the log, decides it."
-
-
-def _disagreement(recordings: Mapping[str, Any]) -> str:
-    if recordings.get("text"):
-        return recordings["text"]
-    p_values = {n: p["p_value"] for n, p in recordings["parameters"].items() if p.get("p_value") is not None}
-    worst = min(p_values, key=p_values.get, default=None)
-    which = "" if worst is None else f", {worst} most (p = {significant(p_values[worst], 2)})"
-    return f"The recordings do not agree on the parameters{which}."
-
-
-def _lack_of_fit(lack: Mapping[str, Any]) -> str:
-    if lack.get("text"):
-        return lack["text"]
-    size, threshold = lack.get("normalized"), lack.get("threshold")
-    if size is None or threshold is None:
-        return ""
-    return f"Lack of fit {significant(size)}; chance alone stays under {significant(threshold)}."

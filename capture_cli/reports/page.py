@@ -61,7 +61,7 @@ def section(title: str, *parts: str, lead: str = "") -> str:
     )
 
 
-def verdict(tone: str, badge: str, sentence: str, *, notes: Sequence[str], command: str | None) -> str:
+def verdict(tone: str, badge: str, sentence: str, *, notes: Sequence[str], command: str | None = None) -> str:
     """The box at the top: a badge, the verdict in plain words, what to know beside it, and what to run next.
 
     tone: the CSS class that colours it; it is a verdict of estimate.json or diagnosis.json.

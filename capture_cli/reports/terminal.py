@@ -51,12 +51,12 @@ def print_estimate(estimate: Estimate, console: Console, out_path: Path) -> None
     screen.table(_errors(errors))
     screen.blank()
     verdict = document["verdict"]
-    screen.wrapped(findings.TITLES[verdict], findings.sentence(document), STYLES[verdict])
+    screen.wrapped(findings.TITLES[verdict], document["summary"], STYLES[verdict])
     for note in _few([*findings.suspicions(estimate), *findings.notes(document)], len(errors)):
         screen.wrapped("note", note, "yellow")
     screen.blank()
     screen.whole("report", str(Path(out_path) / "report.html"))
-    if document.get("next_command"):
+    if document["next_command"]:
         screen.whole("next", document["next_command"])
 
 
@@ -204,7 +204,7 @@ def _few(notes: list[str], outputs: int) -> list[str]:
 
 def _answer(document: Mapping[str, Any]) -> str:
     """The verdict in words; of a single effect, its size as well."""
-    sentence = diagnosis_findings.lacks(document)
+    sentence = diagnosis_findings.answer(document)
     if len(document["effects"]) != 1:
         return sentence
     effect = document["effects"][0]
@@ -275,7 +275,10 @@ def _rivals_line(document: Mapping[str, Any]) -> list[tuple[str, str]]:
     if closest is None:
         return []
     name = diagnosis_findings.placed(closest)
-    return [("runner-up", f"{name}: {closest['why_rejected'].replace(f'{name}.', '')}")]
+    why = closest["why_rejected"].replace(f"{name}.", "")
+    if not document["effects"]:
+        name = f"{name}, of {len(document['candidates'])} candidates"
+    return [("runner-up", f"{name}: {why}")]
 
 
 def _effects(document: Mapping[str, Any]) -> list[list[str]]:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from capture_cli.diagnosis.lack_of_fit import LackOfFit
 from capture_cli.identifiers.intervals import Intervals
 from capture_cli.protocol.attribution import Accepted
 from capture_cli.protocol.candidates import Candidate
@@ -16,6 +14,7 @@ from capture_cli.protocol.log_parts import FIT, SELECT, TEST, LogParts
 from capture_cli.protocol.model_fits import Fit
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.protocol.residual_curves import ResidualCurve, residual_curves
+from capture_cli.reports.diagnosis_findings import summary
 from capture_cli.stages.result_document import attributes_of, error_of, measured_arrays, noise_floor_of
 from capture_cli.stores.diagnosis import FORMAT, VERSION, Diagnosis
 from capture_cli.stores.output import sha256
@@ -37,7 +36,7 @@ def _document(found: Explanation, curves: list[dict[str, Any]]) -> dict[str, Any
     sure = after.intervals
     stages = [_stage(found.parts, m) for m in found.models]
     declared = sure.rows(after.again.space, after.again.point, range(len(task.space)))
-    return {
+    document = {
         "format": FORMAT,
         "version": VERSION,
         "task": task.name,
@@ -47,7 +46,7 @@ def _document(found: Explanation, curves: list[dict[str, Any]]) -> dict[str, Any
             "first_time": float(log.time[0]),
         },
         "verdict": found.verdict,
-        "summary": summary(found.verdict, stages, found.accepted, after.lacking),
+        "summary": None,  # of what follows
         "effects": [_effect(a, after.again, sure) for a in found.accepted],
         "parameters": dict(zip(task.space.names, declared, strict=True)),
         "stages": stages,
@@ -69,6 +68,8 @@ def _document(found: Explanation, curves: list[dict[str, Any]]) -> dict[str, Any
         "next_experiment": found.next_experiment,
         "expression": None if found.expression is None else _expression(prepared, found.expression),
     }
+    document["summary"] = summary(document)
+    return document
 
 
 def _arrays(found: Explanation, curves: list[ResidualCurve]) -> dict[str, np.ndarray]:
@@ -155,40 +156,3 @@ def _absorbed(before: Fit, after: Fit, sd: np.ndarray) -> dict[str, Any]:
         }
         for i, name in enumerate(before.space.names)
     }
-
-
-def summary(
-    verdict: str, stages: Sequence[dict[str, Any]], accepted: Sequence[Accepted], lacking: LackOfFit
-) -> str:
-    """The finding in words. stages: as in the document; lacking: what the last model leaves of the fit part."""
-    from capture_cli.reports.diagnosis_findings import listed
-
-    if verdict == "explained":
-        return f"Nothing is missing: the error is {lacking.normalized:.3g} times the noise floor."
-    part = "test" if stages[-1]["test"] else "fit"
-    first, last = (s[part]["normalized"] for s in (stages[0], stages[-1]))
-    where = "held-out" if part == "test" else "fit"
-    if not accepted and not lacking.lacking:
-        return (
-            f"The model fits what it was fitted to, but not what was held out: there the error is {last:.3g} times the "
-            "noise floor. The two parts of the log are not alike."
-        )
-    if not accepted:
-        return (
-            f"None of these: the {where} error is {last:.3g} times the noise floor, and no effect of the catalogue "
-            "explains it."
-        )
-    found = listed([a.name + (f" (or {', '.join(a.tied_with)})" if a.tied_with else "") for a in accepted])
-    if part == "test" and last >= first:
-        return (
-            f"{found} would explain what was fitted, but not what was held out: there the error is {last:.3g} times "
-            f"the noise floor, and {first:.3g} without."
-        )
-    them = "it" if len(accepted) == 1 else "them"
-    text = (
-        f"The model lacks {found}: with {them} the {where} error falls to {last / first:.2g} of what it was."
-    )
-    if verdict == "unexplained":
-        left, on = (lacking.normalized, " on what was fitted") if lacking.normalized > last else (last, "")
-        text += f" What is left{on} is still {left:.3g} times the noise floor: this is not all."
-    return text

@@ -10,6 +10,7 @@ from capture_cli.identifiers.intervals import Intervals, intervals
 from capture_cli.identifiers.least_squares import CONVERGED_GAIN
 from capture_cli.identifiers.rounds import Rounds
 from capture_cli.protocol.model_fits import TOLERANCE, PartFit
+from capture_cli.reports.findings import NOT_ALIKE
 from capture_cli.stages.earlier_estimate import EarlierEstimate
 from capture_cli.stages.estimation import Found
 from capture_cli.stages.result_document import attributes_of, error_of, measured_arrays, noise_floor_of
@@ -244,7 +245,7 @@ def _summary(
     if verdict == "unexplained" and not lacking.lacking:
         return (
             "The parameters explain what they were fitted to, but not what was held out: there the error is "
-            f"{held_out:.3g} times the noise floor. The two parts of the log are not alike."
+            f"{held_out:.3g} times the noise floor. {NOT_ALIKE}"
         )
     if verdict == "unexplained":
         return (
