@@ -8,12 +8,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from capture_cli.effects._sensor_effect import at_times
 from capture_cli.effects.base import Effect
 from capture_cli.parameters import ParameterSpace
 from capture_cli.sim.engine import Engine, Force, ModelFields, Rollouts, Starts
 from capture_cli.sim.starts import ReportedMotion, shift
-from capture_cli.sim.windows import Windows
+from capture_cli.sim.windows import Windows, at_times
 from capture_cli.tasks.base import Task
 
 TAPE_BYTES = 64 << 20  # of controls of one call, of which effects make several copies

@@ -1,4 +1,4 @@
-"""What effects on a sensor's reports share: which sensors there are, their units, and shifts of time."""
+"""What effects on a sensor's reports share: which sensors there are, and their units."""
 
 from __future__ import annotations
 
@@ -201,17 +201,3 @@ class TimeEffect(SensorEffect):
     @classmethod
     def sites(cls, model: mujoco.MjModel) -> list[str]:
         return with_all_together(super().sites(model))
-
-
-def at_times(series: np.ndarray, steps: np.ndarray) -> np.ndarray:
-    """`series` (..., grid, column) at fractional grid points `steps` (..., grid, 1).
-
-    Beyond either end it goes on as it does between the last two points, so that a start shows no kink.
-    """
-    last = max(series.shape[-2] - 2, 0)
-    before = np.clip(np.floor(steps), 0, last).astype(int)
-    weight = steps - before
-    left = np.take_along_axis(series, before, axis=-2)
-    right = np.take_along_axis(series, np.minimum(before + 1, series.shape[-2] - 1), axis=-2)
-    # exactly the right point, not left + (right - left), where the weight is 1
-    return np.where(weight == 1, right, left + weight * (right - left))

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from capture_cli.effects._sensor_effect import TimeEffect, at_times
+from capture_cli.effects._sensor_effect import TimeEffect
 from capture_cli.effects.base import GLOBAL
 from capture_cli.parameters import Parameter
-from capture_cli.sim.windows import LEAD, MOST_DRIFT
+from capture_cli.sim.windows import LEAD, MOST_DRIFT, at_times
 
 
 def off_clock(series, *, error):

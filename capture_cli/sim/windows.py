@@ -248,3 +248,17 @@ def inputs_at(
     for k in np.flatnonzero(linear):
         values[:, k] = np.interp(times, time, inputs[:, k])
     return values
+
+
+def at_times(series: np.ndarray, steps: np.ndarray) -> np.ndarray:
+    """`series` (..., grid, column) at fractional grid points `steps` (..., grid, 1).
+
+    Beyond either end it goes on as it does between the last two points, so that a start shows no kink.
+    """
+    last = max(series.shape[-2] - 2, 0)
+    before = np.clip(np.floor(steps), 0, last).astype(int)
+    weight = steps - before
+    left = np.take_along_axis(series, before, axis=-2)
+    right = np.take_along_axis(series, np.minimum(before + 1, series.shape[-2] - 1), axis=-2)
+    # exactly the right point, not left + (right - left), where the weight is 1
+    return np.where(weight == 1, right, left + weight * (right - left))
