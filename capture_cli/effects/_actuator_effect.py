@@ -52,10 +52,6 @@ class ActuatorEffect(Effect):
         """How large the control is, in its own unit."""
         return control_scale(self.model, self.actuators[0])
 
-    def coefficients(self, values: np.ndarray) -> dict[str, np.ndarray]:
-        """The kernel's coefficients, (simulation,) each, from `values` (simulation, parameter)."""
-        return dict(zip(self.space.names, values.T, strict=True))
-
     def drive(self, controls, values, timestep, **_):
         controls = controls.copy()
         each = np.repeat(values, len(self.columns), axis=0)  # a row for every control of every simulation

@@ -53,10 +53,6 @@ class JointForce(JointEffect):
     kernel: ClassVar[Callable]
     adds_to: ClassVar[str] = FORCE
 
-    def coefficients(self, values: np.ndarray) -> dict[str, np.ndarray]:
-        """The kernel's coefficients, (simulation,) each, from `values` (simulation, parameter)."""
-        return dict(zip(self.space.names, values.T, strict=True))
-
     def force(self, values, timestep, **_):
         return ForceOfKernel(self, self.coefficients(values), timestep)
 

@@ -136,6 +136,12 @@ class Effect(ABC):
         axes = [spread(p, count) if p.name in self.shapes else [p.nominal] for p in self.parameters]
         return np.stack([a.ravel() for a in np.meshgrid(*axes, indexing="ij")], axis=-1)
 
+    def coefficients(self, values: np.ndarray) -> dict[str, np.ndarray]:
+        """What the effect's kernel, where it has one, takes by keyword, (simulation,) each, from `values` (simulation,
+        parameter).
+        """
+        return dict(zip(self.space.names, values.T, strict=True))
+
     def doubt(self, values: np.ndarray, duration: float) -> str | None:
         """Why `values` (parameter,) cannot be believed from episodes of `duration` s, or None."""
         return None

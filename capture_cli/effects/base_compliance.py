@@ -77,7 +77,7 @@ class BaseCompliance(VibrationEffect):
 
     def force(self, values, timestep, *, states=None, **_):
         begins = self.begins(values, states, AGITATED * values[:, 0])
-        return ForceOfBase(self, dict(zip(self.space.names, values.T, strict=True)) | begins, timestep)
+        return ForceOfBase(self, self.coefficients(values) | begins, timestep)
 
     def companion(self, name, values):
         given = ["per_speed @ data.qvel", "per_speed @ data.qacc", f"model.body_mass[{self.moving}].sum()"]
