@@ -97,11 +97,7 @@ def estimate_starts(
         motion = np.stack([every.value, every.slope, every.curvature], axis=1)
         path[..., list(source.data)] = motion.reshape(count, knots.count, 3, -1)
         if source.kind == "orientation":
-            at_starts = knots.around(sampled[:, columns[0]]).rows(slice(None, None, knots.count))
-            quaternions = outputs[at_starts.index][..., columns]
-            rotation = _rotation_vectors(quaternions, HALF_WIDTHS[-1])
-            fit = local_motion(at_starts, rotation, source.noise(noise_sd))
-            qpos[:, list(source.qpos)] = _turned(quaternions[:, HALF_WIDTHS[-1]], fit.value)
+            fit, qpos[:, list(source.qpos)] = _turning(knots, outputs, sampled, source, noise_sd)
         else:
             fit = every.rows(slice(None, None, knots.count))
             if source.weights is not None:
@@ -113,10 +109,8 @@ def estimate_starts(
             continue
         sd[:, dofs] = PRIOR_INFLATION * fit.value_sd
         new = np.array([d not in measured_velocity for d in source.dofs])
-        change = lag * fit.curvature
-        qvel[:, dofs[new]] = (fit.slope - change)[:, new]
-        size = np.linalg.norm(change, axis=1, keepdims=True) if source.kind == "orientation" else change
-        sd[:, nv + dofs[new]] = PRIOR_INFLATION * np.hypot(fit.slope_sd, LAG_LEFT * size)[:, new]
+        velocity, velocity_sd = _velocity(fit, lag, source)
+        qvel[:, dofs[new]], sd[:, nv + dofs[new]] = velocity[:, new], PRIOR_INFLATION * velocity_sd[:, new]
     starts = Starts(qpos, qvel, act, places.time[window_first].astype(float))
     if model.neq:
         everywhere = _between_samples(outputs, sampled, places)
@@ -125,6 +119,25 @@ def estimate_starts(
         extended(path, knots.before, knots.known), knots.before, sources, measured_velocity, nv, lag
     )
     return StartEstimate(starts, sd, reported)
+
+
+def _velocity(fit: LocalMotion, lag: np.ndarray, source: Source) -> tuple[np.ndarray, np.ndarray]:
+    """Of coordinates whose motion is `fit`, as the integrator has it, and how well it is known, (window, dof)."""
+    change = lag * fit.curvature
+    size = np.linalg.norm(change, axis=1, keepdims=True) if source.kind == "orientation" else change
+    return fit.slope - change, np.hypot(fit.slope_sd, LAG_LEFT * size)
+
+
+def _turning(
+    knots: _Knots, outputs: np.ndarray, sampled: np.ndarray, source: Source, noise_sd: np.ndarray
+) -> tuple[LocalMotion, np.ndarray]:
+    """At the starts, of an orientation: the motion of its rotation vector, and the quaternion, (window, 4)."""
+    columns = list(source.columns)
+    at_starts = knots.around(sampled[:, columns[0]]).rows(slice(None, None, knots.count))
+    quaternions = outputs[at_starts.index][..., columns]
+    rotation = _rotation_vectors(quaternions, HALF_WIDTHS[-1])
+    fit = local_motion(at_starts, rotation, source.noise(noise_sd))
+    return fit, _turned(quaternions[:, HALF_WIDTHS[-1]], fit.value)
 
 
 def _motion(

@@ -134,45 +134,45 @@ def cut(
             usual_interval(time[steps], sampled[steps]) if has_gaps else np.inf,
         )
     ]
-    steps = max(b - a for _, _, a, b in spans)
-    grids = np.array([_grid_steps(time[a:b], timestep) for _, _, a, b in spans])
-    count, grid = len(spans), int(grids.max())
-    elapsed = np.array([time[a] - time[episodes[number].start] for number, _, a, _ in spans])
-    known = np.array([time[a] - time[begun] for _, begun, a, _ in spans])
+    episode, begun, first, stop = np.array(spans).T
+    elapsed = time[first] - time[[episodes[number].start for number in episode]]
+    known = time[first] - time[begun]
+    grid_steps = np.array([_grid_steps(time[a:b], timestep) for a, b in zip(first, stop, strict=True)])
     lead = _steps(known.max(), timestep)
     ahead = _steps(MOST_DRIFT * elapsed.max(), timestep)
-    tape = np.zeros((count, lead + grid + ahead, inputs.shape[1]))
-    index = np.zeros((count, steps), dtype=np.int64)
-    weight = np.zeros((count, steps))
-    measured = np.zeros((count, steps, outputs.shape[1]))
-    mask = np.zeros((count, steps), dtype=bool)
-    has_sample = np.zeros(measured.shape, dtype=bool)
-    for w, (number, begun, a, b) in enumerate(spans):
-        position = (time[a:b] - time[a]) / timestep
-        index[w, : b - a] = np.floor(position + GRID_TOLERANCE)
-        weight[w, : b - a] = np.maximum(position - index[w, : b - a], 0.0)
-        measured[w, : b - a] = outputs[a:b]
-        mask[w, : b - a] = True
-        has_sample[w, : b - a] = sampled[a:b]
-        stop = episodes[number].stop  # the input after a window's last sample is known, if not an episode's
-        on_grid = time[a] + timestep * np.arange(-lead, grid + ahead)
-        tape[w] = inputs_at(on_grid, time[begun:stop], inputs[begun:stop], timestep, linear)
+    tape_steps = timestep * np.arange(-lead, grid_steps.max() + ahead)
+    tape = []
+    for number, since, a in zip(episode, begun, first, strict=True):
+        # the input after a window's last sample is known, if not an episode's
+        own = slice(since, episodes[number].stop)
+        tape.append(inputs_at(time[a] + tape_steps, time[own], inputs[own], timestep, linear))
+    mask = _padded(np.ones(len(time), dtype=bool), first, stop)
+    position = np.where(mask, _padded(time, first, stop) - time[first][:, None], 0.0) / timestep
+    index = np.floor(position + GRID_TOLERANCE).astype(np.int64)
     return Windows(
-        episode=np.array([n for n, _, _, _ in spans]),
-        first=np.array([a for _, _, a, _ in spans]),
-        time=np.array([time[a] for _, _, a, _ in spans]),
+        episode=episode,
+        first=first,
+        time=time[first],
         elapsed=elapsed,
         known=known,
-        grid_steps=grids,
-        tape=tape,
+        grid_steps=grid_steps,
+        tape=np.stack(tape),
         lead=lead,
         index=index,
-        weight=weight,
-        measured=measured,
+        weight=np.maximum(position - index, 0.0),
+        measured=_padded(outputs, first, stop),
         mask=mask,
-        sampled=has_sample,
+        sampled=_padded(sampled, first, stop),
         timestep=timestep,
     )
+
+
+def _padded(values: np.ndarray, first: np.ndarray, stop: np.ndarray) -> np.ndarray:
+    """`values` (step, ...) from `first` to `stop` (window,) of each window, (window, step, ...), 0 after that."""
+    padded = np.zeros((len(first), int((stop - first).max()), *values.shape[1:]), dtype=values.dtype)
+    for window, a, b in zip(padded, first, stop, strict=True):
+        window[: b - a] = values[a:b]
+    return padded
 
 
 def usual_interval(time: np.ndarray, sampled: np.ndarray) -> float:
