@@ -87,15 +87,9 @@ def evaluate_suite(
     complete = is_complete(out, force=force, resume=resume)
     shared = {"pairs": pairs, "seeds": seeds, "rounds": rounds, "seed": seed, "threads": threads}
     asked = {
-        c: {
-            "task": c.task,
-            "identifiers": members,
-            "policy": _policy(policy, c.task),
-            "noise": c.noise,
-            **shared,
-        }
+        c: {"task": c.task, "identifiers": own, "policy": _policy(policy, c.task), "noise": c.noise, **shared}
         for c in cells
-        if (members := _members(c, names, checkpoints))
+        if (own := _members(c, names, checkpoints))
     }
     without = [c.name for c in cells if c not in asked]
     if not asked:
@@ -108,15 +102,10 @@ def evaluate_suite(
         return _completed(Path(out), plans)
     refuse_inputs(out, [path for plan in plans.values() for path in plan.inputs])
     provenance = Provenance("eval-sim2sim", options, {})
-    documents = {}
     with resumable_directory(out, force=force, resume=resume) as folder:
         if not quiet:
             _announce(plans, without, folder)
-        for number, (cell, plan) in enumerate(plans.items(), 1):
-            if not quiet:
-                print(f"[{number}/{len(plans)}] {cell.name}", file=sys.stderr, flush=True)
-            about = {**asked[cell], "out": Path(out) / cell.name}
-            documents[cell.name] = _evaluated(plan, about, folder / cell.name, quiet)
+        documents = _evaluate_all(plans, asked, Path(out), folder, quiet)
         document = {
             "format": FORMAT,
             "version": VERSION,
@@ -144,6 +133,23 @@ def _announce(plans: dict[Cell, EvaluationPlan], without: list[str], folder: Pat
         print(f"nothing to run, for want of checkpoints: {', '.join(without)}", file=sys.stderr)
     if in_all.rollouts:
         print(f"in all {in_all}", file=sys.stderr, flush=True)
+
+
+def _evaluate_all(
+    plans: dict[Cell, EvaluationPlan],
+    asked: dict[Cell, dict[str, Any]],
+    out: Path,
+    folder: Path,
+    quiet: bool,
+) -> dict[str, dict[str, Any]]:
+    """evaluation.json of every cell, by its name; they are written into `folder`, which becomes `out`."""
+    documents = {}
+    for number, (cell, plan) in enumerate(plans.items(), 1):
+        if not quiet:
+            print(f"[{number}/{len(plans)}] {cell.name}", file=sys.stderr, flush=True)
+        about = {**asked[cell], "out": out / cell.name}
+        documents[cell.name] = _evaluated(plan, about, folder / cell.name, quiet)
+    return documents
 
 
 def _evaluated(plan: EvaluationPlan, options: dict[str, Any], out: Path, quiet: bool) -> dict[str, Any]:

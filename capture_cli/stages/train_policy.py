@@ -95,12 +95,7 @@ def train_policy(
         run.restore(unfinished(out), recipe)
     with resumable_directory(out, force=force, resume=resume) as folder:
         run.train(folder, recipe, quiet)
-        made = run.trainer.policy()
-        document = save_policy(
-            made, policy, folder, {"training": asdict(settings), "result": run.result(made)}
-        )
-        _write_figure(run.metrics, document["result"], folder)
-        (folder / STATE).unlink(missing_ok=True)
+        document = run.finish(policy, folder)
         provenance.write(folder)
     return document
 
@@ -199,7 +194,16 @@ class _Run:
                 cure="go on with the same command and --resume",
             ) from None
 
-    def result(self, policy: Policy) -> dict[str, Any]:
+    def finish(self, name: str, folder: Path) -> dict[str, Any]:
+        """Write the policy, whose kind is `name`, and no state to go on from; returns policy.json."""
+        policy = self.trainer.policy()
+        about = {"training": asdict(self.trainer.settings), "result": self._result(policy)}
+        document = save_policy(policy, name, folder, about)
+        _write_figure(self.metrics, document["result"], folder)
+        (folder / STATE).unlink(missing_ok=True)
+        return document
+
+    def _result(self, policy: Policy) -> dict[str, Any]:
         """How the finished policy does on parameters that nothing has been judged on, and the random one."""
         random = REGISTRY.get("random")(self.simulator.task)
         return {

@@ -79,12 +79,8 @@ def train_sysid(
     signature = signature_of(store.attributes)
     _check_sizes(store, batch, steps, learning_rate, validation)
     window = _window(identifier, kind, window, store.attributes["rounds"])
-    if kind.any_order and store.attributes["search"] != OF_EVERY_KIND and not quiet:
-        print(
-            f"note: {identifier} will ask other questions than {store.attributes['search']} did; on histories by "
-            f"--search {OF_EVERY_KIND} it learns to know better how sure it is",
-            file=sys.stderr,
-        )
+    if not quiet:
+        _note_search(identifier, kind, store.attributes["search"])
     trains_on = None if is_url(str(histories)) else Path(histories)
     refuse_inputs(out, [trains_on])
     where = _device(device, precision, threads)
@@ -136,11 +132,7 @@ def train_sysid(
         trainer.restore(*state)
     with resumable_directory(out, force=force, resume=resume) as folder:
         _train(trainer, folder, begun, quiet)
-        model, report = trainer.finish()
-        document = save_identifier(model, {**recipe, "result": report}, folder)
-        _write_metrics(trainer.metrics, folder)
-        _write_figure(trainer, folder)
-        (folder / STATE).unlink(missing_ok=True)
+        document = _finish(trainer, recipe, folder)
         provenance.write(folder)
     return document
 
@@ -194,6 +186,16 @@ def _window(name: str, kind: type[LearnedIdentifier], window: int | None, rounds
             cure=f"give 1 to {rounds}, or make longer histories with `capture gen-histories --rounds`",
         )
     return window
+
+
+def _note_search(name: str, kind: type[LearnedIdentifier], search: str) -> None:
+    """On stderr, where the histories were searched in another way than the identifier will."""
+    if kind.any_order and search != OF_EVERY_KIND:
+        print(
+            f"note: {name} will ask other questions than {search} did; on histories by --search {OF_EVERY_KIND} it "
+            "learns to know better how sure it is",
+            file=sys.stderr,
+        )
 
 
 def _check_finite(store: Histories, quiet: bool) -> None:
@@ -266,6 +268,16 @@ def _train(trainer: Trainer, folder: Path, recipe: Mapping[str, Any], quiet: boo
             f"interrupted after step {trainer.step}: what was learned up to the last evaluation is kept",
             cure="go on with the same command and --resume",
         ) from None
+
+
+def _finish(trainer: Trainer, recipe: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Write what was learned, and no state to go on from; returns identifier.json."""
+    model, report = trainer.finish()
+    document = save_identifier(model, {**recipe, "result": report}, folder)
+    _write_metrics(trainer.metrics, folder)
+    _write_figure(trainer, folder)
+    (folder / STATE).unlink(missing_ok=True)
+    return document
 
 
 def _write_metrics(metrics: list[dict[str, Any]], folder: Path) -> None:
