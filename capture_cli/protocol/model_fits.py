@@ -62,6 +62,7 @@ class PartFit:
             np.concatenate([padded(p.evidence.mask) for p in parts]),
             first.noise_sd,
             np.concatenate([p.evidence.start_sd for p in parts]),
+            attitudes=first.attitudes,
         )
         residual = [padded(p.residual.reshape(p.evidence.measured.shape)) for p in parts]
         residual = np.concatenate(residual).reshape(len(evidence.measured), steps * outputs)

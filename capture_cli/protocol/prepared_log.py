@@ -12,7 +12,7 @@ from capture_cli.diagnosis.split import HeldOut, Split, split_windows
 from capture_cli.identifiers.base import Evidence, Trial
 from capture_cli.linearization import ROUGH_START_STEP, START_STEP
 from capture_cli.protocol.difference_step import difference_step
-from capture_cli.protocol.log_checks import check_fits, check_fitted, check_long_enough
+from capture_cli.protocol.log_checks import check_changes, check_fits, check_fitted, check_long_enough
 from capture_cli.protocol.log_starts import log_starts
 from capture_cli.protocol.log_windows import cut_log
 from capture_cli.sim.quaternion_signs import aligned, continuous, quaternion_columns
@@ -82,6 +82,7 @@ class PreparedLog:
             self._start_sd(simulator),
             hidden_tried=simulator.hidden_tried(),
             start_step=ROUGH_START_STEP if simulator.difference_step else START_STEP,
+            attitudes=attitudes(self.task),
         )
 
     def _start_sd(self, simulator: Simulator) -> np.ndarray:
@@ -137,6 +138,7 @@ def prepare(
         attitudes=attitudes(task),
         sampled=log.sampled,
     )
+    check_changes(log, task, noise.sd)
     starts = log_starts(log, task, windows, noise, threads)
     split = (
         held_out.split(windows.first, windows.samples)

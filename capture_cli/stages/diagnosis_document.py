@@ -16,7 +16,13 @@ from capture_cli.protocol.log_parts import FIT, SELECT, TEST, LogParts
 from capture_cli.protocol.model_fits import Fit
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.protocol.residual_curves import ResidualCurve, residual_curves
-from capture_cli.stages.result_document import attributes_of, error_of, measured_arrays, noise_floor_of
+from capture_cli.stages.result_document import (
+    attributes_of,
+    error_of,
+    lack_of_fit_of,
+    measured_arrays,
+    noise_floor_of,
+)
 from capture_cli.stores.diagnosis import FORMAT, VERSION, Diagnosis
 from capture_cli.stores.output import sha256
 
@@ -54,7 +60,10 @@ def _document(found: Explanation, curves: list[dict[str, Any]]) -> dict[str, Any
         "before": {"test": stages[0]["test"]},
         "after": {"test": stages[-1]["test"]},
         **noise_floor_of(prepared),
-        "lack_of_fit": {"before": vars(before.lacking), "after": vars(after.lacking)},
+        "lack_of_fit": {
+            "before": lack_of_fit_of(prepared, before.lacking),
+            "after": lack_of_fit_of(prepared, after.lacking),
+        },
         "absorbed": _absorbed(before.again, after.again, sure.sd),
         "candidates": [_candidate(c) for c in _ranked(found)],
         "localisation": curves,

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from capture_cli.diagnosis.lack_of_fit import LackOfFit
 from capture_cli.protocol.model_fits import PartFit
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.stores.measured_log import MeasuredLog
@@ -32,6 +34,28 @@ def noise_floor_of(prepared: PreparedLog) -> dict[str, Any]:
         "noise_floor": dict(zip(names, noise.sd.tolist(), strict=True)),
         "noise_floor_source": dict(zip(names, noise.source, strict=True)),
     }
+
+
+def lack_of_fit_of(prepared: PreparedLog, lacking: LackOfFit) -> dict[str, Any]:
+    """What is left of the fit, of all outputs and of each, and what chance allows of it."""
+    return {
+        "normalized": lacking.normalized,
+        "threshold": lacking.threshold,
+        "autocorrelation_time": lacking.autocorrelation_time,
+        "outputs": _by_output(prepared, lacking.outputs),
+        "output_thresholds": _by_output(prepared, lacking.output_thresholds),
+        "lacking": lacking.lacking,
+    }
+
+
+def beyond_chance(lacking: LackOfFit, outputs: Sequence[str]) -> str:
+    """By how much an error is beyond what chance allows, in words: that of all outputs, or of the one that is."""
+    if lacking.normalized > lacking.threshold:
+        of, over, chance = "error is", lacking.normalized, lacking.threshold
+    else:
+        k = lacking.beyond
+        of, over, chance = f"error of {outputs[k]} is", lacking.outputs[k], lacking.output_thresholds[k]
+    return f"{of} {over:.3g} times the noise floor (chance allows {chance:.3g})"
 
 
 def measured_arrays(prepared: PreparedLog) -> dict[str, np.ndarray]:
