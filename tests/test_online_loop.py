@@ -115,6 +115,8 @@ def test_an_actuator_that_only_pushes_is_not_to_pull(slider_task, tmp_path):
     identify(real_log=tmp_path / "s.zarr", out=tmp_path / "e", quiet=True, **options)
     tape = np.array(propose(result=tmp_path / "e", threads=1)["inputs"]["drive"])
     assert tape[0] == tape.min() == 0 < tape.max() <= 5
+    with pytest.raises(OptionError, match=r"--amplitude drive=6: .* 0 to 5 N, ends before that"):
+        propose(result=tmp_path / "e", amplitude={"drive": 6}, threads=1)
 
 
 def test_episodes_are_added_to_a_log(scooping, tmp_path):

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from capture_cli.errors import OptionError, did_you_mean
-from capture_cli.multisine import multisine_tape, peak
+from capture_cli.multisine import check_amplitude, multisine_tape, peak
 from capture_cli.sim.engine import Starts
 from capture_cli.sim.starts import model_starts
 from capture_cli.sim.targets import object_names
@@ -129,9 +129,7 @@ def _tapes(machine, episodes, duration, rate, inputs_from, amplitude, band, gene
         raise OptionError(
             f"--band {band[0]:g} {band[1]:g}", cure="give two frequencies in Hz, the lower one first"
         )
-    names = [c.name for c in machine.inputs]
-    for name in set(amplitude) - set(names):
-        raise OptionError(f"--amplitude: the task has no input {name!r}", cure=did_you_mean(name, names))
+    check_amplitude(machine, amplitude)
     interval = machine.timestep if rate is None else 1.0 / rate
     steps = round(duration / interval) + 1
     _check_samples(steps, duration, 1.0 / interval)
