@@ -446,7 +446,7 @@ def record(
         typer.Option("--rate", help="Samples per second; default the model's own, of actions 100."),
     ] = None,
     inputs_from: Annotated[
-        Path | None, typer.Option("--inputs-from", help="Log whose inputs to replay.")
+        Path | None, typer.Option("--inputs-from", help="Log, or proposal, whose inputs to replay.")
     ] = None,
     amplitude: Annotated[list[str], typer.Option("--amplitude", help="INPUT=PEAK of the multisine.")] = [],  # noqa: B006
     band: Annotated[

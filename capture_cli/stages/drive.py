@@ -1,4 +1,4 @@
-"""What drives a recorded machine: multisines, the inputs of another log, or one action per episode."""
+"""What drives a recorded machine: multisines, the inputs of a log or a proposal, or one action per episode."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from capture_cli.sim.targets import object_names
 from capture_cli.sim.windows import gaps, usual_interval
 from capture_cli.stages.policy_checkpoint import load_policy
 from capture_cli.stores.measured_log import MeasuredLog
-from capture_cli.stores.proposal import read_action
+from capture_cli.stores.proposal import read_action, read_inputs
 from capture_cli.tasks.base import ActionTask, Task
 
 DURATION = 10.0  # s, of an episode unless told otherwise
@@ -107,7 +107,10 @@ def drive_by_inputs(
     start_velocity: Mapping[str, tuple[float, float]],
     generator: np.random.Generator,
 ) -> Drive:
-    """Multisines in `band` Hz that peak at `amplitude`, or the inputs of the log `inputs_from`. Raises OptionError."""
+    """Multisines in `band` Hz that peak at `amplitude`, or the inputs of `inputs_from`, a log or a proposal.
+
+    Raises OptionError.
+    """
     duration = DURATION if duration is None else duration
     time, inputs, ends = _tapes(machine, episodes, duration, rate, inputs_from, amplitude, band, generator)
     return Drive(time, inputs, ends, _starts(machine.model, len(ends), start, start_velocity, generator))
@@ -115,6 +118,9 @@ def drive_by_inputs(
 
 def _tapes(machine, episodes, duration, rate, inputs_from, amplitude, band, generator):
     """time (step,), inputs (step, input) and episode ends (episode,)."""
+    if inputs_from is not None and Path(inputs_from).is_file():  # a log is a folder
+        time, inputs = read_inputs(inputs_from, machine.name, [c.name for c in machine.inputs])
+        return time, inputs, np.array([len(time)])
     if inputs_from is not None:
         source = MeasuredLog.read(inputs_from)
         if source.input_names != tuple(c.name for c in machine.inputs):
