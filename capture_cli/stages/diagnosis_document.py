@@ -16,7 +16,13 @@ from capture_cli.protocol.log_parts import FIT, SELECT, TEST, LogParts
 from capture_cli.protocol.model_fits import Fit
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.protocol.residual_curves import ResidualCurve, residual_curves
-from capture_cli.stages.result_document import attributes_of, error_of, measured_arrays, noise_floor_of
+from capture_cli.stages.result_document import (
+    attributes_of,
+    error_of,
+    measured_arrays,
+    noise_floor_of,
+    start_arrays,
+)
 from capture_cli.stores.diagnosis import FORMAT, VERSION, Diagnosis
 from capture_cli.stores.output import sha256
 
@@ -76,6 +82,8 @@ def _arrays(found: Explanation, curves: list[ResidualCurve]) -> dict[str, np.nda
     bins = {k: np.array([getattr(c, k) for c in curves]) for k in ("centre", "before", "after", "error")}
     return {
         **measured,
+        **start_arrays(found.parts.prepared, found.begun),
+        "window/start_hidden": found.begun.hidden,
         "window/part": found.parts.number,
         "step/before": measured["step/measured"] - found.before.whole.in_units[mask],
         "step/after": measured["step/measured"] - found.after.whole.in_units[mask],
@@ -103,6 +111,7 @@ def _effect(accepted: Accepted, after: Fit, sure: Intervals) -> dict[str, Any]:
         "site": effect.site,
         "summary": effect.summary,
         "parameters": dict(zip(effect.space.names, parameters, strict=True)),
+        "states": list(effect.states),
         "p_value": accepted.support.p_fit,
         "p_select": accepted.support.p_select,
         "tied_with": accepted.tied_with,

@@ -12,7 +12,13 @@ from capture_cli.identifiers.rounds import Rounds
 from capture_cli.protocol.model_fits import TOLERANCE, PartFit
 from capture_cli.stages.earlier_estimate import EarlierEstimate
 from capture_cli.stages.estimation import Found
-from capture_cli.stages.result_document import attributes_of, error_of, measured_arrays, noise_floor_of
+from capture_cli.stages.result_document import (
+    attributes_of,
+    error_of,
+    measured_arrays,
+    noise_floor_of,
+    start_arrays,
+)
 from capture_cli.stores.estimate import FORMAT, HISTORY, VERSION, Estimate
 from capture_cli.stores.output import sha256
 
@@ -169,10 +175,12 @@ class Report:
 
     def _arrays(self, found: Intervals, offsets, simulated, nominal, recordings) -> dict[str, np.ndarray]:
         mask = self.prepared.windows.mask
+        begun = self.prepared.begun(self.fits.simulator([]), self.best.parameters, offsets)
         arrays = {
             **measured_arrays(self.prepared),
             "window/is_test": self.is_test,
             "window/start_offset": offsets,
+            **start_arrays(self.prepared, begun),
             "step/simulated": simulated[mask],
             "step/nominal": nominal[mask],
             "parameter/estimate": self.best.parameters,
