@@ -12,11 +12,12 @@ import math
 import os
 import sys
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, get_args, get_type_hints
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
 
 from capture_cli import __version__
 from capture_cli.errors import CaptureError, OptionError, did_you_mean
@@ -38,6 +39,17 @@ class _Commands(TyperGroup):
             raise _PassedOn from error
         except typer.BadParameter as error:
             raise _wrong_number(error, arguments) or error from None
+
+
+class _Command(TyperCommand):
+    def invoke(self, ctx):
+        if ctx.params.get("config") is not None:
+            from capture_cli.stores.output import refuse_inputs
+
+            for name in ("out", "truth"):
+                if ctx.params.get(name) is not None:
+                    refuse_inputs(ctx.params[name], [ctx.params["config"]], option=f"--{name}")
+        return super().invoke(ctx)
 
 
 def _wrong_number(error: typer.BadParameter, arguments: Sequence[str]) -> OptionError | None:
@@ -84,6 +96,7 @@ app = typer.Typer(
     add_completion=True,
     pretty_exceptions_enable=False,
 )
+_command = partial(app.command, cls=_Command)
 
 
 def main() -> None:
@@ -234,7 +247,7 @@ def _ranges(texts: list[str], option: str) -> dict[str, tuple[float, float]]:
 # --- commands ---
 
 
-@app.command()
+@_command()
 def identify(
     real_log: RealLog,
     task: TaskOption = None,
@@ -306,7 +319,7 @@ def identify(
         raise typer.Exit(3)
 
 
-@app.command()
+@_command()
 def diagnose(
     real_log: RealLog,
     estimate: Annotated[
@@ -386,7 +399,7 @@ def _verdicts(text: str | None) -> set[str]:
     return verdicts
 
 
-@app.command(name="import-log")
+@_command(name="import-log")
 def import_log(
     files: Annotated[
         list[Path], typer.Argument(help="CSV or Parquet files, one recording each, or measured logs.")
@@ -419,7 +432,7 @@ def import_log(
     _show_inspection(out, task, json_, quiet)
 
 
-@app.command()
+@_command()
 def inspect(
     path: Annotated[Path, typer.Argument(help="A log, or any other output of `capture`.")],
     task: TaskOption = None,
@@ -451,7 +464,7 @@ def _show_inspection(path: Path, task: str | None, json_: bool, quiet: bool) -> 
         render(document, _console())
 
 
-@app.command()
+@_command()
 def record(
     task: Annotated[str, typer.Option("--task", help="Built-in task, or path of a task.toml.")],
     out: Annotated[Path, typer.Option("--out", help="Measured log to write (.zarr).")],
@@ -557,7 +570,7 @@ def _sd(texts: list[str], option: str) -> dict[str, float] | float:
     return _pairs(texts, option) if texts else 0.0
 
 
-@app.command(name="train-policy")
+@_command(name="train-policy")
 def train_policy(
     task: Annotated[str, typer.Option("--task", help="Built-in task with a reward.")],
     out: Annotated[Path, typer.Option("--out", help="Checkpoint directory to write.")],
@@ -620,7 +633,7 @@ def train_policy(
         print_policy(document, _console(), out)
 
 
-@app.command(name="gen-histories")
+@_command(name="gen-histories")
 def gen_histories(
     task: Annotated[str, typer.Option("--task", help="Built-in task, or path of a task.toml.")],
     out: Annotated[str, typer.Option("--out", help="Histories to write (.zarr): a path, or a URL.")],
@@ -712,7 +725,7 @@ def gen_histories(
         print(f"{out}: {document['pairs']} histories of {rounds} rounds; {new}")
 
 
-@app.command(name="train-sysid")
+@_command(name="train-sysid")
 def train_sysid(
     histories: Annotated[
         str, typer.Option("--histories", help="Histories to learn from (.zarr): a path, or a URL.")
@@ -812,7 +825,7 @@ def train_sysid(
         print_training(document, _console(), out)
 
 
-@app.command(name="eval-sim2sim")
+@_command(name="eval-sim2sim")
 def eval_sim2sim(
     out: Annotated[Path, typer.Option("--out", help="Evaluation directory to write.")],
     identifier: Annotated[
@@ -886,7 +899,7 @@ def eval_sim2sim(
         show(document, _console(), out)
 
 
-@app.command()
+@_command()
 def propose(
     result: Annotated[Path, typer.Argument(help="Estimate or diagnosis directory.")],
     task: TaskOption = None,
@@ -932,7 +945,7 @@ def propose(
         write_json(file, document)
 
 
-@app.command()
+@_command()
 def export(
     result: Annotated[Path, typer.Argument(help="Estimate or diagnosis directory.")],
     out: Annotated[Path, typer.Option("--out", help="MJCF file to write.")],
@@ -964,7 +977,7 @@ def export(
             print(f"left out: {written.left_out}")
 
 
-@app.command()
+@_command()
 def tasks(task: TaskOption = None, json_: Json = False) -> None:
     """List the built-in tasks, or the parameters, inputs and outputs of one.
 
@@ -981,7 +994,7 @@ def tasks(task: TaskOption = None, json_: Json = False) -> None:
         print_tasks(document, _console())
 
 
-@app.command()
+@_command()
 def effects(task: TaskOption = None, json_: Json = False) -> None:
     """List the effects that a model may lack, with parameters, units and ranges.
 

@@ -411,6 +411,19 @@ def test_a_config_that_is_wrong(capture, log, tmp_path, text, named):
     assert not (tmp_path / "run.estimate").exists()
 
 
+def test_no_output_replaces_the_config(capture, tmp_path):
+    config = tmp_path / "kept" / "run.toml"
+    config.parent.mkdir()
+    config.with_name("provenance.json").write_text("{}")  # as in an output, which --force replaces
+    config.write_text("duration = 1.0\nforce = true\n")
+    for option, path in (("--out", config.parent), ("--truth", config)):
+        options = ("--out", "r.zarr", option, path)
+        code, out, err = capture("record", "--task", SLIDER, "--config", config, *options)
+        assert (code, out) == (2, "")
+        assert f"{option} {path}" in err and "which is read" in err
+    assert config.read_text().startswith("duration") and not (tmp_path / "r.zarr").exists()
+
+
 def test_a_config_that_is_missing(capture, log):
     code, _, err = capture(*identify(log, "--config", "nowhere.toml"))
     assert code == 2

@@ -46,9 +46,9 @@ def propose(
     experiment that would separate what is tied. out: where the document will go. Raises CaptureError.
     """
     diagnosed = (Path(result) / "diagnosis.json").is_file()
-    machine = _machine(Path(result), task, "diagnosis" if diagnosed else "estimate")
+    machine, log = _machine(Path(result), task, "diagnosis" if diagnosed else "estimate")
     if out is not None:
-        refuse_inputs(out, [result, *task_inputs(machine).values()])
+        refuse_inputs(out, [result, log, policy, *task_inputs(machine).values()])
     generator = np.random.default_rng(seed)
     check_amplitude(machine, amplitude or {})
     if diagnosed:
@@ -83,11 +83,12 @@ def propose(
     return _multisine(simulator, estimate, amplitude or {}, generator)
 
 
-def _machine(folder: Path, task: str | None, name: str) -> Task:
+def _machine(folder: Path, task: str | None, name: str) -> tuple[Task, str]:
+    """The task of the result in `folder`, and where its log was."""
     again = "make it again with `capture identify` or `diagnose`"
     log = read_result(folder, f"{name}.json", f"capture/{name}", 1, again)["log"]["path"]
     provenance = read_result(folder, "provenance.json", "capture/provenance", 1, again)
-    return load_recorded(folder, provenance, task, log)
+    return load_recorded(folder, provenance, task, log), log
 
 
 # --- how much an episode would tell ---
