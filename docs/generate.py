@@ -273,6 +273,7 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str]]] = {
             "effects[].site": 'where it sits; "" where it concerns the model as a whole',
             "effects[].summary": "what it is",
             **{f"effects[].parameters.NAME.{k}": v for k, v in _PARAMETER.items()},
+            "effects[].states": "list of what it keeps that no sensor shows, as `window/start_hidden` has it",
             "effects[].p_value": "that null fits the log as well, times the number of candidates and shapes tried",
             "effects[].p_select": "that other data is not explained better; one-sided, paired; null if nothing judges",
             "effects[].tied_with": "list of EFFECT@SITE that this log cannot tell from it",

@@ -14,7 +14,7 @@ from capture_cli.protocol.attribution import Accepted
 from capture_cli.protocol.candidates import Candidate
 from capture_cli.protocol.log_parts import TEST, LogParts
 from capture_cli.protocol.model_fits import Fit, PartFit
-from capture_cli.simulator import Motion
+from capture_cli.simulator import Begun, Motion
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class Explanation:
     """What the protocol found in a log.
 
     models: the declared one, then each with one more of the `accepted` effects. motion: of the last, in every window.
-    next_experiment: what would separate the first tie. rollouts: windows simulated in all.
+    begun: where that begins. next_experiment: what would separate the first tie. rollouts: windows simulated in all.
     """
 
     parts: LogParts
@@ -74,6 +74,7 @@ class Explanation:
     candidates: list[Candidate]
     models: list[JudgedModel]
     motion: Motion
+    begun: Begun
     next_experiment: dict[str, Any] | None
     expression: Expression | None = None
     rollouts: int = 0

@@ -22,6 +22,7 @@ from capture_cli.stages.result_document import (
     lack_of_fit_of,
     measured_arrays,
     noise_floor_of,
+    start_arrays,
 )
 from capture_cli.stores.diagnosis import FORMAT, VERSION, Diagnosis
 from capture_cli.stores.output import sha256
@@ -85,6 +86,8 @@ def _arrays(found: Explanation, curves: list[ResidualCurve]) -> dict[str, np.nda
     bins = {k: np.array([getattr(c, k) for c in curves]) for k in ("centre", "before", "after", "error")}
     return {
         **measured,
+        **start_arrays(found.parts.prepared, found.begun),
+        "window/start_hidden": found.begun.hidden,
         "window/part": found.parts.number,
         "step/before": measured["step/measured"] - found.before.whole.in_units[mask],
         "step/after": measured["step/measured"] - found.after.whole.in_units[mask],
@@ -112,6 +115,7 @@ def _effect(accepted: Accepted, after: Fit, sure: Intervals) -> dict[str, Any]:
         "site": effect.site,
         "summary": effect.summary,
         "parameters": dict(zip(effect.space.names, parameters, strict=True)),
+        "states": list(effect.states),
         "p_value": accepted.support.p_fit,
         "p_select": accepted.support.p_select,
         "tied_with": accepted.tied_with,

@@ -21,6 +21,7 @@ from capture_cli.stages.result_document import (
     lack_of_fit_of,
     measured_arrays,
     noise_floor_of,
+    start_arrays,
 )
 from capture_cli.stores.estimate import FORMAT, HISTORY, VERSION, Estimate
 from capture_cli.stores.output import sha256
@@ -176,10 +177,12 @@ class Report:
 
     def _arrays(self, found: Intervals, offsets, simulated, nominal, recordings) -> dict[str, np.ndarray]:
         mask = self.prepared.windows.mask
+        begun = self.prepared.begun(self.fits.simulator([]), self.best.parameters, offsets)
         arrays = {
             **measured_arrays(self.prepared),
             "window/is_test": self.is_test,
             "window/start_offset": offsets,
+            **start_arrays(self.prepared, begun),
             "step/simulated": simulated[mask],
             "step/nominal": nominal[mask],
             "parameter/estimate": self.best.parameters,

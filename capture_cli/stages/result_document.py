@@ -10,6 +10,7 @@ import numpy as np
 from capture_cli.diagnosis.lack_of_fit import LackOfFit
 from capture_cli.protocol.model_fits import PartFit
 from capture_cli.protocol.prepared_log import PreparedLog
+from capture_cli.simulator import Begun
 from capture_cli.stores.measured_log import MeasuredLog
 
 
@@ -67,6 +68,17 @@ def measured_arrays(prepared: PreparedLog) -> dict[str, np.ndarray]:
         "step/window": np.repeat(np.arange(len(windows)), windows.samples),
         "step/time": prepared.log.time[prepared.log_steps[windows.mask]],
         "step/measured": np.where(windows.sampled, windows.measured, np.nan)[windows.mask],
+    }
+
+
+def start_arrays(prepared: PreparedLog, begun: Begun) -> dict[str, np.ndarray]:
+    """Where the simulation of each window begins, and when by the log's clock."""
+    starts = begun.starts
+    return {
+        "window/start_time": prepared.log.time[prepared.windows.first] + begun.drift,
+        "window/start_qpos": starts.qpos,
+        "window/start_qvel": starts.qvel,
+        "window/start_act": starts.act,
     }
 
 
