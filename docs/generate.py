@@ -615,7 +615,8 @@ def _planted() -> str:
     planted = json.loads(path.read_text(encoding="utf-8"))
     alarms, right = planted["false_alarms"], planted["right_where_visible"]
     return (
-        f"On simulated logs with a known answer, of the simulator that diagnoses them: the right effect in {right['hits']} of the {right['of']} in which it "
+        "On simulated logs with a known answer, of the simulator that diagnoses them: the right effect in "
+        f"{right['hits']} of the {right['of']} in which it "
         f"more than doubles the error ({100 * right['low']:.1f} % or more, with 95 % confidence), and {alarms['hits']} "
         f"false alarms in {alarms['of']} with nothing missing ({100 * alarms['high']:.1f} % or less). These are of the "
         "last version that was measured; [those before](docs/diagnosis.md#on-logs-with-a-known-answer) saw more."
