@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import re
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -18,9 +19,11 @@ from benchmarks._planted import pages, results
 from benchmarks._planted.cases import Case, cases
 from benchmarks._planted.summary import figures, summary
 from benchmarks.base import Benchmark, Figure, Result
+from capture_cli.errors import CaptureError, OptionError
 from capture_cli.stores.provenance import Provenance, write_json
 
 SEEDS, NOTHING_MISSING = 5, 200
+EXAMPLE = "planted/slider/coulomb-friction@x/3/0"
 FOLDER = ROOT / "runs" / "planted"
 
 
@@ -45,7 +48,20 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=2, help="logs worked on at a time")
     parser.add_argument("--out", type=Path, default=FOLDER, help="where lines and summary go")
     parser.add_argument("--summary", action="store_true", help="only sum up the lines that there are")
-    options = parser.parse_args()
+    try:
+        _run(parser.parse_args())
+    except CaptureError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)
+    except KeyboardInterrupt:
+        print(
+            "interrupted: the lines of finished logs are kept\n  cure: run the same command again",
+            file=sys.stderr,
+        )
+        sys.exit(2)
+
+
+def _run(options: argparse.Namespace) -> None:
     provenance = Provenance("benchmarks planted", {k: v for k, v in vars(options).items() if k != "out"}, {})
     if not options.summary:
         results.add(_chosen(options), options.out, options.jobs)
@@ -55,8 +71,15 @@ def main() -> None:
 
 
 def _chosen(options: argparse.Namespace) -> list[Case]:
-    pattern = re.compile(options.only)
-    chosen = [c for c in cases(options.seeds, options.logs) if pattern.search(c.label)]
+    everything = list(cases(options.seeds, options.logs))
+    form = f"it is searched for in KIND/MACHINE/EFFECT@SITE/ERROR/SEED, for example {EXAMPLE}"
+    try:
+        pattern = re.compile(options.only)
+    except re.error as error:
+        raise OptionError(f"--only {options.only!r} is no regular expression: {error}", cure=form) from error
+    chosen = [c for c in everything if pattern.search(c.label)]
+    if not chosen:
+        raise OptionError(f"--only {options.only!r} matches none of {len(everything)} logs", cure=form)
     if options.sample is None:
         return chosen
     return [chosen[i] for i in np.random.default_rng(0).permutation(len(chosen))[: options.sample]]
@@ -66,6 +89,10 @@ def sum_up(folder: Path, provenance: Provenance) -> list[Figure]:
     """Write summary.json, the confusion table and the figures of the newest code's lines; their numbers."""
     code = results.newest_code(folder)
     rows = results.rows(folder, code)
+    if not rows:
+        raise OptionError(
+            f"{folder} holds no line of a finished log", cure="leave out --summary, to make some"
+        )
     found = summary(rows)
     pages.write(rows, found, folder)
     write_json(folder / "summary.json", {**found, "code": code, "provenance": provenance.document()})

@@ -6,15 +6,18 @@ Exit codes: 0 done; 1 our fault; 2 the user can mend it; 3 it ran, and the verdi
 
 from __future__ import annotations
 
+import inspect as reflection
 import json
 import math
 import os
 import sys
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, get_args, get_type_hints
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
 
 from capture_cli import __version__
 from capture_cli.errors import CaptureError, OptionError, did_you_mean
@@ -26,6 +29,7 @@ class _PassedOn(Exception):
 
 class _Commands(TyperGroup):
     def invoke(self, ctx):
+        arguments = list(ctx.args)  # of the command; they are taken from there
         try:
             try:
                 return super().invoke(ctx)
@@ -33,6 +37,54 @@ class _Commands(TyperGroup):
                 sys.stdout.flush()
         except (KeyboardInterrupt, BrokenPipeError) as error:
             raise _PassedOn from error
+        except typer.BadParameter as error:
+            raise _wrong_number(error, arguments) or error from None
+
+
+class _Command(TyperCommand):
+    def invoke(self, ctx):
+        if ctx.params.get("config") is not None:
+            from capture_cli.stores.output import refuse_inputs
+
+            for name in ("out", "truth"):
+                if ctx.params.get(name) is not None:
+                    refuse_inputs(ctx.params[name], [ctx.params["config"]], option=f"--{name}")
+        return super().invoke(ctx)
+
+
+def _wrong_number(error: typer.BadParameter, arguments: Sequence[str]) -> OptionError | None:
+    """What is wrong with an option that takes numbers: typer says neither what it found nor all of the range."""
+    if error.param is None or error.ctx is None:
+        return None
+    name, command = error.param.name, error.ctx.command
+    parts = _parts(get_type_hints(reflection.unwrap(command.callback), include_extras=True)[name])
+    kind = next((text for kind, text in _NUMBERS.items() if kind in parts), None)
+    given, _, _ = command.make_parser(error.ctx).parse_args(args=list(arguments))
+    where = "" if name in given else f"--config {error.ctx.params.get('config')}: "
+    value = given.get(name, (error.ctx.default_map or {}).get(name))
+    if kind is None or value is None:
+        return None
+    several = isinstance(value, list | tuple)
+    found = " ".join(map(str, value)) if several else value
+    low, high = next((p.min, p.max) for p in parts if hasattr(p, "min") and hasattr(p, "max"))
+    cure = f"give {len(value)} numbers" if several else f"give a {kind}{_range(low, high)}"
+    return OptionError(f"{where}{error.param.opts[0]} {found}", cure=cure)
+
+
+_NUMBERS = {int: "whole number", float: "number"}
+
+
+def _parts(hint: Any) -> list[Any]:
+    """A type hint and what it is made of."""
+    return [hint, *(part for piece in get_args(hint) for part in _parts(piece))]
+
+
+def _range(low: float | None, high: float | None) -> str:
+    if low is None and high is None:
+        return ""
+    if high is None:
+        return f" of {low} or more"
+    return f" of {high} at most" if low is None else f" from {low} to {high}"
 
 
 app = typer.Typer(
@@ -44,6 +96,7 @@ app = typer.Typer(
     add_completion=True,
     pretty_exceptions_enable=False,
 )
+_command = partial(app.command, cls=_Command)
 
 
 def main() -> None:
@@ -194,7 +247,7 @@ def _ranges(texts: list[str], option: str) -> dict[str, tuple[float, float]]:
 # --- commands ---
 
 
-@app.command()
+@_command()
 def identify(
     real_log: RealLog,
     task: TaskOption = None,
@@ -266,7 +319,7 @@ def identify(
         raise typer.Exit(3)
 
 
-@app.command()
+@_command()
 def diagnose(
     real_log: RealLog,
     estimate: Annotated[
@@ -346,7 +399,7 @@ def _verdicts(text: str | None) -> set[str]:
     return verdicts
 
 
-@app.command(name="import-log")
+@_command(name="import-log")
 def import_log(
     files: Annotated[
         list[Path], typer.Argument(help="CSV or Parquet files, one recording each, or measured logs.")
@@ -379,7 +432,7 @@ def import_log(
     _show_inspection(out, task, json_, quiet)
 
 
-@app.command()
+@_command()
 def inspect(
     path: Annotated[Path, typer.Argument(help="A log, or any other output of `capture`.")],
     task: TaskOption = None,
@@ -411,7 +464,7 @@ def _show_inspection(path: Path, task: str | None, json_: bool, quiet: bool) -> 
         render(document, _console())
 
 
-@app.command()
+@_command()
 def record(
     task: Annotated[str, typer.Option("--task", help="Built-in task, or path of a task.toml.")],
     out: Annotated[Path, typer.Option("--out", help="Measured log to write (.zarr).")],
@@ -446,7 +499,7 @@ def record(
         typer.Option("--rate", help="Samples per second; default the model's own, of actions 100."),
     ] = None,
     inputs_from: Annotated[
-        Path | None, typer.Option("--inputs-from", help="Log whose inputs to replay.")
+        Path | None, typer.Option("--inputs-from", help="Log, or proposal, whose inputs to replay.")
     ] = None,
     amplitude: Annotated[list[str], typer.Option("--amplitude", help="INPUT=PEAK of the multisine.")] = [],  # noqa: B006
     band: Annotated[
@@ -517,7 +570,7 @@ def _sd(texts: list[str], option: str) -> dict[str, float] | float:
     return _pairs(texts, option) if texts else 0.0
 
 
-@app.command(name="train-policy")
+@_command(name="train-policy")
 def train_policy(
     task: Annotated[str, typer.Option("--task", help="Built-in task with a reward.")],
     out: Annotated[Path, typer.Option("--out", help="Checkpoint directory to write.")],
@@ -580,7 +633,7 @@ def train_policy(
         print_policy(document, _console(), out)
 
 
-@app.command(name="gen-histories")
+@_command(name="gen-histories")
 def gen_histories(
     task: Annotated[str, typer.Option("--task", help="Built-in task, or path of a task.toml.")],
     out: Annotated[str, typer.Option("--out", help="Histories to write (.zarr): a path, or a URL.")],
@@ -672,7 +725,7 @@ def gen_histories(
         print(f"{out}: {document['pairs']} histories of {rounds} rounds; {new}")
 
 
-@app.command(name="train-sysid")
+@_command(name="train-sysid")
 def train_sysid(
     histories: Annotated[
         str, typer.Option("--histories", help="Histories to learn from (.zarr): a path, or a URL.")
@@ -772,7 +825,7 @@ def train_sysid(
         print_training(document, _console(), out)
 
 
-@app.command(name="eval-sim2sim")
+@_command(name="eval-sim2sim")
 def eval_sim2sim(
     out: Annotated[Path, typer.Option("--out", help="Evaluation directory to write.")],
     identifier: Annotated[
@@ -846,7 +899,7 @@ def eval_sim2sim(
         show(document, _console(), out)
 
 
-@app.command()
+@_command()
 def propose(
     result: Annotated[Path, typer.Argument(help="Estimate or diagnosis directory.")],
     task: TaskOption = None,
@@ -892,7 +945,7 @@ def propose(
         write_json(file, document)
 
 
-@app.command()
+@_command()
 def export(
     result: Annotated[Path, typer.Argument(help="Estimate or diagnosis directory.")],
     out: Annotated[Path, typer.Option("--out", help="MJCF file to write.")],
@@ -924,7 +977,7 @@ def export(
             print(f"left out: {written.left_out}")
 
 
-@app.command()
+@_command()
 def tasks(task: TaskOption = None, json_: Json = False) -> None:
     """List the built-in tasks, or the parameters, inputs and outputs of one.
 
@@ -941,7 +994,7 @@ def tasks(task: TaskOption = None, json_: Json = False) -> None:
         print_tasks(document, _console())
 
 
-@app.command()
+@_command()
 def effects(task: TaskOption = None, json_: Json = False) -> None:
     """List the effects that a model may lack, with parameters, units and ranges.
 

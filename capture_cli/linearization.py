@@ -13,6 +13,7 @@ So a noisy start is not mistaken for a missing effect, and a missing effect is n
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -37,7 +38,8 @@ class Evidence:
     each start is known beforehand; 0 where it may not be moved. hidden_tried (point, hidden state): the last of the
     states are effects' own, of which the log says nothing; values at which they are looked for, nan where one is left
     as it is. start_step: of finite differences, as a share of start_sd. movable: the states that may be moved, in one
-    window at least.
+    window at least. attitudes: which outputs make up each quaternion, (4,): what each shows of the same noise depends
+    on the orientation.
     """
 
     space: ParameterSpace
@@ -48,6 +50,7 @@ class Evidence:
     hidden_tried: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
     start_step: float = START_STEP
     movable: np.ndarray | None = None
+    attitudes: Sequence[np.ndarray] = ()
 
     def __post_init__(self):
         if self.movable is None:

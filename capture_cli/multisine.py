@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 import mujoco
 import numpy as np
 
-from capture_cli.errors import OptionError
+from capture_cli.errors import OptionError, did_you_mean
 from capture_cli.tasks.base import Channel, Task
 
 LINES = 12  # sines of a multisine
@@ -79,6 +79,22 @@ def from_rest(time: np.ndarray, signals: np.ndarray) -> np.ndarray:
 def _coming_up(time: np.ndarray) -> np.ndarray:
     """From 0 to 1 in FADE s, (step,)."""
     return 0.5 - 0.5 * np.cos(np.pi * np.minimum((time - time[0]) / FADE, 1.0))
+
+
+def check_amplitude(machine: Task, amplitude: Mapping[str, float]) -> None:
+    """Raise OptionError where --amplitude names no input, or is more than its actuator takes: MuJoCo would clip it."""
+    names = [c.name for c in machine.inputs]
+    for name in set(amplitude) - set(names):
+        raise OptionError(f"--amplitude: the task has no input {name!r}", cure=did_you_mean(name, names))
+    for k, low, high in _limited(machine):
+        name, unit, farthest = machine.inputs[k].name, machine.inputs[k].unit, max(-low, high)
+        if abs(amplitude.get(name, 0.0)) > farthest:
+            raise OptionError(
+                f"--amplitude {name}={amplitude[name]:g}: its actuator's ctrlrange, {low:g} to {high:g} {unit}, ends "
+                "before that",
+                cure=f"give {farthest:g} at most, leave it out to go as far as the actuator does, or widen ctrlrange "
+                "in the model if the machine takes more",
+            )
 
 
 def peak(model: mujoco.MjModel, channel: Channel, amplitude: Mapping[str, float]) -> float:

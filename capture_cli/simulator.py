@@ -37,6 +37,20 @@ class Motion:
 
 
 @dataclass(frozen=True)
+class Begun:
+    """Where simulations begin: starts (simulation,) and, there, hidden states of the effects, (simulation, state).
+
+    early (simulation,): s, before the window, where a sensor reports late. drift (simulation,): s, how much later than
+    the window's start that is by the clock of the controls.
+    """
+
+    starts: Starts
+    hidden: np.ndarray
+    early: np.ndarray
+    drift: np.ndarray
+
+
+@dataclass(frozen=True)
 class _Placed:
     """An effect with where its parameters stand among all, and its states among the hidden ones."""
 
@@ -191,6 +205,43 @@ class Simulator:
         self.rollouts += len(windows)
         return Motion(rollouts.qpos, rollouts.contacts)
 
+    def begun(
+        self,
+        windows: Windows,
+        starts: Starts,
+        point: np.ndarray,
+        offsets: np.ndarray,
+        reported: ReportedMotion | None = None,
+    ) -> Begun:
+        """Where the simulation of every window begins at one point (parameter,); the rest is as for `simulate`."""
+        each = np.repeat(point[None], len(windows), axis=0)
+        return self._begun(windows, starts, np.arange(len(windows)), each, offsets, reported)
+
+    def _begun(
+        self,
+        windows: Windows,
+        starts: Starts,
+        row: np.ndarray,
+        each: np.ndarray,
+        offsets: np.ndarray | None,
+        reported: ReportedMotion | None,
+    ) -> Begun:
+        """Of simulations of the windows `row` (simulation,); the rest is as for `_rollout`."""
+        starts = starts.rows(row)
+        hidden = np.zeros((len(row), self.hidden_states))
+        if offsets is not None:
+            starts = shift(self.task.model, starts, offsets[:, : self._own_states])
+            hidden = offsets[:, self._own_states :]
+        early = np.zeros(len(row))
+        if reported is not None and (self._measures or self.substeps > 1):
+            here = reported.rows(row)
+            late = self._lateness(each)
+            early = late[:, self._sensors].max(axis=1) * here.read
+            change = self._start_change(here, early[:, None] - late, each, windows.elapsed[row])
+            starts = shift(self.task.model, starts, change)
+        drift = self._drift(each, windows.elapsed[row]) - early
+        return Begun(replace(starts, time=starts.time + drift), hidden, early, drift)
+
     def _rollout(
         self,
         windows: Windows,
@@ -205,22 +256,11 @@ class Simulator:
 
         offsets (simulation, state); the rest is as for `simulate`.
         """
-        starts = starts.rows(row)
-        hidden = None
-        if offsets is not None:
-            starts = shift(self.task.model, starts, offsets[:, : self._own_states])
-            hidden = offsets[:, self._own_states :]
-        early = np.zeros(len(row))
-        if reported is not None and (self._measures or self.substeps > 1):
-            here = reported.rows(row)
-            late = self._lateness(each)
-            early = late[:, self._sensors].max(axis=1) * here.read
-            change = self._start_change(here, early[:, None] - late, each, windows.elapsed[row])
-            starts = shift(self.task.model, starts, change)
-        drift = self._drift(each, windows.elapsed[row]) - early
+        begun = self._begun(windows, starts, row, each, offsets, reported)
+        early, drift = begun.early, begun.drift
         more = early + self._drift(each, np.full(len(row), windows.grid * windows.timestep))
         rollouts = self._step(
-            replace(starts, time=starts.time + drift),
+            begun.starts,
             self.task.controls(windows.tape),
             row,
             windows.grid + int(np.ceil(more.max(initial=0.0) / windows.timestep)),
@@ -229,7 +269,7 @@ class Simulator:
             known=windows.known_lead[row],
             began=(windows.time - windows.elapsed)[row],
             drift=drift,
-            hidden=hidden,
+            hidden=begun.hidden,
             states=states,
         )
         return _from(rollouts, early / windows.timestep) if early.any() else rollouts

@@ -219,6 +219,9 @@ _LACK = {
     "normalized": "error of the fit over the noise floor, degrees of freedom allowed for",
     "threshold": "what chance allows",
     "autocorrelation_time": "of the residual, in samples",
+    "outputs.OUTPUT": "the error of one output over its noise floor, likewise",
+    "output_thresholds.OUTPUT": "what chance allows of it",
+    "lacking": "whether all outputs together or one of them are beyond",
 }
 DOCUMENTS: dict[str, tuple[str, dict[str, str]]] = {
     "estimate.json": (
@@ -270,6 +273,7 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str]]] = {
             "effects[].site": 'where it sits; "" where it concerns the model as a whole',
             "effects[].summary": "what it is",
             **{f"effects[].parameters.NAME.{k}": v for k, v in _PARAMETER.items()},
+            "effects[].states": "list of what it keeps that no sensor shows, as `window/start_hidden` has it",
             "effects[].p_value": "that null fits the log as well, times the number of candidates and shapes tried",
             "effects[].p_select": "that other data is not explained better; one-sided, paired; null if nothing judges",
             "effects[].tied_with": "list of EFFECT@SITE that this log cannot tell from it",
@@ -286,9 +290,7 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str]]] = {
             "noise_floor.OUTPUT": "standard deviation of the output's noise",
             "noise_floor_source.OUTPUT": "declared, repeats, differences, residual or resolution (docs/concepts.md)",
             **{f"lack_of_fit.before.{k}": f"{v}; declared model" for k, v in _LACK.items()},
-            "lack_of_fit.before.lacking": "whether it is beyond chance",
             **{f"lack_of_fit.after.{k}": f"{v}; with the effects" for k, v in _LACK.items()},
-            "lack_of_fit.after.lacking": "whether it is beyond chance",
             "absorbed.NAME.before": "a declared parameter without the effects, for which it had been standing in",
             "absorbed.NAME.after": "with them",
             "absorbed.NAME.unit": "its unit",
@@ -613,7 +615,8 @@ def _planted() -> str:
     planted = json.loads(path.read_text(encoding="utf-8"))
     alarms, right = planted["false_alarms"], planted["right_where_visible"]
     return (
-        f"On recorded logs with a known answer: the right effect in {right['hits']} of the {right['of']} in which it "
+        "On simulated logs with a known answer, of the simulator that diagnoses them: the right effect in "
+        f"{right['hits']} of the {right['of']} in which it "
         f"more than doubles the error ({100 * right['low']:.1f} % or more, with 95 % confidence), and {alarms['hits']} "
         f"false alarms in {alarms['of']} with nothing missing ({100 * alarms['high']:.1f} % or less). These are of the "
         "last version that was measured; [those before](docs/diagnosis.md#on-logs-with-a-known-answer) saw more."

@@ -307,8 +307,17 @@ def test_mendable_errors_exit_with_2_and_write_nothing(capture, log, tmp_path, f
         ((*RECORD, "--out", "r.zarr", "--rate", "inf"), ["--rate inf", "positive"]),
         ((*RECORD, "--out", "r.zarr", "--duration", "nan"), ["--duration nan", "positive"]),
         ((*RECORD, "--out", "r.zarr", "--band", "3", "1"), ["--band 3 1", "lower"]),
-        ((*RECORD, "--out", "r.zarr", "--seed", "-1"), ["--seed", "greater than"]),
-        ((*RECORD, "--out", "r.zarr", "--seed", "4294967296"), ["--seed", "less than"]),
+        ((*RECORD, "--out", "r.zarr", "--seed", "-1"), ["--seed -1", "whole number from 0 to 4294967295"]),
+        ((*RECORD, "--out", "r.zarr", "--seed", "4294967296"), ["--seed 4294967296", "from 0 to 4294967295"]),
+        ((*RECORD, "--out", "r.zarr", "--episodes", "0"), ["--episodes 0", "a whole number of 1 or more"]),
+        ((*RECORD, "--out", "r.zarr", "--episodes=few"), ["--episodes few", "a whole number of 1 or more"]),
+        ((*RECORD, "--out", "r.zarr", "--band", "1", "x"), ["--band 1 x", "2 numbers"]),
+        (
+            ("train-sysid", "--histories", "h", "--out", "o", "--dropout", "2"),
+            ["--dropout 2", "a number from 0 to 0.9"],
+        ),
+        (("train-sysid", "--histories", "h", "--out", "o", "--lr", "x"), ["--lr x", "give a number"]),
+        (("record", "--task", str(SLIDER)), ["--out"]),
         ((*RECORD, "--out", "r.zarr", "--duration", "1e-9"), ["1e-09 s at 250 Hz", "single sample"]),
         ((*RECORD, "--out", "r.zarr", "--inputs-from", log), ["--duration means nothing", "time and inputs"]),
         ((*RECORD[:-2], "--out", "r.zarr", "--noise", "inf"), ["--noise q=inf", "0 or more"]),
@@ -318,7 +327,7 @@ def test_mendable_errors_exit_with_2_and_write_nothing(capture, log, tmp_path, f
         ),
         (
             ("gen-histories", "--task", "scooping", "--seed", "-1", "--out", "h.zarr"),
-            ["--seed", "greater than"],
+            ["--seed -1", "from 0 to"],
         ),
         ((*RECORD, "--out", "r.zarr", "--amplitude", "push=5"), ["'push'", "drive"]),
         (("export", existing, "--out", "m.xml"), ["estimate.json"]),
@@ -388,6 +397,8 @@ def test_a_config_may_hold_sections_for_several_commands(capture, tmp_path):
         ("starts = ", ["run.toml"]),
         ("help = true", ["no option 'help'"]),
         ("config = 'x.toml'", ["no option 'config'"]),
+        ("rounds = 0", ["--config", "run.toml: --rounds 0", "a whole number of 1 or more"]),
+        ("threads = 'all'", ["run.toml: --threads all", "a whole number of 1 or more"]),
     ],
 )
 def test_a_config_that_is_wrong(capture, log, tmp_path, text, named):
@@ -398,6 +409,19 @@ def test_a_config_that_is_wrong(capture, log, tmp_path, text, named):
     for piece in named:
         assert piece in " ".join(err.split())
     assert not (tmp_path / "run.estimate").exists()
+
+
+def test_no_output_replaces_the_config(capture, tmp_path):
+    config = tmp_path / "kept" / "run.toml"
+    config.parent.mkdir()
+    config.with_name("provenance.json").write_text("{}")  # as in an output, which --force replaces
+    config.write_text("duration = 1.0\nforce = true\n")
+    for option, path in (("--out", config.parent), ("--truth", config)):
+        options = ("--out", "r.zarr", option, path)
+        code, out, err = capture("record", "--task", SLIDER, "--config", config, *options)
+        assert (code, out) == (2, "")
+        assert f"{option} {path}" in err and "which is read" in err
+    assert config.read_text().startswith("duration") and not (tmp_path / "r.zarr").exists()
 
 
 def test_a_config_that_is_missing(capture, log):

@@ -515,7 +515,7 @@ def test_a_parameter_that_is_held_at_its_bound_is_held_although_the_effect_would
     ("without", "with_it", "verdict"), [(3.0, 1.0, "effect-found"), (1.05, 1.06, "unexplained")]
 )
 def test_what_does_not_show_in_held_out_data_is_not_found(without, with_it, verdict):
-    lacking = [LackOfFit(n, 1.1, 1.0, lacking=n > 1.1) for n in (2.0, 1.0)]
+    lacking = [LackOfFit(n, 1.1, 1.0, np.array([n]), np.array([1.2])) for n in (2.0, 1.0)]
     mask = np.ones((4, 50), dtype=bool)
     evidence = Evidence(
         ParameterSpace([]), np.zeros((4, 50, 1)), mask[..., None], np.ones(1), np.zeros((4, 2))

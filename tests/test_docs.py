@@ -129,6 +129,7 @@ def test_every_key_of_a_document_is_documented_and_no_other(written, document):
         "identifiers.LABEL.coverage",
         "signature",
         "effects[].tied_with",
+        "effects[].states",
         "next_experiment",
         "expression",
     }  # tables of their own, described in words

@@ -317,6 +317,53 @@ def test_a_heading_that_begins_anew_after_a_turn_is_found(tmp_path, slider_task)
     assert "in 4 places" in turn["message"]
 
 
+def hinged(slider_task: Path) -> None:
+    """The slider turned into a hinge that a servo moves, and whose speed is measured too."""
+    model = slider_task.parent / "model.xml"
+    text = model.read_text().replace('type="slide"', 'type="hinge"').replace("<motor", '<position kp="50"')
+    model.write_text(text.replace("</sensor>", '<jointvel name="w" joint="x"/></sensor>'))
+    text = slider_task.read_text().replace('unit = "m"', 'unit = "rad"').replace('unit = "N"', 'unit = "rad"')
+    slider_task.write_text(text.replace("[log]", '[outputs.w]\ncolumn = "w"\nunit = "rad/s"\n[log]'))
+
+
+@pytest.mark.parametrize(
+    ("scales", "said"),
+    [
+        ((1, 1, 1), []),
+        ((57.3, 57.3, 57.3), []),
+        ((1, 2, 1), []),
+        ((1, 57.3, 57.3), ["output q in degrees, and input drive in rad"]),
+        ((1, 1, 57.3), ["output w in degrees, and output q in rad"]),
+        (
+            (1, 57.3, 1),
+            ["output q in degrees, and output w in rad", "output q in degrees, and input drive in rad"],
+        ),
+        ((57.3, 1, 1), ["input drive in degrees, and output q in rad"]),
+    ],
+)
+def test_an_angle_in_degrees_beside_one_in_rad_is_found(tmp_path, slider_task, scales, said):
+    hinged(slider_task)
+    sound, rng = sound_log(), np.random.default_rng(0)
+    time = np.tile(np.arange(STEPS) / RATE, 2)
+    asked = 0.4 * np.sin(5 * time) + 0.2 * np.sin(13 * time)
+    angle = 0.4 * np.sin(5 * time - 0.1) + 0.2 * np.sin(13 * time - 0.2) + 0.3
+    speed = 2 * np.cos(5 * time - 0.1) + 2.6 * np.cos(13 * time - 0.2) + 0.05 * rng.standard_normal(len(time))
+    drive, q, w = (s * v[:, None] for s, v in zip(scales, (asked, angle, speed), strict=True))
+    log = replace(
+        sound,
+        inputs=drive,
+        outputs=np.concatenate([q, w], axis=1),
+        input_units=("rad",),
+        output_names=("q", "w"),
+        output_units=("rad", "rad/s"),
+    )
+    found = [f for f in inspected(log, tmp_path, slider_task)["findings"] if "degrees" in f["message"]]
+    assert len(found) == len(said)
+    for finding, words in zip(found, said, strict=True):
+        assert finding["severity"] == "warning" and finding["where"] == "output q"
+        assert words in finding["message"] and "scale = 0.017453293" in finding["cure"]
+
+
 @pytest.mark.parametrize(
     ("old", "new", "where", "words"),
     [

@@ -107,6 +107,53 @@ def test_a_machine_of_ones_own_is_to_be_driven_by_a_multisine(slider_task, tmp_p
         propose(result=tmp_path / "e", amplitude={"motor": 1})
 
 
+def test_proposed_inputs_are_recorded_appended_and_taken_up(slider_task, tmp_path):
+    options = {"task": str(slider_task), "threads": 1}
+    plant = {"parameters": {"mass": 1.2}, "noise": 1e-3, **options}
+    log, episode, estimate, file = (tmp_path / n for n in ("s.zarr", "n.zarr", "e", "p.json"))
+    record(out=log, duration=2, amplitude={"drive": 5}, rate=200, **plant)
+    identify(real_log=log, out=estimate, quiet=True, **options)
+    proposal = propose(result=estimate, threads=1)
+    file.write_text(json.dumps(proposal))
+    made = record(out=episode, inputs_from=file, **plant).log
+    assert made.time.tolist() == proposal["time_s"] and made.episode_ends.tolist() == [len(made.time)]
+    assert made.inputs[:, 0].tolist() == proposal["inputs"]["drive"]
+    import_log(files=[episode], task=str(slider_task), out=log, append=True)
+    identify(real_log=log, out=estimate, resume=True, quiet=True, threads=1)
+    before, after = proposal["expected_sd"], Estimate.read(estimate).document["parameters"]
+    assert Estimate.read(estimate).document["rollouts"]["measured"] == 2
+    assert after["mass"]["value"] == pytest.approx(1.2, abs=6 * before["mass"])
+
+
+@pytest.mark.parametrize(
+    ("other", "said"),
+    [
+        ({"task": "cart"}, "expected .*'slider', 'inputs'"),
+        ({"kind": "action"}, "expected .*'slider', 'inputs'"),
+        ({"inputs": [1.0]}, "'inputs' is missing"),
+        ({"inputs": {"push": [0.0, 1.0]}}, r"of \(push\), and the task has \(drive\)"),
+        ({"inputs": {"drive": ["a", 1.0]}}, "have no values"),
+        ({"inputs": {"drive": [0.0]}}, "1 values of each and 2 times"),
+        ({"inputs": {"drive": [0.0, float("nan")]}}, "not finite"),
+        ({"time_s": [0.0, 0.0]}, "does not increase"),
+    ],
+)
+def test_a_file_without_inputs_for_the_task_is_not_recorded(slider_task, tmp_path, other, said):
+    proposal = {"format": "capture/proposal", "version": 1, "task": "slider", "kind": "inputs"}
+    proposal |= {"time_s": [0.0, 0.01], "inputs": {"drive": [0.0, 1.0]}}
+    (tmp_path / "p.json").write_text(json.dumps({**proposal, **other}))
+    with pytest.raises(OptionError, match=f"holds no inputs: .*{said}"):
+        record(task=str(slider_task), out=tmp_path / "n.zarr", inputs_from=tmp_path / "p.json")
+    assert not (tmp_path / "n.zarr").exists()
+
+
+def test_a_table_is_no_proposal(slider_task, tmp_path):
+    (tmp_path / "run.csv").write_text("t_s,u_N\n0,1\n")
+    with pytest.raises(OptionError, match="holds no inputs: it cannot be read") as caught:
+        record(task=str(slider_task), out=tmp_path / "n.zarr", inputs_from=tmp_path / "run.csv")
+    assert "capture import-log" in caught.value.cure
+
+
 def test_an_actuator_that_only_pushes_is_not_to_pull(slider_task, tmp_path):
     model = slider_task.parent / "model.xml"
     model.write_text(model.read_text().replace('joint="x"/></act', 'joint="x" ctrlrange="0 5"/></act'))
@@ -115,6 +162,8 @@ def test_an_actuator_that_only_pushes_is_not_to_pull(slider_task, tmp_path):
     identify(real_log=tmp_path / "s.zarr", out=tmp_path / "e", quiet=True, **options)
     tape = np.array(propose(result=tmp_path / "e", threads=1)["inputs"]["drive"])
     assert tape[0] == tape.min() == 0 < tape.max() <= 5
+    with pytest.raises(OptionError, match=r"--amplitude drive=6: .* 0 to 5 N, ends before that"):
+        propose(result=tmp_path / "e", amplitude={"drive": 6}, threads=1)
 
 
 def test_episodes_are_added_to_a_log(scooping, tmp_path):

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
+import signal
+import subprocess
+import sys
 from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from benchmarks import MACHINES
+from benchmarks import MACHINES, planted
 from benchmarks._planted import pages, results
 from benchmarks._planted.cases import (
     LEFT,
@@ -199,6 +202,46 @@ def test_summary_counts_what_is_visible(tmp_path):
     pages.write(rows, found, tmp_path)
     assert "| `cogging` | 2 | 1 | (nothing) 1 |" in (tmp_path / "confusion.md").read_text()
     assert {p.name for p in tmp_path.iterdir()} == {"confusion.md", "confusion.png", "power.png"}
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--only", "sliderr"], "error: --only 'sliderr' matches none of"),
+        (["--only", "("], "error: --only '(' is no regular expression: missing )"),
+        (["--summary"], "holds no line of a finished log"),
+    ],
+)
+def test_nothing_to_do_is_said_and_nothing_written(monkeypatch, capsys, tmp_path, options, said):
+    monkeypatch.setattr(sys, "argv", ["planted", *options, "--out", str(tmp_path)])
+    with pytest.raises(SystemExit, match="2"):
+        planted.main()
+    err = capsys.readouterr().err
+    assert said in err
+    assert (
+        "--summary" in options or f"KIND/MACHINE/EFFECT@SITE/ERROR/SEED, for example {planted.EXAMPLE}" in err
+    )
+    assert not list(tmp_path.iterdir())
+    assert planted.EXAMPLE in {c.label for c in cases(1, 0)}
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGKILL])
+def test_workers_end_with_who_started_them(number):
+    """A worker that lives on holds stdout open, and `run` waits for it."""
+    code = f"""
+import os, time
+from benchmarks._planted.results import workers
+with workers(1) as pool:
+    pool.submit(os.getpid).result()
+    pool.submit(time.sleep, 300)
+    time.sleep(0.5)
+    os.kill(os.getpid(), {int(number)})
+    time.sleep(300)
+"""
+    ended = subprocess.run(
+        [sys.executable, "-c", code], cwd=MACHINES.parents[1], capture_output=True, timeout=60
+    )
+    assert ended.returncode != 0
 
 
 def test_share_has_the_exact_interval():

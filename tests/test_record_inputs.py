@@ -135,6 +135,21 @@ def test_an_amplitude_that_the_actuator_does_not_come_down_to_is_refused(slider_
     assert "more than 2" in caught.value.cure
 
 
+@pytest.mark.parametrize(("low", "high", "most"), [(-4, 4, 4), (0, 5, 5), (-5, -2, 5)])
+def test_an_amplitude_that_the_actuator_would_cut_off_is_refused(slider_task, tmp_path, low, high, most):
+    task = with_range(slider_task, low, high)
+    said = rf"--amplitude drive=-?9: its actuator's ctrlrange, {low} to {high} N, ends before that"
+    with pytest.raises(OptionError, match=said) as caught:
+        record(task=task, out=tmp_path / "log.zarr", amplitude={"drive": 9.0}, threads=1)
+    assert f"give {most} at most" in caught.value.cure
+    with pytest.raises(OptionError, match=said):
+        tape_task(load_task(task), window=0.5, points=5, amplitude={"drive": -9.0 if low < 0 else 9.0})
+    assert not (tmp_path / "log.zarr").exists()
+    options = {"task": task, "duration": 1, "rate": 100, "threads": 1}
+    whole = record(out=tmp_path / "all.zarr", amplitude={"drive": float(most)}, **options).log
+    assert np.abs(whole.inputs).max() == most
+
+
 KEYED = """
 <mujoco>
   <option timestep="0.002" gravity="0 0 0"/>

@@ -133,6 +133,19 @@ def test_an_output_is_not_what_is_read(made, out):
     assert (made / "log.zarr" / "zarr.json").is_file() and "<mujoco" in (made / "model.xml").read_text()
 
 
+def test_no_output_is_a_file_in_what_is_read(made):
+    files = {path: path.read_bytes() for path in (Path("estimate/estimate.json"), Path("log.zarr/zarr.json"))}
+    for mine in files:
+        with pytest.raises(OutputError, match=r"--out .* is a file of .*, which is read"):
+            propose(result=Path("estimate"), out=mine)
+        with pytest.raises(OutputError, match=r"--truth .* is a file of .*, which is read"):
+            record(task="task.toml", out=Path("n.zarr"), truth=mine, inputs_from=mine.parent, force=True)
+    with pytest.raises(OutputError, match=r"--out .*estimate\.json is a file of estimate, which is read"):
+        export(result=Path("estimate"), out=Path("estimate/estimate.json"), force=True)
+    export(result=Path("estimate"), out=Path("estimate/new.xml"))
+    assert all(path.read_bytes() == content for path, content in files.items())
+
+
 def test_no_output_is_a_file_of_the_task(made):
     parts = Path("parts")
     parts.mkdir()

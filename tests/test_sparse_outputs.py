@@ -147,7 +147,8 @@ def test_rows_between_samples_change_nothing_where_inputs_are_held(tmp_path, wit
             assert found[1]["parameters"][name][key] == pytest.approx(parameter[key], rel=1e-3), (name, key)
     assert found[1]["verdict"] == found[0]["verdict"]
     for key in ("noise_floor", "lack_of_fit"):
-        assert found[1][key] == pytest.approx(found[0][key], rel=1e-3), key
+        for name, value in found[0][key].items():
+            assert found[1][key][name] == pytest.approx(value, rel=1e-3), (key, name)
     for key in ("rmse", "mae", "normalized"):
         assert found[1]["error"]["fit"][key] == pytest.approx(found[0]["error"]["fit"][key], rel=1e-3), key
 

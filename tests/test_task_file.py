@@ -267,6 +267,23 @@ def test_actuators_and_sensors_that_windows_cannot_restart(write, tmp_path, old,
     assert caught.value.cure
 
 
+@pytest.mark.parametrize(
+    ("unit", "right"), [("deg", "rad"), ("°", "rad"), ("Degrees", "rad"), ("deg/s", "rad/s")]
+)
+def test_a_sensor_of_an_angle_reports_no_degrees(write, tmp_path, unit, right):
+    path = write(('unit = "m"', f'unit = "{unit}"'))
+    load_task(str(path))  # of a joint that slides nobody knows what unit its model has
+    model = MODEL.replace('type="slide"', 'type="hinge"')
+    if "/" in right:
+        model = model.replace('jointpos name="q"', 'jointvel name="q"')
+    (tmp_path / "model.xml").write_text(model)
+    with pytest.raises(
+        TaskError, match=rf"outputs\.q\]: unit = '{unit}' .* the sensor reports {right}:"
+    ) as caught:
+        load_task(str(path))
+    assert f'unit = "{right}"' in caught.value.cure and "scale = 0.017453293" in caught.value.cure
+
+
 def test_a_control_goes_to_its_actuator_behind_one_of_many_controls(write, tmp_path):
     path = write()
     model = MODEL.replace('<freejoint name="f"/>', '<joint name="f" type="ball"/>')

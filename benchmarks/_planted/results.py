@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import os
+import threading
 import traceback
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
 from dataclasses import asdict, fields
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context, parent_process
 from pathlib import Path
 from typing import Any
 
@@ -30,10 +32,29 @@ def add(cases: Sequence[Case], folder: Path, jobs: int) -> None:
     sizes = _sizes(folder)
     todo = [c for c in cases if _key(asdict(c)) not in done]
     os.environ.update(ONE_THREAD)  # before the processes start: read when numpy is loaded
-    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
+    with workers(jobs) as pool:
         waiting = {pool.submit(_try, case, sizes.get(_key(asdict(case)))): case for case in todo}
         for future in tqdm(as_completed(waiting), total=len(waiting), desc="logs", unit="log"):
             _keep(folder, {"code": code, **asdict(waiting[future]), **future.result()})
+
+
+@contextmanager
+def workers(jobs: int) -> Iterator[ProcessPoolExecutor]:
+    """Processes that end with the block, and with this process, whatever ends it: a log takes minutes, and is begun
+    again."""
+    pool = ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=_end_with_parent)
+    try:
+        yield pool
+        pool.shutdown()
+    except BaseException:
+        pool.shutdown(wait=False, cancel_futures=True)
+        for process in active_children():
+            process.terminate()
+        raise
+
+
+def _end_with_parent() -> None:
+    threading.Thread(target=lambda: (parent_process().join(), os._exit(1)), daemon=True).start()
 
 
 def _try(case: Case, size: float | None) -> Row:

@@ -1,15 +1,22 @@
-"""Is anything left that the noise does not explain?"""
+"""Is anything left that the noise does not explain?
+
+Asked of all outputs together, and of each: one that is badly wrong among many that are right hardly shows in their
+mean.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import ndtr, ndtri
 
-from capture_cli.linearization import Linearization, autocorrelation_time
+from capture_cli.linearization import Evidence, Linearization, autocorrelation_time
 
-PRACTICAL = 1.1  # error over the noise floor below which nobody would look for a missing effect
-NEAR_FLOOR = 1.2  # the same on what was held out, up to which a model counts as the explanation
+# Error over the noise floor below which nobody would look for a missing effect: of all outputs, and of one of them
+PRACTICAL, PRACTICAL_OF_ONE = 1.1, 1.2
+# The same on what was held out, up to which a model counts as the explanation
+NEAR_FLOOR, NEAR_FLOOR_OF_ONE = 1.2, 1.3
 FLOOR_SHARE = 2.0  # variance of a floor from second differences over that of a mean square: 1.9
 FLOOR_UNCERTAINTY = 0.03  # of the noise floor's own standard deviation, on top of its sampling error
 Z = 3.0  # one-sided, p = 0.0013
@@ -17,12 +24,32 @@ Z = 3.0  # one-sided, p = 0.0013
 
 @dataclass(frozen=True)
 class LackOfFit:
-    """normalized: RMSE over the noise floor. threshold: what chance allows. lacking: whether it is beyond."""
+    """normalized: RMSE over the noise floor. threshold: what chance allows. outputs, output_thresholds (output,):
+    likewise of each; an output without samples has 0.
+    """
 
     normalized: float
     threshold: float
     autocorrelation_time: float
-    lacking: bool
+    outputs: np.ndarray
+    output_thresholds: np.ndarray
+
+    @property
+    def lacking(self) -> bool:
+        """Whether all outputs together, or one of them, are beyond."""
+        return self.normalized > self.threshold or self.beyond is not None
+
+    @property
+    def beyond(self) -> int | None:
+        """The output that is farthest beyond what chance allows of it, None where none is."""
+        over = self.outputs / self.output_thresholds
+        worst = int(np.argmax(over))
+        return worst if over[worst] > 1 else None
+
+    @property
+    def is_near(self) -> bool:
+        """Whether what is left is little enough for the model to count as the explanation."""
+        return not self.lacking or (self.normalized <= NEAR_FLOOR and self.outputs.max() <= NEAR_FLOOR_OF_ONE)
 
 
 def lack_of_fit(at: Linearization) -> LackOfFit:
@@ -33,19 +60,56 @@ def lack_of_fit(at: Linearization) -> LackOfFit:
     autocorrelation time is reported only: a residual that is not white is no reason to ask for less.
     """
     evidence = at.evidence
-    degrees = max(evidence.count - len(at.x) - at.fitted_starts, 1.0)
-    normalized = float(np.sqrt(np.square(at.residual).sum() / degrees))
-    threshold = max(by_chance(degrees), PRACTICAL)
     time = autocorrelation_time(at.residual.reshape(evidence.measured.shape), evidence.mask)
-    return LackOfFit(normalized, threshold, time, normalized > threshold)
+    spent = len(at.x) + at.fitted_starts
+    return _compared(evidence, at.residual, spent, PRACTICAL, PRACTICAL_OF_ONE, time)
 
 
-def holds(normalized: float, count: int) -> bool:
-    """Whether an error over the noise floor on `count` numbers that were held out is that of a model that explains."""
-    return normalized <= max(NEAR_FLOOR, by_chance(count))
+def lack_held_out(evidence: Evidence, residual: np.ndarray) -> LackOfFit:
+    """Of what was held out, of which a model that did not see it leaves residual (window, row); nothing lacks nothing.
+
+    A model counts as the explanation up to NEAR_FLOOR: its parameters are not exact.
+    """
+    time = autocorrelation_time(residual.reshape(evidence.measured.shape), evidence.mask)
+    return _compared(evidence, residual, 0.0, NEAR_FLOOR, NEAR_FLOOR_OF_ONE, time)
 
 
-def by_chance(degrees: float) -> float:
-    """What an error over the noise floor may come to where only noise is left, with so many degrees of freedom."""
+def _compared(
+    evidence: Evidence,
+    residual: np.ndarray,
+    spent: float,
+    practical: float,
+    practical_of_one: float,
+    time: float,
+) -> LackOfFit:
+    """spent: degrees of freedom that the fit took, each output's share by its samples."""
+    counts = _together(evidence, evidence.mask.sum(axis=(0, 1)))
+    squares = _together(evidence, np.square(residual.reshape(evidence.measured.shape)).sum(axis=(0, 1)))
+    share = max(1 - spent / max(evidence.count, 1), 1 / max(evidence.count, 1))
+    degrees = np.maximum(counts * share, 1.0)
+    total = max(evidence.count * share, 1.0)
+    return LackOfFit(
+        float(np.sqrt(np.square(residual).sum() / total)),
+        float(max(by_chance(total), practical)),
+        time,
+        np.sqrt(squares / degrees),
+        np.maximum(by_chance(degrees, of=len(counts)), practical_of_one),
+    )
+
+
+def _together(evidence: Evidence, sums: np.ndarray) -> np.ndarray:
+    """Sums (output,), with those of the four numbers of each attitude replaced by what they come to together."""
+    sums = sums.astype(float)
+    for columns in evidence.attitudes:
+        sums[columns] = sums[columns].sum()
+    return sums
+
+
+def by_chance(degrees: float | np.ndarray, of: int = 1) -> float | np.ndarray:
+    """What an error over the noise floor may come to where only noise is left, with so many degrees of freedom.
+
+    of: how many such errors are looked at, of which the largest may not be beyond more often than one alone.
+    """
+    z = Z if of == 1 else -ndtri(ndtr(-Z) / of)
     spread = np.sqrt(2 / degrees * (1 + FLOOR_SHARE) + (2 * FLOOR_UNCERTAINTY) ** 2)
-    return float(np.sqrt(1 + Z * spread))
+    return np.sqrt(1 + z * spread)

@@ -34,8 +34,8 @@ SMALLEST = 1e-7  # of the output's own standard deviation: floor for logs withou
 
 @dataclass(frozen=True)
 class NoiseFloor:
-    """sd (output,) in the outputs' units; source (output,): "declared", "repeats", "differences", "resolution" or
-    "residual" (differences of what a fitted model left).
+    """sd (output,) in the outputs' units, 0 of one that never changes; source (output,): "declared", "repeats",
+    "differences", "resolution" or "residual" (differences of what a fitted model left).
     """
 
     sd: np.ndarray
@@ -80,8 +80,7 @@ def noise_floor(
         if by_steps > sd[k]:
             sd[k], source[k] = by_steps, "resolution"
     source = shared_source(source, sd, attitudes)
-    sd = np.maximum(shared(sd, attitudes), shared(smallest, attitudes))
-    return NoiseFloor(np.where(sd > 0, sd, 1.0), source)
+    return NoiseFloor(np.maximum(shared(sd, attitudes), shared(smallest, attitudes)), source)
 
 
 def _in_common(output: np.ndarray, sampled: np.ndarray, repeated: Sequence[slice]) -> np.ndarray:

@@ -59,8 +59,8 @@ class Backlash(TransmissionEffect):
     shapes = ("rotor", "motor_damping", "give", "damping_time", "motor_friction")
     shares = ("motor_damping", "give", "motor_friction")
     kernel = Play
-    # Between which two steps a stop is met jumps at the smallest change. Of logs with play fits from four starts all end
-    # at the noise with this, few with a hundredth of it.
+    # Between which two steps a stop is met jumps at the smallest change. From four starts fits to the log of a geared
+    # hinge end at the noise with this, and at up to 18 times it with a hundredth of it.
     difference_step = 0.02
 
     @property

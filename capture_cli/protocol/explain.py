@@ -128,6 +128,7 @@ class _Protocol:
             attribution.candidates,
             models,
             motion=self.fits.motion(self.prepared, after.again, after.whole.offsets),
+            begun=self.fits.begun(self.prepared, after.again, after.whole.offsets),
             next_experiment=next_experiment(self.fits, after.fit, [c.fit for c in tied], self.settings.seed),
         )
         if self.settings.expression and last_time and found.verdict == "unexplained":

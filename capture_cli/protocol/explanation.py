@@ -8,13 +8,13 @@ from functools import cached_property
 from typing import Any
 
 from capture_cli.diagnosis.expression import ExpressionTerm, formula
-from capture_cli.diagnosis.lack_of_fit import NEAR_FLOOR, LackOfFit, holds, lack_of_fit
+from capture_cli.diagnosis.lack_of_fit import LackOfFit, lack_held_out, lack_of_fit
 from capture_cli.identifiers.intervals import Intervals, intervals
 from capture_cli.protocol.attribution import Accepted
 from capture_cli.protocol.candidates import Candidate
 from capture_cli.protocol.log_parts import TEST, LogParts
 from capture_cli.protocol.model_fits import Fit, PartFit
-from capture_cli.simulator import Motion
+from capture_cli.simulator import Begun, Motion
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class Explanation:
     """What the protocol found in a log.
 
     models: the declared one, then each with one more of the `accepted` effects. motion: of the last, in every window.
-    next_experiment: what would separate the first tie. rollouts: windows simulated in all.
+    begun: where that begins. next_experiment: what would separate the first tie. rollouts: windows simulated in all.
     """
 
     parts: LogParts
@@ -74,6 +74,7 @@ class Explanation:
     candidates: list[Candidate]
     models: list[JudgedModel]
     motion: Motion
+    begun: Begun
     next_experiment: dict[str, Any] | None
     expression: Expression | None = None
     rollouts: int = 0
@@ -89,7 +90,7 @@ class Explanation:
     @property
     def leaves_something(self) -> bool:
         """Whether the last model does not explain what it was fitted to."""
-        return _leaves_something(self.after.lacking)
+        return not self.after.lacking.is_near
 
     @cached_property
     def verdict(self) -> str:
@@ -106,16 +107,12 @@ def verdict(
 ) -> str:
     """A model that does not hold on what was held out explains nothing, however well it fits the rest."""
     count = held_out.evidence.count
-    if count and not holds(held_out.normalized, count):
+    if lack_held_out(held_out.evidence, held_out.residual).lacking:
         return "unexplained"
     if count and accepted and held_out.normalized >= held_out_before.normalized:
         return "unexplained"
     if not before.lacking:
         return "explained"
-    if not accepted or _leaves_something(after):
+    if not accepted or not after.is_near:
         return "unexplained"
     return "tied" if any(a.tied_with for a in accepted) else "effect-found"
-
-
-def _leaves_something(after: LackOfFit) -> bool:
-    return after.lacking and after.normalized > NEAR_FLOOR

@@ -69,6 +69,17 @@ def _check_sparse(log: MeasuredLog, task: Task) -> None:
             )
 
 
+def check_changes(log: MeasuredLog, task: Task, noise_sd: np.ndarray) -> None:
+    """Raise LogError where an output never changes, so that the log does not say how noisy it is."""
+    for channel, sd, values, sampled in zip(task.outputs, noise_sd, log.values.T, log.sampled.T, strict=True):
+        if sd == 0:
+            raise LogError(
+                f"{log.path}: output {channel.name!r} never changes: always {values[sampled][0]:.6g} {channel.unit}",
+                cure=f"if it should move, mend the sensor or the column {channel.column!r}; if it rests, take it out "
+                "of the task.toml and import again, or say there how noisy it is (noise_sd)",
+            )
+
+
 def check_fitted(prepared: PreparedLog) -> None:
     """Raise LogError where no window is fitted, or those that are hold no sample of an output."""
     fitted = prepared.windows.sampled[~prepared.split.is_test]

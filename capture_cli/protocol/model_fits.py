@@ -18,7 +18,7 @@ from capture_cli.linearization import Linearization, columns
 from capture_cli.parameters import ParameterSpace
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.sim.engine import Engine
-from capture_cli.simulator import Motion, Simulator, placed_name
+from capture_cli.simulator import Begun, Motion, Simulator, placed_name
 
 Placed = tuple[str, Effect]
 
@@ -62,6 +62,7 @@ class PartFit:
             np.concatenate([padded(p.evidence.mask) for p in parts]),
             first.noise_sd,
             np.concatenate([p.evidence.start_sd for p in parts]),
+            attitudes=first.attitudes,
         )
         residual = [padded(p.residual.reshape(p.evidence.measured.shape)) for p in parts]
         residual = np.concatenate(residual).reshape(len(evidence.measured), steps * outputs)
@@ -323,6 +324,10 @@ class ModelFits:
         motion = simulator.motion(part.windows, starts.starts, fit.point, offsets, starts.reported)
         self.rollouts += simulator.rollouts
         return motion
+
+    def begun(self, part: PreparedLog, fit: Fit, offsets: np.ndarray) -> Begun:
+        """Where the simulation of every window of the part begins, its starts at `offsets` (window, state)."""
+        return part.begun(self.simulator(fit.effects), fit.point, offsets)
 
     def simulator(self, effects: Sequence[Placed]) -> Simulator:
         """Simulates the task with `effects` on the shared engine."""

@@ -10,7 +10,7 @@ import numpy as np
 from capture_cli.diagnosis.noise_floor import NoiseFloor, noise_floor
 from capture_cli.diagnosis.split import HeldOut, split_windows
 from capture_cli.protocol.difference_step import difference_step
-from capture_cli.protocol.log_checks import check_fits, check_fitted, check_long_enough
+from capture_cli.protocol.log_checks import check_changes, check_fits, check_fitted, check_long_enough
 from capture_cli.protocol.log_starts import log_starts
 from capture_cli.protocol.log_windows import cut_log
 from capture_cli.protocol.prepared_log import PreparedLog, attitudes
@@ -52,6 +52,7 @@ def prepare(
         attitudes=attitudes(task),
         sampled=log.sampled,
     )
+    check_changes(log, task, noise.sd)
     starts = log_starts(log, task, windows, noise, threads)
     split = (
         held_out.split(windows.first, windows.samples)

@@ -14,7 +14,7 @@ from capture_cli.sim.quaternion_signs import aligned, quaternion_columns
 from capture_cli.sim.reported_motion import MOST_LATE
 from capture_cli.sim.starts import StartEstimate
 from capture_cli.sim.windows import Windows
-from capture_cli.simulator import Simulator
+from capture_cli.simulator import Begun, Simulator
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.tasks.base import Task
 
@@ -75,6 +75,7 @@ class PreparedLog:
             self._start_sd(simulator),
             hidden_tried=simulator.hidden_tried(),
             start_step=ROUGH_START_STEP if simulator.difference_step else START_STEP,
+            attitudes=attitudes(self.task),
         )
 
     def _start_sd(self, simulator: Simulator) -> np.ndarray:
@@ -90,13 +91,21 @@ class PreparedLog:
 
         Starts that are known for certain stay where they are.
         """
-        starts = self.starts
-        may_move = self._start_sd(simulator)[:, : trial.offsets.shape[2]] > 0
+        starts, offsets = self.starts, self._moved(simulator, trial.offsets)
         simulated = simulator.simulate(
-            self.windows, starts.starts, trial.parameters, trial.offsets * may_move, starts.reported
+            self.windows, starts.starts, trial.parameters, offsets, starts.reported
         )
         outputs = aligned(simulated.outputs, self.windows.measured, attitudes(self.task))
         return outputs, simulated.diverged
+
+    def begun(self, simulator: Simulator, point: np.ndarray, offsets: np.ndarray) -> Begun:
+        """Where the simulation of every window begins at `point` (parameter,); offsets (window, state)."""
+        starts, offsets = self.starts, self._moved(simulator, offsets)
+        return simulator.begun(self.windows, starts.starts, point, offsets, starts.reported)
+
+    def _moved(self, simulator: Simulator, offsets: np.ndarray) -> np.ndarray:
+        """Offsets (..., window, state) without those of starts that are known for certain."""
+        return offsets * (self._start_sd(simulator)[:, : offsets.shape[-1]] > 0)
 
 
 def attitudes(task: Task) -> list[np.ndarray]:

@@ -15,7 +15,14 @@ from capture_cli.protocol.model_fits import Fit
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.protocol.residual_curves import ResidualCurve, residual_curves
 from capture_cli.reports.diagnosis_findings import summary
-from capture_cli.stages.result_document import attributes_of, error_of, measured_arrays, noise_floor_of
+from capture_cli.stages.result_document import (
+    attributes_of,
+    error_of,
+    lack_of_fit_of,
+    measured_arrays,
+    noise_floor_of,
+    start_arrays,
+)
 from capture_cli.stores.diagnosis import FORMAT, VERSION, Diagnosis
 from capture_cli.stores.output import sha256
 
@@ -53,7 +60,10 @@ def _document(found: Explanation, curves: list[dict[str, Any]]) -> dict[str, Any
         "before": {"test": stages[0]["test"]},
         "after": {"test": stages[-1]["test"]},
         **noise_floor_of(prepared),
-        "lack_of_fit": {"before": vars(before.lacking), "after": vars(after.lacking)},
+        "lack_of_fit": {
+            "before": lack_of_fit_of(prepared, before.lacking),
+            "after": lack_of_fit_of(prepared, after.lacking),
+        },
         "absorbed": _absorbed(before.again, after.again, sure.sd),
         "candidates": [_candidate(c) for c in _ranked(found)],
         "localisation": curves,
@@ -77,6 +87,8 @@ def _arrays(found: Explanation, curves: list[ResidualCurve]) -> dict[str, np.nda
     bins = {k: np.array([getattr(c, k) for c in curves]) for k in ("centre", "before", "after", "error")}
     return {
         **measured,
+        **start_arrays(found.parts.prepared, found.begun),
+        "window/start_hidden": found.begun.hidden,
         "window/part": found.parts.number,
         "step/before": measured["step/measured"] - found.before.whole.in_units[mask],
         "step/after": measured["step/measured"] - found.after.whole.in_units[mask],
@@ -104,6 +116,7 @@ def _effect(accepted: Accepted, after: Fit, sure: Intervals) -> dict[str, Any]:
         "site": effect.site,
         "summary": effect.summary,
         "parameters": dict(zip(effect.space.names, parameters, strict=True)),
+        "states": list(effect.states),
         "p_value": accepted.support.p_fit,
         "p_select": accepted.support.p_select,
         "tied_with": accepted.tied_with,

@@ -1,4 +1,4 @@
-"""What drives a recorded machine: multisines, the inputs of another log, or one action per episode."""
+"""What drives a recorded machine: multisines, the inputs of a log or a proposal, or one action per episode."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ import mujoco
 import numpy as np
 
 from capture_cli.errors import OptionError, did_you_mean
-from capture_cli.multisine import multisine_tape, peak
+from capture_cli.multisine import check_amplitude, multisine_tape, peak
 from capture_cli.sim.engine import Starts
 from capture_cli.sim.starts import model_starts
 from capture_cli.sim.targets import object_names
 from capture_cli.sim.windows import gaps, usual_interval
 from capture_cli.stages.policy_checkpoint import load_policy
 from capture_cli.stores.measured_log import MeasuredLog
-from capture_cli.stores.proposal import read_action
+from capture_cli.stores.proposal import read_action, read_inputs
 from capture_cli.tasks.base import ActionTask, Task
 
 DURATION = 10.0  # s, of an episode unless told otherwise
@@ -107,7 +107,10 @@ def drive_by_inputs(
     start_velocity: Mapping[str, tuple[float, float]],
     generator: np.random.Generator,
 ) -> Drive:
-    """Multisines in `band` Hz that peak at `amplitude`, or the inputs of the log `inputs_from`. Raises OptionError."""
+    """Multisines in `band` Hz that peak at `amplitude`, or the inputs of `inputs_from`, a log or a proposal.
+
+    Raises OptionError.
+    """
     duration = DURATION if duration is None else duration
     time, inputs, ends = _tapes(machine, episodes, duration, rate, inputs_from, amplitude, band, generator)
     return Drive(time, inputs, ends, _starts(machine.model, len(ends), start, start_velocity, generator))
@@ -115,6 +118,9 @@ def drive_by_inputs(
 
 def _tapes(machine, episodes, duration, rate, inputs_from, amplitude, band, generator):
     """time (step,), inputs (step, input) and episode ends (episode,)."""
+    if inputs_from is not None and Path(inputs_from).is_file():  # a log is a folder
+        time, inputs = read_inputs(inputs_from, machine.name, [c.name for c in machine.inputs])
+        return time, inputs, np.array([len(time)])
     if inputs_from is not None:
         source = MeasuredLog.read(inputs_from)
         if source.input_names != tuple(c.name for c in machine.inputs):
@@ -129,9 +135,7 @@ def _tapes(machine, episodes, duration, rate, inputs_from, amplitude, band, gene
         raise OptionError(
             f"--band {band[0]:g} {band[1]:g}", cure="give two frequencies in Hz, the lower one first"
         )
-    names = [c.name for c in machine.inputs]
-    for name in set(amplitude) - set(names):
-        raise OptionError(f"--amplitude: the task has no input {name!r}", cure=did_you_mean(name, names))
+    check_amplitude(machine, amplitude)
     interval = machine.timestep if rate is None else 1.0 / rate
     steps = round(duration / interval) + 1
     _check_samples(steps, duration, 1.0 / interval)

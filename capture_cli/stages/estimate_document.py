@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from capture_cli.diagnosis.lack_of_fit import LackOfFit, holds, lack_of_fit
+from capture_cli.diagnosis.lack_of_fit import LackOfFit, lack_held_out, lack_of_fit
 from capture_cli.identifiers.base import Trial
 from capture_cli.identifiers.intervals import Intervals, intervals
 from capture_cli.identifiers.least_squares import CONVERGED_GAIN
@@ -13,7 +15,15 @@ from capture_cli.protocol.model_fits import TOLERANCE, PartFit
 from capture_cli.reports.findings import NOT_ALIKE
 from capture_cli.stages.earlier_estimate import EarlierEstimate
 from capture_cli.stages.estimation import Found
-from capture_cli.stages.result_document import attributes_of, error_of, measured_arrays, noise_floor_of
+from capture_cli.stages.result_document import (
+    attributes_of,
+    beyond_chance,
+    error_of,
+    lack_of_fit_of,
+    measured_arrays,
+    noise_floor_of,
+    start_arrays,
+)
 from capture_cli.stores.estimate import FORMAT, HISTORY, VERSION, Estimate
 from capture_cli.stores.output import sha256
 
@@ -109,9 +119,9 @@ class Report:
             "fit": error_of(prepared, whole.rows(~self.is_test)),
             "test": error_of(prepared, whole.rows(self.is_test)),
         }
-        held_out = error["test"] and error["test"]["normalized"]
-        numbers = int(prepared.windows.sampled[self.is_test].sum())
-        if diverged.any() or lacking.lacking or (held_out is not None and not holds(held_out, numbers)):
+        test = whole.rows(self.is_test)
+        held_out = lack_held_out(test.evidence, test.residual)
+        if diverged.any() or lacking.lacking or held_out.lacking:
             verdict = "unexplained"
         else:
             verdict = "explained" if found.identifiable.all() else "not-identifiable"
@@ -126,13 +136,11 @@ class Report:
             "error": error,
             **noise_floor_of(prepared),
             "verdict": verdict,
-            "summary": _summary(verdict, lacking, held_out, undetermined, diverged),
+            "summary": _summary(
+                verdict, lacking, held_out, prepared.log.output_names, undetermined, diverged
+            ),
             "diverged_windows": int(diverged.sum()),
-            "lack_of_fit": {
-                "normalized": lacking.normalized,
-                "threshold": lacking.threshold,
-                "autocorrelation_time": lacking.autocorrelation_time,
-            },
+            "lack_of_fit": lack_of_fit_of(prepared, lacking),
             "undetermined": undetermined,
             "correlation": _correlation(found.covariance).tolist(),
             "recordings": None if recordings is None else recordings["document"],
@@ -170,10 +178,12 @@ class Report:
 
     def _arrays(self, found: Intervals, offsets, simulated, nominal, recordings) -> dict[str, np.ndarray]:
         mask = self.prepared.windows.mask
+        begun = self.prepared.begun(self.fits.simulator([]), self.best.parameters, offsets)
         arrays = {
             **measured_arrays(self.prepared),
             "window/is_test": self.is_test,
             "window/start_offset": offsets,
+            **start_arrays(self.prepared, begun),
             "step/simulated": simulated[mask],
             "step/nominal": nominal[mask],
             "parameter/estimate": self.best.parameters,
@@ -235,7 +245,12 @@ def _undetermined(found: Intervals, names) -> list[dict]:
 
 
 def _summary(
-    verdict: str, lacking: LackOfFit, held_out: float | None, undetermined: list[dict], diverged: np.ndarray
+    verdict: str,
+    lacking: LackOfFit,
+    held_out: LackOfFit,
+    outputs: Sequence[str],
+    undetermined: list[dict],
+    diverged: np.ndarray,
 ) -> str:
     if diverged.any():
         return (
@@ -244,13 +259,13 @@ def _summary(
         )
     if verdict == "unexplained" and not lacking.lacking:
         return (
-            "The parameters explain what they were fitted to, but not what was held out: there the error is "
-            f"{held_out:.3g} times the noise floor. {NOT_ALIKE}"
+            "The parameters explain what they were fitted to, but not what was held out: there the "
+            f"{beyond_chance(held_out, outputs)}. {NOT_ALIKE}"
         )
     if verdict == "unexplained":
         return (
-            f"These parameters do not explain the log: the error is {lacking.normalized:.3g} times the noise floor "
-            f"(chance allows {lacking.threshold:.3g}). The model lacks something."
+            f"These parameters do not explain the log: the {beyond_chance(lacking, outputs)}. "
+            "The model lacks something."
         )
     if verdict == "not-identifiable":
         names = dict.fromkeys(name for u in undetermined for name in u["combination"])

@@ -28,6 +28,9 @@ TURN_SLACK = 1.0  # rad that a hinge moves between two samples, beside a jump by
 RANGE_SLACK = 0.05  # of a joint's range
 ROUNDED = 1e-6  # of an actuator's range: numbers in files are rounded
 EXAMPLES = 3
+DEGREES = 180 / np.pi
+LIKE_DEGREES = 0.1  # of that factor, is how near to it the one between two channels is
+ALIKE = 0.95  # correlation of two channels that show the same motion
 
 
 def finding(severity: str, where: str, message: str, cure: str) -> Finding:
@@ -57,6 +60,7 @@ def task_findings(log: MeasuredLog, document: Mapping[str, Any], task: Task) -> 
         *_lengths(document["episodes"], task),
         *_ranges(log, task),
         *_turns(log, task),
+        *_degrees(log, task),
     ]
 
 
@@ -360,6 +364,75 @@ def _turns(log: MeasuredLog, task: Task) -> Iterator[Finding]:
                 f"jumps by a whole turn in {count} place{'s' * (count > 1)}, and the angle of a hinge does not",
                 f"write period = {2 * np.pi / abs(c.scale):.6g} under [outputs.{c.name}] and import again",
             )
+
+
+def _degrees(log: MeasuredLog, task: Task) -> Iterator[Finding]:
+    """Angles of hinges that are 57.3 times, or a 57.3th of, what another channel says of the same motion."""
+    for k, c, joint in _hinge_outputs(task, mujoco.mjtSensor.mjSENS_JOINTPOS):
+        angle = log.outputs[:, k]
+        others = [
+            (f"output {o.name}", "the integral of ", _integral(log.outputs[:, i], log))
+            for i, o, of in _hinge_outputs(task, mujoco.mjtSensor.mjSENS_JOINTVEL)
+            if of == joint
+        ]
+        others += [
+            (f"input {i.name}", "", log.inputs[:, n])
+            for n, i in enumerate(task.inputs)
+            if _follows(task.model, i.index, joint)
+        ]
+        for name, how, reference in others:
+            factor = _factor(angle, reference, log.episodes)
+            if factor is None:
+                continue
+            large, small = (f"output {c.name}", name) if factor > 1 else (name, f"output {c.name}")
+            yield finding(
+                "warning",
+                f"output {c.name}",
+                f"moves {factor:.3g} times as far as {how}{name} says: is {large} in degrees, and {small} in rad?",
+                f"write scale = {1 / DEGREES:.9f} under the one in degrees, as the model is in rad, and import again",
+            )
+
+
+def _hinge_outputs(task: Task, kind: mujoco.mjtSensor) -> Iterator[tuple[int, Channel, int]]:
+    """Outputs of sensors of `kind` at hinges: which, the channel, and the joint."""
+    model = task.model
+    for k, c in enumerate(task.outputs):
+        joint = int(model.sensor_objid[c.sensor])
+        if model.sensor_type[c.sensor] == kind and model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_HINGE:
+            yield k, c, joint
+
+
+def _follows(model: mujoco.MjModel, actuator: int, joint: int) -> bool:
+    """Whether the actuator is a servo that brings the joint to where its control says."""
+    at_joint = model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT
+    gain, back = model.actuator_gainprm[actuator, 0], model.actuator_biasprm[actuator, 1]
+    return bool(
+        at_joint
+        and model.actuator_trnid[actuator, 0] == joint
+        and model.actuator_gear[actuator, 0] == 1
+        and gain == -back != 0
+    )
+
+
+def _integral(speed: np.ndarray, log: MeasuredLog) -> np.ndarray:
+    """Of an output (step,) over the time of each episode, by trapezoids."""
+    grown = np.zeros(len(speed))
+    for e in log.episodes:
+        grown[e][1:] = np.cumsum(np.diff(log.time[e]) * (speed[e][1:] + speed[e][:-1]) / 2)
+    return grown
+
+
+def _factor(values: np.ndarray, reference: np.ndarray, episodes: Sequence[slice]) -> float | None:
+    """How many times as far as `reference` `values` (step,) go, if the two are alike but for degrees in one of them."""
+    both = np.stack([values, reference])
+    moves = np.concatenate([both[:, e] - both[:, e].mean(axis=1, keepdims=True) for e in episodes], axis=1)
+    with np.errstate(invalid="ignore", over="ignore"):
+        (own, cross), (_, theirs) = moves @ moves.T
+    if not cross**2 > ALIKE**2 * own * theirs:  # nor where samples lack
+        return None
+    factor = np.sqrt(own / theirs)
+    near = min(abs(factor * DEGREES - 1), abs(factor / DEGREES - 1))
+    return float(factor) if near < LIKE_DEGREES else None
 
 
 def _outside(values: np.ndarray, limits: np.ndarray, *, slack: float) -> tuple[float, float, float]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from capture_cli.errors import OptionError, StoreError
-from capture_cli.multisine import multisine_tape, peak
+from capture_cli.multisine import check_amplitude, multisine_tape, peak
 from capture_cli.protocol.next_experiment import BANDS, DURATION, RATE, SHARES, driven_window
 from capture_cli.sim.starts import model_starts
 from capture_cli.simulator import Simulator
@@ -46,11 +46,11 @@ def propose(
     experiment that would separate what is tied. out: where the document will go. Raises CaptureError.
     """
     diagnosed = (Path(result) / "diagnosis.json").is_file()
-    machine = _machine(Path(result), task, "diagnosis" if diagnosed else "estimate")
+    machine, log = _machine(Path(result), task, "diagnosis" if diagnosed else "estimate")
     if out is not None:
-        refuse_inputs(out, [result, *task_inputs(machine).values()])
+        refuse_inputs(out, [result, log, policy, *task_inputs(machine).values()])
     generator = np.random.default_rng(seed)
-    _check_amplitude(machine, amplitude or {})
+    check_amplitude(machine, amplitude or {})
     if diagnosed:
         if policy is not None:
             raise OptionError(
@@ -83,11 +83,12 @@ def propose(
     return _multisine(simulator, estimate, amplitude or {}, generator)
 
 
-def _machine(folder: Path, task: str | None, name: str) -> Task:
+def _machine(folder: Path, task: str | None, name: str) -> tuple[Task, str]:
+    """The task of the result in `folder`, and where its log was."""
     again = "make it again with `capture identify` or `diagnose`"
     log = read_result(folder, f"{name}.json", f"capture/{name}", 1, again)["log"]["path"]
     provenance = read_result(folder, "provenance.json", "capture/provenance", 1, again)
-    return load_recorded(folder, provenance, task, log)
+    return load_recorded(folder, provenance, task, log), log
 
 
 # --- how much an episode would tell ---
@@ -247,15 +248,6 @@ def _tape(task: Task, band, time: np.ndarray, tape: np.ndarray) -> dict[str, Any
         "time_s": time.tolist(),
         "inputs": {name: values.tolist() for name, values in inputs.items()},
     }
-
-
-def _check_amplitude(task: Task, amplitude: Mapping[str, float]) -> None:
-    unknown = set(amplitude) - {c.name for c in task.inputs}
-    if unknown:
-        raise OptionError(
-            f"--amplitude: the task has no input {sorted(unknown)[0]!r}",
-            cure=f"its inputs are {', '.join(c.name for c in task.inputs)}",
-        )
 
 
 def _peaks(task: Task, estimate: Estimate, amplitude: Mapping[str, float]) -> np.ndarray:

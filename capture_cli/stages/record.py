@@ -77,8 +77,8 @@ def record(
     A task of actions is driven by one action per episode, chosen by `policy` (a checkpoint, or a name; random where
     None) for parameters that are nominal or drawn anew for each episode (`belief`), or proposed in the file
     `actions_from`, and logged at 100 Hz where `rate` is None. Inputs of any other task are multisines in `band` Hz that
-    peak at `amplitude` (the actuator's ctrlrange where not given), or those of the log `inputs_from`. start and
-    start_velocity: JOINT -> (low, high), drawn anew for each episode. Raises CaptureError.
+    peak at `amplitude` (the actuator's ctrlrange where not given), or those of the log or the proposal `inputs_from`.
+    start and start_velocity: JOINT -> (low, high), drawn anew for each episode. Raises CaptureError.
     """
     options = {k: v for k, v in locals().items() if k not in ("force", *TRUTH)}
     refuse_existing(out, force=force)

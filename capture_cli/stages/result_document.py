@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from capture_cli.diagnosis.lack_of_fit import LackOfFit
 from capture_cli.protocol.model_fits import PartFit
 from capture_cli.protocol.prepared_log import PreparedLog
+from capture_cli.simulator import Begun
 from capture_cli.stores.measured_log import MeasuredLog
 
 
@@ -34,6 +37,28 @@ def noise_floor_of(prepared: PreparedLog) -> dict[str, Any]:
     }
 
 
+def lack_of_fit_of(prepared: PreparedLog, lacking: LackOfFit) -> dict[str, Any]:
+    """What is left of the fit, of all outputs and of each, and what chance allows of it."""
+    return {
+        "normalized": lacking.normalized,
+        "threshold": lacking.threshold,
+        "autocorrelation_time": lacking.autocorrelation_time,
+        "outputs": _by_output(prepared, lacking.outputs),
+        "output_thresholds": _by_output(prepared, lacking.output_thresholds),
+        "lacking": lacking.lacking,
+    }
+
+
+def beyond_chance(lacking: LackOfFit, outputs: Sequence[str]) -> str:
+    """By how much an error is beyond what chance allows, in words: that of all outputs, or of the one that is."""
+    if lacking.normalized > lacking.threshold:
+        of, over, chance = "error is", lacking.normalized, lacking.threshold
+    else:
+        k = lacking.beyond
+        of, over, chance = f"error of {outputs[k]} is", lacking.outputs[k], lacking.output_thresholds[k]
+    return f"{of} {over:.3g} times the noise floor (chance allows {chance:.3g})"
+
+
 def measured_arrays(prepared: PreparedLog) -> dict[str, np.ndarray]:
     """Which window is which, and what was measured in it; the steps of all windows are one after the other."""
     windows = prepared.windows
@@ -43,6 +68,17 @@ def measured_arrays(prepared: PreparedLog) -> dict[str, np.ndarray]:
         "step/window": np.repeat(np.arange(len(windows)), windows.samples),
         "step/time": prepared.log.time[prepared.log_steps[windows.mask]],
         "step/measured": np.where(windows.sampled, windows.measured, np.nan)[windows.mask],
+    }
+
+
+def start_arrays(prepared: PreparedLog, begun: Begun) -> dict[str, np.ndarray]:
+    """Where the simulation of each window begins, and when by the log's clock."""
+    starts = begun.starts
+    return {
+        "window/start_time": prepared.log.time[prepared.windows.first] + begun.drift,
+        "window/start_qpos": starts.qpos,
+        "window/start_qvel": starts.qvel,
+        "window/start_act": starts.act,
     }
 
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from capture_cli.errors import FitError, LogError, OptionError, did_you_mean
-from capture_cli.multisine import BAND, into_range, multisine_tape, peak
+from capture_cli.errors import FitError, LogError, OptionError
+from capture_cli.multisine import BAND, check_amplitude, into_range, multisine_tape, peak
 from capture_cli.protocol.log_windows import clock
 from capture_cli.protocol.prepare import prepare
 from capture_cli.protocol.prepared_log import PreparedLog
@@ -116,9 +116,7 @@ def _multisine_tapes(
     seed: int,
 ) -> Tapes:
     """Windows of the nominal machine, driven by multisines from rest; activations of actuators begin at 0."""
-    names = [c.name for c in machine.inputs]
-    for name in set(amplitude) - set(names):
-        raise OptionError(f"--amplitude: the task has no input {name!r}", cure=did_you_mean(name, names))
+    check_amplitude(machine, amplitude)
     if not 0 <= band[0] < band[1] < np.inf:
         raise OptionError(
             f"--band {band[0]:g} {band[1]:g}", cure="give two frequencies in Hz, the lower first"

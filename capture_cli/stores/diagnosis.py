@@ -10,7 +10,7 @@ import numpy as np
 
 from capture_cli.stores.estimate import read_result
 from capture_cli.stores.provenance import write_json
-from capture_cli.stores.schema import ArraySpec, Schema
+from capture_cli.stores.schema import STARTS, ArraySpec, Schema
 
 FORMAT = "capture/diagnosis"
 VERSION = 1
@@ -23,6 +23,15 @@ SCHEMA = Schema(
         ArraySpec("window/episode", ("window",), "int64", "-", "episode each window comes from"),
         ArraySpec("window/first", ("window",), "int64", "steps", "first step of each window in the log"),
         ArraySpec("window/part", ("window",), "int64", "-", "0 fit, 1 select, 2 test"),
+        *STARTS,
+        ArraySpec(
+            "window/start_hidden",
+            ("window", "hidden"),
+            "float64",
+            "1",
+            "with which `states` of the effects of diagnosis.json, one after the other",
+            optional=True,
+        ),
         ArraySpec("step/window", ("step",), "int64", "-", "window each step belongs to"),
         ArraySpec("step/time", ("step",), "float64", "s", "time of each step, on the log's clock"),
         ArraySpec("step/measured", ("step", "output"), "float64", "per output", "measured; NaN: no sample"),

@@ -12,7 +12,7 @@ import numpy as np
 
 from capture_cli.errors import StoreError
 from capture_cli.stores.provenance import write_json
-from capture_cli.stores.schema import ArraySpec, Schema
+from capture_cli.stores.schema import STARTS, ArraySpec, Schema
 
 FORMAT = "capture/estimate"
 VERSION = 1
@@ -29,6 +29,7 @@ SCHEMA = Schema(
         ArraySpec("window/first", ("window",), "int64", "steps", "first step of each window in the log"),
         ArraySpec("window/is_test", ("window",), "bool", "-", "True: held out; only its start is fitted"),
         ArraySpec("window/start_offset", ("window", "state"), "float64", "SI", "refinement of the start"),
+        *STARTS,
         ArraySpec("step/window", ("step",), "int64", "-", "window each step belongs to"),
         ArraySpec("step/time", ("step",), "float64", "s", "time of each step, on the log's clock"),
         ArraySpec("step/measured", ("step", "output"), "float64", "per output", "measured; NaN: no sample"),

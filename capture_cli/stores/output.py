@@ -135,16 +135,21 @@ def is_complete(path: Path, *, force: bool, resume: bool) -> bool:
 
 
 def refuse_inputs(path: Path, inputs: Iterable[Path | str | None], *, option: str = "--out") -> None:
-    """Raise OutputError where `path` is one of the inputs, or holds one: not even --force may cost what is read.
+    """Raise OutputError where `path` is one of the inputs, or holds one, or is a file in one: not even --force may cost
+    what is read.
 
     option: the one that says where `path` is.
     """
     path = Path(path).resolve()
     for given in (Path(i) for i in inputs if i is not None):
-        if path == given.resolve() or path in given.resolve().parents:
-            raise OutputError(
-                f"{option} {path} is, or holds, {given}, which is read", cure=f"choose another {option}"
-            )
+        read = given.resolve()
+        if path == read or path in read.parents:
+            how = "is, or holds,"
+        elif path.is_file() and read in path.parents:
+            how = "is a file of"
+        else:
+            continue
+        raise OutputError(f"{option} {path} {how} {given}, which is read", cure=f"choose another {option}")
 
 
 def sha256(path: Path) -> str:

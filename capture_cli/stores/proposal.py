@@ -20,28 +20,59 @@ def read_action(path: Path, task: str, names: Sequence[str]) -> np.ndarray:
 
     Raises OptionError where it holds none.
     """
+    values = _read(path, task, "action")["action"]
+    missing = [name for name in names if name not in values]
+    if missing:
+        raise _no_proposal(path, "action", f"its action lacks {', '.join(missing)}")
+    try:
+        action = np.array([float(values[name]["value"]) for name in names])
+    except (KeyError, TypeError, ValueError) as error:
+        why = f"its action has no values: {type(error).__name__}: {error}"
+        raise _no_proposal(path, "action", why) from error
+    if not np.isfinite(action).all():
+        raise _no_proposal(path, "action", "its action is not finite")
+    return action
+
+
+def read_inputs(path: Path, task: str, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
+    """time (step,) s and inputs (step, input), called `names`, that the file `path` proposes for `task`.
+
+    Raises OptionError where it holds none.
+    """
+    document = _read(path, task, "inputs")
+    if set(document["inputs"]) != set(names):
+        found = ", ".join(document["inputs"])
+        raise _no_proposal(path, "inputs", f"they are of ({found}), and the task has ({', '.join(names)})")
+    try:
+        time = np.array(document["time_s"], dtype=float)
+        inputs = np.array([document["inputs"][name] for name in names], dtype=float).T
+    except (KeyError, TypeError, ValueError) as error:
+        why = f"they have no values: {type(error).__name__}: {error}"
+        raise _no_proposal(path, "inputs", why) from error
+    if time.shape != (len(inputs),) or len(time) < 2:
+        raise _no_proposal(path, "inputs", f"{len(inputs)} values of each and {time.size} times")
+    if not (np.isfinite(time).all() and np.isfinite(inputs).all() and np.all(np.diff(time) > 0)):
+        raise _no_proposal(path, "inputs", "they are not finite, or time_s does not increase")
+    return time, inputs
+
+
+def _read(path: Path, task: str, kind: str) -> dict[str, Any]:
+    """The document of `kind` for `task` in the file `path`. Raises OptionError where it is another."""
     try:
         document = json.loads(Path(path).read_text(encoding="utf-8"))
         found = tuple(document[key] for key in ("format", "version", "task", "kind"))
     except (OSError, UnicodeDecodeError, json.JSONDecodeError, KeyError, TypeError) as error:
-        raise _no_proposal(path, f"it cannot be read: {type(error).__name__}: {error}") from error
-    expected = FORMAT, VERSION, task, "action"
+        raise _no_proposal(path, kind, f"it cannot be read: {type(error).__name__}: {error}") from error
+    expected = FORMAT, VERSION, task, kind
     if found != expected:
-        raise _no_proposal(path, f"format, version, task and kind are {found}; expected {expected}")
-    values: dict[str, Any] = document.get("action", {})
-    missing = [name for name in names if name not in values]
-    if missing:
-        raise _no_proposal(path, f"its action lacks {', '.join(missing)}")
-    try:
-        action = np.array([float(values[name]["value"]) for name in names])
-    except (KeyError, TypeError, ValueError) as error:
-        raise _no_proposal(path, f"its action has no values: {type(error).__name__}: {error}") from error
-    if not np.isfinite(action).all():
-        raise _no_proposal(path, "its action is not finite")
-    return action
+        raise _no_proposal(path, kind, f"format, version, task and kind are {found}; expected {expected}")
+    if not isinstance(document.get(kind), dict):
+        raise _no_proposal(path, kind, f"{kind!r} is missing")
+    return document
 
 
-def _no_proposal(path: Path, why: str) -> OptionError:
-    return OptionError(
-        f"{path} holds no action: {why}", cure="make it with `capture propose ESTIMATE --out FILE`"
-    )
+def _no_proposal(path: Path, kind: str, why: str) -> OptionError:
+    cure = "make it with `capture propose ESTIMATE --out FILE`"
+    if kind == "inputs":
+        cure += ", or give a log: `capture import-log` makes one of CSV and Parquet files"
+    return OptionError(f"{path} holds no {kind}: {why}", cure=cure)

@@ -28,6 +28,22 @@ class ArraySpec:
     optional: bool = False
 
 
+# where the simulation of each window begins; results of before these were written have none
+STARTS = (
+    ArraySpec(
+        "window/start_time",
+        ("window",),
+        "float64",
+        "s",
+        "when its simulation begins, on the log's clock",
+        True,
+    ),
+    ArraySpec("window/start_qpos", ("window", "qpos"), "float64", "SI", "in which positions", True),
+    ArraySpec("window/start_qvel", ("window", "qvel"), "float64", "SI", "with which velocities", True),
+    ArraySpec("window/start_act", ("window", "act"), "float64", "SI", "and activations of actuators", True),
+)
+
+
 @dataclass(frozen=True)
 class Schema:
     """The arrays and attributes of one kind of Zarr store, at one version."""

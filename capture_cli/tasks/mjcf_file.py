@@ -19,6 +19,15 @@ from capture_cli.sim.targets import object_id, parse_target
 from capture_cli.tasks.base import Channel, LogColumns, Task
 
 FORMAT = 1
+_DEGREES = re.compile(r"(deg(ree)?s?|°)(?![a-z])")
+_S = mujoco.mjtSensor
+_OF_JOINTS = (int(_S.mjSENS_JOINTPOS), int(_S.mjSENS_JOINTVEL))
+_OF_TURNING = (
+    int(_S.mjSENS_BALLANGVEL),
+    int(_S.mjSENS_GYRO),
+    int(_S.mjSENS_FRAMEANGVEL),
+    int(_S.mjSENS_FRAMEANGACC),
+)
 _AXES = {1: ("",), 2: ("_x", "_y"), 3: ("_x", "_y", "_z"), 4: ("_w", "_x", "_y", "_z")}
 
 
@@ -150,6 +159,7 @@ class MjcfFile(Task):
                 if size == 1
                 else f"give a list of {size} columns of the log",
             )
+        _refuse_degrees(entry, _value(entry, "unit", str, where), self.model, number, where)
         noise_sd = _value(entry, "noise_sd", float, where, default=None)
         if noise_sd is not None and noise_sd <= 0:
             raise TaskError(
@@ -214,6 +224,28 @@ def compile_model(path: Path, moved_centres: Collection[str] = ()) -> mujoco.MjM
         raise ModelError(
             f"{path} does not compile: {error}", cure="correct the MJCF at the place named"
         ) from error
+
+
+def _refuse_degrees(entry: dict[str, Any], unit: str, model: mujoco.MjModel, sensor: int, where: str) -> None:
+    """Raise TaskError where `unit` is one of degrees and the sensor reports radians, as all of MuJoCo's do."""
+    found = _DEGREES.match(unit.strip().lower())
+    if found is None or not _reports_radians(model, sensor):
+        return
+    right, scale = "rad" + unit.strip()[found.end() :], entry.get("scale", 1.0)
+    raise TaskError(
+        f"{where}: unit = {unit!r} with scale = {scale}, and the sensor reports {right}: what the log has is compared "
+        "with that as it is after `scale`",
+        cure=f"write unit = {right!r}; and if the column is in degrees, scale = {math.pi / 180:.9f}".replace(
+            "'", '"'
+        ),
+    )
+
+
+def _reports_radians(model: mujoco.MjModel, sensor: int) -> bool:
+    kind = int(model.sensor_type[sensor])
+    if kind in _OF_JOINTS:
+        return model.jnt_type[model.sensor_objid[sensor]] == mujoco.mjtJoint.mjJNT_HINGE
+    return kind in _OF_TURNING
 
 
 def _scale(entry: dict[str, Any], where: str) -> float:

@@ -1,0 +1,126 @@
+"""Where windows begin, as an estimate and a diagnosis have it: enough to simulate their curves from files alone."""
+
+from __future__ import annotations
+
+import importlib.util
+from functools import partial
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from capture_cli.effects import REGISTRY
+from capture_cli.protocol.candidates import Candidate, all_candidates
+from capture_cli.protocol.prepare import prepare
+from capture_cli.sim.engine import Starts
+from capture_cli.simulator import Simulator
+from capture_cli.stages.diagnose import diagnose
+from capture_cli.stages.export import export
+from capture_cli.stages.identify import identify
+from capture_cli.stages.record import record
+from capture_cli.stores.diagnosis import Diagnosis
+from capture_cli.stores.estimate import Estimate
+from capture_cli.stores.measured_log import MeasuredLog
+from capture_cli.tasks import load_task
+
+SLIDER = Path(__file__).parents[1] / "benchmarks" / "machines" / "slider" / "task.toml"
+LOG = {"task": str(SLIDER), "noise": 5e-4, "episodes": 4, "duration": 1.5, "rate": 250, "threads": 1}
+
+
+def only(name: str, model) -> list[Candidate]:
+    return [c for c in all_candidates(model) if c.name == name]
+
+
+def diagnosed(folder: Path, name: str, values: list[str], monkeypatch) -> Diagnosis:
+    """Of a log of the slider with the effect `name`, which is the only candidate, and is found."""
+    monkeypatch.setattr("capture_cli.protocol.attribution.all_candidates", partial(only, name))
+    effects = [f"{name}{value}" for value in values]
+    record(out=folder / "log.zarr", effects=effects, **LOG)
+    options = {"task": str(SLIDER), "starts": 1, "quiet": True, "threads": 1}
+    diagnose(real_log=folder / "log.zarr", out=folder / "d", **options)
+    found = Diagnosis.read(folder / "d")
+    assert [f"{e['name']}@{e['site']}" for e in found.document["effects"]] == [name]
+    return found
+
+
+def driven(log: MeasuredLog, steps: slice, start: float, now: float, timestep: float) -> np.ndarray:
+    """Controls over the time step that begins `now`: of the model's steps since `start`, those that it is part of."""
+    number, part = divmod((now - start) / timestep + 1e-9, 1)
+    at = np.searchsorted(
+        log.time[steps], start + timestep * np.array([number, number + 1]) + 1e-6, side="right"
+    )
+    before, after = log.inputs[steps][np.maximum(at - 1, 0)]
+    return before + part * (after - before)
+
+
+def played(folder: Path, log: MeasuredLog, arrays, window: int) -> np.ndarray:
+    """What the model in `folder` and the module beside it show at the times of a window, in a plain loop (step,)."""
+    model = mujoco.MjModel.from_xml_path(str(folder / "m.xml"))
+    data = mujoco.MjData(model)
+    beside = None
+    if (folder / "m_effects.py").exists():
+        spec = importlib.util.spec_from_file_location("m_effects", folder / "m_effects.py")
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+        beside = module.Effects(model)
+    begin = arrays["window/start_time"][window]
+    data.qpos[:], data.qvel[:] = (arrays[f"window/start_{n}"][window] for n in ("qpos", "qvel"))
+    data.time = begin - log.time[0]
+    times = arrays["step/time"][arrays["step/window"] == window]
+    steps = log.episodes[int(arrays["window/episode"][window])]
+    clock, recorded = begin + model.opt.timestep * np.arange(2 + (times[-1] - begin) / model.opt.timestep), []
+    for now in clock:
+        ctrl = driven(log, steps, times[0], now, model.opt.timestep)
+        if beside:
+            beside.step(model, data, ctrl)
+        else:
+            data.ctrl[:] = ctrl
+            mujoco.mj_step(model, data)
+        recorded.append(data.sensordata.copy())
+    sensors = np.array(recorded) if beside is None else beside.sense(model, np.array(recorded))
+    return np.interp(times, clock, sensors[:, 0])
+
+
+@pytest.mark.parametrize(("name", "values"), [("coulomb-friction@x", ["=3"]), ("sensor-delay@q", ["=0.02"])])
+def test_what_was_exported_shows_the_curves_of_the_diagnosis(tmp_path, monkeypatch, name, values):
+    found = diagnosed(tmp_path, name, values, monkeypatch)
+    export(result=tmp_path / "d", out=tmp_path / "m.xml")
+    arrays, log = found.arrays, MeasuredLog.read(tmp_path / "log.zarr")
+    # where an episode begins, what drove a late machine before is a state of its own, which a plain loop does not have
+    plain = np.flatnonzero((arrays["window/start_hidden"] == 0).all(axis=1))
+    assert len(plain) >= len(arrays["window/first"]) / 2
+    for window in plain:
+        own = arrays["step/window"] == window
+        again = played(tmp_path, log, arrays, window)
+        np.testing.assert_allclose(again, arrays["step/after"][own, 0], atol=1e-6)
+    late = log.time[arrays["window/first"]] - arrays["window/start_time"]
+    assert late == pytest.approx(0.02 if "delay" in name else 0.0, abs=2e-3)
+
+
+def test_hidden_states_are_there_too(tmp_path, monkeypatch):
+    found = diagnosed(tmp_path, "compliance@x", [".compliance=0.01", ".rotor=0.3"], monkeypatch)
+    (effect,), arrays, task = found.document["effects"], found.arrays, load_task(str(SLIDER))
+    assert arrays["window/start_hidden"].shape[1] == len(effect["states"]) > 0
+    windows = prepare(MeasuredLog.read(tmp_path / "log.zarr"), task, window=None, test=None, seed=0).windows
+    simulator = Simulator(
+        task, [(effect["name"], REGISTRY.get(effect["name"])(task.model, effect["site"]))], 1
+    )
+    point = [p["value"] for p in [*found.document["parameters"].values(), *effect["parameters"].values()]]
+    starts = Starts(*(arrays[f"window/start_{n}"] for n in ("qpos", "qvel", "act", "time")))
+    own = np.zeros((len(windows), 2 * task.model.nv + task.model.na))
+    offsets = np.concatenate([own, arrays["window/start_hidden"]], axis=1)
+    again = simulator.simulate(windows, starts, np.array(point), offsets[None]).outputs[0][windows.mask]
+    np.testing.assert_allclose(again, arrays["step/after"], atol=1e-9)
+    assert np.abs(arrays["window/start_hidden"]).max() > 0
+
+
+def test_what_was_identified_shows_the_curves_of_the_estimate(tmp_path):
+    record(out=tmp_path / "log.zarr", **LOG)
+    identify(real_log=tmp_path / "log.zarr", task=str(SLIDER), out=tmp_path / "e", quiet=True, threads=1)
+    export(result=tmp_path / "e", out=tmp_path / "m.xml")
+    arrays, log = Estimate.read(tmp_path / "e").arrays, MeasuredLog.read(tmp_path / "log.zarr")
+    for window in range(len(arrays["window/first"])):
+        own = arrays["step/window"] == window
+        again = played(tmp_path, log, arrays, window)
+        np.testing.assert_allclose(again, arrays["step/simulated"][own, 0], atol=1e-6)
