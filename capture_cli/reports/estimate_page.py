@@ -109,8 +109,8 @@ def _errors(estimate: Estimate) -> str:
         head, rows = head[:-1], [row[:-1] for row in rows]
     lead = (
         "RMSE of measured minus simulated. Of held-out windows nothing was fitted but where they start; "
-        "nominal is the model as it was declared, on the same windows (all, where none is held out) from the same starts. "
-        "No model can do better than the noise floor."
+        "nominal is the model as it was declared, on the same windows (all, where none is held out), from the same "
+        "starts. No model can do better than the noise floor."
     )
     return section("Error", table(head, rows, numeric=(1, 2, 3, 4, 5)), lead=lead)
 
