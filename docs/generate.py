@@ -198,6 +198,11 @@ NAMES = {  # tables whose keys are names that the user chose
         for stage in ("stages[].fit", "stages[].select", "stages[].test", "before.test", "after.test")
         for kind in ("rmse", "mae")
     },
+    **{
+        f"{fit}.{kind}": "OUTPUT"
+        for fit in ("lack_of_fit", "lack_of_fit.before", "lack_of_fit.after")
+        for kind in ("outputs", "output_thresholds")
+    },
 }
 
 _ERROR = {

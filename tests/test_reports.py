@@ -464,7 +464,7 @@ def test_terminal_says_what_was_found():
         r"mass +95\.11 kg +0\.13 +94\.85 to 95\.36 +50 to 150",
         r"damping +203\.5 N s/m +1\.9 +199\.8 to 207\.2 +0 to 600",
         r"bias .* at bound, not determined",
-        r"q +35\.4 mm +35\.1 µm +35\.5 µm +20\.0 µm +1\.77 ×",
+        r"q +35\.1 µm +35\.5 µm +35\.4 mm +20\.0 µm +1\.77 ×",
         r"unexplained  A slow residual",
         r"note  Do not trust the intervals: ",
         r"note  Only mass over bias is known\.",

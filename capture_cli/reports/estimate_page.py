@@ -103,13 +103,14 @@ def _errors(estimate: Estimate) -> str:
     together = [findings.normalized(estimate.document, part) for part in ("fit", "test")]
     rows = [_error_row(e) for e in errors]
     cells = [with_unit(significant(v), "×") for v in together]
-    rows.append(['<span class="quiet">all, over the noise floor</span>', "", *cells, "", "", ""])
-    head = ["output", "nominal", "fitted", "held out", "noise floor", "over the floor", "noise floor is"]
+    rows.append(['<span class="quiet">all, over the noise floor</span>', *cells, "", "", "", ""])
+    head = ["output", "fitted", "held out", "nominal", "noise floor", "over the floor", "noise floor is"]
     if not any(e.floor_source for e in errors):
         head, rows = head[:-1], [row[:-1] for row in rows]
     lead = (
         "RMSE of measured minus simulated. Of held-out windows nothing was fitted but where they start; "
-        "nominal is the model as it was declared, from the same starts. No model can do better than the noise floor."
+        "nominal is the model as it was declared, on the same windows (all, where none is held out), from the same "
+        "starts. No model can do better than the noise floor."
     )
     return section("Error", table(head, rows, numeric=(1, 2, 3, 4, 5)), lead=lead)
 
@@ -117,8 +118,8 @@ def _errors(estimate: Estimate) -> str:
 def _error_row(e: findings.OutputError) -> list[str]:
     return [
         f'<span class="name">{escape(e.name)}</span>',
-        with_unit(significant(e.nominal), escape(e.nominal_unit)),
         *(with_unit(significant(v), escape(e.unit)) for v in (e.fit, e.test)),
+        with_unit(significant(e.nominal), escape(e.nominal_unit)),
         with_unit(significant(e.floor), escape(e.floor_unit)),
         with_unit(significant(e.ratio), "×"),
         f'<span class="quiet">{escape(findings.FLOOR_SOURCES.get(e.floor_source, e.floor_source))}</span>',

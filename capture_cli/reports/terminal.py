@@ -186,12 +186,12 @@ def _parameters(document: Mapping[str, Any], *, wide: bool) -> list[list[str]]:
 def _errors(errors: list[findings.OutputError]) -> list[list[str]]:
     """The outputs that stand farthest above their floor, in the order of the log."""
     farthest = sorted(errors, key=lambda e: -(e.ratio or 0.0))[:MOST_OUTPUTS]
-    rows = [["output", "nominal", "fitted", "held out", "noise floor", "over the floor"]]
+    rows = [["output", "fitted", "held out", "nominal", "noise floor", "over the floor"]]
     for e in (e for e in errors if e in farthest):
         nominal = with_unit(significant(e.nominal), e.nominal_unit)
         values = [with_unit(significant(v), e.unit) for v in (e.fit, e.test)]
         floor = with_unit(significant(e.floor), e.floor_unit)
-        rows.append([e.name, nominal, *values, floor, with_unit(significant(e.ratio), "×")])
+        rows.append([e.name, *values, nominal, floor, with_unit(significant(e.ratio), "×")])
     return rows
 
 
