@@ -424,6 +424,14 @@ def test_size_alone_keeps_the_shape_and_the_mass(model):
     assert "body_mass" not in fields.values
 
 
+def test_names_may_hold_colons():
+    model = mujoco.MjModel.from_xml_string(XML.replace('"link"', '"robot0:arm:link"'))
+    assert parse_target("body:robot0:arm:link:mass", model, "task.toml").read(model) == pytest.approx(1.6)
+    with pytest.raises(ModelError, match=r"no body 'robot0:arm:lnk'") as caught:
+        parse_target("body:robot0:arm:lnk:mass", model, "task.toml")
+    assert "robot0:arm:link" in caught.value.cure
+
+
 # --- what is refused ---
 
 
@@ -438,6 +446,8 @@ def test_size_alone_keeps_the_shape_and_the_mass(model):
         ("actuator:moto:gain", ["no actuator 'moto'", "'motor'"]),
         ("option:gravity", ["'gravity'", "gravity_x"]),
         ("body:mass", ["body:NAME:ATTRIBUTE"]),
+        ("body::mass", ["body:NAME:ATTRIBUTE"]),
+        ("option", ["option:ATTRIBUTE"]),
         ("option:world:gravity_z", ["option:ATTRIBUTE"]),
         ("", ["unknown kind", "actuator, body, geom, joint, option"]),
         ("geom:floor:size", ["0 settable sizes"]),

@@ -320,14 +320,12 @@ def parse_target(text: str, model: mujoco.MjModel, where: str) -> Target:
 
     Raises ModelError naming the kinds, names or attributes that do exist.
     """
-    parts = text.split(":")
-    kind = parts[0]
+    kind, name, attribute = split_target(text)
     if kind not in ATTRIBUTES:
         raise ModelError(f"{where}: unknown kind of target in {text!r}", cure=did_you_mean(kind, ATTRIBUTES))
-    if len(parts) != (2 if kind == "option" else 3):
-        form = "option:ATTRIBUTE" if kind == "option" else f"{kind}:NAME:ATTRIBUTE"
+    form = "option:ATTRIBUTE" if kind == "option" else f"{kind}:NAME:ATTRIBUTE"
+    if not attribute or bool(name) != (kind != "option"):
         raise ModelError(f"{where}: {text!r} is not of the form {form}", cure=f'write it as "{form}"')
-    attribute = parts[-1]
     if attribute not in ATTRIBUTES[kind]:
         raise ModelError(
             f"{where}: a {kind} has no settable attribute {attribute!r}",
@@ -335,7 +333,14 @@ def parse_target(text: str, model: mujoco.MjModel, where: str) -> Target:
         )
     if kind == "option":
         return _option(attribute)
-    return _named(kind, object_id(model, kind, parts[1], f"{where}: {text!r}"), attribute, model, where)
+    return _named(kind, object_id(model, kind, name, f"{where}: {text!r}"), attribute, model, where)
+
+
+def split_target(text: str) -> tuple[str, str, str]:
+    """Kind, name and attribute of a target, "" where it lacks one. The name itself may hold colons."""
+    kind, _, rest = text.partition(":")
+    name, _, attribute = rest.rpartition(":")
+    return kind, name, attribute
 
 
 def object_id(model: mujoco.MjModel, kind: str, name: str, where: str) -> int:
