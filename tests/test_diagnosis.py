@@ -207,6 +207,15 @@ def test_two_episodes_hold_out_the_last():
     assert split.is_test.tolist() == [False, False, True, True]
 
 
+@pytest.mark.parametrize(("windows", "held"), [(2, 1), (4, 1), (7, 2), (40, 10)])
+def test_of_a_single_episode_the_last_windows_are_held_out(windows, held):
+    split = split_windows(
+        episode=np.zeros(windows, dtype=int), recording=np.zeros(1), recording_names=["a"], test=None, seed=0
+    )
+    assert split.is_test.tolist() == [False] * (windows - held) + [True] * held
+    assert split.how == f"last {held} of {windows} windows held out"
+
+
 @pytest.mark.parametrize("test", ["", ",", " , "])
 def test_holding_out_nothing_has_to_be_said(test):
     windows = {
