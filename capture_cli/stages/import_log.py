@@ -12,6 +12,7 @@ import numpy as np
 
 from capture_cli.errors import LogError
 from capture_cli.protocol.log_checks import check_fits
+from capture_cli.sim.windows import SHORTEST_EPISODE
 from capture_cli.stages.recorded_task import task_inputs
 from capture_cli.stages.source_files import SourceFile, open_source
 from capture_cli.stores.measured_log import MeasuredLog
@@ -21,8 +22,6 @@ from capture_cli.tasks import load_task
 from capture_cli.tasks.base import ActionTask, Task
 
 LEAST_STEPS = 2  # of an episode
-# As in the stages that cut windows: an episode a little shorter than a window still is one.
-SHORTEST_EPISODE = 0.9  # of a window
 LARGEST_PLAIN = 1e16  # that Python writes without an exponent
 MANY_MISSING = 0.2  # of a column's values: hardly an accident
 

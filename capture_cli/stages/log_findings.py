@@ -11,6 +11,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from capture_cli.sim.windows import SHORTEST_EPISODE
 from capture_cli.stores.measured_log import FEWEST_OF_A_SPARSE, MeasuredLog
 from capture_cli.tasks.base import Channel, Task
 
@@ -23,7 +24,6 @@ PILED_UP = 5.0  # times the share at the values next to an extreme: a quantised 
 MANY_LEVELS = 10  # fewer are a switched signal, which is at its extremes by design
 MOSTLY_AT_REST = 0.5
 WINDOW_SAMPLES = 5  # fewer in a window say little
-SHORTEST_EPISODE = 0.9  # of a window
 TURN_SLACK = 1.0  # rad that a hinge moves between two samples, beside a jump by a turn
 RANGE_SLACK = 0.05  # of a joint's range
 ROUNDED = 1e-6  # of an actuator's range: numbers in files are rounded
