@@ -440,8 +440,10 @@ def test_silent_when_nothing_is_missing(logs, tmp_path, monkeypatch):
 def test_an_estimate_of_another_log_is_refused(logs, tmp_path, monkeypatch):
     monkeypatch.setattr("capture_cli.stages.identify._write_pages", lambda *_: None)
     identify(real_log=logs["plain"], task=str(SLIDER), out=tmp_path / "estimate", quiet=True, starts=1)
-    with pytest.raises(OptionError, match=r"(?s)plain\.zarr.*capture identify"):
-        diagnose(real_log=logs["friction"], estimate=tmp_path / "estimate", out=tmp_path / "x", quiet=True)
+    other = shutil.copytree(logs["friction"], tmp_path / "of today.zarr")
+    with pytest.raises(OptionError, match=r"plain\.zarr") as caught:
+        diagnose(real_log=other, estimate=tmp_path / "estimate", out=tmp_path / "x", quiet=True)
+    assert caught.value.cure.endswith(f"capture identify --real-log '{other}'")
     assert not (tmp_path / "x").exists()
 
 

@@ -472,7 +472,7 @@ def test_result_directories_are_described(tmp_path, kind):
         "parameters": {"mass": parameter, "gain": {**parameter, "at_bound": True}},
         "effects": [{"name": "coulomb-friction", "site": "x"}] if kind == "diagnosis" else [],
     }
-    folder = tmp_path / kind
+    folder = tmp_path / f"my {kind}"
     folder.mkdir()
     write_json(folder / f"{kind}.json", result)
     Provenance("identify", {}, {}).write(folder)
@@ -482,6 +482,9 @@ def test_result_directories_are_described(tmp_path, kind):
     messages = {f["where"]: f["message"] for f in document["findings"]}
     assert messages["parameter gain"] == "is at a bound"
     assert "has changed since" in messages["log"]
+    cure = next(f["cure"] for f in document["findings"] if f["where"] == "verdict")
+    command = f"`capture diagnose --real-log {log} --estimate '{folder}'`"
+    assert (command if kind == "estimate" else "--expression") in cure
     assert "95.1" in shown(document)
     assert ("estimate.zarr does not exist" in messages.get("store", "")) == (kind == "estimate")
 
