@@ -14,7 +14,7 @@ from capture_cli.errors import ModelError, TaskError, did_you_mean
 from capture_cli.parameters import Parameter, ParameterSpace
 from capture_cli.sim.engine import silence_mujoco
 from capture_cli.sim.mjcf import free_centres
-from capture_cli.sim.targets import object_id, parse_target, split_target
+from capture_cli.sim.target_names import object_id, parse_target, split_target
 from capture_cli.tasks.base import Channel, LogColumns, Task
 
 FORMAT = 1
