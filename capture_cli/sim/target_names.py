@@ -22,6 +22,7 @@ _KINDS = {
     "body": mujoco.mjtObj.mjOBJ_BODY,
     "joint": mujoco.mjtObj.mjOBJ_JOINT,
     "geom": mujoco.mjtObj.mjOBJ_GEOM,
+    "tendon": mujoco.mjtObj.mjOBJ_TENDON,
     "actuator": mujoco.mjtObj.mjOBJ_ACTUATOR,
 }
 
@@ -58,6 +59,11 @@ ATTRIBUTES = {
         "solref_timeconst": ("s", "contact time constant (or -stiffness)"),
         "solref_dampratio": ("1", "contact damping ratio (or -damping)"),
         "restitution": ("1", "coefficient of restitution, from 0.14 to 1"),
+    },
+    "tendon": {
+        "damping": ("N s/m, or N m s/rad over hinges alone", "viscous damping"),
+        "frictionloss": ("N or N m", "Coulomb friction"),
+        "stiffness": ("N/m or N m/rad", "spring to the length at which it is at rest"),
     },
     "actuator": {
         "gain": ("N or N m per ctrl", "gainprm[0]: the force of a motor or a rotor for a ctrl of 1"),
@@ -104,6 +110,9 @@ _FIELDS = {
     "geom:friction_rolling": ("geom_friction", 2),
     "geom:solref_timeconst": ("geom_solref", 0),
     "geom:solref_dampratio": ("geom_solref", 1),
+    "tendon:damping": ("tendon_damping", None),
+    "tendon:frictionloss": ("tendon_frictionloss", None),
+    "tendon:stiffness": ("tendon_stiffness", None),
     "actuator:gain": ("actuator_gainprm", 0),
     "actuator:gear": ("actuator_gear", 0),
     "actuator:time_constant": ("actuator_dynprm", 0),
@@ -147,7 +156,7 @@ def split_target(text: str) -> tuple[str, str, str]:
 
 
 def object_id(model: mujoco.MjModel, kind: str, name: str, where: str) -> int:
-    """The id of a body, joint, geom or actuator. Raises ModelError naming those that exist."""
+    """The id of a body, joint, geom, tendon or actuator. Raises ModelError naming those that exist."""
     number = mujoco.mj_name2id(model, _KINDS[kind], name)
     if number < 0:
         raise ModelError(
@@ -157,8 +166,9 @@ def object_id(model: mujoco.MjModel, kind: str, name: str, where: str) -> int:
 
 
 def object_names(model: mujoco.MjModel, kind: str) -> list[str]:
-    """Names of the model's bodies, joints, geoms or actuators, those that have one."""
-    count = {"body": model.nbody, "joint": model.njnt, "geom": model.ngeom, "actuator": model.nactuator}[kind]
+    """Names of the model's bodies, joints, geoms, tendons or actuators, those that have one."""
+    counts = {"body": model.nbody, "joint": model.njnt, "geom": model.ngeom, "tendon": model.ntendon}
+    count = counts.get(kind, model.nactuator)
     names = (mujoco.mj_id2name(model, _KINDS[kind], i) for i in range(count))
     return [n for n in names if n]
 
