@@ -226,6 +226,19 @@ def test_single_samples_that_stand_out_are_found(tmp_path):
     finding = only(inspected(log, tmp_path))
     assert finding["message"].startswith("3 single samples stand out, by up to 8")
     assert finding["message"].endswith("step 50, step 700, step 1500")
+    assert "sparse = true" in finding["cure"] and "--drop-nan" not in finding["cure"]
+
+
+def test_where_bodies_can_touch_a_single_sample_may_be_an_impact(tmp_path, slider_task):
+    log = changed(sound_log(), outputs=set_to(50, 3.0))
+    assert "hit" not in only(inspected(log, tmp_path, slider_task))["cure"]
+    model = slider_task.parent / "model.xml"
+    floor = '<worldbody><geom type="plane" size="1 1 1" pos="0 0 -1"/>'
+    model.write_text(model.read_text().replace("<worldbody>", floor))
+    assert (
+        "keep them where bodies hit each other"
+        in only(inspect(tmp_path / "log.zarr", str(slider_task)))["cure"]
+    )
 
 
 @pytest.mark.parametrize("kind", ["steps", "bounces", "counts", "uneven"])

@@ -139,8 +139,8 @@ def _inspect_log(path: Path, document: dict[str, Any], machine: Task | None) -> 
         for r in document["recordings"]
         if r.get("repeated_rows")
     ]
-    findings += log_findings(document)
     machine = machine or _own_task(log)
+    findings += log_findings(document, machine)
     if machine is not None:
         findings += task_findings(log, document, machine)
 

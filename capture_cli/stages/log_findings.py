@@ -11,6 +11,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from capture_cli.sim.contacts import can_touch
 from capture_cli.sim.windows import SHORTEST_EPISODE
 from capture_cli.stores.measured_log import FEWEST_OF_A_SPARSE, MeasuredLog
 from capture_cli.tasks.base import Channel, Task
@@ -35,14 +36,14 @@ def finding(severity: str, where: str, message: str, cure: str) -> Finding:
     return {"severity": severity, "where": where, "message": message, "cure": cure}
 
 
-def log_findings(document: Mapping[str, Any]) -> list[Finding]:
-    """Findings on the `episodes` and `channels` of an inspection document."""
+def log_findings(document: Mapping[str, Any], task: Task | None = None) -> list[Finding]:
+    """Findings on the `episodes` and `channels` of an inspection document. task: theirs, where it is known."""
     episodes = document["episodes"]
     return [
         *_timing(episodes),
         *(f for c in document["channels"] for f in _values(c, len(episodes))),
         *(f for c in document["channels"] if c["kind"] == "input" for f in _input(c)),
-        *(f for c in document["channels"] if c["kind"] == "output" for f in _output(c)),
+        *(f for c in document["channels"] if c["kind"] == "output" for f in _output(c, task)),
     ]
 
 
@@ -194,7 +195,7 @@ def _extremes(channel: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     return [e for e in ends if e["share"] > SATURATED and e["share"] > PILED_UP * e["neighbours"]]
 
 
-def _output(channel: Mapping[str, Any]) -> Iterator[Finding]:
+def _output(channel: Mapping[str, Any], task: Task | None) -> Iterator[Finding]:
     where, grid = f"output {channel['name']}", channel["quantisation"]
     for extreme in _extremes(channel):
         if extreme["visits"] >= SEVERAL_VISITS:
@@ -220,8 +221,19 @@ def _output(channel: Mapping[str, Any]) -> Iterator[Finding]:
             where,
             f"{out['count']} single samples stand out, by up to {out['largest']:.3g} {channel['unit']}: "
             f"{_listed((f'step {i}' for i in out['first']), out['count'])}",
-            "leave these values empty in the source and import with --drop-nan: errors count by their squares",
+            _cure_of_spikes(task),
         )
+
+
+def _cure_of_spikes(task: Task | None) -> str:
+    """What to do about single samples that stand out."""
+    keep = "keep them where bodies hit each other, which looks like this; otherwise "
+    empty = "leave these values empty in the source, write sparse = true under the output and import again"
+    if task is not None and not hasattr(task, "path"):  # built in: its outputs are what they are
+        empty = "leave these values empty in the source and import with --drop-nan"
+    return (
+        f"{keep if task is not None and can_touch(task.model) else ''}{empty}: errors count by their squares"
+    )
 
 
 # --- against a task ---
