@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -219,6 +220,11 @@ def test_a_coarse_sensor_is_noted_with_its_step(tmp_path):
     document = inspected(coarse, tmp_path)
     assert document["channels"][1]["quantisation"]["step"] == pytest.approx(step)
     assert only(document)["severity"] == "note"
+    assert re.search(r"steps of 0\.004 m *\n", shown(document))
+    (tmp_path / "bare").mkdir()
+    bare = inspected(replace(coarse, output_units=("1",)), tmp_path / "bare")
+    assert re.search(r"steps of 0\.004 *\n", shown(bare))
+    assert "in steps of 0.004 (sd" in only(bare)["message"]
 
 
 def test_single_samples_that_stand_out_are_found(tmp_path):
@@ -285,7 +291,7 @@ def test_a_few_slow_sines_in_short_episodes_are_not_taken_for_one_frequency():
 def test_an_input_mostly_at_rest_is_noted(tmp_path):
     finding = only(inspected(changed(sound_log(), inputs=set_to(slice(100, 1400), 0.0)), tmp_path))
     assert finding["severity"] == "note"
-    assert "for 66% of the samples" in finding["message"]
+    assert "for 66 % of the samples" in finding["message"]
 
 
 # --- against a task ---
@@ -339,7 +345,7 @@ def test_a_heading_that_begins_anew_after_a_turn_is_found(tmp_path, slider_task)
             'axis="1 0 0"',
             'axis="1 0 0" range="5 6"',
             "output q",
-            "100.0% of the samples lie outside the joint's range",
+            "100.0 % of the samples lie outside the joint's range",
         ),
     ],
 )

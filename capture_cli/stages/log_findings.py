@@ -11,6 +11,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from capture_cli.reports.quantities import percent, with_unit
 from capture_cli.sim.contacts import can_touch
 from capture_cli.sim.windows import SHORTEST_EPISODE
 from capture_cli.stores.measured_log import FEWEST_OF_A_SPARSE, MeasuredLog
@@ -93,7 +94,7 @@ def _timing(episodes: Sequence[Mapping[str, Any]]) -> Iterator[Finding]:
         yield finding(
             "note",
             _episode(worst) if len(uneven) == 1 else f"{len(uneven)} episodes",
-            f"sampling is uneven: the interval's sd is {worst['jitter_sd']:.0%} of its median, "
+            f"sampling is uneven: the interval's sd is {percent(worst['jitter_sd'])} of its median, "
             f"the longest is {worst['jitter_max']:.3g} times the median",
             "nothing to do: every sample is compared at its own time",
         )
@@ -121,6 +122,11 @@ def _listed(items: Iterable[Any], count: int) -> str:
 # --- values ---
 
 
+def _in_unit(value: float, channel: Mapping[str, Any], digits: int = 3) -> str:
+    """A value of the channel, before its unit if it has one."""
+    return with_unit(f"{value:.{digits}g}", channel["unit"])
+
+
 def _values(channel: Mapping[str, Any], episodes: int) -> Iterator[Finding]:
     where, is_input = f"{channel['kind']} {channel['name']}", channel["kind"] == "input"
     bad = channel["nan"] + channel["infinite"]
@@ -144,7 +150,7 @@ def _values(channel: Mapping[str, Any], episodes: int) -> Iterator[Finding]:
         yield finding(
             "warning" if is_input else "error",
             where,
-            f"never changes: always {channel['low']['value']:.6g} {channel['unit']}",
+            f"never changes: always {_in_unit(channel['low']['value'], channel, 6)}",
             "excite this input if its parameters matter"
             if is_input
             else "check the sensor and its column, or leave the output out of the task.toml",
@@ -167,7 +173,7 @@ def _input(channel: Mapping[str, Any]) -> Iterator[Finding]:
             yield finding(
                 "warning" if extreme["visits"] >= SEVERAL_VISITS else "note",
                 where,
-                f"is at exactly {extreme['value']:.6g} {channel['unit']} for {extreme['share']:.0%} "
+                f"is at exactly {_in_unit(extreme['value'], channel, 6)} for {percent(extreme['share'])} "
                 f"of the samples, in {extreme['visits']} stays: saturated, or held?",
                 "log what reached the actuator, not what was asked of it; if that is what it is, good",
             )
@@ -175,7 +181,7 @@ def _input(channel: Mapping[str, Any]) -> Iterator[Finding]:
         yield finding(
             "note",
             where,
-            f"is at rest (near 0) for {moves['at_rest']:.0%} of the samples",
+            f"is at rest (near 0) for {percent(moves['at_rest'])} of the samples",
             "excite it for longer if intervals come out wide",
         )
     if moves["single_frequency"] is not None:
@@ -202,7 +208,7 @@ def _output(channel: Mapping[str, Any], task: Task | None) -> Iterator[Finding]:
             yield finding(
                 "warning",
                 where,
-                f"is at exactly {extreme['value']:.6g} {channel['unit']} for {extreme['share']:.0%} "
+                f"is at exactly {_in_unit(extreme['value'], channel, 6)} for {percent(extreme['share'])} "
                 f"of the samples, in {extreme['visits']} stays: the sensor's range, or an end stop?",
                 "leave those episodes out if the sensor clips; put a stop into the model",
             )
@@ -210,7 +216,7 @@ def _output(channel: Mapping[str, Any], task: Task | None) -> Iterator[Finding]:
         yield finding(
             "note",
             where,
-            f"is quantised in steps of {grid['step']:.3g} {channel['unit']} "
+            f"is quantised in steps of {_in_unit(grid['step'], channel)} "
             f"(sd {grid['step'] / np.sqrt(12):.2g}), and moves less than that from sample to sample",
             "nothing to do: the noise floor will show it",
         )
@@ -219,7 +225,7 @@ def _output(channel: Mapping[str, Any], task: Task | None) -> Iterator[Finding]:
         yield finding(
             "warning",
             where,
-            f"{out['count']} single samples stand out, by up to {out['largest']:.3g} {channel['unit']}: "
+            f"{out['count']} single samples stand out, by up to {_in_unit(out['largest'], channel)}: "
             f"{_listed((f'step {i}' for i in out['first']), out['count'])}",
             _cure_of_spikes(task),
         )
@@ -330,7 +336,7 @@ def _ranges(log: MeasuredLog, task: Task) -> Iterator[Finding]:
                 yield finding(
                     "warning",
                     f"input {c.name}",
-                    f"{share:.1%} of the samples are outside ctrlrange ({low:g}, {high:g}): MuJoCo clips",
+                    f"{percent(share, 1)} of the samples are outside ctrlrange ({low:g}, {high:g}): MuJoCo clips",
                     "widen ctrlrange in the model, or correct scale and offset",
                 )
     sampled = log.sampled
@@ -345,7 +351,7 @@ def _ranges(log: MeasuredLog, task: Task) -> Iterator[Finding]:
                 yield finding(
                     "warning",
                     f"output {c.name}",
-                    f"{share:.1%} of the samples lie outside the joint's range ({low:g}, {high:g})",
+                    f"{percent(share, 1)} of the samples lie outside the joint's range ({low:g}, {high:g})",
                     "check scale and offset (degrees, another zero?), or the joint's range",
                 )
 
