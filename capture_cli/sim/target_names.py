@@ -28,7 +28,10 @@ _KINDS = {
 
 ATTRIBUTES = {
     "body": {
-        "mass": ("kg", "mass; the inertia follows in proportion"),
+        "mass": (
+            "kg",
+            "mass of all geoms together; the inertia follows in proportion, the centre of mass stays",
+        ),
         "com_x": ("m", "centre of mass in the body's frame"),
         "com_y": ("m", ""),
         "com_z": ("m", ""),
