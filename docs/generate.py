@@ -444,7 +444,7 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str]]] = {
 
 def targets() -> str:
     """Everything a parameter can set."""
-    from capture_cli.sim.targets import ATTRIBUTES
+    from capture_cli.sim.target_names import ATTRIBUTES
 
     lines = ["| target | unit | what it is |", "|---|---|---|"]
     for kind, attributes in ATTRIBUTES.items():

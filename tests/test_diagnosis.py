@@ -207,6 +207,15 @@ def test_two_episodes_hold_out_the_last():
     assert split.is_test.tolist() == [False, False, True, True]
 
 
+@pytest.mark.parametrize(("windows", "held"), [(2, 1), (4, 1), (7, 2), (40, 10)])
+def test_of_a_single_episode_the_last_windows_are_held_out(windows, held):
+    split = split_windows(
+        episode=np.zeros(windows, dtype=int), recording=np.zeros(1), recording_names=["a"], test=None, seed=0
+    )
+    assert split.is_test.tolist() == [False] * (windows - held) + [True] * held
+    assert split.how == f"last {held} of {windows} windows held out"
+
+
 @pytest.mark.parametrize("test", ["", ",", " , "])
 def test_holding_out_nothing_has_to_be_said(test):
     windows = {
@@ -431,8 +440,10 @@ def test_silent_when_nothing_is_missing(logs, tmp_path, monkeypatch):
 def test_an_estimate_of_another_log_is_refused(logs, tmp_path, monkeypatch):
     monkeypatch.setattr("capture_cli.stages.identify._write_pages", lambda *_: None)
     identify(real_log=logs["plain"], task=str(SLIDER), out=tmp_path / "estimate", quiet=True, starts=1)
-    with pytest.raises(OptionError, match=r"(?s)plain\.zarr.*capture identify"):
-        diagnose(real_log=logs["friction"], estimate=tmp_path / "estimate", out=tmp_path / "x", quiet=True)
+    other = shutil.copytree(logs["friction"], tmp_path / "of today.zarr")
+    with pytest.raises(OptionError, match=r"plain\.zarr") as caught:
+        diagnose(real_log=other, estimate=tmp_path / "estimate", out=tmp_path / "x", quiet=True)
+    assert caught.value.cure.endswith(f"capture identify --real-log '{other}'")
     assert not (tmp_path / "x").exists()
 
 

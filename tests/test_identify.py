@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from dataclasses import replace
 from pathlib import Path
 
@@ -239,9 +240,12 @@ def test_the_same_bytes_for_any_threads_and_any_run(plant, identify, tmp_path):
 # --- what is said ---
 
 
-def test_an_effect_that_is_not_declared_is_unexplained(plant, identify):
-    found = identify(plant(effects=["coulomb-friction@x=3.0"]))
+def test_an_effect_that_is_not_declared_is_unexplained(plant, identify, tmp_path):
+    log, out = plant(name="of today", effects=["coulomb-friction@x=3.0"]), tmp_path / "an estimate"
+    found = identify(log, out=out)
     assert found.document["verdict"] == "unexplained"
+    command = ["capture", "diagnose", "--real-log", str(log.path), "--estimate", str(out)]
+    assert shlex.split(found.document["next_command"]) == command
     assert found.document["error"]["fit"]["normalized"] > 5
     assert "The model lacks something" in found.document["summary"]
 

@@ -272,7 +272,10 @@ def test_stamps_in_nanoseconds_are_named_as_the_file_has_them(tmp_path, slider_t
 
 def test_a_slow_sensor_is_told_from_lost_samples(tmp_path, slider_task):
     lost = refusal(csv(tmp_path / "lost.csv", *ROWS, "2.0,1,"), slider_task)
-    assert lost.cure.startswith("add --drop-nan")
+    assert lost.cure.startswith("write sparse = true under [outputs.q], which keeps what drove the machine")
+    assert "or add --drop-nan" in lost.cure
+    row = refusal(csv(tmp_path / "row.csv", *ROWS, "2.0,,"), slider_task)
+    assert row.cure.startswith("add --drop-nan")
     rows = [f"{0.1 * i:.1f},{i % 3},{'' if i % 4 else i}" for i in range(40)]
     slow = refusal(csv(tmp_path / "slow.csv", *rows), slider_task)
     assert slow.cure.startswith("'q_m' (30 rows): if that is a sensor slower than the others")
@@ -281,6 +284,13 @@ def test_a_slow_sensor_is_told_from_lost_samples(tmp_path, slider_task):
     both = refusal(csv(tmp_path / "both.csv", *rows), slider_task)
     assert "sparse = true" in both.cure
     assert "'u_N' (20 rows): write what was last commanded into every row" in both.cure
+
+
+def test_every_column_with_holes_is_named(tmp_path, slider_task):
+    rows = [f"{0.1 * i:.1f},{'' if i == 30 else 1},{'' if i % 4 else i}" for i in range(40)]
+    message = refusal(csv(tmp_path / "a.csv", *rows), slider_task).message
+    assert "column 'q_m' is missing or NaN at line 3" in message
+    assert message.endswith("(30 of 40 rows are incomplete: 'q_m' in 30, 'u_N' in 1)")
 
 
 @pytest.fixture

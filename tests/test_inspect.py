@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -219,6 +220,11 @@ def test_a_coarse_sensor_is_noted_with_its_step(tmp_path):
     document = inspected(coarse, tmp_path)
     assert document["channels"][1]["quantisation"]["step"] == pytest.approx(step)
     assert only(document)["severity"] == "note"
+    assert re.search(r"steps of 0\.004 m *\n", shown(document))
+    (tmp_path / "bare").mkdir()
+    bare = inspected(replace(coarse, output_units=("1",)), tmp_path / "bare")
+    assert re.search(r"steps of 0\.004 *\n", shown(bare))
+    assert "in steps of 0.004 (sd" in only(bare)["message"]
 
 
 def test_single_samples_that_stand_out_are_found(tmp_path):
@@ -226,6 +232,19 @@ def test_single_samples_that_stand_out_are_found(tmp_path):
     finding = only(inspected(log, tmp_path))
     assert finding["message"].startswith("3 single samples stand out, by up to 8")
     assert finding["message"].endswith("step 50, step 700, step 1500")
+    assert "sparse = true" in finding["cure"] and "--drop-nan" not in finding["cure"]
+
+
+def test_where_bodies_can_touch_a_single_sample_may_be_an_impact(tmp_path, slider_task):
+    log = changed(sound_log(), outputs=set_to(50, 3.0))
+    assert "hit" not in only(inspected(log, tmp_path, slider_task))["cure"]
+    model = slider_task.parent / "model.xml"
+    floor = '<worldbody><geom type="plane" size="1 1 1" pos="0 0 -1"/>'
+    model.write_text(model.read_text().replace("<worldbody>", floor))
+    assert (
+        "keep them where bodies hit each other"
+        in only(inspect(tmp_path / "log.zarr", str(slider_task)))["cure"]
+    )
 
 
 @pytest.mark.parametrize("kind", ["steps", "bounces", "counts", "uneven"])
@@ -272,7 +291,7 @@ def test_a_few_slow_sines_in_short_episodes_are_not_taken_for_one_frequency():
 def test_an_input_mostly_at_rest_is_noted(tmp_path):
     finding = only(inspected(changed(sound_log(), inputs=set_to(slice(100, 1400), 0.0)), tmp_path))
     assert finding["severity"] == "note"
-    assert "for 66% of the samples" in finding["message"]
+    assert "for 66 % of the samples" in finding["message"]
 
 
 # --- against a task ---
@@ -373,7 +392,7 @@ def test_an_angle_in_degrees_beside_one_in_rad_is_found(tmp_path, slider_task, s
             'axis="1 0 0"',
             'axis="1 0 0" range="5 6"',
             "output q",
-            "100.0% of the samples lie outside the joint's range",
+            "100.0 % of the samples lie outside the joint's range",
         ),
     ],
 )
@@ -519,7 +538,7 @@ def test_result_directories_are_described(tmp_path, kind):
         "parameters": {"mass": parameter, "gain": {**parameter, "at_bound": True}},
         "effects": [{"name": "coulomb-friction", "site": "x"}] if kind == "diagnosis" else [],
     }
-    folder = tmp_path / kind
+    folder = tmp_path / f"my {kind}"
     folder.mkdir()
     write_json(folder / f"{kind}.json", result)
     Provenance("identify", {}, {}).write(folder)
@@ -529,6 +548,9 @@ def test_result_directories_are_described(tmp_path, kind):
     messages = {f["where"]: f["message"] for f in document["findings"]}
     assert messages["parameter gain"] == "is at a bound"
     assert "has changed since" in messages["log"]
+    cure = next(f["cure"] for f in document["findings"] if f["where"] == "verdict")
+    command = f"`capture diagnose --real-log {log} --estimate '{folder}'`"
+    assert (command if kind == "estimate" else "--expression") in cure
     assert "95.1" in shown(document)
     assert ("estimate.zarr does not exist" in messages.get("store", "")) == (kind == "estimate")
 

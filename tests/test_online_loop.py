@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from hypothesis import strategies as st
 
 from capture_cli.errors import LogError, OptionError, OutputError, StoreError
 from capture_cli.parameters import Parameter, ParameterSpace
+from capture_cli.stages.earlier_estimate import EarlierEstimate
 from capture_cli.stages.identify import identify
 from capture_cli.stages.import_log import import_log
 from capture_cli.stages.propose import information, propose, sigma_points
@@ -200,6 +202,44 @@ def test_actions_are_read_from_their_columns(scooping, tmp_path):
     )
     with pytest.raises(LogError, match="has no actions"):
         import_log(files=[tmp_path / "none.csv"], task="scooping", out=tmp_path / "log.zarr", append=True)
+
+
+@pytest.mark.parametrize(
+    ("first", "held", "then", "all_held", "how"),
+    [
+        ([0] * 8, [6, 7], 2, [6, 7], "end of the first of 2 episodes held out"),
+        ([0] * 8, [6, 7], 5, [6, 7, *range(32, 40)], "end of the first and 1 more of 5 episodes held out"),
+        ([0] * 8 + [1] * 8, range(8, 16), 3, range(8, 16), "1 of 3 episodes held out"),
+        ([0] * 8 + [1] * 8, range(8, 16), 8, [*range(8, 16), *range(56, 64)], "2 of 8 episodes held out"),
+    ],
+)
+def test_what_was_held_out_stays_so_as_episodes_come(first, held, then, all_held, how):
+    """Windows of 100 samples, eight to an episode."""
+    first, episode = np.array(first), np.repeat(np.arange(then), 8)
+    arrays = {
+        "window/first": 100 * np.arange(len(first)),
+        "window/is_test": np.isin(np.arange(len(first)), held),
+    }
+    earlier = EarlierEstimate(Path("e"), SimpleNamespace(arrays=arrays), {"test": None}, int(first[-1]) + 1)
+    windows = SimpleNamespace(
+        episode=episode, first=100 * np.arange(len(episode)), samples=np.full(len(episode), 100)
+    )
+    split = earlier.split(windows, None)
+    assert np.flatnonzero(split.is_test).tolist() == list(all_held)
+    assert split.how == how
+
+
+def test_the_end_of_a_single_episode_stays_held_out(slider_task, tmp_path, without_pages):
+    made = {"task": str(slider_task), "duration": 4, "amplitude": {"drive": 5}, "threads": 1}
+    for seed in (0, 1):
+        record(out=tmp_path / f"{seed}.zarr", seed=seed, **made)
+    options = {"out": tmp_path / "e", "starts": 1, "threads": 1, "quiet": True}
+    first = identify(real_log=tmp_path / "0.zarr", task=str(slider_task), **options)
+    import_log(files=[tmp_path / "1.zarr"], task=str(slider_task), out=tmp_path / "0.zarr", append=True)
+    second = identify(real_log=tmp_path / "0.zarr", resume=True, **options)
+    held = [np.flatnonzero(e.arrays["window/is_test"]).tolist() for e in (first, second)]
+    assert held[1] == held[0] != []
+    assert second.document["error"]["test"] is not None
 
 
 def test_what_does_not_belong_to_a_log_is_refused_and_the_log_stays(scooping, slider_task, tmp_path):

@@ -10,7 +10,8 @@ from mujoco import batch
 from capture_cli.errors import ModelError
 from capture_cli.sim.engine import Engine, ModelFields, Starts, model_field
 from capture_cli.sim.mjcf import to_mjcf
-from capture_cli.sim.targets import ATTRIBUTES, damping_ratio, parse_target, restitution
+from capture_cli.sim.target_names import ATTRIBUTES, parse_target
+from capture_cli.sim.targets import damping_ratio, restitution
 
 # Something of everything that can be set, none of it at a default.
 XML = """
@@ -39,6 +40,12 @@ XML = """
       <geom name="sphere" size="0.11" mass="0.4" friction="0.5 0.02 0.003" solref="0.03 0.8"/>
     </body>
   </worldbody>
+  <tendon>
+    <fixed name="belt" stiffness="6" damping="0.7" frictionloss="0.08">
+      <joint joint="hinge" coef="0.3"/><joint joint="slide" coef="1"/>
+    </fixed>
+    <fixed name="cord"><joint joint="slide" coef="0.5"/></fixed>
+  </tendon>
   <actuator>
     <general name="motor" joint="hinge" gainprm="0.08" biastype="affine" biasprm="0 0 -0.03" gear="3"/>
     <motor name="force" joint="slide"/>
@@ -111,6 +118,12 @@ VALUES = {
     "geom:sphere:friction": 0.5,
     "geom:sphere:solref_timeconst": 0.03,
     "geom:sphere:restitution": None,
+    "tendon:belt:damping": 0.7,
+    "tendon:belt:frictionloss": 0.08,
+    "tendon:belt:stiffness": 6.0,
+    "tendon:cord:damping": 0.0,
+    "tendon:cord:frictionloss": 0.0,
+    "tendon:cord:stiffness": 0.0,
     "actuator:motor:gain": 0.08,
     "actuator:motor:bias": 0.0,
     "actuator:motor:bias_position": 0.0,
@@ -424,22 +437,36 @@ def test_size_alone_keeps_the_shape_and_the_mass(model):
     assert "body_mass" not in fields.values
 
 
+def test_names_may_hold_colons():
+    model = mujoco.MjModel.from_xml_string(XML.replace('"link"', '"robot0:arm:link"'))
+    assert parse_target("body:robot0:arm:link:mass", model, "task.toml").read(model) == pytest.approx(1.6)
+    with pytest.raises(ModelError, match=r"no body 'robot0:arm:lnk'") as caught:
+        parse_target("body:robot0:arm:lnk:mass", model, "task.toml")
+    assert "robot0:arm:link" in caught.value.cure
+
+
 # --- what is refused ---
 
 
 @pytest.mark.parametrize(
     ("text", "named"),
     [
-        ("bodi:link:mass", ["bodi:link:mass", "did you mean 'body'", "actuator, body, geom, joint, option"]),
+        (
+            "bodi:link:mass",
+            ["bodi:link:mass", "did you mean 'body'", "actuator, body, geom, joint, option, tendon"],
+        ),
         ("body:lnk:mass", ["no body 'lnk'", "did you mean 'link'", "sled"]),
         ("joint:hinge:dampin", ["'dampin'", "did you mean 'damping'", "frictionloss"]),
         ("joint:hing:damping", ["'hing'", "did you mean 'hinge'"]),
         ("geom:bx:size", ["no geom 'bx'", "box"]),
         ("actuator:moto:gain", ["no actuator 'moto'", "'motor'"]),
         ("option:gravity", ["'gravity'", "gravity_x"]),
+        ("tendon:bel:stiffness", ["no tendon 'bel'", "did you mean 'belt'"]),
         ("body:mass", ["body:NAME:ATTRIBUTE"]),
+        ("body::mass", ["body:NAME:ATTRIBUTE"]),
+        ("option", ["option:ATTRIBUTE"]),
         ("option:world:gravity_z", ["option:ATTRIBUTE"]),
-        ("", ["unknown kind", "actuator, body, geom, joint, option"]),
+        ("", ["unknown kind", "actuator, body, geom, joint, option, tendon"]),
         ("geom:floor:size", ["0 settable sizes"]),
         ("geom:sphere:size_y", ["1 settable sizes", "'size_y'"]),
         ("geom:capsule:size_z", ["2 settable sizes", "'size_z'"]),

@@ -376,3 +376,20 @@ def test_the_centre_of_mass_of_a_simple_body_can_be_moved_and_is_exported(tmp_pa
     assert exported.body("box").ipos[0] == 0.03
     np.testing.assert_allclose(found, Engine(exported, 1).rollout(**options).sensors, atol=1e-12)
     assert np.abs(found - Engine(plain, 1).rollout(**options).sensors).max() > 1e-3
+
+
+@pytest.mark.parametrize("first", ["mass", "com"])
+def test_the_centres_that_are_moved_do_not_depend_on_the_order_of_parameters(tmp_path, first):
+    """Both bodies only slide: of one the mass is open, of the other the centre of mass."""
+    model = BOX.replace("<freejoint/>", '<joint type="slide" axis="1 0 0"/>')
+    (tmp_path / "box.xml").write_text(model.replace('name="sled"', 'name="robot0:sled"'))
+    mass = '[parameters.mass]\nset = "body:box:mass"\nlow = 1\nhigh = 3\nunit = "kg"\n'
+    com = '[parameters.com]\nset = "body:robot0:sled:com_z"\nlow = -0.05\nhigh = 0.05\nunit = "m"\n'
+    head, rest = BOX_TASK[: BOX_TASK.index("[parameters.com]")], BOX_TASK[BOX_TASK.index("[outputs.p]") :]
+    (tmp_path / "task.toml").write_text(head + (mass + com if first == "mass" else com + mass) + rest)
+    task = load_task(str(tmp_path / "task.toml"))
+    assert task.model.body_simple[1:].astype(bool).tolist() == [True, False]
+    fields = ModelFields(task.model, 1)
+    task.write(fields, np.array([[2.5, 0.03] if first == "mass" else [0.03, 2.5]]))
+    assert fields["body_mass"][0, 1] == 2.5
+    assert fields["body_ipos"][0, 2].tolist() == [0, 0, 0.03]

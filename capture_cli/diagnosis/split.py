@@ -94,8 +94,9 @@ def _last_block(episode: np.ndarray) -> Split:
             "the log is one window long: too short to hold any back",
             cure="record more, set a shorter `window` under [log] (or --window), or pass --test none",
         )
-    is_test[-max(1, round(TEST_SHARE * len(episode))) :] = True
-    return Split(is_test, f"last {TEST_SHARE:.0%} of the episode held out")
+    count = max(1, round(TEST_SHARE * len(episode)))
+    is_test[-count:] = True
+    return Split(is_test, f"last {count} of {len(episode)} windows held out")
 
 
 SELECT_SHARE = 3  # one window in three

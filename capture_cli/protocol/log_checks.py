@@ -12,6 +12,7 @@ from capture_cli.identifiers.base import Trial
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.sim.coordinate_sources import unmeasured_joints
 from capture_cli.sim.engine import Engine
+from capture_cli.sim.windows import SHORTEST_EPISODE
 from capture_cli.simulator import Simulator
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.tasks.base import Channel, Task
@@ -122,7 +123,7 @@ def check_long_enough(log: MeasuredLog, duration: float | None) -> None:
     if duration is not None and not 0 < duration < np.inf:
         raise OptionError(f"--window {duration:g}", cure="give a positive number of seconds")
     longest = log.longest
-    if duration is not None and longest < 0.9 * duration:
+    if duration is not None and longest < SHORTEST_EPISODE * duration:
         raise LogError(
             f"{log.path}: its longest episode lasts {longest:.3g} s, and a window {duration:.3g} s",
             cure="set a shorter `window` under [log] of the task.toml, or pass --window",

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from capture_cli.reports.quantities import bound, significant, with_unit
+from capture_cli.reports.quantities import bound, percent, significant, with_unit
 
 STYLES = {"error": "bold red", "warning": "yellow", "note": "dim"}
 SEVERITIES = ("error", "warning", "note")
@@ -124,11 +124,11 @@ def _movement(channel: Mapping[str, Any]) -> str:
         step, change = channel["quantisation"]["step"], channel["quantisation"]["change"]
         if step is None or (change is not None and step < FINE * change):
             return ", ".join(said)
-        return ", ".join([*said, f"steps of {bound(float(f'{step:.3g}'))} {channel['unit']}"])
+        return ", ".join([*said, with_unit(f"steps of {bound(float(f'{step:.3g}'))}", channel["unit"])])
     moves = channel["excitation"]
     parts = ["input"]
     if moves["at_rest"] is not None and moves["at_rest"] >= LEAST_REST:
-        parts.append(f"at rest {moves['at_rest']:.0%}")
+        parts.append(f"at rest {percent(moves['at_rest'])}")
     if moves["frequency_95"] is not None:
         parts.append(
             f"half its power below {significant(moves['median_frequency'], 2)} Hz, "

@@ -68,6 +68,11 @@ def with_unit(number: str, unit: str) -> str:
     return number if number == MISSING or not shown_unit(unit) else f"{number} {unit}"
 
 
+def percent(share: float, digits: int = 0) -> str:
+    """0.0312 -> "3 %", as everywhere with a space."""
+    return f"{100 * share:.{digits}f} %"
+
+
 def shown_unit(unit: str) -> str:
     """The unit as it is shown: nothing for "1" and "-"."""
     return "" if unit in ("1", "-") else unit

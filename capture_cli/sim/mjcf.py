@@ -27,6 +27,8 @@ def to_mjcf(source: Path, fields: ModelFields, target: Path) -> str:
     from_geoms = spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
     if "geom_size" in fields.values or (from_geoms and any(n.startswith("body_") for n in fields.values)):
         _fix_inertia(spec)
+    if "qpos_spring" in fields.values and spec.tendons:
+        _fix_rest_lengths(spec)
     if "actuator_biastype" in fields.values:
         for actuator, kind in zip(spec.actuators, fields["actuator_biastype"][0], strict=True):
             actuator.biastype = mujoco.mjtBias(int(kind))
@@ -79,6 +81,12 @@ def _fix_inertia(spec: mujoco.MjSpec) -> None:
         body.mass = model.body_mass[body.id]
         body.ipos, body.iquat = model.body_ipos[body.id], model.body_iquat[body.id]
         body.inertia = model.body_inertia[body.id]
+
+
+def _fix_rest_lengths(spec: mujoco.MjSpec) -> None:
+    """Write the rest lengths of tendons down, or they would follow the joints, whose springs rest elsewhere now."""
+    for tendon, lengths in zip(spec.tendons, spec.compile().tendon_lengthspring, strict=True):
+        tendon.springlength = lengths
 
 
 def _assign(model: mujoco.MjModel, name: str, value: np.ndarray) -> None:

@@ -15,6 +15,8 @@ import numpy as np
 GRID_TOLERANCE = 1e-3
 # A gap this many usual sampling intervals long ends a window: nobody knows what drove the machine in it.
 GAP_FACTOR = 20.0
+# of a window: an episode a little shorter still is one
+SHORTEST_EPISODE = 0.9
 # s of inputs kept from before each window: what a late or sluggish actuator still answers to at its start
 LEAD = 4.0
 # of the time since an episode began: how far off a clock may be, and inputs are kept from after each window

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -94,7 +95,7 @@ def _check_estimate(folder: Path, real_log: Path) -> tuple[Estimate, dict[str, A
     if found.document["log"]["sha256"] != sha256(real_log):
         raise OptionError(
             f"{folder} was made from {found.document['log']['path']}, and {real_log} is not that log",
-            cure=f"identify it first: capture identify --real-log {real_log}",
+            cure=f"identify it first: capture identify --real-log {shlex.quote(str(real_log))}",
         )
     again = "make the estimate again with `capture identify`"
     return found, read_result(folder, "provenance.json", "capture/provenance", 1, again)

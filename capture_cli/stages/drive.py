@@ -13,7 +13,7 @@ from capture_cli.errors import OptionError, did_you_mean
 from capture_cli.multisine import check_amplitude, multisine_tape, peak
 from capture_cli.sim.engine import Starts
 from capture_cli.sim.starts import model_starts
-from capture_cli.sim.targets import object_names
+from capture_cli.sim.target_names import object_names
 from capture_cli.sim.windows import gaps, usual_interval
 from capture_cli.stages.policy_checkpoint import load_policy
 from capture_cli.stores.measured_log import MeasuredLog

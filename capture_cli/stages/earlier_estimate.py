@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from capture_cli.diagnosis.split import TEST_SHARE, Split
+from capture_cli.diagnosis.split import TEST_SHARE, HeldOut, Split
 from capture_cli.errors import OptionError
 from capture_cli.identifiers.base import Best
 from capture_cli.identifiers.rounds import Rounds
@@ -91,15 +91,27 @@ class EarlierEstimate:
         """
         if self.options["test"] is not None:
             return chosen
-        arrays = self.estimate.arrays
-        held = set(np.unique(arrays["window/episode"][arrays["window/is_test"]]).tolist())
-        blocks = held & set(np.unique(arrays["window/episode"][~arrays["window/is_test"]]).tolist())
-        held -= blocks  # of a single episode, its end was held out: now there are others to hold out
-        for episode in range(self.episodes, int(windows.episode.max()) + 1):
-            if len(held) + 1 <= TEST_SHARE * (episode + 1):
-                held.add(episode)
-        is_test = np.isin(windows.episode, sorted(held))
-        return Split(is_test, f"{len(held)} of {len(np.unique(windows.episode))} episodes held out")
+        arrays, new = self.estimate.arrays, self.new(windows)
+        before = HeldOut(arrays["window/first"], arrays["window/is_test"], "")
+        is_test = before.split(windows.first, windows.samples).is_test & ~new
+        # of a single episode its end was held out: it counts as the part of an episode that it is
+        held = sum(is_test[windows.episode == episode].mean() for episode in np.unique(windows.episode[~new]))
+        for episode in np.unique(windows.episode[new]):
+            if held + 1 <= TEST_SHARE * (episode + 1):
+                is_test |= windows.episode == episode
+                held += 1
+        return Split(is_test, _how(windows.episode, is_test))
+
+
+def _how(episode: np.ndarray, is_test: np.ndarray) -> str:
+    """What is held out of the windows of so many episodes, (window,), in words."""
+    count = len(np.unique(episode))
+    held = set(episode[is_test])
+    whole = held - set(episode[~is_test])
+    if held == whole:
+        return f"{len(whole)} of {count} episodes held out"
+    more = f" and {len(whole)} more" if whole else ""
+    return f"end of the first{more} of {count} episodes held out"
 
 
 def _continues(log: MeasuredLog, task: Task, estimate: Estimate) -> bool:

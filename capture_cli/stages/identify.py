@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import shlex
 import threading
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -83,7 +84,9 @@ def identify(
         result = search.run()
     estimate = Report(result, chosen.name, options["seed"], earlier).estimate()
     if estimate.document["verdict"] == "unexplained":
-        estimate.document["next_command"] = f"capture diagnose --real-log {real_log} --estimate {out}"
+        estimate.document["next_command"] = shlex.join(
+            ["capture", "diagnose", "--real-log", str(real_log), "--estimate", str(out)]
+        )
     with new_directory(out, force=force or resume) as folder:
         estimate.write(folder)
         _write_pages(estimate, folder, provenance)

@@ -12,6 +12,7 @@ import numpy as np
 
 from capture_cli.errors import LogError
 from capture_cli.protocol.log_checks import check_fits
+from capture_cli.sim.windows import SHORTEST_EPISODE
 from capture_cli.stages.recorded_task import task_inputs
 from capture_cli.stages.source_files import SourceFile, open_source
 from capture_cli.stores.measured_log import MeasuredLog
@@ -21,9 +22,8 @@ from capture_cli.tasks import load_task
 from capture_cli.tasks.base import ActionTask, Task
 
 LEAST_STEPS = 2  # of an episode
-# As in the stages that cut windows: an episode a little shorter than a window still is one.
-SHORTEST_EPISODE = 0.9  # of a window
 LARGEST_PLAIN = 1e16  # that Python writes without an exponent
+MOST_NAMED = 6  # columns with holes
 MANY_MISSING = 0.2  # of a column's values: hardly an accident
 
 
@@ -216,9 +216,19 @@ def _usable(source: SourceFile, columns, data, sound, labels, task: Task, *, dro
         column, value = columns[bad], "missing or NaN" if np.isnan(data[row, bad]) else str(data[row, bad])
     raise LogError(
         f"{source.path}: column {column!r} is {value} at {source.place(row)} "
-        f"({(~usable).sum()} of {len(data)} rows are incomplete)",
+        f"({(~usable).sum()} of {len(data)} rows are incomplete{_holes(columns, ~sound)})",
         cure=_cure_of_missing(columns, np.isnan(data) & ~sound, task),
     )
+
+
+def _holes(columns: Sequence[str], bad: np.ndarray) -> str:
+    """How many values of each column are `bad` (row, column), where that is more than one column."""
+    counts = dict(zip(columns, bad.sum(axis=0).tolist(), strict=True))
+    having = [f"{name!r} in {n}" for name, n in sorted(counts.items(), key=lambda c: -c[1]) if n]
+    if len(having) < 2:
+        return ""
+    more = f" and {len(having) - MOST_NAMED} more" if len(having) > MOST_NAMED else ""
+    return ": " + ", ".join(having[:MOST_NAMED]) + more
 
 
 def _cure_of_missing(columns: Sequence[str], missing: np.ndarray, task: Task) -> str:
@@ -234,9 +244,20 @@ def _cure_of_missing(columns: Sequence[str], missing: np.ndarray, task: Task) ->
     driven = [name for name in rare if name in {c.column for c in task.inputs}]
     if driven:
         said.append(f"{_counted(driven, counts)}: write what was last commanded into every row")
-    if not said:
-        return "add --drop-nan to leave such rows out, with what drove the machine in them; or fill them in the file"
-    return "; ".join([*said, "--drop-nan would leave the rows out, and with them what drove the machine"])
+    if said:
+        return "; ".join([*said, "--drop-nan would leave the rows out, and with them what drove the machine"])
+    return _cure_of_lost([name for name, n in counts.items() if n], task)
+
+
+def _cure_of_lost(columns: Sequence[str], task: Task) -> str:
+    """What to do about a few missing values of `columns`."""
+    tables = _tables_of(columns, task)
+    if tables and set(columns) <= {c.column for c in task.outputs}:
+        keep = f"write sparse = true under {', '.join(f'[outputs.{name}]' for name in tables)}"
+        return f"{keep}, which keeps what drove the machine in such rows; or add --drop-nan to leave them out"
+    return (
+        "add --drop-nan to leave such rows out, with what drove the machine in them; or fill them in the file"
+    )
 
 
 def _counted(names: Sequence[str], counts: dict[str, int]) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -138,8 +139,8 @@ def _inspect_log(path: Path, document: dict[str, Any], machine: Task | None) -> 
         for r in document["recordings"]
         if r.get("repeated_rows")
     ]
-    findings += log_findings(document)
     machine = machine or _own_task(log)
+    findings += log_findings(document, machine)
     if machine is not None:
         findings += task_findings(log, document, machine)
 
@@ -249,7 +250,11 @@ def _inspect_result(path: Path, document: dict[str, Any]) -> None:
 def _verdict(result: Mapping[str, Any], path: Path) -> list[dict[str, str]]:
     found = []
     if result.get("verdict") == "unexplained":
-        cure = f"`capture diagnose --estimate {path}` looks for what the model lacks"
+        cure = "`capture diagnose --expression` looks for a formula of what no effect explains"
+        if result["format"] == "capture/estimate":
+            log = ["--real-log", result["log"]["path"]] if result.get("log") else []
+            command = shlex.join(["capture", "diagnose", *log, "--estimate", str(path)])
+            cure = f"`{command}` looks for what the model lacks"
         found.append(
             finding("warning", "verdict", "the residual is above the noise floor: unexplained", cure)
         )

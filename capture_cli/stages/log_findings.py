@@ -11,6 +11,9 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from capture_cli.reports.quantities import percent, with_unit
+from capture_cli.sim.contacts import can_touch
+from capture_cli.sim.windows import SHORTEST_EPISODE
 from capture_cli.stores.measured_log import FEWEST_OF_A_SPARSE, MeasuredLog
 from capture_cli.tasks.base import Channel, Task
 
@@ -23,7 +26,6 @@ PILED_UP = 5.0  # times the share at the values next to an extreme: a quantised 
 MANY_LEVELS = 10  # fewer are a switched signal, which is at its extremes by design
 MOSTLY_AT_REST = 0.5
 WINDOW_SAMPLES = 5  # fewer in a window say little
-SHORTEST_EPISODE = 0.9  # of a window
 TURN_SLACK = 1.0  # rad that a hinge moves between two samples, beside a jump by a turn
 RANGE_SLACK = 0.05  # of a joint's range
 ROUNDED = 1e-6  # of an actuator's range: numbers in files are rounded
@@ -38,14 +40,14 @@ def finding(severity: str, where: str, message: str, cure: str) -> Finding:
     return {"severity": severity, "where": where, "message": message, "cure": cure}
 
 
-def log_findings(document: Mapping[str, Any]) -> list[Finding]:
-    """Findings on the `episodes` and `channels` of an inspection document."""
+def log_findings(document: Mapping[str, Any], task: Task | None = None) -> list[Finding]:
+    """Findings on the `episodes` and `channels` of an inspection document. task: theirs, where it is known."""
     episodes = document["episodes"]
     return [
         *_timing(episodes),
         *(f for c in document["channels"] for f in _values(c, len(episodes))),
         *(f for c in document["channels"] if c["kind"] == "input" for f in _input(c)),
-        *(f for c in document["channels"] if c["kind"] == "output" for f in _output(c)),
+        *(f for c in document["channels"] if c["kind"] == "output" for f in _output(c, task)),
     ]
 
 
@@ -96,7 +98,7 @@ def _timing(episodes: Sequence[Mapping[str, Any]]) -> Iterator[Finding]:
         yield finding(
             "note",
             _episode(worst) if len(uneven) == 1 else f"{len(uneven)} episodes",
-            f"sampling is uneven: the interval's sd is {worst['jitter_sd']:.0%} of its median, "
+            f"sampling is uneven: the interval's sd is {percent(worst['jitter_sd'])} of its median, "
             f"the longest is {worst['jitter_max']:.3g} times the median",
             "nothing to do: every sample is compared at its own time",
         )
@@ -124,6 +126,11 @@ def _listed(items: Iterable[Any], count: int) -> str:
 # --- values ---
 
 
+def _in_unit(value: float, channel: Mapping[str, Any], digits: int = 3) -> str:
+    """A value of the channel, before its unit if it has one."""
+    return with_unit(f"{value:.{digits}g}", channel["unit"])
+
+
 def _values(channel: Mapping[str, Any], episodes: int) -> Iterator[Finding]:
     where, is_input = f"{channel['kind']} {channel['name']}", channel["kind"] == "input"
     bad = channel["nan"] + channel["infinite"]
@@ -147,7 +154,7 @@ def _values(channel: Mapping[str, Any], episodes: int) -> Iterator[Finding]:
         yield finding(
             "warning" if is_input else "error",
             where,
-            f"never changes: always {channel['low']['value']:.6g} {channel['unit']}",
+            f"never changes: always {_in_unit(channel['low']['value'], channel, 6)}",
             "excite this input if its parameters matter"
             if is_input
             else "check the sensor and its column, or leave the output out of the task.toml",
@@ -170,7 +177,7 @@ def _input(channel: Mapping[str, Any]) -> Iterator[Finding]:
             yield finding(
                 "warning" if extreme["visits"] >= SEVERAL_VISITS else "note",
                 where,
-                f"is at exactly {extreme['value']:.6g} {channel['unit']} for {extreme['share']:.0%} "
+                f"is at exactly {_in_unit(extreme['value'], channel, 6)} for {percent(extreme['share'])} "
                 f"of the samples, in {extreme['visits']} stays: saturated, or held?",
                 "log what reached the actuator, not what was asked of it; if that is what it is, good",
             )
@@ -178,7 +185,7 @@ def _input(channel: Mapping[str, Any]) -> Iterator[Finding]:
         yield finding(
             "note",
             where,
-            f"is at rest (near 0) for {moves['at_rest']:.0%} of the samples",
+            f"is at rest (near 0) for {percent(moves['at_rest'])} of the samples",
             "excite it for longer if intervals come out wide",
         )
     if moves["single_frequency"] is not None:
@@ -198,14 +205,14 @@ def _extremes(channel: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     return [e for e in ends if e["share"] > SATURATED and e["share"] > PILED_UP * e["neighbours"]]
 
 
-def _output(channel: Mapping[str, Any]) -> Iterator[Finding]:
+def _output(channel: Mapping[str, Any], task: Task | None) -> Iterator[Finding]:
     where, grid = f"output {channel['name']}", channel["quantisation"]
     for extreme in _extremes(channel):
         if extreme["visits"] >= SEVERAL_VISITS:
             yield finding(
                 "warning",
                 where,
-                f"is at exactly {extreme['value']:.6g} {channel['unit']} for {extreme['share']:.0%} "
+                f"is at exactly {_in_unit(extreme['value'], channel, 6)} for {percent(extreme['share'])} "
                 f"of the samples, in {extreme['visits']} stays: the sensor's range, or an end stop?",
                 "leave those episodes out if the sensor clips; put a stop into the model",
             )
@@ -213,7 +220,7 @@ def _output(channel: Mapping[str, Any]) -> Iterator[Finding]:
         yield finding(
             "note",
             where,
-            f"is quantised in steps of {grid['step']:.3g} {channel['unit']} "
+            f"is quantised in steps of {_in_unit(grid['step'], channel)} "
             f"(sd {grid['step'] / np.sqrt(12):.2g}), and moves less than that from sample to sample",
             "nothing to do: the noise floor will show it",
         )
@@ -222,10 +229,21 @@ def _output(channel: Mapping[str, Any]) -> Iterator[Finding]:
         yield finding(
             "warning",
             where,
-            f"{out['count']} single samples stand out, by up to {out['largest']:.3g} {channel['unit']}: "
+            f"{out['count']} single samples stand out, by up to {_in_unit(out['largest'], channel)}: "
             f"{_listed((f'step {i}' for i in out['first']), out['count'])}",
-            "leave these values empty in the source and import with --drop-nan: errors count by their squares",
+            _cure_of_spikes(task),
         )
+
+
+def _cure_of_spikes(task: Task | None) -> str:
+    """What to do about single samples that stand out."""
+    keep = "keep them where bodies hit each other, which looks like this; otherwise "
+    empty = "leave these values empty in the source, write sparse = true under the output and import again"
+    if task is not None and not hasattr(task, "path"):  # built in: its outputs are what they are
+        empty = "leave these values empty in the source and import with --drop-nan"
+    return (
+        f"{keep if task is not None and can_touch(task.model) else ''}{empty}: errors count by their squares"
+    )
 
 
 # --- against a task ---
@@ -322,7 +340,7 @@ def _ranges(log: MeasuredLog, task: Task) -> Iterator[Finding]:
                 yield finding(
                     "warning",
                     f"input {c.name}",
-                    f"{share:.1%} of the samples are outside ctrlrange ({low:g}, {high:g}): MuJoCo clips",
+                    f"{percent(share, 1)} of the samples are outside ctrlrange ({low:g}, {high:g}): MuJoCo clips",
                     "widen ctrlrange in the model, or correct scale and offset",
                 )
     sampled = log.sampled
@@ -337,7 +355,7 @@ def _ranges(log: MeasuredLog, task: Task) -> Iterator[Finding]:
                 yield finding(
                     "warning",
                     f"output {c.name}",
-                    f"{share:.1%} of the samples lie outside the joint's range ({low:g}, {high:g})",
+                    f"{percent(share, 1)} of the samples lie outside the joint's range ({low:g}, {high:g})",
                     "check scale and offset (degrees, another zero?), or the joint's range",
                 )
 

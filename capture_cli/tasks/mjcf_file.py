@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 import tomllib
 from collections.abc import Collection
 from pathlib import Path
@@ -15,7 +14,7 @@ from capture_cli.errors import ModelError, TaskError, did_you_mean
 from capture_cli.parameters import Parameter, ParameterSpace
 from capture_cli.sim.engine import silence_mujoco
 from capture_cli.sim.mjcf import free_centres
-from capture_cli.sim.targets import object_id, parse_target
+from capture_cli.sim.target_names import object_id, parse_target, split_target
 from capture_cli.tasks.base import Channel, LogColumns, Task
 
 FORMAT = 1
@@ -46,7 +45,7 @@ class MjcfFile(Task):
             )
         self.name = _value(table, "name", str, where, default=self.path.parent.name)
         self.model_path = self.path.parent / _value(table, "model", str, where)
-        self.model = compile_model(self.model_path, _moved_centres(table))
+        self.model = compile_model(self.model_path, _moved_centres(table, where))
         self._targets = []
         parameters = []
         set_by: dict[str, str] = {}
@@ -77,14 +76,7 @@ class MjcfFile(Task):
 
     def _parameter(self, name: str, entry: dict[str, Any], set_by: dict[str, str], where: str):
         """The parameter and its targets. set_by: which parameter sets each target so far; `name` is added."""
-        _known(entry, {"set", "low", "high", "unit", "nominal"}, where)
-        texts = entry.get("set")
-        texts = [texts] if isinstance(texts, str) else texts
-        if not isinstance(texts, list) or not texts or not all(isinstance(t, str) for t in texts):
-            raise TaskError(
-                f"{where}: {_given(entry, 'set')}",
-                cure='write set = "KIND:NAME:ATTRIBUTE", or a list of such',
-            )
+        texts = _set_texts(entry, where)
         targets = [parse_target(text, self.model, where) for text in texts]
         _set_once(texts, name, set_by, where)
         low, high = (_value(entry, key, float, where) for key in ("low", "high"))
@@ -273,9 +265,27 @@ def _set_once(texts: list[str], name: str, set_by: dict[str, str], where: str) -
         set_by[text] = name
 
 
-def _moved_centres(table: dict[str, Any]) -> set[str]:
-    """Bodies of which a parameter sets the centre of mass."""
-    return set(re.findall(r"\bbody:(.+?):com_[xyz]\b", repr(table.get("parameters"))))
+def _set_texts(entry: Any, where: str) -> list[str]:
+    """What a parameter's table says it sets. Raises TaskError."""
+    _known(entry, {"set", "low", "high", "unit", "nominal"}, where)
+    texts = entry.get("set")
+    texts = [texts] if isinstance(texts, str) else texts
+    if not isinstance(texts, list) or not texts or not all(isinstance(t, str) for t in texts):
+        raise TaskError(
+            f"{where}: {_given(entry, 'set')}",
+            cure='write set = "KIND:NAME:ATTRIBUTE", or a list of such',
+        )
+    return texts
+
+
+def _moved_centres(table: dict[str, Any], where: str) -> set[str]:
+    """Bodies of which a parameter sets the centre of mass. Raises TaskError."""
+    targets = [
+        split_target(text)
+        for name, entry in _tables(table, "parameters", where)
+        for text in _set_texts(entry, f"{where}: [parameters.{name}]")
+    ]
+    return {name for kind, name, attribute in targets if kind == "body" and attribute.startswith("com_")}
 
 
 def _read(path: Path) -> dict[str, Any]:
