@@ -268,6 +268,7 @@ class Simulator:
             lead=windows.lead,
             known=windows.known_lead[row],
             began=(windows.time - windows.elapsed)[row],
+            first=windows.first[row],
             drift=drift,
             hidden=begun.hidden,
             states=states,
@@ -285,6 +286,7 @@ class Simulator:
         lead: int = 0,
         known: np.ndarray | None = None,
         began: np.ndarray | None = None,
+        first: np.ndarray | None = None,
         drift: np.ndarray | None = None,
         hidden: np.ndarray | None = None,
         states: bool = False,
@@ -293,8 +295,9 @@ class Simulator:
 
         controls (row, lead + steps, nu), of which `lead` come before the first step, `known` (simulation,) of them from
         the log; where there are fewer the last are held. began (simulation,): s, when the episode of each did; 0 where
-        None. drift (simulation,): how many s later than the first step a simulation begins; None begins none later.
-        hidden (simulation, state): what the effects' own states begin with; 0 where None.
+        None. first (simulation,): the step of the log that each begins at; None where there is no log. drift
+        (simulation,): how many s later than the first step a simulation begins; None begins none later. hidden
+        (simulation, state): what the effects' own states begin with; 0 where None.
         """
         drift = np.zeros(len(row)) if drift is None else drift
         known = np.zeros(len(row), dtype=int) if known is None else known
@@ -309,7 +312,7 @@ class Simulator:
             control_row=row,
             steps=steps,
             fields=self._fields(each),
-            forces=self._forces(each, hidden, began),
+            forces=self._forces(each, hidden, began, first),
             columns=None if measures else self._sensors,
             states=states,
             substeps=self.substeps,
@@ -347,10 +350,14 @@ class Simulator:
             own.effect.write(fields, each[:, own.parameters])
         return fields
 
-    def _forces(self, each: np.ndarray, hidden: np.ndarray, began: np.ndarray) -> list[Force]:
+    def _forces(
+        self, each: np.ndarray, hidden: np.ndarray, began: np.ndarray, first: np.ndarray | None
+    ) -> list[Force]:
         timestep = self.task.timestep / self.substeps
         forces = [
-            own.effect.force(each[:, own.parameters], timestep, states=hidden[:, own.states], began=began)
+            own.effect.force(
+                each[:, own.parameters], timestep, states=hidden[:, own.states], began=began, first=first
+            )
             for own in self._placed
         ]
         return [f for f in forces if f is not None]

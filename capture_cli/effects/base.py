@@ -14,8 +14,8 @@ one without the effect, bit by bit, whatever the shapes are. An effect without p
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 import mujoco
@@ -32,11 +32,18 @@ GLOBAL = ""  # the site of an effect that concerns the model as a whole
 
 @dataclass(frozen=True)
 class JointMotion:
-    """What a log saw of a joint: from where to where it went, and how fast; m or rad, and per s."""
+    """What a log saw of a joint: from where to where it went, and how fast; m or rad, and per s.
+
+    path (step,): where it was at each step of the log, nan where that was not measured; episodes: of those steps;
+    noise: of the path, standard deviation.
+    """
 
     low: float
     high: float
     speed: float
+    path: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    episodes: Sequence[slice] = ()
+    noise: float = 0.0
 
     @property
     def travel(self) -> float:
@@ -108,6 +115,16 @@ class Effect(ABC):
         """
         self.window, self.longest, self.logged = window, longest, logged
 
+    @property
+    def shows(self) -> bool:
+        """Whether it could show in the log that it looks in: not where that lacks the sensors that it changes.
+
+        One that changes the motion, too, needs all of those: without them it is another place of it.
+        """
+        return (
+            bool(self.logged & self.reported) if self.place == "measurement" else self.reported <= self.logged
+        )
+
     @classmethod
     @abstractmethod
     def sites(cls, model: mujoco.MjModel) -> list[str]:
@@ -156,12 +173,14 @@ class Effect(ABC):
         *,
         states: np.ndarray | None = None,
         began: np.ndarray | float = 0.0,
+        first: np.ndarray | None = None,
     ) -> Force | None:
         """Place "force": a fresh force with the coefficients `values` (simulation, parameter).
 
         The force is called on chunks: it indexes its coefficients, and any state it keeps, with `world.rows`.
         states (simulation, state): what its own states begin with; 0 where None. began (simulation,): when the episodes
-        did, s, by the clock of the simulation.
+        did, s, by the clock of the simulation. first (simulation,): the step of the log that each begins at; None where
+        there is no log.
         """
         return None
 

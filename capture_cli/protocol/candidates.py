@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence, Set
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 
@@ -71,15 +71,7 @@ def all_candidates(prepared: PreparedLog) -> list[Candidate]:
     window = float(windows.grid_steps.max() * windows.timestep)
     for _, effect in every:
         effect.look_in(window=window, longest=prepared.log.longest, logged=logged, seen=seen)
-    return [Candidate(e) for e in every if _shows(e[1], logged)]
-
-
-def _shows(effect: Effect, logged: Set[int]) -> bool:
-    """Whether it changes what is `logged`, columns of sensordata, if it is the sensors that it changes.
-
-    Not one that also changes the motion and others than those: without them it is another place of it.
-    """
-    return bool(logged & effect.reported) if effect.place == "measurement" else effect.reported <= logged
+    return [Candidate(e) for e in every if e[1].shows]
 
 
 def _seen(prepared: PreparedLog) -> dict[int, JointMotion]:
@@ -92,14 +84,16 @@ def _seen(prepared: PreparedLog) -> dict[int, JointMotion]:
         if source.kind != "position" or len(source.dofs) != 1:
             continue
         columns = list(source.columns)
-        path = source.of(log.outputs[log.sampled[:, columns].all(axis=1)][:, columns])
-        if not len(path):
+        measured = log.sampled[:, columns].all(axis=1)
+        path = np.where(measured, source.of(log.outputs[:, columns])[:, 0], np.nan)
+        if not measured.any():
             continue
-        low, high = path.min(), path.max()
+        low, high = np.nanmin(path), np.nanmax(path)
         speed = np.abs(source.of(reported.jets[:, 1, list(source.data)])).max()
         if low < high and speed > 0:
             joint = int(model.dof_jntid[source.dofs[0]])
-            seen[joint] = JointMotion(float(low), float(high), float(speed))
+            noise = float(source.noise(prepared.noise.sd)[0])
+            seen[joint] = JointMotion(float(low), float(high), float(speed), path, log.episodes, noise)
     return seen
 
 

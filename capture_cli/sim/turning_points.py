@@ -1,0 +1,49 @@
+"""Where a measured path turns back: what a force that remembers the way has to be told of what was before."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+REMEMBERED = 16  # ways between turning points, the last ones
+
+
+def ways_before(path: np.ndarray, episodes: Sequence[slice], steps: np.ndarray, least: float) -> np.ndarray:
+    """How far a path went from turning point to turning point, (len(steps), REMEMBERED), the last way up to each of
+    `steps`; 0 before the first.
+
+    path (step,): nan where it was not measured. It has turned where it went back by more than `least`.
+    """
+    ways = np.zeros((len(steps), REMEMBERED))
+    for episode in episodes:
+        inside = np.flatnonzero((steps >= episode.start) & (steps < episode.stop))
+        turned: list[float] = []
+        way, begin = 0.0, episode.start
+        for row in inside[np.argsort(steps[inside], kind="stable")]:
+            for value in _measured(path[begin : steps[row] + 1]):
+                way = _go_on(turned, value, way, least)
+            begin = steps[row] + 1
+            last = np.diff([*turned[-REMEMBERED:], turned[-1] + way]) if turned else []
+            ways[row, REMEMBERED - len(last) :] = last
+    return ways
+
+
+def _measured(path: np.ndarray) -> list[float]:
+    return path[np.isfinite(path)].tolist()
+
+
+def _go_on(turned: list[float], value: float, way: float, least: float) -> float:
+    """The way from the last of the points that have `turned`, to which one is added where `value` has gone back."""
+    if not turned:
+        turned.append(value)
+        return 0.0
+    farthest = turned[-1] + way
+    if way == 0.0:
+        return value - turned[-1] if abs(value - turned[-1]) > least else 0.0
+    if (value - farthest) * way > 0:
+        return value - turned[-1]
+    if abs(value - farthest) > least:
+        turned.append(farthest)
+        return value - farthest
+    return way
