@@ -61,6 +61,10 @@ class HystereticFriction(JointForce):
             ),
         )
 
+    def look_in(self, **log):
+        super().look_in(**log)
+        self._ways: dict[int, np.ndarray] = {}  # before steps of the log, as far as they were asked for
+
     @property
     def shows(self):
         return super().shows and self.seen is not None
@@ -73,10 +77,17 @@ class HystereticFriction(JointForce):
 
     def _wound(self, given: dict[str, np.ndarray], first: np.ndarray) -> np.ndarray:
         """How far simulations that begin at the steps `first` of the log begin wound up, (simulation,)."""
-        steps, row = np.unique(first, return_inverse=True)
-        seen = self.seen
-        ways = ways_before(seen.path, seen.episodes, steps, TURNED * seen.noise)[row]
         bristles = Bristles(friction=given["friction"], distance=given["distance"], timestep=0.0)
-        for way in ways.T:
+        for way in self._ways_before(first).T:
             bristles.move(way)
         return bristles.wound
+
+    def _ways_before(self, first: np.ndarray) -> np.ndarray:
+        """(simulation, way)."""
+        steps, row = np.unique(first, return_inverse=True)
+        new = np.array([s for s in steps if s not in self._ways], dtype=int)
+        if len(new):
+            seen = self.seen
+            ways = ways_before(seen.path, seen.episodes, new, TURNED * seen.noise)
+            self._ways.update(zip(new.tolist(), ways, strict=True))
+        return np.array([self._ways[s] for s in steps])[row]

@@ -1,0 +1,110 @@
+"""Friction that remembers the way: how far it is wound up where a window begins follows from what was measured."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from capture_cli.effects.hysteretic_friction import Bristles
+from capture_cli.protocol.candidates import all_candidates
+from capture_cli.protocol.model_fits import ModelFits
+from capture_cli.protocol.prepare import prepare
+from capture_cli.protocol.prepared_log import PreparedLog
+from capture_cli.sim.turning_points import REMEMBERED, ways_before
+from capture_cli.stages.record import record
+from capture_cli.stores.measured_log import MeasuredLog
+from capture_cli.tasks import load_task
+
+SLIDER = Path(__file__).parents[1] / "benchmarks" / "machines" / "slider" / "task.toml"
+EFFECT = "hysteretic-friction@x"
+PLANTED = (f"{EFFECT}.friction=6", f"{EFFECT}.distance=0.02")
+
+
+def prepared_log(folder: Path, *effects: str) -> tuple[PreparedLog, np.ndarray]:
+    """A log of the slider, and the true parameters, those of the effects last."""
+    record(
+        task=str(SLIDER),
+        out=folder / "log.zarr",
+        effects=effects,
+        noise=3e-4,
+        episodes=4,
+        duration=4.0,
+        rate=250.0,
+        seed=3,
+    )
+    truth = json.loads((folder / "log.truth.json").read_text(encoding="utf-8"))
+    values = np.array([*truth["parameters"].values(), *truth["effects"].values()])
+    log = MeasuredLog.read(folder / "log.zarr")
+    return prepare(log, load_task(str(SLIDER)), window=None, test=None, seed=0), values
+
+
+def candidate(prepared: PreparedLog):
+    return next(c.effect for c in all_candidates(prepared) if c.name == EFFECT)
+
+
+def test_friction_that_builds_up_over_a_distance_is_found_again(tmp_path):
+    prepared, truth = prepared_log(tmp_path, *PLANTED)
+    effect, fits = candidate(prepared), ModelFits(prepared, 1)
+    begin = np.array([*prepared.task.space.nominal, *effect[1].space.nominal])
+    begin[-2] = 1.0
+    fit = fits.fit(prepared, [effect], begin)
+    assert fit.error < 1.1
+    np.testing.assert_allclose(fit.point[-2:], truth[-2:], rtol=0.05)
+
+
+def test_what_was_before_a_window_is_followed_through_what_was_measured(tmp_path):
+    prepared, truth = prepared_log(tmp_path, *PLANTED)
+    name, effect = candidate(prepared)
+    followed = ModelFits(prepared, 1).fit(prepared, [(name, effect)], truth).error
+    unseen = replace(effect.seen, path=np.full_like(effect.seen.path, np.nan))
+    effect.look_in(window=1.0, longest=4.0, logged=frozenset([0]), seen={effect.joint: unseen})
+    assert followed < 1.1 < 2 < ModelFits(prepared, 1).fit(prepared, [(name, effect)], truth).error
+
+
+def test_a_joint_that_nothing_measures_has_no_such_friction(tmp_path):
+    prepared, _ = prepared_log(tmp_path)
+    assert any(c.name == EFFECT for c in all_candidates(prepared))
+    blind = replace(prepared, starts=replace(prepared.starts, reported=None))
+    assert not any(c.name == EFFECT for c in all_candidates(blind))
+
+
+paths = st.lists(st.floats(-1, 1), min_size=2, max_size=40).map(np.array)
+
+
+@given(paths, st.floats(0.001, 0.5))
+def test_bristles_are_wound_up_by_the_ways_as_by_every_step(path, distance):
+    end = len(path) - 1
+    ways = ways_before(path, [slice(0, len(path))], np.array([end]), 0.0)[0]
+    by_ways, by_steps = (Bristles(friction=np.ones(1), distance=distance, timestep=0.0) for _ in range(2))
+    for way in ways:
+        by_ways.move(way)
+    for step in np.diff(path):
+        by_steps.move(step)
+    turns = np.count_nonzero(np.diff(np.sign(np.diff(path))))
+    if turns < REMEMBERED:
+        assert by_ways.wound == pytest.approx(by_steps.wound, abs=1e-9)
+        assert ways.sum() == pytest.approx(path[-1] - path[0], abs=1e-9)
+    assert abs(by_ways.wound) <= 1
+
+
+def test_noise_is_no_turning_back_and_gaps_are_passed_over():
+    there_and_back = np.concatenate([np.linspace(0, 1, 200), np.linspace(1, 0.4, 120)[1:]])
+    noisy = there_and_back + 0.002 * np.random.default_rng(0).standard_normal(len(there_and_back))
+    noisy[::3] = np.nan
+    steps = np.array([150, len(noisy) - 2])
+    ways = ways_before(noisy, [slice(0, len(noisy))], steps, 0.016)
+    assert np.count_nonzero(ways[0]) == 1 and np.count_nonzero(ways[1]) == 2
+    np.testing.assert_allclose(ways[1, -2:], [1.0, -0.6], atol=0.02)
+
+
+def test_every_episode_begins_anew_and_steps_may_come_in_any_order():
+    path = np.array([0.0, 1.0, 0.5, 3.0, 2.0, 5.0])
+    episodes = [slice(0, 3), slice(3, 6)]
+    ways = ways_before(path, episodes, np.array([5, 2, 3, 1]), 0.0)
+    assert [w[w != 0].tolist() for w in ways] == [[-1.0, 3.0], [1.0, -0.5], [], [1.0]]
