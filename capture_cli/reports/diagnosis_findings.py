@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from capture_cli.reports.findings import NEAR, NOT_ALIKE, UNTRUSTED
+from capture_cli.reports.findings import NEAR, NOT_ALIKE, UNTRUSTED, beyond_chance
 from capture_cli.reports.quantities import scaled_unit, significant, titled, to_precision_of, with_unit
 from capture_cli.stores.diagnosis import Diagnosis
 
@@ -148,8 +148,8 @@ def summary(document: Mapping[str, Any]) -> str:
         )
     if not effects:
         return (
-            f"None of these: the {where} error is {last:.3g} times the noise floor, and no effect of the catalogue "
-            "explains it."
+            f"None of these: the {where} error is {last:.3g} times the noise floor{_of_one(left)}, and no effect of "
+            "the catalogue explains it."
         )
     tied = [f" (or {', '.join(e['tied_with'])})" if e["tied_with"] else "" for e in effects]
     found = _found(document, [f"{placed(e)}{rivals}" for e, rivals in zip(effects, tied, strict=True)])
@@ -159,8 +159,16 @@ def summary(document: Mapping[str, Any]) -> str:
     text = f"{found}: with {them} the {where} error falls to {last / first:.2g} of what it was."
     if document["verdict"] == "unexplained":
         size, on = (left["normalized"], " on what was fitted") if left["normalized"] > last else (last, "")
-        text += f" What is left{on} is still {size:.3g} times the noise floor: this is not all."
+        text += (
+            f" What is left{on} is still {size:.3g} times the noise floor{_of_one(left)}: this is not all."
+        )
     return text
+
+
+def _of_one(left: Mapping[str, Any]) -> str:
+    """Of the output whose error is beyond what chance allows where that of all together is not."""
+    is_of_one = left["lacking"] and left["normalized"] <= left["threshold"]
+    return f" (the {beyond_chance(left)})" if is_of_one else ""
 
 
 def answer(document: Mapping[str, Any]) -> str:
@@ -190,8 +198,7 @@ def left_over(document: Mapping[str, Any]) -> str:
     lack = document["lack_of_fit"]["after"]
     if document["verdict"] not in ("effect-found", "tied") or not lack["lacking"]:
         return ""
-    size, chance = significant(lack["normalized"]), significant(lack["threshold"])
-    return f"A little is left: {size} times the noise floor, where chance allows {chance}"
+    return f"A little is left: the {beyond_chance(lack)}"
 
 
 def notes(document: Mapping[str, Any]) -> list[str]:

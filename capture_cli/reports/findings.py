@@ -49,6 +49,16 @@ class OutputError:
     ratio: float | None
 
 
+def beyond_chance(lack: Mapping[str, Any]) -> str:
+    """By how much an error is beyond what chance allows: that of all outputs, or of the one that is the farthest."""
+    size, chance, which = lack["normalized"], lack["threshold"], ""
+    if size <= chance:
+        over = {o: v / lack["output_thresholds"][o] for o, v in lack["outputs"].items()}
+        worst = max(over, key=over.get)
+        size, chance, which = lack["outputs"][worst], lack["output_thresholds"][worst], f" of {worst}"
+    return f"error{which} is {size:.3g} times the noise floor (chance allows {chance:.3g})"
+
+
 def output_errors(estimate: Estimate) -> list[OutputError]:
     """A row per output, in the order of the log."""
     document = estimate.document

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -12,12 +12,11 @@ from capture_cli.identifiers.intervals import Intervals, intervals
 from capture_cli.identifiers.least_squares import CONVERGED_GAIN
 from capture_cli.identifiers.rounds import Rounds
 from capture_cli.protocol.model_fits import TOLERANCE, PartFit
-from capture_cli.reports.findings import NOT_ALIKE
+from capture_cli.reports.findings import NOT_ALIKE, beyond_chance
 from capture_cli.stages.earlier_estimate import EarlierEstimate
 from capture_cli.stages.estimation import Found
 from capture_cli.stages.result_document import (
     attributes_of,
-    beyond_chance,
     error_of,
     lack_of_fit_of,
     measured_arrays,
@@ -125,6 +124,7 @@ class Report:
             verdict = "unexplained"
         else:
             verdict = "explained" if found.identifiable.all() else "not-identifiable"
+        lacks = [lack_of_fit_of(prepared, part) for part in (lacking, held_out)]
         rows = found.rows(self.space, self.best.parameters, range(len(self.space)))
         document = {
             "format": FORMAT,
@@ -136,11 +136,9 @@ class Report:
             "error": error,
             **noise_floor_of(prepared),
             "verdict": verdict,
-            "summary": _summary(
-                verdict, lacking, held_out, prepared.log.output_names, undetermined, diverged
-            ),
+            "summary": _summary(verdict, *lacks, undetermined, diverged),
             "diverged_windows": int(diverged.sum()),
-            "lack_of_fit": lack_of_fit_of(prepared, lacking),
+            "lack_of_fit": lacks[0],
             "undetermined": undetermined,
             "correlation": _correlation(found.covariance).tolist(),
             "recordings": None if recordings is None else recordings["document"],
@@ -246,9 +244,8 @@ def _undetermined(found: Intervals, names) -> list[dict]:
 
 def _summary(
     verdict: str,
-    lacking: LackOfFit,
-    held_out: LackOfFit,
-    outputs: Sequence[str],
+    lacking: dict[str, Any],
+    held_out: dict[str, Any],
     undetermined: list[dict],
     diverged: np.ndarray,
 ) -> str:
@@ -257,20 +254,20 @@ def _summary(
             f"With these parameters the simulation runs away in {diverged.sum()} of {len(diverged)} windows. "
             "The model lacks something, or its time step is too long."
         )
-    if verdict == "unexplained" and not lacking.lacking:
+    if verdict == "unexplained" and not lacking["lacking"]:
         return (
             "The parameters explain what they were fitted to, but not what was held out: there the "
-            f"{beyond_chance(held_out, outputs)}. {NOT_ALIKE}"
+            f"{beyond_chance(held_out)}. {NOT_ALIKE}"
         )
     if verdict == "unexplained":
         return (
-            f"These parameters do not explain the log: the {beyond_chance(lacking, outputs)}. "
+            f"These parameters do not explain the log: the {beyond_chance(lacking)}. "
             "The model lacks something."
         )
     if verdict == "not-identifiable":
         names = dict.fromkeys(name for u in undetermined for name in u["combination"])
         return f"The fit reaches the noise floor, but the log does not determine {', '.join(names)}."
-    return f"The parameters explain the log: the error is {lacking.normalized:.3g} times the noise floor."
+    return f"The parameters explain the log: the error is {lacking['normalized']:.3g} times the noise floor."
 
 
 def _correlation(covariance: np.ndarray) -> np.ndarray:

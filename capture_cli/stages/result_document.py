@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -47,16 +46,6 @@ def lack_of_fit_of(prepared: PreparedLog, lacking: LackOfFit) -> dict[str, Any]:
         "output_thresholds": _by_output(prepared, lacking.output_thresholds),
         "lacking": lacking.lacking,
     }
-
-
-def beyond_chance(lacking: LackOfFit, outputs: Sequence[str]) -> str:
-    """By how much an error is beyond what chance allows, in words: that of all outputs, or of the one that is."""
-    if lacking.normalized > lacking.threshold:
-        of, over, chance = "error is", lacking.normalized, lacking.threshold
-    else:
-        k = lacking.beyond
-        of, over, chance = f"error of {outputs[k]} is", lacking.outputs[k], lacking.output_thresholds[k]
-    return f"{of} {over:.3g} times the noise floor (chance allows {chance:.3g})"
 
 
 def measured_arrays(prepared: PreparedLog) -> dict[str, np.ndarray]:
