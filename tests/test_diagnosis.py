@@ -164,15 +164,27 @@ def test_candidates_that_say_the_same_leave_room_for_others():
     """Six copies of the best, then others that differ: three of the copies are fitted, and the best of the others."""
     directions = np.eye(8)
     responses = [directions[0]] * 6 + list(directions[1:])
-    ranked = [
-        SimpleNamespace(number=k, score=SimpleNamespace(response=response))
-        for k, response in enumerate(responses)
-    ]
+    ranked = [_scored(k, response) for k, response in enumerate(responses)]
     refitted, others = worth_a_refit(ranked)
     assert [c.number for c in refitted] == [0, 1, 2, 6, 7, 8, 9]
     assert [c.number for c in others] == [3, 4, 5, 10, 11, 12]
     refitted, _ = worth_a_refit([*ranked[:3], *[ranked[6]] * 3, *[ranked[7]] * 3])
     assert len(refitted) == REFITTED
+
+
+def test_variants_of_one_site_leave_room_for_other_effects():
+    directions = np.eye(12)
+    ranked = [_scored(k, directions[k], variant_of="hinge") for k in range(6)]
+    ranked += [_scored(k, directions[k], variant_of=str(k)) for k in range(6, 12)]
+    refitted, _ = worth_a_refit(ranked)
+    assert [c.number for c in refitted] == [0, 1, 2, 6, 7, 8, 9]
+
+
+def _scored(number: int, response: np.ndarray, variant_of: str | None = None) -> SimpleNamespace:
+    site = SimpleNamespace(variant_of=str(number) if variant_of is None else variant_of)
+    return SimpleNamespace(
+        number=number, effect=("compliance", site), score=SimpleNamespace(response=response)
+    )
 
 
 def test_intervals_reach_to_minima_that_are_nearly_as_good():

@@ -50,6 +50,10 @@ class TransmissionEffect(JointForce):
         return _places(model)[site][0]
 
     @property
+    def variant_of(self):
+        return self.joint_name
+
+    @property
     def reported(self):
         return self.on_motor.reported if self.on_motor else frozenset()
 

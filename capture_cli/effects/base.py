@@ -116,6 +116,11 @@ class Effect(ABC):
         self.window, self.longest, self.logged = window, longest, logged
 
     @property
+    def variant_of(self) -> str:
+        """The site of which its own is one variant, by which sensors show what; its own where there is none."""
+        return self.site
+
+    @property
     def shows(self) -> bool:
         """Whether it could show in the log that it looks in: not where that lacks the sensors that it changes.
 

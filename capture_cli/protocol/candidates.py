@@ -251,4 +251,8 @@ def worth_a_refit(ranked: Sequence[Candidate]) -> tuple[list[Candidate], list[Ca
 
 
 def _alike(a: Candidate, b: Candidate) -> bool:
+    """Whether they are one effect at variants of one site, or what they change is the same."""
+    (name, effect), (other_name, other) = a.effect, b.effect
+    if name == other_name and effect.variant_of == other.variant_of:
+        return True
     return abs(similarity(a.score.response, b.score.response)) > ALIKE
