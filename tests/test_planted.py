@@ -148,7 +148,7 @@ def test_outcomes_without_a_planted_effect():
     assert judge(nothing, "explained", [], 1.0) == "silent"
     assert judge(nothing, "effect-found", [effect("cogging", "x")], 1.0) == "false alarm"
     assert judge(nothing, "unexplained", [], 1.3) == "false alarm"
-    unknown = Case(UNKNOWN, "slider", "bouc-wen", "x", 3.0, 0)
+    unknown = Case(UNKNOWN, "slider", "ratchet", "x", 3.0, 0)
     assert judge(unknown, "unexplained", [effect("cogging", "x")], 2.0) == "honest"
     assert judge(unknown, "effect-found", [effect("cogging", "x")], 1.1) == "imitated"
     assert judge(unknown, "effect-found", [effect("cogging", "x")], 2.0) == "wrong"

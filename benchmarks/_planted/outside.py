@@ -64,26 +64,23 @@ class RandomWalk(_OneForce):
         return wandering
 
 
-class BoucWen(_OneForce):
-    """Hysteretic friction (Bouc 1967, Wen 1976): a spring that yields, z' = (v - |v| z / reach) / reach."""
+class Ratchet(_OneForce):
+    """Teeth that hold back on the way up alone, eight over the joint's travel; down they are not felt."""
 
     def force(self, values, timestep, **_):
-        state = np.zeros(len(values))
-        reach = 0.05 * self.travel
+        def held_back(world: World) -> None:
+            tooth = np.maximum(np.sin(8 * np.pi * world.qpos[:, self.dof] / self.travel), 0.0)
+            upwards = (1 + np.tanh(world.qvel[:, self.dof] / (0.02 * self.characteristic_speed))) / 2
+            world.qfrc_applied[:, self.dof] -= values[world.rows, 0] * tooth * upwards
 
-        def yielding(world: World) -> None:
-            rows, rate = world.rows, world.qvel[:, self.dof]
-            state[rows] += timestep * (rate - np.abs(rate) * state[rows]) / reach
-            world.qfrc_applied[:, self.dof] -= values[rows, 0] * state[rows]
-
-        return yielding
+        return held_back
 
 
 OUTSIDE = {
     "tanh-coupling": TanhCoupling,
     "rippled-damping": RippledDamping,
     "random-walk": RandomWalk,
-    "bouc-wen": BoucWen,
+    "ratchet": Ratchet,
 }
 # Effects of the catalogue that are planted while the catalogue is without them: (machine, effect, site).
 LEFT_OUT = (
