@@ -211,7 +211,8 @@ class Attribution:
     def _refit_all(self, current: Fit, candidates: Sequence[Candidate], tried: int) -> list[Candidate]:
         """Fit the model with each of the candidates in it; those that are supported."""
         before, best = self.models.judge(current), None
-        for number, candidate in enumerate(candidates):
+        # fits with hidden states take long: they come last, and are given up where they stay far behind
+        for number, candidate in enumerate(sorted(candidates, key=lambda c: len(c.effect[1].states))):
             self._step("refit", number, len(candidates))
             self._refit(current, candidate, before, tried, best)
             best = least([best, candidate.fit])
