@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from capture_cli.effects._joint_force import ForceOfKernel, JointForce
+from capture_cli.effects._scales import free_inertia
 from capture_cli.parameters import Parameter
 from capture_cli.sim.turning_points import ways_before
 
@@ -48,17 +49,12 @@ class HystereticFriction(JointForce):
     @property
     def parameters(self):
         reach = self.characteristic_travel
-        stiff = self.characteristic_force * (self.model.opt.timestep / STIFFEST) ** 2 / self.inertia
-        shortest = min(max(2e-3 * reach, stiff), 0.1 * reach)
+        moved = free_inertia(self.model, self.joint)
+        stiff = self.characteristic_force * (self.model.opt.timestep / STIFFEST) ** 2 / moved
+        shortest, longest = min(max(1e-4 * reach, stiff), 0.1 * reach), 0.5 * reach
         return (
             Parameter("friction", self.unit("N", "N m"), 0.0, self.characteristic_force, 0.0),
-            Parameter(
-                "distance",
-                self.unit("m", "rad"),
-                shortest,
-                reach,
-                min(max(0.05 * reach, 2 * shortest), reach),
-            ),
+            Parameter("distance", self.unit("m", "rad"), shortest, longest, max(0.05 * reach, 2 * shortest)),
         )
 
     def look_in(self, **log):
