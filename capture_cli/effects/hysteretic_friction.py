@@ -10,7 +10,7 @@ from capture_cli.parameters import Parameter
 from capture_cli.sim.turning_points import ways_before
 
 TURNED = 4.0  # times the noise of what measures the joint: less is no way back
-STIFFEST = 0.2  # rad a step, of the oscillation of what the joint moves on its bristles
+STIFFEST = 0.5  # rad a step, of the oscillation of what the joint moves on its bristles
 
 
 class Bristles:
@@ -44,6 +44,7 @@ class HystereticFriction(JointForce):
     summary = "dry friction that builds up over a distance: pre-sliding, hysteresis of a drive"
     where = "every hinge and slide joint whose position is measured"
     shapes = ("distance",)
+    states = ("wound",)  # beside what follows from the way: as much as the noise hides of that
     kernel = Bristles
 
     @property
@@ -65,10 +66,13 @@ class HystereticFriction(JointForce):
     def shows(self):
         return super().shows and self.seen is not None
 
-    def force(self, values, timestep, *, first=None, **_):
+    def force(self, values, timestep, *, states=None, first=None, **_):
         given = self.coefficients(values)
         if first is not None and self.seen is not None:
             given["wound"] = self._wound(given, first)
+            if states is not None:
+                hidden = states[:, 0] * TURNED / 2 * self.seen.noise / given["distance"]
+                given["wound"] = np.clip(given["wound"] + hidden, -1, 1)
         return ForceOfKernel(self, given, timestep)
 
     def _wound(self, given: dict[str, np.ndarray], first: np.ndarray) -> np.ndarray:
