@@ -10,6 +10,7 @@ from capture_cli.parameters import Parameter
 from capture_cli.sim.turning_points import ways_before
 
 TURNED = 4.0  # times the noise of what measures the joint: less is no way back
+HIDES = 2.0  # times that noise: of the way, what nobody knows when a window begins
 STIFFEST = 0.5  # rad a step, of the oscillation of what the joint moves on its bristles
 
 
@@ -69,18 +70,18 @@ class HystereticFriction(JointForce):
     def force(self, values, timestep, *, states=None, first=None, **_):
         given = self.coefficients(values)
         if first is not None and self.seen is not None:
-            given["wound"] = self._wound(given, first)
-            if states is not None:
-                hidden = states[:, 0] * TURNED / 2 * self.seen.noise / given["distance"]
-                given["wound"] = np.clip(given["wound"] + hidden, -1, 1)
+            hidden = 0.0 if states is None else HIDES * self.seen.noise * states[:, 0]
+            given["wound"] = self._wound(given, first, hidden)
         return ForceOfKernel(self, given, timestep)
 
-    def _wound(self, given: dict[str, np.ndarray], first: np.ndarray) -> np.ndarray:
-        """How far simulations that begin at the steps `first` of the log begin wound up, (simulation,)."""
+    def _wound(
+        self, given: dict[str, np.ndarray], first: np.ndarray, hidden: np.ndarray | float
+    ) -> np.ndarray:
+        """How far simulations that begin at the steps `first` of the log, and `hidden` (m or rad) on, begin wound up."""
         bristles = Bristles(friction=given["friction"], distance=given["distance"], timestep=0.0)
         for way in self._ways_before(first).T:
             bristles.move(way)
-        return bristles.wound
+        return np.clip(bristles.wound + hidden / given["distance"], -1, 1)
 
     def _ways_before(self, first: np.ndarray) -> np.ndarray:
         """(simulation, way)."""
