@@ -77,7 +77,9 @@ class HystereticFriction(JointForce):
     def _wound(
         self, given: dict[str, np.ndarray], first: np.ndarray, hidden: np.ndarray | float
     ) -> np.ndarray:
-        """How far simulations that begin at the steps `first` of the log, and `hidden` (m or rad) on, begin wound up."""
+        """How far simulations are wound up that begin at the steps `first` of the log, `hidden` (m or rad) beside what
+        was measured.
+        """
         bristles = Bristles(friction=given["friction"], distance=given["distance"], timestep=0.0)
         for way in self._ways_before(first).T:
             bristles.move(way)
