@@ -587,4 +587,8 @@ def test_what_is_left_is_told_with_where_it_is():
         (24.7, "left on what was fitted is still 24.7 times"),
         (9.0, "left is still 16.1 times"),
     ):
-        assert words in summary(found | {"lack_of_fit": {"after": {"normalized": fitted, "lacking": True}}})
+        left = {"normalized": fitted, "threshold": 1.1, "lacking": True}
+        assert words in summary(found | {"lack_of_fit": {"after": left}})
+    one = {"threshold": 1.1, "outputs": {"q": 1.0, "p": 1.5}, "output_thresholds": {"q": 1.2, "p": 1.2}}
+    text = summary(found | {"lack_of_fit": {"after": one | {"normalized": 1.05, "lacking": True}}})
+    assert "(the error of p is 1.5 times the noise floor (chance allows 1.2))" in text

@@ -229,8 +229,9 @@ def test_nothing_to_do_is_said_and_nothing_written(monkeypatch, capsys, tmp_path
 def test_workers_end_with_who_started_them(number):
     """A worker that lives on holds stdout open, and `run` waits for it."""
     code = f"""
-import os, time
+import os, signal, time
 from benchmarks._planted.results import workers
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background ignores it
 with workers(1) as pool:
     pool.submit(os.getpid).result()
     pool.submit(time.sleep, 300)
