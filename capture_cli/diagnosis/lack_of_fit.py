@@ -59,10 +59,8 @@ def lack_of_fit(at: Linearization) -> LackOfFit:
     and variance 2 / n, plus FLOOR_SHARE times as much, as the floor is itself estimated from these samples. The
     autocorrelation time is reported only: a residual that is not white is no reason to ask for less.
     """
-    evidence = at.evidence
-    time = autocorrelation_time(at.residual.reshape(evidence.measured.shape), evidence.mask)
     spent = len(at.x) + at.fitted_starts
-    return _compared(evidence, at.residual, spent, PRACTICAL, PRACTICAL_OF_ONE, time)
+    return _compared(at.evidence, at.residual, spent, PRACTICAL, PRACTICAL_OF_ONE)
 
 
 def lack_held_out(evidence: Evidence, residual: np.ndarray) -> LackOfFit:
@@ -70,8 +68,7 @@ def lack_held_out(evidence: Evidence, residual: np.ndarray) -> LackOfFit:
 
     A model counts as the explanation up to NEAR_FLOOR: its parameters are not exact.
     """
-    time = autocorrelation_time(residual.reshape(evidence.measured.shape), evidence.mask)
-    return _compared(evidence, residual, 0.0, NEAR_FLOOR, NEAR_FLOOR_OF_ONE, time)
+    return _compared(evidence, residual, 0.0, NEAR_FLOOR, NEAR_FLOOR_OF_ONE)
 
 
 def _compared(
@@ -80,18 +77,18 @@ def _compared(
     spent: float,
     practical: float,
     practical_of_one: float,
-    time: float,
 ) -> LackOfFit:
     """spent: degrees of freedom that the fit took, each output's share by its samples."""
     counts = _together(evidence, evidence.mask.sum(axis=(0, 1)))
-    squares = _together(evidence, np.square(residual.reshape(evidence.measured.shape)).sum(axis=(0, 1)))
+    shaped = residual.reshape(evidence.measured.shape)
+    squares = _together(evidence, np.square(shaped).sum(axis=(0, 1)))
     share = max(1 - spent / max(evidence.count, 1), 1 / max(evidence.count, 1))
     degrees = np.maximum(counts * share, 1.0)
     total = max(evidence.count * share, 1.0)
     return LackOfFit(
         float(np.sqrt(np.square(residual).sum() / total)),
         float(max(by_chance(total), practical)),
-        time,
+        autocorrelation_time(shaped, evidence.mask),
         np.sqrt(squares / degrees),
         np.maximum(by_chance(degrees, of=len(counts)), practical_of_one),
     )
