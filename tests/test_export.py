@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import subprocess
 import sys
@@ -12,6 +11,7 @@ import mujoco
 import numpy as np
 import pytest
 from machines import MACHINES, NAMES, away, controls, machine, placed, start
+from plain_loop import imported, looped
 
 from capture_cli import effects
 from capture_cli.effects.base import Effect
@@ -134,14 +134,6 @@ def simulated(task: Path, found: Found) -> np.ndarray:
     return simulator.simulate(windows, start(machine_.model, 1), point[None]).outputs[0, 0]
 
 
-def imported(path: Path):
-    """The module in a file."""
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 def played(written: Exported, task: Path) -> np.ndarray:
     """Outputs (step, output) of what was exported, in a plain loop."""
     model = mujoco.MjModel.from_xml_path(str(written.model))
@@ -154,15 +146,7 @@ def played(written: Exported, task: Path) -> np.ndarray:
     tape = np.concatenate([tape, np.repeat(tape[-1:], ahead, axis=0)])
     substeps = round(machine_.timestep / model.opt.timestep)
     beside = imported(written.companion).Effects(model) if written.companion else None
-    recorded = []
-    for ctrl in np.repeat(tape, substeps, axis=0):
-        if beside:
-            beside.step(model, data, ctrl)
-        else:
-            data.ctrl[:] = ctrl
-            mujoco.mj_step(model, data)
-        recorded.append(data.sensordata.copy())
-    sensors = beside.sense(model, np.array(recorded)) if beside else np.array(recorded)
+    sensors = looped(model, data, beside, np.repeat(tape, substeps, axis=0))
     return sensors[::substeps][:-ahead, [c.index for c in machine_.outputs]]
 
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import importlib.util
 from functools import partial
 from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
+from plain_loop import imported, looped
 
 from capture_cli.effects import REGISTRY
 from capture_cli.protocol.candidates import Candidate, all_candidates
@@ -58,27 +58,16 @@ def played(folder: Path, log: MeasuredLog, arrays, window: int) -> np.ndarray:
     """What the model in `folder` and the module beside it show at the times of a window, in a plain loop (step,)."""
     model = mujoco.MjModel.from_xml_path(str(folder / "m.xml"))
     data = mujoco.MjData(model)
-    beside = None
-    if (folder / "m_effects.py").exists():
-        spec = importlib.util.spec_from_file_location("m_effects", folder / "m_effects.py")
-        module = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(module)
-        beside = module.Effects(model)
+    companion = folder / "m_effects.py"
+    beside = imported(companion).Effects(model) if companion.exists() else None
     begin = arrays["window/start_time"][window]
     data.qpos[:], data.qvel[:] = (arrays[f"window/start_{n}"][window] for n in ("qpos", "qvel"))
     data.time = begin - log.time[0]
     times = arrays["step/time"][arrays["step/window"] == window]
     steps = log.episodes[int(arrays["window/episode"][window])]
-    clock, recorded = begin + model.opt.timestep * np.arange(2 + (times[-1] - begin) / model.opt.timestep), []
-    for now in clock:
-        ctrl = driven(log, steps, times[0], now, model.opt.timestep)
-        if beside:
-            beside.step(model, data, ctrl)
-        else:
-            data.ctrl[:] = ctrl
-            mujoco.mj_step(model, data)
-        recorded.append(data.sensordata.copy())
-    sensors = np.array(recorded) if beside is None else beside.sense(model, np.array(recorded))
+    clock = begin + model.opt.timestep * np.arange(2 + (times[-1] - begin) / model.opt.timestep)
+    tape = (driven(log, steps, times[0], now, model.opt.timestep) for now in clock)
+    sensors = looped(model, data, beside, tape)
     return np.interp(times, clock, sensors[:, 0])
 
 
