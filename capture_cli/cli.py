@@ -104,6 +104,8 @@ def main() -> None:
     # small matrices by the thousand: more than one thread of linear algebra only spins
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
+    # nothing is rendered, and to look for a window system takes MuJoCo a third of its import
+    os.environ.setdefault("MUJOCO_GL", "disable")
     debug = "--debug" in sys.argv
     arguments = [a for a in sys.argv[1:] if a != "--debug"]
     try:

@@ -18,6 +18,7 @@ from rich.console import Console
 from capture_cli.reports.curve_plots import MOST_POINTS, curve_views
 from capture_cli.reports.curves import Curves, autocorrelation, thin
 from capture_cli.reports.estimate_page import render
+from capture_cli.reports.figure_parts import new_figure, save
 from capture_cli.reports.figures import write_figures
 from capture_cli.reports.findings import (
     UNTRUSTED,
@@ -444,6 +445,14 @@ def test_figures(name, tmp_path):
         image = image[::3, ::3]
         assert len(np.unique(image.reshape(-1, 3), axis=0)) > 50
         assert 0.002 < np.mean(image.min(axis=2) < 0.9) < 0.6, "neither blank nor filled"
+
+
+@pytest.mark.parametrize("broken", [0, 1])
+def test_a_figure_that_cannot_be_drawn_is_an_error_whichever_process_draws_it(broken, tmp_path):
+    figures = {name: new_figure(1.0) for name in ("first", "second")}
+    next(f for i, f in enumerate(figures.values()) if i == broken).text(0.5, 0.5, "$\\nonsense$")
+    with pytest.raises(ValueError, match="nonsense"):
+        save(figures, tmp_path)
 
 
 # ---- the terminal ----
