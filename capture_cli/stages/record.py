@@ -11,9 +11,10 @@ import numpy as np
 
 from capture_cli.errors import FitError, OptionError, did_you_mean
 from capture_cli.multisine import BAND
+from capture_cli.parameters import ParameterSpace
 from capture_cli.sim.windows import cut
 from capture_cli.simulator import Simulator
-from capture_cli.stages.drive import Drive, drive_by_actions, drive_by_inputs
+from capture_cli.stages.drive import Drive, DriveOptions, drive
 from capture_cli.stages.effect_option import parse_effects, refuse_negative
 from capture_cli.stages.recorded_task import task_inputs
 from capture_cli.stores.measured_log import MeasuredLog
@@ -23,7 +24,6 @@ from capture_cli.tasks import load_task
 from capture_cli.tasks.base import ActionTask, Channel, Task
 
 WORLDS = ("plant", "robosuite")
-BELIEFS = ("nominal", "random")
 TRUTH = ("parameters", "effects")  # options that a log's provenance keeps to itself
 
 
@@ -90,65 +90,32 @@ def record(
     simulator = Simulator(machine, placed, threads)
     noise_sd = _noise(noise, machine.outputs)
     generator = np.random.default_rng(seed)
-    point = machine.space.to_vector(parameters or {}, default=_random(machine, generator, random_parameters))
-    for parameter, value in zip(machine.space.parameters, point, strict=True):
-        refuse_negative("--param", parameter, value)
-    by_inputs = {
-        "duration": duration,
-        "inputs_from": inputs_from,
-        "amplitude": amplitude or {},
-        "band": band,
-        "start": start or {},
-        "start_velocity": start_velocity or {},
-    }
-    if belief not in BELIEFS:
-        raise OptionError(f"unknown --belief {belief!r}", cure=did_you_mean(belief, BELIEFS))
-    if isinstance(machine, ActionTask):
-        _refuse(by_inputs, {"band": BAND}, f"an episode of {machine.name!r} is what its action says")
-        if actions_from is not None:
-            chosen = {"policy": policy, "belief": belief}
-            _refuse(chosen, {"belief": "nominal"}, f"the action is that of {actions_from}")
-        drive = drive_by_actions(
-            machine,
-            episodes=episodes,
-            rate=rate,
-            policy=policy,
-            actions_from=actions_from,
-            belief=belief,
-            generator=generator,
+    point = _point(machine.space, parameters or {}, generator if random_parameters else None)
+    asked = DriveOptions(
+        episodes=episodes,
+        duration=duration,
+        rate=rate,
+        policy=policy,
+        belief=belief,
+        actions_from=actions_from,
+        inputs_from=inputs_from,
+        amplitude=amplitude,
+        band=band,
+        start=start,
+        start_velocity=start_velocity,
+    )
+    driven = drive(machine, asked, generator)
+    if world == "plant":
+        outputs = _simulate(simulator, driven, np.concatenate([point, effect_values]))
+    elif effects:
+        raise OptionError(
+            f"--effect means nothing: --world {world} lacks nothing that could be added to it",
+            cure="leave it out",
         )
     else:
-        of_actions = {"policy": policy, "belief": belief, "actions_from": actions_from}
-        _refuse(of_actions, {"belief": "nominal"}, f"{machine.name!r} has no actions")
-        if inputs_from is not None:
-            own = {
-                "episodes": episodes,
-                "duration": duration,
-                "rate": rate,
-                "amplitude": amplitude,
-                "band": band,
-            }
-            _refuse(own, {"episodes": 1, "band": BAND}, f"time and inputs are those of {inputs_from}")
-        drive = drive_by_inputs(machine, episodes=episodes, rate=rate, generator=generator, **by_inputs)
-    if world == "plant":
-        outputs = _simulate(simulator, drive, np.concatenate([point, effect_values]))
-    else:
-        _refuse({"effect": effects}, {}, f"--world {world} lacks nothing that could be added to it")
-        drive, outputs = _in_scene(world, machine, point, drive)
-    log = MeasuredLog(
-        task=machine.name,
-        time=drive.time,
-        inputs=drive.inputs,
-        outputs=outputs + noise_sd * generator.standard_normal(outputs.shape),
-        episode_ends=drive.ends,
-        recording=np.zeros(len(drive.ends), dtype=np.int64),
-        input_names=tuple(c.name for c in machine.inputs),
-        input_units=tuple(c.unit for c in machine.inputs),
-        output_names=tuple(c.name for c in machine.outputs),
-        output_units=tuple(c.unit for c in machine.outputs),
-        recordings=({"name": out.stem, "source": "capture record", "sha256": None},),
-        actions=drive.actions,
-    )
+        driven, outputs = _in_scene(world, machine, point, driven)
+    outputs = outputs + noise_sd * generator.standard_normal(outputs.shape)
+    log = _log(machine, driven, outputs, name=out.stem)
     known = {
         "format": "capture/truth",
         "version": 1,
@@ -166,9 +133,15 @@ def record(
     return Recording(log, known)
 
 
-def _random(machine: Task, generator: np.random.Generator, wanted: bool) -> np.ndarray:
-    space = machine.space
-    return space.from_unit(generator.uniform(size=len(space))) if wanted else space.nominal
+def _point(
+    space: ParameterSpace, values: Mapping[str, float], generator: np.random.Generator | None
+) -> np.ndarray:
+    """(parameter,): those without a value are drawn from `generator`, or nominal where it is None."""
+    default = None if generator is None else space.from_unit(generator.uniform(size=len(space)))
+    point = space.to_vector(values, default=default)
+    for parameter, value in zip(space.parameters, point, strict=True):
+        refuse_negative("--param", parameter, value)
+    return point
 
 
 def _if_path(name: str | None) -> Path | None:
@@ -183,15 +156,8 @@ def _refuse_inside(truth: Path, log: Path) -> None:
         )
 
 
-def _refuse(given: Mapping[str, object], defaults: Mapping[str, object], why: str) -> None:
-    """Raise OptionError where an option was given that means nothing here."""
-    for name, value in given.items():
-        if value and value != defaults.get(name):
-            raise OptionError(f"--{name.replace('_', '-')} means nothing: {why}", cure="leave it out")
-
-
-def _in_scene(world: str, machine: Task, point: np.ndarray, drive: Drive) -> tuple[Drive, np.ndarray]:
-    """How the task's whole scene was driven, its robot taking the actions of `drive`, and outputs (step, output).
+def _in_scene(world: str, machine: Task, point: np.ndarray, driven: Drive) -> tuple[Drive, np.ndarray]:
+    """How the task's whole scene was driven, its robot taking the actions of `driven`, and outputs (step, output).
 
     A module of `worlds` called like the task defines record(parameters (parameter,), actions (episode, action), rate
     in Hz) -> (time (step,), inputs (step, input), outputs (step, output)) per episode. Raises OptionError.
@@ -202,33 +168,51 @@ def _in_scene(world: str, machine: Task, point: np.ndarray, drive: Drive) -> tup
     if not isinstance(machine, ActionTask) or importlib.util.find_spec(module) is None:
         raise OptionError(f"there is no robosuite scene of {machine.name!r}", cure="record --world plant")
     scene = importlib.import_module(module)
-    rate = 1 / (drive.time[1] - drive.time[0])
-    recordings = scene.record(point, drive.actions, rate)
+    rate = 1 / (driven.time[1] - driven.time[0])
+    recordings = scene.record(point, driven.actions, rate)
     time, inputs, outputs = (np.concatenate(parts) for parts in zip(*recordings, strict=True))
     ends = np.cumsum([len(times) for times, _, _ in recordings])
-    return replace(drive, time=time, inputs=inputs, ends=ends), outputs
+    return replace(driven, time=time, inputs=inputs, ends=ends), outputs
 
 
-def _simulate(simulator: Simulator, drive: Drive, point: np.ndarray) -> np.ndarray:
+def _simulate(simulator: Simulator, driven: Drive, point: np.ndarray) -> np.ndarray:
+    """Outputs (step, output) at the task's and the effects' parameters `point`. Raises FitError where one diverges."""
     machine = simulator.task
-    episodes = [slice(a, b) for a, b in zip([0, *drive.ends[:-1]], drive.ends, strict=True)]
+    episodes = [slice(a, b) for a, b in zip([0, *driven.ends[:-1]], driven.ends, strict=True)]
     windows = cut(
-        time=drive.time - drive.time[0],  # the inputs may be those of a log
-        inputs=drive.inputs,
-        outputs=np.zeros((len(drive.time), len(machine.outputs))),
+        time=driven.time - driven.time[0],  # the inputs may be those of a log
+        inputs=driven.inputs,
+        outputs=np.zeros((len(driven.time), len(machine.outputs))),
         episodes=episodes,
         timestep=machine.timestep,
         duration=None,
         linear=machine.linear,
         has_gaps=False,
     )
-    simulated = simulator.simulate(windows, replace(drive.starts, time=windows.time), point[None])
+    simulated = simulator.simulate(windows, replace(driven.starts, time=windows.time), point[None])
     if simulated.diverged.any():
         raise FitError(
             f"the simulation diverged in {int(simulated.diverged.sum())} of {len(windows)} episodes",
             cure="drive it less (--amplitude), choose tamer parameters or effects, or a smaller model timestep",
         )
     return simulated.outputs[0][windows.mask]
+
+
+def _log(machine: Task, driven: Drive, outputs: np.ndarray, name: str) -> MeasuredLog:
+    return MeasuredLog(
+        task=machine.name,
+        time=driven.time,
+        inputs=driven.inputs,
+        outputs=outputs,
+        episode_ends=driven.ends,
+        recording=np.zeros(len(driven.ends), dtype=np.int64),
+        input_names=tuple(c.name for c in machine.inputs),
+        input_units=tuple(c.unit for c in machine.inputs),
+        output_names=tuple(c.name for c in machine.outputs),
+        output_units=tuple(c.unit for c in machine.outputs),
+        recordings=({"name": name, "source": "capture record", "sha256": None},),
+        actions=driven.actions,
+    )
 
 
 def _noise(noise: Mapping[str, float] | float, outputs: Sequence[Channel]) -> np.ndarray:
