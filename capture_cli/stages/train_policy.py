@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import time
 from collections.abc import Mapping
@@ -19,14 +18,13 @@ from capture_cli.policies.base import Policy, Trainer, TrainingSettings
 from capture_cli.simulator import Simulator
 from capture_cli.stages.policy_checkpoint import read_policy, save_policy
 from capture_cli.stages.progress import Progress
-from capture_cli.stages.training_state import STATE, check_recipe, load_state, save_state
+from capture_cli.stages.training_state import STATE, check_recipe, load_state, save_state, write_metrics
 from capture_cli.stores.output import is_complete, resumable_directory, unfinished
 from capture_cli.stores.provenance import Provenance
 from capture_cli.tasks import load_task
 from capture_cli.tasks.base import ActionTask
 
 DEVICES = ("cpu", "cuda", "auto")
-METRICS = "metrics.jsonl"
 EVALUATED = 200  # parameter sets of the evaluation curve, the same ones every time
 UNSEEN = 500  # others, that the finished policy is judged on, and the random one
 EVALUATIONS = 30
@@ -175,7 +173,7 @@ class _Run:
         """Train to the end; metrics, and a state to go on from, are written into `folder` at every evaluation."""
         settings, batches = self.trainer.settings, self.trainer.settings.batches
         begun, clock = self.trainer.step // settings.envs, time.monotonic()
-        _write_metrics(self.metrics, folder)
+        write_metrics(folder, self.metrics)
         seen: list[tuple[np.ndarray, np.ndarray]] = []
         try:
             with Progress("train-policy", "batch", quiet=quiet, total=batches - begun) as progress:
@@ -235,17 +233,12 @@ class _Run:
     def _save(self, folder: Path, recipe: Mapping[str, Any]) -> None:
         counters, arrays = self.trainer.state()
         save_state(folder, {"trainer": counters, "metrics": self.metrics}, arrays, recipe)
-        _write_metrics(self.metrics, folder)
+        write_metrics(folder, self.metrics)
 
     def _told(self, step: int, rate: float, left: float) -> str:
         settings = self.trainer.settings
         last = f", success {self.metrics[-1]['success']:.3f}" if self.metrics else ""
         return f"{step} of {settings.batches * settings.envs} episodes{last}, {rate:.0f}/s, {left:.0f} s left"
-
-
-def _write_metrics(metrics: list[dict[str, Any]], folder: Path) -> None:
-    lines = (json.dumps(m, allow_nan=False) + "\n" for m in metrics)
-    (folder / METRICS).write_text("".join(lines), encoding="utf-8")
 
 
 def _write_figure(metrics: list[dict[str, Any]], result: Mapping[str, Any], folder: Path) -> None:

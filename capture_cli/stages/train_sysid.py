@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import sys
 import time
@@ -19,7 +18,7 @@ from capture_cli.identifiers.rounds import Rounds, Signature
 from capture_cli.parameters import Parameter, ParameterSpace
 from capture_cli.stages.identifier_checkpoint import read_document, save_identifier
 from capture_cli.stages.progress import Progress
-from capture_cli.stages.training_state import STATE, check_recipe, load_state, save_state
+from capture_cli.stages.training_state import STATE, check_recipe, load_state, save_state, write_metrics
 from capture_cli.stores.histories import SCHEMA, Histories, is_url
 from capture_cli.stores.output import is_complete, refuse_inputs, resumable_directory, unfinished
 from capture_cli.stores.provenance import Provenance
@@ -31,7 +30,6 @@ if TYPE_CHECKING:
 
 DEVICES = ("auto", "cpu", "cuda")
 PRECISIONS = ("auto", "float32", "bfloat16")
-METRICS = "metrics.jsonl"
 # attributes of a store that the signature holds, or that do not change what is in it
 NOT_OF_HISTORIES = {"complete", "shard_pairs", "task", "parameters", "actions", "features", "point_times"}
 OF_EVERY_KIND = "scattered"  # the search whose histories are meant for posteriors
@@ -248,14 +246,13 @@ def _described(attributes: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _train(trainer: Trainer, folder: Path, recipe: Mapping[str, Any], quiet: bool) -> None:
-    _write_metrics(trainer.metrics, folder)
+    write_metrics(folder, trainer.metrics)
     steps, begun, clock = trainer.settings.steps, trainer.step, time.monotonic()
     left = -(-(steps - begun) // trainer.settings.every)
     try:
         with Progress("train-sysid", "evaluation", quiet=quiet, total=left) as progress:
             for metrics in trainer.run():
-                with (folder / METRICS).open("a", encoding="utf-8") as file:
-                    file.write(json.dumps(metrics, allow_nan=False) + "\n")
+                write_metrics(folder, trainer.metrics)
                 save_state(folder, *trainer.state(), recipe)
                 step, loss = metrics["step"], metrics["validation_loss"]
                 rate = (step - begun) / (time.monotonic() - clock)
@@ -274,15 +271,9 @@ def _finish(trainer: Trainer, recipe: Mapping[str, Any], folder: Path) -> dict[s
     """Write what was learned, and no state to go on from; returns identifier.json."""
     model, report = trainer.finish()
     document = save_identifier(model, {**recipe, "result": report}, folder)
-    _write_metrics(trainer.metrics, folder)
     _write_figure(trainer, folder)
     (folder / STATE).unlink(missing_ok=True)
     return document
-
-
-def _write_metrics(metrics: list[dict[str, Any]], folder: Path) -> None:
-    lines = (json.dumps(m, allow_nan=False) + "\n" for m in metrics)
-    (folder / METRICS).write_text("".join(lines), encoding="utf-8")
 
 
 def _write_figure(trainer: Trainer, folder: Path) -> None:
