@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import shutil
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -23,11 +23,12 @@ from capture_cli.stages.policy_checkpoint import SETTINGS, load_policy
 from capture_cli.stages.progress import Progress
 from capture_cli.stages.recorded_task import task_inputs
 from capture_cli.stages.tapes import tape_task
+from capture_cli.stages.white_noise import standard_deviations
 from capture_cli.stores.histories import SHARD_PAIRS, HistoriesWriter, is_url, shard_rows
 from capture_cli.stores.output import refuse_inputs, resumable_directory, sha256
 from capture_cli.stores.provenance import Provenance
 from capture_cli.tasks import load_task
-from capture_cli.tasks.base import ActionTask, Feature, Task
+from capture_cli.tasks.base import ActionTask, Task
 
 ROUNDS = 7  # L of the paper
 EXECUTORS = ("local", "ray")
@@ -83,14 +84,15 @@ def gen_histories(
         band=band,
         seed=seed,
     )
-    observation_noise.check(noise, [f.name for f in machine.features])
+    features = [f.name for f in machine.features]
+    observation_noise.check(noise, features)
     recipe = Recipe(
         task=machine,
         policy=load_policy(policy, machine),
         search=_search(search, alpha),
         rounds=rounds,
         noise=noise,
-        noise_sd=_noise_sd(noise_sd, machine.features),
+        noise_sd=standard_deviations("--noise-sd", noise_sd, features, "a trajectory has no feature"),
         seed=seed,
     )
     attributes = _attributes(recipe, policy, search, pairs, shard_pairs)
@@ -152,21 +154,6 @@ def _search(name: str, alpha: float | None) -> Search:
     if not 0 < alpha < np.inf:
         raise OptionError(f"--alpha {alpha:g}", cure=f"give a positive number; the paper's is {ALPHA:g}")
     return cls(alpha)
-
-
-def _noise_sd(noise_sd: Mapping[str, float] | float, features: Sequence[Feature]) -> tuple[float, ...]:
-    """Standard deviation of white noise per feature."""
-    names = [f.name for f in features]
-    if isinstance(noise_sd, int | float):
-        noise_sd = dict.fromkeys(names, float(noise_sd))
-    for name, sd in noise_sd.items():
-        if name not in names:
-            raise OptionError(
-                f"--noise-sd: a trajectory has no feature {name!r}", cure=did_you_mean(name, names)
-            )
-        if not 0 <= sd < np.inf:
-            raise OptionError(f"--noise-sd {name}={sd:g}", cure="give a standard deviation of 0 or more")
-    return tuple(float(noise_sd.get(name, 0.0)) for name in names)
 
 
 def _attributes(recipe: Recipe, policy: str, search: str, pairs: int, shard_pairs: int) -> dict[str, Any]:

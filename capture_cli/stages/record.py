@@ -17,11 +17,12 @@ from capture_cli.simulator import Simulator
 from capture_cli.stages.drive import Drive, DriveOptions, drive
 from capture_cli.stages.effect_option import parse_effects, refuse_negative
 from capture_cli.stages.recorded_task import task_inputs
+from capture_cli.stages.white_noise import standard_deviations
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.stores.output import new_directory, new_file, refuse_existing, refuse_inputs
 from capture_cli.stores.provenance import Provenance, write_json
 from capture_cli.tasks import load_task
-from capture_cli.tasks.base import ActionTask, Channel, Task
+from capture_cli.tasks.base import ActionTask, Task
 
 WORLDS = ("plant", "robosuite")
 TRUTH = ("parameters", "effects")  # options that a log's provenance keeps to itself
@@ -88,7 +89,8 @@ def record(
     )
     placed, effect_values = parse_effects(effects, machine.model)
     simulator = Simulator(machine, placed, threads)
-    noise_sd = _noise(noise, machine.outputs)
+    names = [c.name for c in machine.outputs]
+    noise_sd = standard_deviations("--noise", noise, names, "the task has no output")
     generator = np.random.default_rng(seed)
     point = _point(machine.space, parameters or {}, generator if random_parameters else None)
     asked = DriveOptions(
@@ -114,7 +116,7 @@ def record(
         )
     else:
         driven, outputs = _in_scene(world, machine, point, driven)
-    outputs = outputs + noise_sd * generator.standard_normal(outputs.shape)
+    outputs = outputs + np.array(noise_sd) * generator.standard_normal(outputs.shape)
     log = _log(machine, driven, outputs, name=out.stem)
     known = {
         "format": "capture/truth",
@@ -123,7 +125,7 @@ def record(
         "world": world,
         "parameters": machine.space.to_dict(point),
         "effects": dict(zip(simulator.space.names[len(point) :], effect_values.tolist(), strict=True)),
-        "noise_sd": {c.name: float(s) for c, s in zip(machine.outputs, noise_sd, strict=True)},
+        "noise_sd": dict(zip(names, noise_sd, strict=True)),
         "seed": seed,
     }
     with new_file(truth, force=force) as file, new_directory(out, force=force) as folder:
@@ -213,18 +215,3 @@ def _log(machine: Task, driven: Drive, outputs: np.ndarray, name: str) -> Measur
         recordings=({"name": name, "source": "capture record", "sha256": None},),
         actions=driven.actions,
     )
-
-
-def _noise(noise: Mapping[str, float] | float, outputs: Sequence[Channel]) -> np.ndarray:
-    """Standard deviation per output, (output,)."""
-    names = [c.name for c in outputs]
-    if isinstance(noise, int | float):
-        noise = dict.fromkeys(names, float(noise))
-    for name, sd in noise.items():
-        if name not in names:
-            raise OptionError(f"--noise: the task has no output {name!r}", cure=did_you_mean(name, names))
-        if not 0 <= sd < np.inf:
-            raise OptionError(
-                f"--noise {name}={sd:g}", cure="give a standard deviation of 0 or more, in SI units"
-            )
-    return np.array([noise.get(name, 0.0) for name in names])
