@@ -51,6 +51,47 @@ class Begun:
 
 
 @dataclass(frozen=True)
+class _Runs:
+    """Simulations of the windows `row` (simulation,), each (simulation, parameter); starts are one per window.
+
+    offsets (simulation, state) and reported are as for `Simulator.simulate`.
+    """
+
+    windows: Windows
+    starts: Starts
+    row: np.ndarray
+    each: np.ndarray
+    offsets: np.ndarray | None
+    reported: ReportedMotion | None
+
+    @classmethod
+    def at(
+        cls,
+        windows: Windows,
+        starts: Starts,
+        point: np.ndarray,
+        offsets: np.ndarray,
+        reported: ReportedMotion | None,
+    ) -> _Runs:
+        """One of every window, at one point (parameter,)."""
+        each = np.repeat(point[None], len(windows), axis=0)
+        return cls(windows, starts, np.arange(len(windows)), each, offsets, reported)
+
+
+@dataclass(frozen=True)
+class _Tapes:
+    """Controls (row, lead + steps, nu), of which `lead` come before the first step; the last are held after the end.
+
+    row (simulation,): which of them drives each. known (simulation,): how many before the first step are from the log.
+    """
+
+    controls: np.ndarray
+    row: np.ndarray
+    lead: int
+    known: np.ndarray
+
+
+@dataclass(frozen=True)
 class _Placed:
     """An effect with where its parameters stand among all, and its states among the hidden ones."""
 
@@ -156,7 +197,7 @@ class Simulator:
             for few in self._at_a_time(len(row), part):
                 own = None if moved is None else moved[candidate[few], row[few]]
                 each = parameters[candidate[few]]
-                rollouts = self._rollout(part, starts.rows(group), row[few], each, own, motion)
+                rollouts = self._rollout(_Runs(part, starts.rows(group), row[few], each, own, motion))
                 samples.append(part.sample(rollouts.sensors, row[few]))
                 bad.append(rollouts.diverged)
             samples = np.concatenate(samples)
@@ -179,12 +220,13 @@ class Simulator:
         """
         task, count = self.task, len(actions)
         episodes = task.episodes(actions)
+        none = np.zeros(count)
         rollouts = self._step(
-            episodes.starts,
-            task.controls(episodes.inputs),
-            np.arange(count),
+            Begun(episodes.starts, hidden=np.zeros((count, self.hidden_states)), early=none, drift=none),
+            _Tapes(task.controls(episodes.inputs), np.arange(count), lead=0, known=none.astype(int)),
             task.grid_steps,
             np.asarray(parameters, dtype=float),
+            began=none,
         )
         self.rollouts += count
         points = np.rint(task.point_times / task.timestep).astype(int)
@@ -199,9 +241,7 @@ class Simulator:
         reported: ReportedMotion | None = None,
     ) -> Motion:
         """What happens inside every window at one point (parameter,); the rest is as for `simulate`."""
-        row = np.arange(len(windows))
-        each = np.repeat(point[None], len(windows), axis=0)
-        rollouts = self._rollout(windows, starts, row, each, offsets, reported, states=True)
+        rollouts = self._rollout(_Runs.at(windows, starts, point, offsets, reported), states=True)
         self.rollouts += len(windows)
         return Motion(rollouts.qpos, rollouts.contacts)
 
@@ -214,27 +254,18 @@ class Simulator:
         reported: ReportedMotion | None = None,
     ) -> Begun:
         """Where the simulation of every window begins at one point (parameter,); the rest is as for `simulate`."""
-        each = np.repeat(point[None], len(windows), axis=0)
-        return self._begun(windows, starts, np.arange(len(windows)), each, offsets, reported)
+        return self._begun(_Runs.at(windows, starts, point, offsets, reported))
 
-    def _begun(
-        self,
-        windows: Windows,
-        starts: Starts,
-        row: np.ndarray,
-        each: np.ndarray,
-        offsets: np.ndarray | None,
-        reported: ReportedMotion | None,
-    ) -> Begun:
-        """Of simulations of the windows `row` (simulation,); the rest is as for `_rollout`."""
-        starts = starts.rows(row)
+    def _begun(self, runs: _Runs) -> Begun:
+        windows, row, each = runs.windows, runs.row, runs.each
+        starts = runs.starts.rows(row)
         hidden = np.zeros((len(row), self.hidden_states))
-        if offsets is not None:
-            starts = shift(self.task.model, starts, offsets[:, : self._own_states])
-            hidden = offsets[:, self._own_states :]
+        if runs.offsets is not None:
+            starts = shift(self.task.model, starts, runs.offsets[:, : self._own_states])
+            hidden = runs.offsets[:, self._own_states :]
         early = np.zeros(len(row))
-        if reported is not None and (self._measures or self.substeps > 1):
-            here = reported.rows(row)
+        if runs.reported is not None and (self._measures or self.substeps > 1):
+            here = runs.reported.rows(row)
             late = self._lateness(each)
             early = late[:, self._sensors].max(axis=1) * here.read
             change = self._start_change(here, early[:, None] - late, each, windows.elapsed[row])
@@ -242,69 +273,41 @@ class Simulator:
         drift = self._drift(each, windows.elapsed[row]) - early
         return Begun(replace(starts, time=starts.time + drift), hidden, early, drift)
 
-    def _rollout(
-        self,
-        windows: Windows,
-        starts: Starts,
-        row: np.ndarray,
-        each: np.ndarray,
-        offsets: np.ndarray | None,
-        reported: ReportedMotion | None,
-        states: bool = False,
-    ) -> Rollouts:
-        """Simulations of the windows `row` (simulation,), each (simulation, parameter); the sensors are the outputs.
-
-        offsets (simulation, state); the rest is as for `simulate`.
-        """
-        begun = self._begun(windows, starts, row, each, offsets, reported)
-        early, drift = begun.early, begun.drift
-        more = early + self._drift(each, np.full(len(row), windows.grid * windows.timestep))
+    def _rollout(self, runs: _Runs, states: bool = False) -> Rollouts:
+        """Rollouts whose sensors are the outputs on the grid of the windows."""
+        windows, row, each = runs.windows, runs.row, runs.each
+        begun = self._begun(runs)
+        more = begun.early + self._drift(each, np.full(len(row), windows.grid * windows.timestep))
         rollouts = self._step(
-            begun.starts,
-            self.task.controls(windows.tape),
-            row,
+            begun,
+            _Tapes(self.task.controls(windows.tape), row, windows.lead, windows.known_lead[row]),
             windows.grid + int(np.ceil(more.max(initial=0.0) / windows.timestep)),
             each,
-            lead=windows.lead,
-            known=windows.known_lead[row],
             began=(windows.time - windows.elapsed)[row],
             first=windows.first[row],
-            drift=drift,
-            hidden=begun.hidden,
             states=states,
         )
-        return _from(rollouts, early / windows.timestep) if early.any() else rollouts
+        return _from(rollouts, begun.early / windows.timestep) if begun.early.any() else rollouts
 
     def _step(
         self,
-        starts: Starts,
-        controls: np.ndarray,
-        row: np.ndarray,
+        begun: Begun,
+        tapes: _Tapes,
         steps: int,
         each: np.ndarray,
         *,
-        lead: int = 0,
-        known: np.ndarray | None = None,
-        began: np.ndarray | None = None,
+        began: np.ndarray,
         first: np.ndarray | None = None,
-        drift: np.ndarray | None = None,
-        hidden: np.ndarray | None = None,
         states: bool = False,
     ) -> Rollouts:
-        """Rollouts whose sensors are the outputs on the grid; each (simulation, parameter).
+        """Rollouts whose sensors are the outputs on the grid, from where they begin; each (simulation, parameter).
 
-        controls (row, lead + steps, nu), of which `lead` come before the first step, `known` (simulation,) of them from
-        the log; where there are fewer the last are held. began (simulation,): s, when the episode of each did; 0 where
-        None. first (simulation,): the step of the log that each begins at; None where there is no log. drift
-        (simulation,): how many s later than the first step a simulation begins; None begins none later. hidden
-        (simulation, state): what the effects' own states begin with; 0 where None.
+        began (simulation,): s, when the episode of each did. first (simulation,): the step of the log that each begins
+        at; None where there is no log.
         """
-        drift = np.zeros(len(row)) if drift is None else drift
-        known = np.zeros(len(row), dtype=int) if known is None else known
-        began = np.zeros(len(row)) if began is None else began
-        hidden = np.zeros((len(row), self.hidden_states)) if hidden is None else hidden
+        starts, hidden = begun.starts, begun.hidden
         elapsed = starts.time - began
-        controls, row = self._drive(controls, row, each, lead, steps, drift, known, elapsed, hidden)
+        controls, row = self._drive(tapes, steps, each, begun, elapsed)
         measures = self._measures
         rollouts = self.engine.rollout(
             starts=starts,
@@ -372,34 +375,26 @@ class Simulator:
         return sum((own.effect.drift(each[:, own.parameters], elapsed) for own in self._placed), none)
 
     def _drive(
-        self,
-        controls: np.ndarray,
-        row: np.ndarray,
-        each: np.ndarray,
-        lead: int,
-        steps: int,
-        drift: np.ndarray,
-        known: np.ndarray,
-        elapsed: np.ndarray,
-        hidden: np.ndarray,
+        self, tapes: _Tapes, steps: int, each: np.ndarray, begun: Begun, elapsed: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Controls (simulation or row, steps, nu) as the actuators receive them, and which of them are whose."""
         acting = [
             (own.effect, each[:, own.parameters]) for own in self._placed if own.effect.place == "control"
         ]
-        if not acting and not drift.any() and lead + steps <= controls.shape[1]:
-            return controls[:, lead : lead + steps], row
+        controls, lead = tapes.controls, tapes.lead
+        if not acting and not begun.drift.any() and lead + steps <= controls.shape[1]:
+            return controls[:, lead : lead + steps], tapes.row
         memory = sum(effect.memory(values) for effect, values in acting)
         # one step at least: what came first is taken to have been for ever
         past = max(min(int(np.ceil(memory / self.task.timestep)), lead), 1)
         first = elapsed - past * self.task.timestep
-        at = drift[:, None] / self.task.timestep + np.arange(lead - past, lead + steps)
-        controls = _between(controls, row, at)
-        unknown = at < lead - known[:, None]
-        controls += unknown[..., None] * self._before(hidden)[:, None]
+        at = begun.drift[:, None] / self.task.timestep + np.arange(lead - past, lead + steps)
+        controls = _between(controls, tapes.row, at)
+        unknown = at < lead - tapes.known[:, None]
+        controls += unknown[..., None] * self._before(begun.hidden)[:, None]
         for effect, values in acting:
             controls = effect.drive(controls, values, self.task.timestep, elapsed=first)
-        return controls[:, past:], np.arange(len(row))
+        return controls[:, past:], np.arange(len(each))
 
     def _before(self, hidden: np.ndarray) -> np.ndarray:
         """By how much controls before an episode began differed from its first, (simulation, nu)."""

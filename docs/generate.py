@@ -82,13 +82,12 @@ def with_parts(page: str, parts: dict[str, Callable[[], str]]) -> str:
 
 
 def commands() -> str:
-    """Every command with its options, from the signatures in capture_cli/cli.py."""
+    """Every command with its options, from the signatures in capture_cli/commands."""
     from capture_cli.cli import app
 
     lines = [_COMMANDS.strip(), ""]
     for command in app.registered_commands:
-        name = command.name or command.callback.__name__.replace("_", "-")
-        lines += _command(name, command.callback)
+        lines += _command(command.name, command.callback)
     return "\n".join(lines)
 
 

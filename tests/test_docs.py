@@ -74,7 +74,7 @@ def test_a_page_without_the_marks_of_its_part_is_refused():
 
 
 def test_every_command_is_documented():
-    commands = {c.name or c.callback.__name__ for c in app.registered_commands}
+    commands = {c.name for c in app.registered_commands}
     headings = set(re.findall(r"^## capture (\S+)$", generate.commands(), re.MULTILINE))
     assert headings == commands
     assert {"identify", "import-log", "inspect", "record", "export", "tasks", "effects"} <= commands

@@ -19,8 +19,8 @@ from capture_cli.effects.companion import companion_module
 from capture_cli.errors import ModelError, OutputError, StoreError
 from capture_cli.sim.windows import MOST_DRIFT, cut
 from capture_cli.simulator import Simulator, placed_name
+from capture_cli.stages.effect_option import parse_effects
 from capture_cli.stages.export import Exported, export
-from capture_cli.stages.record import parse_effects
 from capture_cli.stores.diagnosis import FORMAT, VERSION, Diagnosis
 from capture_cli.stores.provenance import Provenance
 from capture_cli.tasks import load_task

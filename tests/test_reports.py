@@ -105,6 +105,7 @@ def make(
         },
         "error": {"fit": part(~is_test[window]), "test": part(is_test[window]) if held_out else None},
         "noise_floor": {n: floor for n, (_, floor) in outputs.items()},
+        "noise_floor_source": dict.fromkeys(outputs, "differences"),
         "verdict": "unexplained",
         "summary": "A slow residual 1.7 times the noise floor remains: the model lacks something.",
         "diverged_windows": 0,
@@ -605,7 +606,7 @@ def test_a_floor_far_below_has_a_unit_of_its_own():
 
 def test_no_floor_no_ratio():
     estimate = make()
-    estimate.document["noise_floor"] = {"q": 0.0}
+    estimate.document["noise_floor"] = {"q": 0.0, "qd": 0.0}
     assert [e.ratio for e in output_errors(estimate)] == [None, None]
     assert "noise floor ±2 sd" not in json.dumps(Page(render(estimate, None)).data["plots"])
 

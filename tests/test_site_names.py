@@ -12,8 +12,9 @@ from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.simulator import placed_name
 from capture_cli.stages import diagnose as diagnose_stage
 from capture_cli.stages.diagnose import diagnose
+from capture_cli.stages.effect_option import parse_effects
 from capture_cli.stages.export import export
-from capture_cli.stages.record import parse_effects, record
+from capture_cli.stages.record import record
 
 TWO_JOINTS = """
 <mujoco>

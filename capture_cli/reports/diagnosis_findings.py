@@ -227,12 +227,12 @@ def notes(document: Mapping[str, Any]) -> list[str]:
 
 def expression(document: Mapping[str, Any]) -> str:
     """The formula for what no effect of the catalogue explains; "" where none was looked for."""
-    return (document.get("expression") or {}).get("text") or ""
+    return (document["expression"] or {}).get("text") or ""
 
 
 def expression_error(document: Mapping[str, Any]) -> str:
     """The error with that formula in the model; "" where it is not known."""
-    found = document.get("expression") or {}
+    found = document["expression"] or {}
     part = next((part for part in ("test", "select") if found.get(part)), None)
     if part is None:
         return ""
@@ -241,7 +241,7 @@ def expression_error(document: Mapping[str, Any]) -> str:
 
 def strongest_covariate(document: Mapping[str, Any]) -> str:
     """What the declared model's residual depends on most; "" where nothing is known."""
-    curves = [c for c in document.get("localisation") or [] if c["share"] >= TELLING]
+    curves = [c for c in document["localisation"] if c["share"] >= TELLING]
     if not curves:
         return ""
     top = max(curves, key=lambda c: c["share"])
@@ -250,14 +250,14 @@ def strongest_covariate(document: Mapping[str, Any]) -> str:
 
 def next_experiment(document: Mapping[str, Any]) -> str:
     """What to record next; "" where nothing is proposed."""
-    return (document.get("next_experiment") or {}).get("text") or ""
+    return (document["next_experiment"] or {}).get("text") or ""
 
 
 def _change(document: Mapping[str, Any], name: str, unit: str) -> Change:
     first, last = document["stages"][0], document["stages"][-1]
     before, after = ({part: _rmse(stage, part, name) for part in PARTS} for stage in (first, last))
     part = best_part(document)
-    shown, floor = after[part], document["noise_floor"].get(name)
+    shown, floor = after[part], document["noise_floor"][name]
     factor, label = scaled_unit(unit, shown or floor)
     near = floor and floor * factor >= NEAR  # then it is easier to compare in one unit
     floor_factor, floor_label = (factor, label) if near else scaled_unit(unit, floor)
@@ -268,7 +268,7 @@ def _change(document: Mapping[str, Any], name: str, unit: str) -> Change:
         after={k: v if v is None else v * factor for k, v in after.items()},
         floor=floor * floor_factor if floor else None,
         floor_unit=floor_label,
-        floor_source=(document.get("noise_floor_source") or {}).get(name, ""),
+        floor_source=document["noise_floor_source"][name],
         ratio=shown / before[part] if before[part] else None,
         over=shown / floor if floor and shown is not None else None,
         over_before=before[part] / floor if floor and shown is not None else None,
@@ -309,7 +309,7 @@ def stage_errors(diagnosis: Diagnosis) -> StageErrors:
         name, own = outputs[0]["name"], outputs[0]["unit"]
         factor, unit = scaled_unit(own, stages[-1][parts[-1]]["rmse"][name])
         errors = {part: [factor * stage[part]["rmse"][name] for stage in stages] for part in parts}
-        floor, title = document["noise_floor"].get(name), f"RMSE of {titled(name, unit)}"
+        floor, title = document["noise_floor"][name], f"RMSE of {titled(name, unit)}"
         floor_factor, floor_unit = scaled_unit(own, floor)
         floor_text = with_unit(significant(floor and floor * floor_factor), floor_unit)
         floor = floor * factor if floor else None

@@ -162,14 +162,14 @@ def _effect_rows(effect: Mapping[str, Any]) -> list[list[str]]:
     """A row per parameter; the effect is named in the first. One without parameters has a row, too."""
     title = (
         f'<span class="name">{escape(findings.placed(effect))}</span>'
-        f'<span class="under">{escape(effect.get("summary") or "")}</span>'
+        f'<span class="under">{escape(effect["summary"])}</span>'
     )
-    chances = [_chance(effect["p_value"]), _chance(effect.get("p_select"))]
+    chances = [_chance(effect["p_value"]), _chance(effect["p_select"])]
     if not effect["parameters"]:
         return [[title, *[""] * 5, *chances]]
     rows = []
     for k, (name, p) in enumerate(effect["parameters"].items()):
-        sd, first = p.get("sd"), k == 0
+        sd, first = p["sd"], k == 0
         warning = f" {remarks(p)}" if remarks(p) else ""
         rows.append(
             [
@@ -379,10 +379,9 @@ def _next(document: Mapping[str, Any]) -> str:
 
 def _facts(document: Mapping[str, Any]) -> list[tuple[str, str]]:
     facts = [("log", source(document["log"]["path"], document["log"]["sha256"]))]
-    split = document.get("split")
-    if split:
-        counts = [f"{counted(split[f'{part}_windows'])} {name}" for part, name in findings.PARTS.items()]
-        facts.append(("split", f"{escape(split['how'])}; windows: {', '.join(counts)}"))
+    split = document["split"]
+    counts = [f"{counted(split[f'{part}_windows'])} {name}" for part, name in findings.PARTS.items()]
+    facts.append(("split", f"{escape(split['how'])}; windows: {', '.join(counts)}"))
     facts.append(("lack of fit, declared", _lack_of_fit(document["lack_of_fit"]["before"])))
     if document["effects"]:
         facts.append(("lack of fit, with what was found", _lack_of_fit(document["lack_of_fit"]["after"])))

@@ -155,7 +155,7 @@ def _output(name: str, k: int) -> str:
 
 def _search(document: Mapping[str, Any], plots: Mapping[str, Any]) -> str:
     walked = "The best so far, round by round"
-    if document.get("in_context"):
+    if document["in_context"]:
         walked = "What each round over the episodes proposed, judged on a few of them, then the best so far of the fit"
     captions = {
         "correlation": (

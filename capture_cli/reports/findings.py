@@ -62,17 +62,18 @@ def beyond_chance(lack: Mapping[str, Any]) -> str:
 def output_errors(estimate: Estimate) -> list[OutputError]:
     """A row per output, in the order of the log."""
     document = estimate.document
-    sources = document.get("noise_floor_source") or {}
+    sources = document["noise_floor_source"]
     nominal = _nominal_rmse(estimate)
     return [
-        _output_error(document, o["name"], o["unit"], nominal[k], sources.get(o["name"], ""))
+        _output_error(document, o["name"], o["unit"], nominal[k], sources[o["name"]])
         for k, o in enumerate(estimate.attributes["outputs"])
     ]
 
 
 def normalized(document: Mapping[str, Any], part: str) -> float | None:
     """Error over the noise floor on "fit" or "test"; None where that part is empty."""
-    return (document["error"].get(part) or {}).get("normalized")
+    error = document["error"][part]
+    return error["normalized"] if error else None
 
 
 def notes(document: Mapping[str, Any]) -> list[str]:
@@ -99,12 +100,11 @@ def suspicions(estimate: Estimate) -> list[str]:
     """What looks like a mistake in the log or the task file rather than like physics; to be read before the notes."""
     document = estimate.document
     rmse = (document["error"]["fit"] or {}).get("rmse") or {}
-    floors = document.get("noise_floor") or {}
+    floors = document["noise_floor"]
     far = [
         o["name"]
         for o, motion in zip(estimate.attributes["outputs"], _motion(estimate), strict=True)
-        if (rmse.get(o["name"]) or 0.0) > max(LEFT * motion, ABOVE * floors.get(o["name"], 0.0))
-        and motion > 0
+        if (rmse.get(o["name"]) or 0.0) > max(LEFT * motion, ABOVE * floors[o["name"]]) and motion > 0
     ]
     if not far:
         return []
@@ -138,7 +138,7 @@ def _output_error(document, name: str, unit: str, nominal: float | None, source:
     rmse = {
         part: ((document["error"].get(part) or {}).get("rmse") or {}).get(name) for part in ("fit", "test")
     }
-    floor = document["noise_floor"].get(name)
+    floor = document["noise_floor"][name]
     shown = rmse["test"] if rmse["test"] is not None else rmse["fit"]
     factor, label = scaled_unit(unit, shown or floor)
     nominal_factor, nominal_label = scaled_unit(unit, nominal)

@@ -15,8 +15,8 @@ def parameter_row(name: str, p: Mapping[str, Any]) -> list[str]:
     """Cells under PARAMETER_HEAD, as HTML."""
     return [
         named(name, p["unit"]),
-        f'<span class="name">{to_precision_of(p["value"], p.get("sd"))}</span>',
-        significant(p.get("sd"), 2),
+        f'<span class="name">{to_precision_of(p["value"], p["sd"])}</span>',
+        significant(p["sd"], 2),
         interval(p),
         range_bar(p),
         remarks(p) or '<span class="quiet">determined</span>',
@@ -30,7 +30,7 @@ def named(name: str, unit: str) -> str:
 
 def interval(p: Mapping[str, Any]) -> str:
     """ "199.8 to 207.2"."""
-    return " to ".join(to_precision_of(v, p.get("sd")) for v in p["ci95"]) if p.get("ci95") else MISSING
+    return " to ".join(to_precision_of(v, p["sd"]) for v in p["ci95"]) if p["ci95"] else MISSING
 
 
 def remarks(p: Mapping[str, Any]) -> str:
@@ -47,7 +47,7 @@ def range_bar(p: Mapping[str, Any], shown: Callable[[float], str] = bound) -> st
         return 100 * min(1.0, max(0.0, (value - p["low"]) / (p["high"] - p["low"])))
 
     shade = ""
-    if p.get("ci95"):
+    if p["ci95"]:
         a, b = (percent(v) for v in p["ci95"])
         shade = f'<span class="interval" style="left:{a:.2f}%;width:{b - a:.2f}%"></span>'
     value = f'<span class="value" style="left:{percent(p["value"]):.2f}%"></span>'

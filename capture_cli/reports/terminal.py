@@ -174,7 +174,7 @@ def _width(rows: list[list[str]]) -> int:
 def _parameters(document: Mapping[str, Any], *, wide: bool) -> list[list[str]]:
     rows = [["parameter", "estimate", "sd", "95 % interval", *(["bounds"] if wide else []), ""]]
     for name, p in document["parameters"].items():
-        sd, interval = p.get("sd"), p.get("ci95")
+        sd, interval = p["sd"], p["ci95"]
         between = " to ".join(to_precision_of(v, sd) for v in interval) if interval else MISSING
         bounds = [f"{bound(p['low'])} to {bound(p['high'])}"] if wide else []
         remarks = ["at bound"] * p["at_bound"] + ["not determined"] * (not p["identifiable"])
@@ -287,7 +287,7 @@ def _effects(document: Mapping[str, Any]) -> list[list[str]]:
         if not effect["parameters"]:
             rows.append([diagnosis_findings.placed(effect), MISSING, MISSING, MISSING])
         for name, p in effect["parameters"].items():
-            value = with_unit(to_precision_of(p["value"], p.get("sd")), p["unit"])
-            between = [to_precision_of(v, p.get("sd")) for v in p.get("ci95") or []]
+            value = with_unit(to_precision_of(p["value"], p["sd"]), p["unit"])
+            between = [to_precision_of(v, p["sd"]) for v in p["ci95"] or []]
             rows.append([diagnosis_findings.placed(effect), name, value, " to ".join(between) or MISSING])
     return rows

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from capture_cli.errors import OptionError, did_you_mean
-from capture_cli.multisine import check_amplitude, multisine_tape, peak
+from capture_cli.multisine import BAND, check_amplitude, multisine_tape, peak
 from capture_cli.sim.engine import Starts
 from capture_cli.sim.starts import model_starts
 from capture_cli.sim.target_names import object_names
@@ -22,6 +22,36 @@ from capture_cli.tasks.base import ActionTask, Task
 
 DURATION = 10.0  # s, of an episode unless told otherwise
 ACTION_RATE = 100.0  # Hz, of the log of an action unless told otherwise
+BELIEFS = ("nominal", "random")
+# options that mean nothing where the machine is driven in another way
+OF_ACTIONS = ("policy", "belief", "actions_from")
+OF_POLICIES = ("policy", "belief")
+OF_INPUTS = ("duration", "inputs_from", "amplitude", "band", "start", "start_velocity")
+OF_MULTISINES = ("episodes", "duration", "rate", "amplitude", "band")
+
+
+@dataclass(frozen=True)
+class DriveOptions:
+    """The options of `record` that say what drives the machine, by their names there; None is not given."""
+
+    episodes: int = 1
+    duration: float | None = None  # s
+    rate: float | None = None  # Hz
+    policy: str | None = None
+    belief: str = "nominal"
+    actions_from: Path | None = None
+    inputs_from: Path | None = None
+    amplitude: Mapping[str, float] | None = None
+    band: tuple[float, float] = BAND  # Hz
+    start: Mapping[str, tuple[float, float]] | None = None
+    start_velocity: Mapping[str, tuple[float, float]] | None = None
+
+    def refuse(self, names: Sequence[str], why: str) -> None:
+        """Raise OptionError where one of these was given, which means nothing here."""
+        for name in names:
+            value = getattr(self, name)
+            if value and value != getattr(DriveOptions, name):
+                raise OptionError(f"--{name.replace('_', '-')} means nothing: {why}", cure="leave it out")
 
 
 @dataclass(frozen=True)
@@ -35,47 +65,59 @@ class Drive:
     actions: np.ndarray | None = None
 
 
-def drive_by_actions(
-    task: ActionTask,
-    *,
-    episodes: int,
-    rate: float | None,
-    policy: str | None,
-    generator: np.random.Generator,
-    actions_from: Path | None = None,
-    belief: str = "nominal",
-) -> Drive:
-    """One action per episode, as the policy (a random one where None) chooses it under the parameters it believes in.
+def drive(task: Task, asked: DriveOptions, generator: np.random.Generator) -> Drive:
+    """What drives the machine of `task` as asked.
 
-    belief: "nominal", or "random": drawn anew for each episode, as in the course of an identification.
-    actions_from: a proposal, whose action every episode takes instead.
-
-    Inputs are logged at `rate` Hz (`ACTION_RATE` where None): the mean of each over the time until the next sample, so
-    that a machine which holds them in between moves as far as the action says.
+    A task of actions is driven by one action per episode, any other by multisines or by the inputs that `inputs_from`
+    holds. Raises OptionError, also for an option that means nothing there.
     """
-    rate = ACTION_RATE if rate is None else rate
-    _check_positive(episodes=episodes, rate=rate)
-    if actions_from is not None:
-        action = read_action(actions_from, task.name, task.actions.names)
-        actions = np.repeat(action[None], episodes, axis=0)
-    else:
-        chooser = load_policy(policy or "random", task)
-        believed = np.repeat(task.space.nominal[None], episodes, axis=0)
-        if belief == "random":
-            believed = task.space.from_unit(generator.random(believed.shape))
-        actions = chooser.act(believed, generator.random((episodes, len(task.actions))))
+    if asked.belief not in BELIEFS:
+        raise OptionError(f"unknown --belief {asked.belief!r}", cure=did_you_mean(asked.belief, BELIEFS))
+    if isinstance(task, ActionTask):
+        asked.refuse(OF_INPUTS, f"an episode of {task.name!r} is what its action says")
+        if asked.actions_from is not None:
+            asked.refuse(OF_POLICIES, f"the action is that of {asked.actions_from}")
+        return _by_actions(task, asked, generator)
+    asked.refuse(OF_ACTIONS, f"{task.name!r} has no actions")
+    if asked.inputs_from is not None:
+        asked.refuse(OF_MULTISINES, f"time and inputs are those of {asked.inputs_from}")
+    return _by_inputs(task, asked, generator)
+
+
+# --- by actions ---
+
+
+def _by_actions(task: ActionTask, asked: DriveOptions, generator: np.random.Generator) -> Drive:
+    """Inputs are logged at `rate` Hz (`ACTION_RATE` where None): the mean of each over the time until the next sample,
+    so that a machine which holds them in between moves as far as the action says.
+    """
+    rate = ACTION_RATE if asked.rate is None else asked.rate
+    _check_positive(episodes=asked.episodes, rate=rate)
+    actions = _actions(task, asked, generator)
     driven = task.episodes(actions)
     steps = round(task.point_times[-1] * rate) + 1
     _check_samples(steps, task.point_times[-1], rate)
     time = np.arange(steps) / rate
     inputs = np.stack([_sampled(tape, task.timestep, time, task.linear) for tape in driven.inputs])
     return Drive(
-        time=np.tile(time, episodes),
-        inputs=inputs.reshape(episodes * steps, -1),
-        ends=steps * (1 + np.arange(episodes)),
+        time=np.tile(time, asked.episodes),
+        inputs=inputs.reshape(asked.episodes * steps, -1),
+        ends=steps * (1 + np.arange(asked.episodes)),
         starts=driven.starts,
         actions=actions,
     )
+
+
+def _actions(task: ActionTask, asked: DriveOptions, generator: np.random.Generator) -> np.ndarray:
+    """Actions (episode, action): of a proposal, or as the policy chooses them under the parameters it believes in."""
+    if asked.actions_from is not None:
+        action = read_action(asked.actions_from, task.name, task.actions.names)
+        return np.repeat(action[None], asked.episodes, axis=0)
+    chooser = load_policy(asked.policy or "random", task)
+    believed = np.repeat(task.space.nominal[None], asked.episodes, axis=0)
+    if asked.belief == "random":  # drawn anew for each episode, as in the course of an identification
+        believed = task.space.from_unit(generator.random(believed.shape))
+    return chooser.act(believed, generator.random((asked.episodes, len(task.actions))))
 
 
 def _sampled(tape: np.ndarray, timestep: float, time: np.ndarray, linear: np.ndarray) -> np.ndarray:
@@ -94,55 +136,52 @@ def _sampled(tape: np.ndarray, timestep: float, time: np.ndarray, linear: np.nda
     return values
 
 
-def drive_by_inputs(
-    machine: Task,
-    *,
-    episodes: int,
-    duration: float | None,
-    rate: float | None,
-    inputs_from: Path | None,
-    amplitude: Mapping[str, float],
-    band: tuple[float, float],
-    start: Mapping[str, tuple[float, float]],
-    start_velocity: Mapping[str, tuple[float, float]],
-    generator: np.random.Generator,
-) -> Drive:
-    """Multisines in `band` Hz that peak at `amplitude`, or the inputs of `inputs_from`, a log or a proposal.
-
-    Raises OptionError.
-    """
-    duration = DURATION if duration is None else duration
-    time, inputs, ends = _tapes(machine, episodes, duration, rate, inputs_from, amplitude, band, generator)
-    return Drive(time, inputs, ends, _starts(machine.model, len(ends), start, start_velocity, generator))
+# --- by inputs ---
 
 
-def _tapes(machine, episodes, duration, rate, inputs_from, amplitude, band, generator):
-    """time (step,), inputs (step, input) and episode ends (episode,)."""
-    if inputs_from is not None and Path(inputs_from).is_file():  # a log is a folder
-        time, inputs = read_inputs(inputs_from, machine.name, [c.name for c in machine.inputs])
-        return time, inputs, np.array([len(time)])
-    if inputs_from is not None:
-        source = MeasuredLog.read(inputs_from)
-        if source.input_names != tuple(c.name for c in machine.inputs):
-            raise OptionError(
-                f"--inputs-from {inputs_from}: its inputs are ({', '.join(source.input_names)})",
-                cure=f"give a log with the task's inputs ({', '.join(c.name for c in machine.inputs)})",
-            )
-        _refuse_gaps(source)
-        return source.time, source.inputs, source.episode_ends
-    _check_positive(episodes=episodes, duration=duration, rate=machine.timestep if rate is None else rate)
-    if not 0 <= band[0] < band[1] < np.inf:
-        raise OptionError(
-            f"--band {band[0]:g} {band[1]:g}", cure="give two frequencies in Hz, the lower one first"
-        )
-    check_amplitude(machine, amplitude)
-    interval = machine.timestep if rate is None else 1.0 / rate
+def _by_inputs(task: Task, asked: DriveOptions, generator: np.random.Generator) -> Drive:
+    if asked.inputs_from is None:
+        time, inputs, ends = _multisines(task, asked, generator)
+    else:
+        time, inputs, ends = _recorded_inputs(task, asked.inputs_from)
+    return Drive(time, inputs, ends, _starts(task.model, len(ends), asked, generator))
+
+
+def _multisines(
+    task: Task, asked: DriveOptions, generator: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Multisines in `band` Hz that peak at `amplitude`: time (step,), inputs (step, input), episode ends (episode,)."""
+    duration = DURATION if asked.duration is None else asked.duration
+    rate = task.timestep if asked.rate is None else asked.rate
+    low, high = asked.band
+    amplitude = asked.amplitude or {}
+    _check_positive(episodes=asked.episodes, duration=duration, rate=rate)
+    if not 0 <= low < high < np.inf:
+        raise OptionError(f"--band {low:g} {high:g}", cure="give two frequencies in Hz, the lower one first")
+    check_amplitude(task, amplitude)
+    interval = task.timestep if asked.rate is None else 1.0 / rate
     steps = round(duration / interval) + 1
     _check_samples(steps, duration, 1.0 / interval)
     time = interval * np.arange(steps)
-    peaks = np.array([peak(machine.model, channel, amplitude) for channel in machine.inputs])
-    tapes = [multisine_tape(machine, time, peaks, band, generator) for _ in range(episodes)]
-    return np.tile(time, episodes), np.concatenate(tapes), steps * (1 + np.arange(episodes))
+    peaks = np.array([peak(task.model, channel, amplitude) for channel in task.inputs])
+    tapes = [multisine_tape(task, time, peaks, asked.band, generator) for _ in range(asked.episodes)]
+    return np.tile(time, asked.episodes), np.concatenate(tapes), steps * (1 + np.arange(asked.episodes))
+
+
+def _recorded_inputs(task: Task, path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of a log or a proposal: time (step,), inputs (step, input), episode ends (episode,)."""
+    names = tuple(c.name for c in task.inputs)
+    if Path(path).is_file():  # a log is a folder
+        time, inputs = read_inputs(path, task.name, list(names))
+        return time, inputs, np.array([len(time)])
+    source = MeasuredLog.read(path)
+    if source.input_names != names:
+        raise OptionError(
+            f"--inputs-from {path}: its inputs are ({', '.join(source.input_names)})",
+            cure=f"give a log with the task's inputs ({', '.join(names)})",
+        )
+    _refuse_gaps(source)
+    return source.time, source.inputs, source.episode_ends
 
 
 def _refuse_gaps(source: MeasuredLog) -> None:
@@ -160,14 +199,14 @@ def _refuse_gaps(source: MeasuredLog) -> None:
             )
 
 
-def _starts(model, count: int, positions, velocities, generator) -> Starts:
+def _starts(model: mujoco.MjModel, count: int, asked: DriveOptions, generator: np.random.Generator) -> Starts:
     """The model's own, but for joints of which positions or velocities are given."""
     starts = model_starts(model, count).starts
     for option, given, state, address in (
-        ("--start", positions, starts.qpos, model.jnt_qposadr),
-        ("--start-velocity", velocities, starts.qvel, model.jnt_dofadr),
+        ("--start", asked.start, starts.qpos, model.jnt_qposadr),
+        ("--start-velocity", asked.start_velocity, starts.qvel, model.jnt_dofadr),
     ):
-        for joint, (low, high) in given.items():
+        for joint, (low, high) in (given or {}).items():
             number = _joint_of_one_coordinate(model, joint, option)
             state[:, address[number]] = generator.uniform(low, high, count)
     return starts
@@ -189,6 +228,9 @@ def _joint_of_one_coordinate(model: mujoco.MjModel, joint: str, option: str) -> 
             f"{option} is for joints that slide or turn about one axis",
         )
     return number
+
+
+# --- either ---
 
 
 def _check_samples(steps: int, duration: float, rate: float) -> None:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-import shutil
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -22,12 +21,14 @@ from capture_cli.stages.history_recipe import Recipe
 from capture_cli.stages.policy_checkpoint import SETTINGS, load_policy
 from capture_cli.stages.progress import Progress
 from capture_cli.stages.recorded_task import task_inputs
+from capture_cli.stages.resumed_histories import is_complete, place, shards_to_make
 from capture_cli.stages.tapes import tape_task
+from capture_cli.stages.white_noise import standard_deviations
 from capture_cli.stores.histories import SHARD_PAIRS, HistoriesWriter, is_url, shard_rows
-from capture_cli.stores.output import refuse_inputs, resumable_directory, sha256
+from capture_cli.stores.output import refuse_inputs, sha256
 from capture_cli.stores.provenance import Provenance
 from capture_cli.tasks import load_task
-from capture_cli.tasks.base import ActionTask, Feature, Task
+from capture_cli.tasks.base import ActionTask, Task
 
 ROUNDS = 7  # L of the paper
 EXECUTORS = ("local", "ray")
@@ -76,33 +77,34 @@ def gen_histories(
         refuse_inputs(Path(out), [inputs_from, checkpoint, *task_inputs(machine).values()])
     machine = _action_task(
         machine,
+        seed,
         inputs_from=inputs_from,
         window=window,
         points=points,
         amplitude=amplitude or None,
         band=band,
-        seed=seed,
     )
-    observation_noise.check(noise, [f.name for f in machine.features])
+    features = [f.name for f in machine.features]
+    observation_noise.check(noise, features)
     recipe = Recipe(
         task=machine,
         policy=load_policy(policy, machine),
         search=_search(search, alpha),
         rounds=rounds,
         noise=noise,
-        noise_sd=_noise_sd(noise_sd, machine.features),
+        noise_sd=standard_deviations("--noise-sd", noise_sd, features, "a trajectory has no feature"),
         seed=seed,
     )
     attributes = _attributes(recipe, policy, search, pairs, shard_pairs)
     provenance = Provenance(
         "gen-histories", options, {"task": getattr(machine, "path", None), "inputs_from": inputs_from}
     )
-    if resume and not force and _is_complete(HistoriesWriter(out), attributes):
+    if resume and not force and is_complete(HistoriesWriter(out), attributes):
         return _summary(out, attributes, made=0, seconds=0.0)
     began = time.monotonic()
-    with _shard_maker(executor, address) as make_shards, _place(out, force, resume) as location:
+    with _shard_maker(executor, address) as make_shards, place(out, force=force, resume=resume) as location:
         writer = HistoriesWriter(location)
-        todo = _open(writer, attributes)
+        todo = shards_to_make(writer, attributes)
         shards = [(s, range(pairs)[shard_rows(s, shard_pairs, pairs)]) for s in todo]
         _follow(make_shards(recipe, writer, shards, threads), shards, pairs, quiet)
         writer.finish()
@@ -127,11 +129,11 @@ def _check(pairs: int, rounds: int, executor: str, address: str | None) -> None:
         raise OptionError(f"--address {address} without --executor ray", cure="add --executor ray")
 
 
-def _action_task(machine: Task, **tape_options) -> ActionTask:
+def _action_task(machine: Task, seed: int, **tape_options) -> ActionTask:
     """A built-in task as it is; that of a task.toml with actions made as `tape_options` say."""
-    given = {k: v for k, v in tape_options.items() if v is not None and k != "seed"}
+    given = {k: v for k, v in tape_options.items() if v is not None}
     if not isinstance(machine, ActionTask):
-        return tape_task(machine, **given, seed=tape_options["seed"])
+        return tape_task(machine, **given, seed=seed)
     if given:
         options = ", ".join(f"--{k.replace('_', '-')}" for k in given)
         raise OptionError(
@@ -152,21 +154,6 @@ def _search(name: str, alpha: float | None) -> Search:
     if not 0 < alpha < np.inf:
         raise OptionError(f"--alpha {alpha:g}", cure=f"give a positive number; the paper's is {ALPHA:g}")
     return cls(alpha)
-
-
-def _noise_sd(noise_sd: Mapping[str, float] | float, features: Sequence[Feature]) -> tuple[float, ...]:
-    """Standard deviation of white noise per feature."""
-    names = [f.name for f in features]
-    if isinstance(noise_sd, int | float):
-        noise_sd = dict.fromkeys(names, float(noise_sd))
-    for name, sd in noise_sd.items():
-        if name not in names:
-            raise OptionError(
-                f"--noise-sd: a trajectory has no feature {name!r}", cure=did_you_mean(name, names)
-            )
-        if not 0 <= sd < np.inf:
-            raise OptionError(f"--noise-sd {name}={sd:g}", cure="give a standard deviation of 0 or more")
-    return tuple(float(noise_sd.get(name, 0.0)) for name in names)
 
 
 def _attributes(recipe: Recipe, policy: str, search: str, pairs: int, shard_pairs: int) -> dict[str, Any]:
@@ -209,73 +196,6 @@ def _model_hash(model: mujoco.MjModel) -> str:
 
 def _hash(array: np.ndarray) -> str:
     return hashlib.sha256(np.ascontiguousarray(array).tobytes()).hexdigest()
-
-
-# --- where it goes ---
-
-
-@contextmanager
-def _place(out: str, force: bool, resume: bool) -> Iterator[str]:
-    """Where to write: a folder beside `out` that becomes `out`, or the URL itself."""
-    if not is_url(out):
-        with resumable_directory(Path(out), force=force, resume=resume) as folder:
-            try:
-                yield str(folder)
-            except BaseException:
-                if not _any_written(folder):
-                    shutil.rmtree(folder)  # nothing to go on from
-                raise
-        return
-    found = HistoriesWriter(out).attributes()
-    if found is not None and not (force or resume):
-        state = "holds histories" if found["complete"] else "holds an unfinished run"
-        raise OutputError(
-            f"{out} {state}",
-            cure="choose another --out, go on with --resume, or add --force to replace it",
-        )
-    if found is not None and force:
-        HistoriesWriter(out).clear()
-    yield out
-
-
-def _any_written(folder: Path) -> bool:
-    writer = HistoriesWriter(str(folder))
-    return writer.attributes() is not None and bool(writer.is_written().any())
-
-
-def _open(writer: HistoriesWriter, attributes: dict[str, Any]) -> list[int]:
-    """Which shards are still to be made; the store is created where there is none."""
-    found = writer.attributes()
-    if found is None:
-        writer.create(attributes)
-    else:
-        _refuse_other(found, attributes, writer.location)
-    marked = writer.is_written()
-    return [s for s in range(len(marked)) if not (marked[s] and writer.is_sound(s))]
-
-
-def _is_complete(writer: HistoriesWriter, attributes: dict[str, Any]) -> bool:
-    """Whether this very run has been completed. Raises OptionError where another was."""
-    found = writer.attributes()
-    if found is None or not found["complete"]:
-        return False
-    _refuse_other(found, attributes, writer.location)
-    return True
-
-
-def _refuse_other(found: dict[str, Any], wanted: dict[str, Any], where: str) -> None:
-    other = [k for k in wanted if found[k] != wanted[k]]
-    if other:
-        differences = "; ".join(f"{k} was {_short(found[k])}, now {_short(wanted[k])}" for k in other)
-        raise OptionError(
-            f"--resume: {where} was begun otherwise: {differences}",
-            cure="give the options it was begun with, or begin anew with --force",
-        )
-
-
-def _short(value: Any) -> str:
-    text = str(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 # --- the work ---

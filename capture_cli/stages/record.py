@@ -3,36 +3,29 @@
 from __future__ import annotations
 
 import importlib.util
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import mujoco
 import numpy as np
 
-from capture_cli.effects import REGISTRY
-from capture_cli.effects.base import GLOBAL, Effect
 from capture_cli.errors import FitError, OptionError, did_you_mean
 from capture_cli.multisine import BAND
-from capture_cli.parameters import Parameter
+from capture_cli.parameters import ParameterSpace
 from capture_cli.sim.windows import cut
-from capture_cli.simulator import Simulator, placed_name
-from capture_cli.stages.drive import Drive, drive_by_actions, drive_by_inputs
+from capture_cli.simulator import Simulator
+from capture_cli.stages.drive import Drive, DriveOptions, drive
+from capture_cli.stages.effect_option import parse_effects, refuse_negative
 from capture_cli.stages.recorded_task import task_inputs
+from capture_cli.stages.white_noise import standard_deviations
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.stores.output import new_directory, new_file, refuse_existing, refuse_inputs
 from capture_cli.stores.provenance import Provenance, write_json
 from capture_cli.tasks import load_task
-from capture_cli.tasks.base import ActionTask, Channel, Task
+from capture_cli.tasks.base import ActionTask, Task
 
 WORLDS = ("plant", "robosuite")
-BELIEFS = ("nominal", "random")
 TRUTH = ("parameters", "effects")  # options that a log's provenance keeps to itself
-# what stands after @ is a site, or a site and a parameter: names in a model may have dots and more in them
-_EFFECT = re.compile(
-    r"^(?P<name>[a-z-]+)(@(?P<place>.*?)|\.(?P<parameter>\w+))?(=(?P<value>[^=]+))?$", re.DOTALL
-)
 
 
 @dataclass(frozen=True)
@@ -96,67 +89,35 @@ def record(
     )
     placed, effect_values = parse_effects(effects, machine.model)
     simulator = Simulator(machine, placed, threads)
-    noise_sd = _noise(noise, machine.outputs)
+    names = [c.name for c in machine.outputs]
+    noise_sd = standard_deviations("--noise", noise, names, "the task has no output")
     generator = np.random.default_rng(seed)
-    point = machine.space.to_vector(parameters or {}, default=_random(machine, generator, random_parameters))
-    for parameter, value in zip(machine.space.parameters, point, strict=True):
-        _refuse_negative("--param", parameter, value)
-    by_inputs = {
-        "duration": duration,
-        "inputs_from": inputs_from,
-        "amplitude": amplitude or {},
-        "band": band,
-        "start": start or {},
-        "start_velocity": start_velocity or {},
-    }
-    if belief not in BELIEFS:
-        raise OptionError(f"unknown --belief {belief!r}", cure=did_you_mean(belief, BELIEFS))
-    if isinstance(machine, ActionTask):
-        _refuse(by_inputs, {"band": BAND}, f"an episode of {machine.name!r} is what its action says")
-        if actions_from is not None:
-            chosen = {"policy": policy, "belief": belief}
-            _refuse(chosen, {"belief": "nominal"}, f"the action is that of {actions_from}")
-        drive = drive_by_actions(
-            machine,
-            episodes=episodes,
-            rate=rate,
-            policy=policy,
-            actions_from=actions_from,
-            belief=belief,
-            generator=generator,
+    point = _point(machine.space, parameters or {}, generator if random_parameters else None)
+    asked = DriveOptions(
+        episodes=episodes,
+        duration=duration,
+        rate=rate,
+        policy=policy,
+        belief=belief,
+        actions_from=actions_from,
+        inputs_from=inputs_from,
+        amplitude=amplitude,
+        band=band,
+        start=start,
+        start_velocity=start_velocity,
+    )
+    driven = drive(machine, asked, generator)
+    if world == "plant":
+        outputs = _simulate(simulator, driven, np.concatenate([point, effect_values]))
+    elif effects:
+        raise OptionError(
+            f"--effect means nothing: --world {world} lacks nothing that could be added to it",
+            cure="leave it out",
         )
     else:
-        of_actions = {"policy": policy, "belief": belief, "actions_from": actions_from}
-        _refuse(of_actions, {"belief": "nominal"}, f"{machine.name!r} has no actions")
-        if inputs_from is not None:
-            own = {
-                "episodes": episodes,
-                "duration": duration,
-                "rate": rate,
-                "amplitude": amplitude,
-                "band": band,
-            }
-            _refuse(own, {"episodes": 1, "band": BAND}, f"time and inputs are those of {inputs_from}")
-        drive = drive_by_inputs(machine, episodes=episodes, rate=rate, generator=generator, **by_inputs)
-    if world == "plant":
-        outputs = _simulate(simulator, drive, np.concatenate([point, effect_values]))
-    else:
-        _refuse({"effect": effects}, {}, f"--world {world} lacks nothing that could be added to it")
-        drive, outputs = _in_scene(world, machine, point, drive)
-    log = MeasuredLog(
-        task=machine.name,
-        time=drive.time,
-        inputs=drive.inputs,
-        outputs=outputs + noise_sd * generator.standard_normal(outputs.shape),
-        episode_ends=drive.ends,
-        recording=np.zeros(len(drive.ends), dtype=np.int64),
-        input_names=tuple(c.name for c in machine.inputs),
-        input_units=tuple(c.unit for c in machine.inputs),
-        output_names=tuple(c.name for c in machine.outputs),
-        output_units=tuple(c.unit for c in machine.outputs),
-        recordings=({"name": out.stem, "source": "capture record", "sha256": None},),
-        actions=drive.actions,
-    )
+        driven, outputs = _in_scene(world, machine, point, driven)
+    outputs = outputs + np.array(noise_sd) * generator.standard_normal(outputs.shape)
+    log = _log(machine, driven, outputs, name=out.stem)
     known = {
         "format": "capture/truth",
         "version": 1,
@@ -164,7 +125,7 @@ def record(
         "world": world,
         "parameters": machine.space.to_dict(point),
         "effects": dict(zip(simulator.space.names[len(point) :], effect_values.tolist(), strict=True)),
-        "noise_sd": {c.name: float(s) for c, s in zip(machine.outputs, noise_sd, strict=True)},
+        "noise_sd": dict(zip(names, noise_sd, strict=True)),
         "seed": seed,
     }
     with new_file(truth, force=force) as file, new_directory(out, force=force) as folder:
@@ -174,102 +135,15 @@ def record(
     return Recording(log, known)
 
 
-def parse_effects(texts: Sequence[str], model: mujoco.MjModel) -> tuple[list[tuple[str, Effect]], np.ndarray]:
-    """Placed effects and the values of all their parameters (parameter,). Raises OptionError."""
-    placed: dict[str, tuple[str, Effect, np.ndarray]] = {}
-    for text in texts:
-        match = _EFFECT.match(text)
-        if match is None:
-            raise OptionError(
-                f"--effect {text!r} is not of the form NAME@SITE.PARAMETER=VALUE",
-                cure="for example --effect coulomb-friction@x=3.5; `capture effects` lists what there is",
-            )
-        cls = REGISTRY.get(match["name"])
-        site, parameter = match["place"], match["parameter"]
-        if site is not None:
-            site, parameter = _site_and_parameter(site, cls, model)
-        effect = cls(model, _site(match["name"], site, cls.sites(model)))
-        key = placed_name(match["name"], effect)
-        _, effect, values = placed.setdefault(key, (match["name"], effect, effect.space.nominal.copy()))
-        if not effect.parameters and not parameter and not match["value"]:
-            continue
-        which = _parameter(text, match, parameter, effect.space.names)
-        values[which] = _number(match["value"], f"--effect {text!r}")
-        _refuse_negative(f"--effect {text}", effect.space.parameters[which], values[which])
-    effects = [(name, effect) for name, effect, _ in placed.values()]
-    return effects, np.concatenate([np.zeros(0), *(values for _, _, values in placed.values())])
-
-
-def _site_and_parameter(place: str, cls: type[Effect], model: mujoco.MjModel) -> tuple[str, str | None]:
-    """SITE.PARAMETER or SITE, where a site may have dots in it: parted at the last one, if that makes sense."""
-    sites = cls.sites(model)
-    site, dot, parameter = place.rpartition(".")
-    makes_sense = site in sites and parameter in cls(model, site).space.names
-    return (site, parameter) if dot and (makes_sense or place not in sites) else (place, None)
-
-
-def _parameter(text: str, match: re.Match, parameter: str | None, names: Sequence[str]) -> int:
-    """Which of the effect's parameters `text` sets; the first where it names none."""
-    if not names:
-        raise OptionError(
-            f"--effect {text!r}: {match['name']} has no parameters",
-            cure="leave the value out: it is there, or it is not",
-        )
-    parameter = names[0] if parameter is None else parameter
-    if parameter not in names:
-        raise OptionError(
-            f"--effect {text!r}: {match['name']} has no parameter {parameter!r}",
-            cure=did_you_mean(parameter, names),
-        )
-    if match["value"] is None:
-        raise OptionError(
-            f"--effect {text!r} gives {parameter} no value",
-            cure=f"for example {text}=3.5; `capture effects` has its range",
-        )
-    return names.index(parameter)
-
-
-def _site(name: str, site: str | None, sites: list[str]) -> str:
-    if site is None and len(sites) == 1:
-        return sites[0]
-    if site is None and GLOBAL in sites:
-        return GLOBAL
-    if sites == [GLOBAL] and site:
-        raise OptionError(
-            f"--effect {name}@{site}: the effect concerns the model as a whole, and sits nowhere in it",
-            cure=f"write it without @{site}",
-        )
-    if site is None or site not in sites:
-        found = "no site is given" if site is None else f"{site!r} is not a site"
-        raise OptionError(
-            f"--effect {name}: {found}; there {'is' if len(sites) == 1 else 'are'} {len(sites)}",
-            cure=did_you_mean(site or "", sites),
-        )
-    return site
-
-
-def _refuse_negative(option: str, parameter: Parameter, value: float) -> None:
-    """Raise OptionError for a negative mass, friction, time...: of no machine, and of simulations that run away."""
-    if value < 0 <= parameter.low:
-        raise OptionError(
-            f"{option}: {parameter.name} = {value:g} {parameter.unit}, and it cannot be negative",
-            cure=f"choose one from {parameter.low:g} to {parameter.high:g}",
-        )
-
-
-def _number(text: str, where: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = float("nan")
-    if not np.isfinite(value):
-        raise OptionError(f"{where}: {text!r} is not a finite number", cure="give a number in SI units")
-    return value
-
-
-def _random(machine: Task, generator: np.random.Generator, wanted: bool) -> np.ndarray:
-    space = machine.space
-    return space.from_unit(generator.uniform(size=len(space))) if wanted else space.nominal
+def _point(
+    space: ParameterSpace, values: Mapping[str, float], generator: np.random.Generator | None
+) -> np.ndarray:
+    """(parameter,): those without a value are drawn from `generator`, or nominal where it is None."""
+    default = None if generator is None else space.from_unit(generator.uniform(size=len(space)))
+    point = space.to_vector(values, default=default)
+    for parameter, value in zip(space.parameters, point, strict=True):
+        refuse_negative("--param", parameter, value)
+    return point
 
 
 def _if_path(name: str | None) -> Path | None:
@@ -284,15 +158,8 @@ def _refuse_inside(truth: Path, log: Path) -> None:
         )
 
 
-def _refuse(given: Mapping[str, object], defaults: Mapping[str, object], why: str) -> None:
-    """Raise OptionError where an option was given that means nothing here."""
-    for name, value in given.items():
-        if value and value != defaults.get(name):
-            raise OptionError(f"--{name.replace('_', '-')} means nothing: {why}", cure="leave it out")
-
-
-def _in_scene(world: str, machine: Task, point: np.ndarray, drive: Drive) -> tuple[Drive, np.ndarray]:
-    """How the task's whole scene was driven, its robot taking the actions of `drive`, and outputs (step, output).
+def _in_scene(world: str, machine: Task, point: np.ndarray, driven: Drive) -> tuple[Drive, np.ndarray]:
+    """How the task's whole scene was driven, its robot taking the actions of `driven`, and outputs (step, output).
 
     A module of `worlds` called like the task defines record(parameters (parameter,), actions (episode, action), rate
     in Hz) -> (time (step,), inputs (step, input), outputs (step, output)) per episode. Raises OptionError.
@@ -303,27 +170,28 @@ def _in_scene(world: str, machine: Task, point: np.ndarray, drive: Drive) -> tup
     if not isinstance(machine, ActionTask) or importlib.util.find_spec(module) is None:
         raise OptionError(f"there is no robosuite scene of {machine.name!r}", cure="record --world plant")
     scene = importlib.import_module(module)
-    rate = 1 / (drive.time[1] - drive.time[0])
-    recordings = scene.record(point, drive.actions, rate)
+    rate = 1 / (driven.time[1] - driven.time[0])
+    recordings = scene.record(point, driven.actions, rate)
     time, inputs, outputs = (np.concatenate(parts) for parts in zip(*recordings, strict=True))
     ends = np.cumsum([len(times) for times, _, _ in recordings])
-    return replace(drive, time=time, inputs=inputs, ends=ends), outputs
+    return replace(driven, time=time, inputs=inputs, ends=ends), outputs
 
 
-def _simulate(simulator: Simulator, drive: Drive, point: np.ndarray) -> np.ndarray:
+def _simulate(simulator: Simulator, driven: Drive, point: np.ndarray) -> np.ndarray:
+    """Outputs (step, output) at the task's and the effects' parameters `point`. Raises FitError where one diverges."""
     machine = simulator.task
-    episodes = [slice(a, b) for a, b in zip([0, *drive.ends[:-1]], drive.ends, strict=True)]
+    episodes = [slice(a, b) for a, b in zip([0, *driven.ends[:-1]], driven.ends, strict=True)]
     windows = cut(
-        time=drive.time - drive.time[0],  # the inputs may be those of a log
-        inputs=drive.inputs,
-        outputs=np.zeros((len(drive.time), len(machine.outputs))),
+        time=driven.time - driven.time[0],  # the inputs may be those of a log
+        inputs=driven.inputs,
+        outputs=np.zeros((len(driven.time), len(machine.outputs))),
         episodes=episodes,
         timestep=machine.timestep,
         duration=None,
         linear=machine.linear,
         has_gaps=False,
     )
-    simulated = simulator.simulate(windows, replace(drive.starts, time=windows.time), point[None])
+    simulated = simulator.simulate(windows, replace(driven.starts, time=windows.time), point[None])
     if simulated.diverged.any():
         raise FitError(
             f"the simulation diverged in {int(simulated.diverged.sum())} of {len(windows)} episodes",
@@ -332,16 +200,18 @@ def _simulate(simulator: Simulator, drive: Drive, point: np.ndarray) -> np.ndarr
     return simulated.outputs[0][windows.mask]
 
 
-def _noise(noise: Mapping[str, float] | float, outputs: Sequence[Channel]) -> np.ndarray:
-    """Standard deviation per output, (output,)."""
-    names = [c.name for c in outputs]
-    if isinstance(noise, int | float):
-        noise = dict.fromkeys(names, float(noise))
-    for name, sd in noise.items():
-        if name not in names:
-            raise OptionError(f"--noise: the task has no output {name!r}", cure=did_you_mean(name, names))
-        if not 0 <= sd < np.inf:
-            raise OptionError(
-                f"--noise {name}={sd:g}", cure="give a standard deviation of 0 or more, in SI units"
-            )
-    return np.array([noise.get(name, 0.0) for name in names])
+def _log(machine: Task, driven: Drive, outputs: np.ndarray, name: str) -> MeasuredLog:
+    return MeasuredLog(
+        task=machine.name,
+        time=driven.time,
+        inputs=driven.inputs,
+        outputs=outputs,
+        episode_ends=driven.ends,
+        recording=np.zeros(len(driven.ends), dtype=np.int64),
+        input_names=tuple(c.name for c in machine.inputs),
+        input_units=tuple(c.unit for c in machine.inputs),
+        output_names=tuple(c.name for c in machine.outputs),
+        output_units=tuple(c.unit for c in machine.outputs),
+        recordings=({"name": name, "source": "capture record", "sha256": None},),
+        actions=driven.actions,
+    )

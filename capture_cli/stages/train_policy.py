@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import os
 import time
 from collections.abc import Mapping
 from dataclasses import asdict, replace
@@ -12,21 +10,20 @@ from typing import Any
 
 import numpy as np
 
-from capture_cli.errors import OptionError, OutputError, did_you_mean
+from capture_cli.errors import OptionError, OutputError
 from capture_cli.policies import REGISTRY
 from capture_cli.policies._evaluation import evaluate
 from capture_cli.policies.base import Policy, Trainer, TrainingSettings
 from capture_cli.simulator import Simulator
 from capture_cli.stages.policy_checkpoint import read_policy, save_policy
 from capture_cli.stages.progress import Progress
-from capture_cli.stages.training_state import STATE, check_recipe, load_state, save_state
+from capture_cli.stages.torch_device import torch_device
+from capture_cli.stages.training_state import STATE, check_recipe, load_state, save_state, write_metrics
 from capture_cli.stores.output import is_complete, resumable_directory, unfinished
 from capture_cli.stores.provenance import Provenance
 from capture_cli.tasks import load_task
 from capture_cli.tasks.base import ActionTask
 
-DEVICES = ("cpu", "cuda", "auto")
-METRICS = "metrics.jsonl"
 EVALUATED = 200  # parameter sets of the evaluation curve, the same ones every time
 UNSEEN = 500  # others, that the finished policy is judged on, and the random one
 EVALUATIONS = 30
@@ -76,21 +73,16 @@ def train_policy(
     )
     kind = _trained(policy)
     _check_settings(settings, evaluations)
-    settings = replace(settings, device=_device(device))
+    settings = replace(settings, device=torch_device(device, threads=1))
+    made = {"policy": policy, "task": machine.name, "training": asdict(settings)}
     if complete:
         document = read_policy(Path(out))
-        made = {"policy": policy, "task": machine.name, "training": asdict(settings)}
         check_recipe({name: document.get(name) for name in made}, made)
         return document
     provenance = Provenance("train-policy", options, {"task": getattr(machine, "path", None)})
     simulator = Simulator(machine, threads=threads)
     run = _Run(kind.trainer(simulator, settings), simulator, evaluations)
-    recipe = {
-        "policy": policy,
-        "task": machine.name,
-        "training": asdict(settings),
-        "evaluations": evaluations,
-    }
+    recipe = {**made, "evaluations": evaluations}
     if resume:
         run.restore(unfinished(out), recipe)
     with resumable_directory(out, force=force, resume=resume) as folder:
@@ -135,21 +127,6 @@ def _check_settings(settings: TrainingSettings, evaluations: int) -> None:
         raise OptionError(f"--entropy {settings.entropy:g}", cure="give a number of 0 or more")
 
 
-def _device(device: str) -> str:
-    """The device as torch names it; torch gets one thread. Raises OptionError where there is none of that kind."""
-    if device not in DEVICES:
-        raise OptionError(f"--device {device!r}", cure=did_you_mean(device, DEVICES))
-    # threads that wait must sleep: beside other work, spinning ones have cost a factor of 40
-    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
-    import torch
-
-    torch.set_num_threads(1)
-    there = torch.cuda.is_available()
-    if device == "cuda" and not there:
-        raise OptionError(f"--device cuda: torch {torch.__version__} finds no GPU", cure="use --device cpu")
-    return "cuda" if there and device != "cpu" else "cpu"
-
-
 # --- the work ---
 
 
@@ -175,7 +152,7 @@ class _Run:
         """Train to the end; metrics, and a state to go on from, are written into `folder` at every evaluation."""
         settings, batches = self.trainer.settings, self.trainer.settings.batches
         begun, clock = self.trainer.step // settings.envs, time.monotonic()
-        _write_metrics(self.metrics, folder)
+        write_metrics(folder, self.metrics)
         seen: list[tuple[np.ndarray, np.ndarray]] = []
         try:
             with Progress("train-policy", "batch", quiet=quiet, total=batches - begun) as progress:
@@ -235,17 +212,12 @@ class _Run:
     def _save(self, folder: Path, recipe: Mapping[str, Any]) -> None:
         counters, arrays = self.trainer.state()
         save_state(folder, {"trainer": counters, "metrics": self.metrics}, arrays, recipe)
-        _write_metrics(self.metrics, folder)
+        write_metrics(folder, self.metrics)
 
     def _told(self, step: int, rate: float, left: float) -> str:
         settings = self.trainer.settings
         last = f", success {self.metrics[-1]['success']:.3f}" if self.metrics else ""
         return f"{step} of {settings.batches * settings.envs} episodes{last}, {rate:.0f}/s, {left:.0f} s left"
-
-
-def _write_metrics(metrics: list[dict[str, Any]], folder: Path) -> None:
-    lines = (json.dumps(m, allow_nan=False) + "\n" for m in metrics)
-    (folder / METRICS).write_text("".join(lines), encoding="utf-8")
 
 
 def _write_figure(metrics: list[dict[str, Any]], result: Mapping[str, Any], folder: Path) -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import os
 import sys
 import time
 from collections.abc import Mapping
@@ -19,7 +17,8 @@ from capture_cli.identifiers.rounds import Rounds, Signature
 from capture_cli.parameters import Parameter, ParameterSpace
 from capture_cli.stages.identifier_checkpoint import read_document, save_identifier
 from capture_cli.stages.progress import Progress
-from capture_cli.stages.training_state import STATE, check_recipe, load_state, save_state
+from capture_cli.stages.torch_device import torch_device
+from capture_cli.stages.training_state import STATE, check_recipe, load_state, save_state, write_metrics
 from capture_cli.stores.histories import SCHEMA, Histories, is_url
 from capture_cli.stores.output import is_complete, refuse_inputs, resumable_directory, unfinished
 from capture_cli.stores.provenance import Provenance
@@ -29,9 +28,7 @@ if TYPE_CHECKING:
     from capture_cli.identifiers._learned import LearnedIdentifier
     from capture_cli.identifiers._training import Device, Trainer
 
-DEVICES = ("auto", "cpu", "cuda")
 PRECISIONS = ("auto", "float32", "bfloat16")
-METRICS = "metrics.jsonl"
 # attributes of a store that the signature holds, or that do not change what is in it
 NOT_OF_HISTORIES = {"complete", "shard_pairs", "task", "parameters", "actions", "features", "point_times"}
 OF_EVERY_KIND = "scattered"  # the search whose histories are meant for posteriors
@@ -207,25 +204,13 @@ def _check_finite(store: Histories, quiet: bool) -> None:
 
 
 def _device(device: str, precision: str, threads: int) -> Device:
-    """The device as torch names it, and its precision. Raises OptionError where there is none of that kind."""
-    for option, value, possible in (("device", device, DEVICES), ("precision", precision, PRECISIONS)):
-        if value not in possible:
-            raise OptionError(f"--{option} {value!r}", cure=did_you_mean(value, possible))
-    # threads that wait must sleep: beside other work, spinning ones have cost a factor of 40
-    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
-    import torch
-
+    """Where to compute, and how precisely. Raises OptionError."""
+    if precision not in PRECISIONS:
+        raise OptionError(f"--precision {precision!r}", cure=did_you_mean(precision, PRECISIONS))
+    name = torch_device(device, threads)
+    # torch is imported from here on
     from capture_cli.identifiers._training import Device
 
-    torch.set_num_threads(threads)
-    there = torch.cuda.is_available()
-    if device == "cuda" and not there:
-        built = "finds no GPU" if torch.backends.cuda.is_built() else "was built without CUDA"
-        raise OptionError(
-            f"--device cuda: torch {torch.__version__} {built}",
-            cure="use --device cpu (or auto), or install the driver and a CUDA build of torch",
-        )
-    name = "cuda" if there and device != "cpu" else "cpu"
     # on a CPU bfloat16 gains little or nothing, and rounds
     low = precision == "bfloat16" or (precision == "auto" and name == "cuda")
     return Device(name, low)
@@ -248,14 +233,13 @@ def _described(attributes: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _train(trainer: Trainer, folder: Path, recipe: Mapping[str, Any], quiet: bool) -> None:
-    _write_metrics(trainer.metrics, folder)
+    write_metrics(folder, trainer.metrics)
     steps, begun, clock = trainer.settings.steps, trainer.step, time.monotonic()
     left = -(-(steps - begun) // trainer.settings.every)
     try:
         with Progress("train-sysid", "evaluation", quiet=quiet, total=left) as progress:
             for metrics in trainer.run():
-                with (folder / METRICS).open("a", encoding="utf-8") as file:
-                    file.write(json.dumps(metrics, allow_nan=False) + "\n")
+                write_metrics(folder, trainer.metrics)
                 save_state(folder, *trainer.state(), recipe)
                 step, loss = metrics["step"], metrics["validation_loss"]
                 rate = (step - begun) / (time.monotonic() - clock)
@@ -274,15 +258,9 @@ def _finish(trainer: Trainer, recipe: Mapping[str, Any], folder: Path) -> dict[s
     """Write what was learned, and no state to go on from; returns identifier.json."""
     model, report = trainer.finish()
     document = save_identifier(model, {**recipe, "result": report}, folder)
-    _write_metrics(trainer.metrics, folder)
     _write_figure(trainer, folder)
     (folder / STATE).unlink(missing_ok=True)
     return document
-
-
-def _write_metrics(metrics: list[dict[str, Any]], folder: Path) -> None:
-    lines = (json.dumps(m, allow_nan=False) + "\n" for m in metrics)
-    (folder / METRICS).write_text("".join(lines), encoding="utf-8")
 
 
 def _write_figure(trainer: Trainer, folder: Path) -> None:

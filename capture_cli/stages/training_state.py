@@ -1,9 +1,12 @@
-"""What an interrupted training goes on from: counters, arrays, and what was being trained, in one safetensors file."""
+"""What a training writes as it goes: its metrics, and the state that an interrupted one goes on from.
+
+A state is counters, arrays and what was being trained, in one safetensors file; metrics are a line of JSON each.
+"""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +16,13 @@ from capture_cli.errors import OptionError, StoreError
 from capture_cli.stores.tensors import save_arrays
 
 STATE = "state.safetensors"
+METRICS = "metrics.jsonl"
+
+
+def write_metrics(folder: Path, metrics: Iterable[Mapping[str, Any]]) -> None:
+    """Put the metrics of every evaluation so far into `folder`."""
+    lines = (json.dumps(m, allow_nan=False) + "\n" for m in metrics)
+    (folder / METRICS).write_text("".join(lines), encoding="utf-8")
 
 
 def save_state(

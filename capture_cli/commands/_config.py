@@ -1,0 +1,46 @@
+"""`--config`: a TOML whose keys are the defaults of a command's options."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from capture_cli.errors import OptionError, did_you_mean
+
+
+def _read_config(context: typer.Context, path: Path | None) -> Path | None:
+    """Make the keys of a TOML the defaults of this command's options."""
+    if path is None or context.resilient_parsing:
+        return path
+    import tomllib
+
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise OptionError(f"--config {path}: {error}", cure="give a readable TOML file") from error
+    section = table.get(context.info_name)
+    table = section if isinstance(section, dict) else table
+    known = {p.name: p for p in context.command.params if p.name not in ("config", "help")}
+    flags = {option.lstrip("-").replace("-", "_"): name for name, p in known.items() for option in p.opts}
+    defaults: dict[str, Any] = {}
+    for key, value in table.items():
+        name = flags.get(key.replace("-", "_"))
+        if name is None:
+            options = sorted(k.replace("_", "-") for k in flags)
+            raise OptionError(
+                f"--config {path}: `capture {context.info_name}` has no option {key!r}",
+                cure=did_you_mean(key, options),
+            )
+        defaults[name] = [str(v) for v in value] if isinstance(value, list) else value
+    context.default_map = defaults
+    return path
+
+
+Config = Annotated[
+    Path | None,
+    typer.Option(
+        "--config", help="TOML with values for any of these options.", callback=_read_config, is_eager=True
+    ),
+]

@@ -1,0 +1,26 @@
+"""What `capture inspect` shows, and `capture import-log` of the log that it wrote."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from capture_cli.commands._results import console, print_json
+
+
+def show_inspection(path: Path, task: str | None, json_: bool, quiet: bool) -> None:
+    """The inspection on stdout; if `quiet`, what must not go unseen on stderr."""
+    from capture_cli.stages.inspect import inspect as stage
+
+    document = stage(path, task)
+    if json_:
+        print_json(document)
+    elif quiet:
+        from capture_cli.reports.inspection import complaints
+
+        for message in complaints(document):
+            print(message, file=sys.stderr)
+    else:
+        from capture_cli.reports.inspection import render
+
+        render(document, console())

@@ -1,0 +1,36 @@
+"""Options that several commands share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+LARGEST_SEED = 2**32 - 1  # that every generator of random numbers takes
+_TASK = "Built-in task, or path of a task.toml."
+
+Force = Annotated[bool, typer.Option("--force", help="Replace --out if it exists.")]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")]
+Quiet = Annotated[bool, typer.Option("--quiet", help="No progress, no tables.")]
+Seed = Annotated[int, typer.Option("--seed", min=0, max=LARGEST_SEED, help="Seed of every random choice.")]
+Threads = Annotated[int | None, typer.Option("--threads", min=1, help="Threads; all cores by default.")]
+Task = Annotated[str, typer.Option("--task", help=_TASK)]
+OptionalTask = Annotated[str | None, typer.Option("--task", help=_TASK)]
+LogOut = Annotated[Path, typer.Option("--out", help="Measured log to write (.zarr).")]
+RealLog = Annotated[Path, typer.Option("--real-log", help="Measured log (.zarr).")]
+Test = Annotated[
+    str | None,
+    typer.Option("--test", help="Recordings to hold out (names or patterns, comma-separated), or none."),
+]
+Window = Annotated[float | None, typer.Option("--window", help="Seconds between restarts of the state.")]
+Starts = Annotated[int, typer.Option("--starts", min=1, help="Descents from different places.")]
+Result = Annotated[Path, typer.Argument(help="Estimate or diagnosis directory.")]
+CheckpointOut = Annotated[Path, typer.Option("--out", help="Checkpoint directory to write.")]
+Resume = Annotated[bool, typer.Option("--resume", help="Go on with a run that ended early.")]
+ActionPolicy = Annotated[
+    str, typer.Option("--policy", help="Who chooses actions: random, or a checkpoint directory.")
+]
+ObservationNoise = Annotated[
+    str, typer.Option("--noise", help="On what is measured: none, scale or label, as in the paper.")
+]

@@ -1,0 +1,66 @@
+"""What the texts of options say: NAME=NUMBER, ranges, standard deviations, verdicts."""
+
+from __future__ import annotations
+
+import math
+
+from capture_cli.errors import OptionError, did_you_mean
+
+
+def named_numbers(texts: list[str], option: str) -> dict[str, float]:
+    """NAME=VALUE texts as a dict. Raises OptionError."""
+    result = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        try:
+            if not equals:
+                raise ValueError
+            result[name] = _finite(value)
+        except ValueError:
+            raise OptionError(
+                f"{option} {text!r} is not NAME=NUMBER", cure=f"for example {option} x=0.5"
+            ) from None
+    return result
+
+
+def named_ranges(texts: list[str], option: str) -> dict[str, tuple[float, float]]:
+    """NAME=VALUE or NAME=LOW:HIGH texts as a dict of ranges. Raises OptionError."""
+    result = {}
+    for text in texts:
+        name, _, value = text.partition("=")
+        low, _, high = value.partition(":")
+        try:
+            result[name] = (_finite(low), _finite(high or low))
+            if result[name][0] > result[name][1]:
+                raise ValueError
+        except ValueError:
+            raise OptionError(
+                f"{option} {text!r} is not NAME=VALUE or NAME=LOW:HIGH",
+                cure=f"for example {option} x=-0.1:0.1",
+            ) from None
+    return result
+
+
+def standard_deviations(texts: list[str], option: str) -> dict[str, float] | float:
+    if len(texts) == 1 and "=" not in texts[0]:
+        try:
+            return float(texts[0])
+        except ValueError:
+            raise OptionError(f"{option} {texts[0]!r} is not a number", cure="give SD, or NAME=SD") from None
+    return named_numbers(texts, option) if texts else 0.0
+
+
+def chosen_verdicts(text: str | None) -> set[str]:
+    possible = {"unexplained", "not-identifiable"}
+    verdicts = {v.strip() for v in (text or "").split(",") if v.strip()}
+    for verdict in verdicts - possible:
+        raise OptionError(f"--fail-on {verdict!r}", cure=did_you_mean(verdict, possible))
+    return verdicts
+
+
+def _finite(text: str) -> float:
+    """Raises ValueError."""
+    number = float(text)
+    if not math.isfinite(number):
+        raise ValueError
+    return number

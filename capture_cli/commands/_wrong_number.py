@@ -1,0 +1,46 @@
+"""What is wrong with an option that takes numbers, in our words: what was found, and the whole range."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Sequence
+from typing import Any, get_args, get_type_hints
+
+import typer
+
+from capture_cli.errors import OptionError
+
+
+def wrong_number(error: typer.BadParameter, arguments: Sequence[str]) -> OptionError | None:
+    """What is wrong with an option that takes numbers: typer says neither what it found nor all of the range."""
+    if error.param is None or error.ctx is None:
+        return None
+    name, command = error.param.name, error.ctx.command
+    parts = _parts(get_type_hints(inspect.unwrap(command.callback), include_extras=True)[name])
+    kind = next((text for kind, text in _NUMBERS.items() if kind in parts), None)
+    given, _, _ = command.make_parser(error.ctx).parse_args(args=list(arguments))
+    where = "" if name in given else f"--config {error.ctx.params.get('config')}: "
+    value = given.get(name, (error.ctx.default_map or {}).get(name))
+    if kind is None or value is None:
+        return None
+    several = isinstance(value, list | tuple)
+    found = " ".join(map(str, value)) if several else value
+    low, high = next((p.min, p.max) for p in parts if hasattr(p, "min") and hasattr(p, "max"))
+    cure = f"give {len(value)} numbers" if several else f"give a {kind}{_range(low, high)}"
+    return OptionError(f"{where}{error.param.opts[0]} {found}", cure=cure)
+
+
+_NUMBERS = {int: "whole number", float: "number"}
+
+
+def _parts(hint: Any) -> list[Any]:
+    """A type hint and what it is made of."""
+    return [hint, *(part for piece in get_args(hint) for part in _parts(piece))]
+
+
+def _range(low: float | None, high: float | None) -> str:
+    if low is None and high is None:
+        return ""
+    if high is None:
+        return f" of {low} or more"
+    return f" of {high} at most" if low is None else f" from {low} to {high}"

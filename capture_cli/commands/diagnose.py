@@ -1,0 +1,94 @@
+"""`capture diagnose`: its options, and what it prints."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from capture_cli.commands._config import Config
+from capture_cli.commands._options import (
+    LARGEST_SEED,
+    Force,
+    Json,
+    OptionalTask,
+    Quiet,
+    RealLog,
+    Starts,
+    Threads,
+    Window,
+)
+from capture_cli.commands._results import console, print_json
+from capture_cli.commands._texts import chosen_verdicts
+
+
+def diagnose(
+    real_log: RealLog,
+    estimate: Annotated[
+        Path | None, typer.Option("--estimate", help="Estimate directory of the same log.")
+    ] = None,
+    task: OptionalTask = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Diagnosis directory; default LOG.diagnosis.")
+    ] = None,
+    test: Annotated[
+        str | None, typer.Option("--test", help="Recordings to hold out; default those of the estimate.")
+    ] = None,
+    window: Window = None,
+    starts: Starts = 3,
+    most_effects: Annotated[
+        int, typer.Option("--most-effects", min=1, help="Stop when so many effects are found.")
+    ] = 6,
+    expression: Annotated[
+        bool, typer.Option("--expression", help="Look for a formula of what no effect explains.")
+    ] = False,
+    fail_on: Annotated[
+        str | None, typer.Option("--fail-on", help="Exit with 3 on this verdict: unexplained.")
+    ] = None,
+    seed: Annotated[
+        int | None,
+        typer.Option(
+            "--seed",
+            min=0,
+            max=LARGEST_SEED,
+            help="Seed of every random choice; default that of the estimate, or 0.",
+        ),
+    ] = None,
+    threads: Threads = None,
+    force: Force = False,
+    json_: Json = False,
+    quiet: Quiet = False,
+    config: Config = None,
+) -> None:
+    """Find what the model lacks, add it, and report the error before and after.
+
+    Example: capture diagnose --real-log run.zarr --estimate run.estimate --out run.diagnosis
+    """
+    from capture_cli.stages.diagnose import diagnose as stage
+
+    verdicts = chosen_verdicts(fail_on)
+    out = out or Path(f"{real_log.stem}.diagnosis")
+    diagnosis = stage(
+        real_log=real_log,
+        out=out,
+        estimate=estimate,
+        task=task,
+        test=test,
+        window=window,
+        starts=starts,
+        most_effects=most_effects,
+        expression=expression,
+        seed=seed,
+        threads=threads,
+        force=force,
+        quiet=quiet,
+    )
+    if json_:
+        print_json(diagnosis.document)
+    elif not quiet:
+        from capture_cli.reports.terminal import print_diagnosis
+
+        print_diagnosis(diagnosis, console(), out)
+    if diagnosis.document["verdict"] in verdicts:
+        raise typer.Exit(3)

@@ -1,0 +1,95 @@
+"""`capture identify`: its options, and what it prints."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from capture_cli.commands._config import Config
+from capture_cli.commands._options import (
+    Force,
+    Json,
+    OptionalTask,
+    Quiet,
+    RealLog,
+    Seed,
+    Starts,
+    Test,
+    Threads,
+    Window,
+)
+from capture_cli.commands._results import console, print_json
+from capture_cli.commands._texts import chosen_verdicts
+
+
+def identify(
+    real_log: RealLog,
+    task: OptionalTask = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Estimate directory; default LOG.estimate.")
+    ] = None,
+    identifier: Annotated[
+        str | None,
+        typer.Option(
+            "--identifier",
+            help="least-squares, cma-es, or a directory of train-sysid; default the task's own, or least-squares.",
+        ),
+    ] = None,
+    test: Test = None,
+    window: Window = None,
+    starts: Starts = 3,
+    rounds: Annotated[
+        int | None,
+        typer.Option(
+            "--rounds",
+            min=1,
+            help="Most rounds: an episode each if the identifier is learned, else a batch of simulations each.",
+        ),
+    ] = None,
+    fail_on: Annotated[
+        str | None,
+        typer.Option("--fail-on", help="Exit with 3 on these verdicts: unexplained, not-identifiable."),
+    ] = None,
+    seed: Seed = 0,
+    threads: Threads = None,
+    force: Force = False,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Take up the estimate at --out: its log has new episodes.")
+    ] = False,
+    json_: Json = False,
+    quiet: Quiet = False,
+    config: Config = None,
+) -> None:
+    """Identify a model's parameters from a measured log.
+
+    Example: capture identify --real-log run.zarr --task task.toml --out run.estimate
+    """
+    from capture_cli.stages.identify import identify as stage
+
+    verdicts = chosen_verdicts(fail_on)
+    out = out or Path(f"{real_log.stem}.estimate")
+    estimate = stage(
+        real_log=real_log,
+        out=out,
+        task=task,
+        identifier=identifier,
+        test=test,
+        window=window,
+        starts=starts,
+        rounds=rounds,
+        seed=seed,
+        threads=threads,
+        resume=resume,
+        force=force,
+        quiet=quiet,
+    )
+    if json_:
+        print_json(estimate.document)
+    elif not quiet:
+        from capture_cli.reports.terminal import print_estimate
+
+        print_estimate(estimate, console(), out)
+    if estimate.document["verdict"] in verdicts:
+        raise typer.Exit(3)

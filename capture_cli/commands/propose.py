@@ -1,0 +1,58 @@
+"""`capture propose`: its options, and what it prints."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from capture_cli.commands._config import Config
+from capture_cli.commands._options import Force, OptionalTask, Result, Seed, Threads
+from capture_cli.commands._results import print_json
+from capture_cli.commands._texts import named_numbers
+
+
+def propose(
+    result: Result,
+    task: OptionalTask = None,
+    policy: Annotated[
+        str | None, typer.Option("--policy", help="Let this policy choose, rather than what tells most.")
+    ] = None,
+    candidates: Annotated[
+        int, typer.Option("--candidates", min=1, help="Random actions that are compared.")
+    ] = 48,
+    amplitude: Annotated[
+        list[str], typer.Option("--amplitude", help="INPUT=VALUE: how far an input may be driven.")
+    ] = [],  # noqa: B006
+    out: Annotated[Path | None, typer.Option("--out", help="File to write; default stdout.")] = None,
+    seed: Seed = 0,
+    threads: Threads = None,
+    force: Force = False,
+    config: Config = None,
+) -> None:
+    """Propose what to run on the machine next, as JSON.
+
+    Example: capture propose run.estimate --out proposal.json
+    """
+    from capture_cli.stages.propose import propose as stage
+    from capture_cli.stores.output import new_file, refuse_existing
+    from capture_cli.stores.provenance import write_json
+
+    if out is not None:
+        refuse_existing(out, force=force)
+    document = stage(
+        result=result,
+        task=task,
+        policy=policy,
+        candidates=candidates,
+        amplitude=named_numbers(amplitude, "--amplitude"),
+        seed=seed,
+        threads=threads,
+        out=out,
+    )
+    if out is None:
+        print_json(document)
+        return
+    with new_file(out, force=force) as file:
+        write_json(file, document)

@@ -1,0 +1,113 @@
+"""`--effect NAME@SITE.PARAMETER=VALUE` of `capture record`, read: which effects, where, with which values."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+
+from capture_cli.effects import REGISTRY
+from capture_cli.effects.base import GLOBAL, Effect
+from capture_cli.errors import OptionError, did_you_mean
+from capture_cli.parameters import Parameter
+from capture_cli.simulator import placed_name
+
+# what stands after @ is a site, or a site and a parameter: names in a model may have dots and more in them
+_EFFECT = re.compile(
+    r"^(?P<name>[a-z-]+)(@(?P<place>.*?)|\.(?P<parameter>\w+))?(=(?P<value>[^=]+))?$", re.DOTALL
+)
+
+
+def parse_effects(texts: Sequence[str], model: mujoco.MjModel) -> tuple[list[tuple[str, Effect]], np.ndarray]:
+    """Placed effects and the values of all their parameters (parameter,). Raises OptionError."""
+    placed: dict[str, tuple[str, Effect, np.ndarray]] = {}
+    for text in texts:
+        match = _EFFECT.match(text)
+        if match is None:
+            raise OptionError(
+                f"--effect {text!r} is not of the form NAME@SITE.PARAMETER=VALUE",
+                cure="for example --effect coulomb-friction@x=3.5; `capture effects` lists what there is",
+            )
+        cls = REGISTRY.get(match["name"])
+        site, parameter = match["place"], match["parameter"]
+        if site is not None:
+            site, parameter = _site_and_parameter(site, cls, model)
+        effect = cls(model, _site(match["name"], site, cls.sites(model)))
+        key = placed_name(match["name"], effect)
+        _, effect, values = placed.setdefault(key, (match["name"], effect, effect.space.nominal.copy()))
+        if not effect.parameters and not parameter and not match["value"]:
+            continue
+        which = _parameter(text, match, parameter, effect.space.names)
+        values[which] = _number(match["value"], f"--effect {text!r}")
+        refuse_negative(f"--effect {text}", effect.space.parameters[which], values[which])
+    effects = [(name, effect) for name, effect, _ in placed.values()]
+    return effects, np.concatenate([np.zeros(0), *(values for _, _, values in placed.values())])
+
+
+def refuse_negative(option: str, parameter: Parameter, value: float) -> None:
+    """Raise OptionError for a negative mass, friction, time...: of no machine, and of simulations that run away."""
+    if value < 0 <= parameter.low:
+        raise OptionError(
+            f"{option}: {parameter.name} = {value:g} {parameter.unit}, and it cannot be negative",
+            cure=f"choose one from {parameter.low:g} to {parameter.high:g}",
+        )
+
+
+def _site_and_parameter(place: str, cls: type[Effect], model: mujoco.MjModel) -> tuple[str, str | None]:
+    """SITE.PARAMETER or SITE, where a site may have dots in it: parted at the last one, if that makes sense."""
+    sites = cls.sites(model)
+    site, dot, parameter = place.rpartition(".")
+    makes_sense = site in sites and parameter in cls(model, site).space.names
+    return (site, parameter) if dot and (makes_sense or place not in sites) else (place, None)
+
+
+def _parameter(text: str, match: re.Match, parameter: str | None, names: Sequence[str]) -> int:
+    """Which of the effect's parameters `text` sets; the first where it names none."""
+    if not names:
+        raise OptionError(
+            f"--effect {text!r}: {match['name']} has no parameters",
+            cure="leave the value out: it is there, or it is not",
+        )
+    parameter = names[0] if parameter is None else parameter
+    if parameter not in names:
+        raise OptionError(
+            f"--effect {text!r}: {match['name']} has no parameter {parameter!r}",
+            cure=did_you_mean(parameter, names),
+        )
+    if match["value"] is None:
+        raise OptionError(
+            f"--effect {text!r} gives {parameter} no value",
+            cure=f"for example {text}=3.5; `capture effects` has its range",
+        )
+    return names.index(parameter)
+
+
+def _site(name: str, site: str | None, sites: list[str]) -> str:
+    if site is None and len(sites) == 1:
+        return sites[0]
+    if site is None and GLOBAL in sites:
+        return GLOBAL
+    if sites == [GLOBAL] and site:
+        raise OptionError(
+            f"--effect {name}@{site}: the effect concerns the model as a whole, and sits nowhere in it",
+            cure=f"write it without @{site}",
+        )
+    if site is None or site not in sites:
+        found = "no site is given" if site is None else f"{site!r} is not a site"
+        raise OptionError(
+            f"--effect {name}: {found}; there {'is' if len(sites) == 1 else 'are'} {len(sites)}",
+            cure=did_you_mean(site or "", sites),
+        )
+    return site
+
+
+def _number(text: str, where: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = float("nan")
+    if not np.isfinite(value):
+        raise OptionError(f"{where}: {text!r} is not a finite number", cure="give a number in SI units")
+    return value

@@ -1,0 +1,83 @@
+"""Where `capture gen-histories` writes, and whether it goes on with a run that ended early."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from capture_cli.errors import OptionError, OutputError
+from capture_cli.stores.histories import HistoriesWriter, is_url
+from capture_cli.stores.output import resumable_directory
+
+
+@contextmanager
+def place(out: str, *, force: bool, resume: bool) -> Iterator[str]:
+    """Where to write: a folder beside `out` that becomes `out`, or the URL itself.
+
+    Raises OutputError where something is, and is neither to be replaced nor gone on with.
+    """
+    if not is_url(out):
+        with resumable_directory(Path(out), force=force, resume=resume) as folder:
+            try:
+                yield str(folder)
+            except BaseException:
+                if not _any_written(folder):
+                    shutil.rmtree(folder)  # nothing to go on from
+                raise
+        return
+    found = HistoriesWriter(out).attributes()
+    if found is not None and not (force or resume):
+        state = "holds histories" if found["complete"] else "holds an unfinished run"
+        raise OutputError(
+            f"{out} {state}",
+            cure="choose another --out, go on with --resume, or add --force to replace it",
+        )
+    if found is not None and force:
+        HistoriesWriter(out).clear()
+    yield out
+
+
+def shards_to_make(writer: HistoriesWriter, attributes: dict[str, Any]) -> list[int]:
+    """Numbers of the shards that are still to be made; the store is created where there is none.
+
+    Raises OptionError where another run was begun.
+    """
+    found = writer.attributes()
+    if found is None:
+        writer.create(attributes)
+    else:
+        _refuse_other(found, attributes, writer.location)
+    marked = writer.is_written()
+    return [s for s in range(len(marked)) if not (marked[s] and writer.is_sound(s))]
+
+
+def is_complete(writer: HistoriesWriter, attributes: dict[str, Any]) -> bool:
+    """Whether this very run has been completed. Raises OptionError where another was."""
+    found = writer.attributes()
+    if found is None or not found["complete"]:
+        return False
+    _refuse_other(found, attributes, writer.location)
+    return True
+
+
+def _any_written(folder: Path) -> bool:
+    writer = HistoriesWriter(str(folder))
+    return writer.attributes() is not None and bool(writer.is_written().any())
+
+
+def _refuse_other(found: dict[str, Any], wanted: dict[str, Any], where: str) -> None:
+    other = [k for k in wanted if found[k] != wanted[k]]
+    if other:
+        differences = "; ".join(f"{k} was {_short(found[k])}, now {_short(wanted[k])}" for k in other)
+        raise OptionError(
+            f"--resume: {where} was begun otherwise: {differences}",
+            cure="give the options it was begun with, or begin anew with --force",
+        )
+
+
+def _short(value: Any) -> str:
+    text = str(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."

@@ -1,0 +1,31 @@
+"""`--device` of what trains a network: the CPU, or a GPU."""
+
+from __future__ import annotations
+
+import os
+
+from capture_cli.errors import OptionError, did_you_mean
+
+DEVICES = ("auto", "cpu", "cuda")
+
+
+def torch_device(device: str, threads: int) -> str:
+    """The device as torch, which gets so many `threads` of the CPU, names it; "auto" is a GPU where there is one.
+
+    Raises OptionError where there is none of that kind.
+    """
+    if device not in DEVICES:
+        raise OptionError(f"--device {device!r}", cure=did_you_mean(device, DEVICES))
+    # threads that wait must sleep: beside other work, spinning ones have cost a factor of 40
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+    import torch  # reads that setting
+
+    torch.set_num_threads(threads)
+    there = torch.cuda.is_available()
+    if device == "cuda" and not there:
+        built = "finds no GPU" if torch.backends.cuda.is_built() else "was built without CUDA"
+        raise OptionError(
+            f"--device cuda: torch {torch.__version__} {built}",
+            cure="use --device cpu (or auto), or install the driver and a CUDA build of torch",
+        )
+    return "cuda" if there and device != "cpu" else "cpu"
