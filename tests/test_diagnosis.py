@@ -219,6 +219,24 @@ def test_two_episodes_hold_out_the_last():
     assert split.is_test.tolist() == [False, False, True, True]
 
 
+def split_of(episodes: int, recordings: int):
+    """The default split of a log of so many episodes in so many recordings, three windows each."""
+    return split_windows(
+        episode=np.repeat(np.arange(episodes), 3),
+        recording=np.arange(episodes) % recordings,
+        recording_names=[f"run {i}" for i in range(recordings)],
+        test=None,
+        seed=0,
+    )
+
+
+def test_what_is_held_out_is_named():
+    held = np.flatnonzero(split_of(8, 8).is_test[::3])
+    assert split_of(8, 8).how == f"2 of 8 episodes held out: run {held[0]}, run {held[1]}"
+    assert split_of(8, 2).how == f"2 of 8 episodes held out: episodes {held[0]}, {held[1]}"
+    assert split_of(24, 24).how == "6 of 24 episodes held out"
+
+
 @pytest.mark.parametrize(("windows", "held"), [(2, 1), (4, 1), (7, 2), (40, 10)])
 def test_of_a_single_episode_the_last_windows_are_held_out(windows, held):
     split = split_windows(

@@ -373,7 +373,7 @@ def test_patterns_that_hold_out_nothing_or_everything(plant, identify, test, nam
 def test_a_share_is_held_out_by_default(plant, identify):
     found = identify(plant(episodes=4), test=None)
     assert found.document["split"] == {
-        "how": "1 of 4 episodes held out",
+        "how": "1 of 4 episodes held out: episode 3",
         "fit_windows": 9,
         "test_windows": 3,
     }

@@ -209,8 +209,14 @@ def test_actions_are_read_from_their_columns(scooping, tmp_path):
     [
         ([0] * 8, [6, 7], 2, [6, 7], "end of the first of 2 episodes held out"),
         ([0] * 8, [6, 7], 5, [6, 7, *range(32, 40)], "end of the first and 1 more of 5 episodes held out"),
-        ([0] * 8 + [1] * 8, range(8, 16), 3, range(8, 16), "1 of 3 episodes held out"),
-        ([0] * 8 + [1] * 8, range(8, 16), 8, [*range(8, 16), *range(56, 64)], "2 of 8 episodes held out"),
+        ([0] * 8 + [1] * 8, range(8, 16), 3, range(8, 16), "1 of 3 episodes held out: episode 1"),
+        (
+            [0] * 8 + [1] * 8,
+            range(8, 16),
+            8,
+            [*range(8, 16), *range(56, 64)],
+            "2 of 8 episodes held out: episodes 1, 7",
+        ),
     ],
 )
 def test_what_was_held_out_stays_so_as_episodes_come(first, held, then, all_held, how):

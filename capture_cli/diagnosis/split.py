@@ -12,6 +12,7 @@ from capture_cli.errors import LogError, OptionError
 
 TEST_SHARE = 0.25
 ENOUGH_EPISODES = 4  # to choose those that are kept back at random, rather than the last
+MOST_NAMED = 5  # episodes that are kept back and named
 
 
 @dataclass(frozen=True)
@@ -59,10 +60,23 @@ def split_windows(
     if len(episodes) >= ENOUGH_EPISODES:
         count = max(1, round(TEST_SHARE * len(episodes)))
         held = np.random.default_rng(seed).choice(episodes, size=count, replace=False)
-        return Split(np.isin(episode, held), f"{count} of {len(episodes)} episodes held out")
+        names = [recording_names[i] for i in recording]
+        return Split(np.isin(episode, held), episodes_held_out(held, len(episodes), names))
     if len(episodes) > 1:
         return Split(episode == episodes[-1], f"last of {len(episodes)} episodes held out")
     return _last_block(episode)
+
+
+def episodes_held_out(held: Sequence[int], count: int, names: Sequence[str] = ()) -> str:
+    """That the episodes `held` of `count` are kept back, in words; names (episode,): of their recordings, by which they
+    go where no two share one.
+    """
+    how, held = f"{len(held)} of {count} episodes held out", sorted(held)
+    if len(held) > MOST_NAMED:
+        return how
+    if len(names) == len(set(names)) == count:
+        return f"{how}: {', '.join(names[i] for i in held)}"
+    return f"{how}: episode{'s' * (len(held) > 1)} {', '.join(map(str, held))}"
 
 
 def _by_recording(episode, recording, names, test: str) -> Split:

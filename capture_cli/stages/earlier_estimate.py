@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from capture_cli.diagnosis.split import TEST_SHARE, HeldOut, Split
+from capture_cli.diagnosis.split import TEST_SHARE, HeldOut, Split, episodes_held_out
 from capture_cli.errors import OptionError
 from capture_cli.identifiers.base import Best
 from capture_cli.identifiers.rounds import Rounds
@@ -109,7 +109,7 @@ def _how(episode: np.ndarray, is_test: np.ndarray) -> str:
     held = set(episode[is_test])
     whole = held - set(episode[~is_test])
     if held == whole:
-        return f"{len(whole)} of {count} episodes held out"
+        return episodes_held_out(whole, count)
     more = f" and {len(whole)} more" if whole else ""
     return f"end of the first{more} of {count} episodes held out"
 
