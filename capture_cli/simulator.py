@@ -30,10 +30,13 @@ class Simulated:
 
 @dataclass(frozen=True)
 class Motion:
-    """On the model's grid: qpos (window, grid, nq), contacts (window, grid), how many there are."""
+    """On the model's grid: qpos (window, grid, nq), contacts (window, grid), how many there are, and actuator_force
+    (window, grid, actuator), N or N m at the actuator.
+    """
 
     qpos: np.ndarray
     contacts: np.ndarray
+    actuator_force: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -243,7 +246,7 @@ class Simulator:
         """What happens inside every window at one point (parameter,); the rest is as for `simulate`."""
         rollouts = self._rollout(_Runs.at(windows, starts, point, offsets, reported), states=True)
         self.rollouts += len(windows)
-        return Motion(rollouts.qpos, rollouts.contacts)
+        return Motion(rollouts.qpos, rollouts.contacts, rollouts.actuator_force)
 
     def begun(
         self,
@@ -415,7 +418,12 @@ def _from(rollouts: Rollouts, steps: np.ndarray) -> Rollouts:
         return later
     index = np.minimum(np.rint(grid).astype(int), grid.shape[1] - 1)
     row = np.arange(len(steps))[:, None]
-    return replace(later, qpos=rollouts.qpos[row, index], contacts=rollouts.contacts[row, index])
+    return replace(
+        later,
+        qpos=rollouts.qpos[row, index],
+        contacts=rollouts.contacts[row, index],
+        actuator_force=rollouts.actuator_force[row, index],
+    )
 
 
 def _distinct(

@@ -28,10 +28,17 @@ SLIDER = Path(__file__).parents[1] / "benchmarks" / "machines" / "slider" / "tas
 PERIODIC = [name for name, effect in REGISTRY.items() if issubclass(effect, PeriodicForce)]
 
 
+def on_slider(name: str, model=None) -> PeriodicForce:
+    """The effect at the one place that it has on a slider, that of the tests where None."""
+    model = model or machine("slider")
+    (site,) = REGISTRY.get(name).sites(model)
+    return REGISTRY.get(name)(model, site)
+
+
 @pytest.mark.parametrize("name", PERIODIC)
 @pytest.mark.parametrize("span", [0.7, 30.0])
 def test_a_sweep_leaves_no_room_for_a_peak_between_two_shapes(name, span):
-    effect = REGISTRY.get(name)(machine("slider"), "x")
+    effect = on_slider(name)
     points = effect.sweep(span, 40_000)
     column = effect.space.names.index(effect.shapes[0])
     frequencies = np.sort(effect.frequency(points[:, column]))
@@ -43,16 +50,16 @@ def test_a_sweep_leaves_no_room_for_a_peak_between_two_shapes(name, span):
 
 
 @pytest.mark.parametrize("name", PERIODIC)
-def test_the_force_along_a_path_is_what_the_kernel_gives(name):
-    effect = REGISTRY.get(name)(machine("slider"), "x")
+def test_the_waves_along_a_path_are_what_the_kernel_gives(name):
+    effect = on_slider(name)
     path = np.linspace(-0.2, 0.3, 12).reshape(3, 4)
     points = effect.sweep(1.0, 5)
-    forces = effect.forces(points, path)
-    assert forces.shape == (5, 3, 4, 2)
-    for point, force in zip(points, forces, strict=True):
+    waves = effect.waves(points, path)
+    assert waves.shape == (5, 3, 4, 2)
+    for point, wave in zip(points, waves, strict=True):
         shape = {effect.shapes[0]: point[effect.space.names.index(effect.shapes[0])]}
         np.testing.assert_allclose(
-            2 * force[..., 0] - 3 * force[..., 1], effect.kernel(path, sine=2, cosine=-3, **shape)
+            2 * wave[..., 0] - 3 * wave[..., 1], effect.kernel(path, sine=2, cosine=-3, **shape)
         )
 
 
@@ -113,13 +120,14 @@ def test_pulses_that_move_nothing_promise_nothing():
 
 @pytest.fixture(scope="module")
 def logs(tmp_path_factory):
-    """Of the slider, prepared: with a force that repeats in time, with one that does in space, and with none."""
+    """Of the slider, prepared: with a force that repeats in time, in space, with a motor's that does, and with none."""
     folder = tmp_path_factory.mktemp("logs")
     made = {}
     for name, effects in (
         ("time", ["periodic-disturbance@x.sine=1.5", "periodic-disturbance@x.frequency=2.29"]),
         ("slow", ["periodic-disturbance@x.sine=1.5", "periodic-disturbance@x.frequency=0.7"]),
         ("space", ["cogging@x.cosine=1.2", "cogging@x.period=0.097"]),
+        ("motor", ["torque-ripple@drive.cosine=0.2", "torque-ripple@drive.period=0.097"]),
         ("none", []),
     ):
         log = record(
@@ -139,7 +147,7 @@ def logs(tmp_path_factory):
 def attribution(prepared, names) -> tuple[Attribution, ModelFits]:
     fits = ModelFits(prepared, 1)
     folds = select_folds(prepared.windows.episode, prepared.split.is_test)
-    candidates = [Candidate((name, REGISTRY.get(name)(prepared.task.model, "x"))) for name in names]
+    candidates = [Candidate((name, on_slider(name, prepared.task.model))) for name in names]
     return Attribution(
         fits, folds, seed=0, is_explained=lambda fit: not lack_of_fit(fit.at).lacking, candidates=candidates
     ), fits
@@ -151,6 +159,7 @@ def attribution(prepared, names) -> tuple[Attribution, ModelFits]:
         ("time", "periodic-disturbance", 2.29, 0.005),
         ("slow", "periodic-disturbance", 0.7, 0.005),  # 1.4 periods: believed as it leaves nothing
         ("space", "cogging", 0.097, 0.0005),
+        ("motor", "torque-ripple", 0.097, 0.0005),
     ],
 )
 def test_a_force_that_repeats_is_found_wherever_its_frequency_lies(logs, log, name, shape, tolerance):
@@ -158,7 +167,7 @@ def test_a_force_that_repeats_is_found_wherever_its_frequency_lies(logs, log, na
     declared = fits.fit(search.models.fit_part, [], logs[log].task.space.nominal)
     assert lack_of_fit(declared.at).lacking
     last = search.run(declared)
-    assert [a.name for a in search.accepted] == [f"{name}@x"]
+    assert [a.name for a in search.accepted] == [f"{name}@{on_slider(name).site}"]
     assert last.point[-1] == pytest.approx(shape, abs=tolerance)
     assert not lack_of_fit(last.at).lacking
 

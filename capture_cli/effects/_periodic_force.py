@@ -1,4 +1,4 @@
-"""A force that repeats: along time, or along a joint's position."""
+"""A force that repeats: along time, or along a joint's position, by itself or as a share of a motor's."""
 
 from __future__ import annotations
 
@@ -6,11 +6,19 @@ import numpy as np
 
 from capture_cli.effects._joint_force import JointForce
 from capture_cli.effects._kernel import inputs
+from capture_cli.parameters import Parameter
 
 FASTEST = 20.0  # Hz
 PEAKS = 2.0  # shapes per width of a peak: over a span T the peaks of a spectrum are 1 / T wide
 # Of the range, in finite differences: a longer step turns the phase by radians, at the far end of a log or of a travel
 SHAPE_STEP = 1e-6
+FINEST = 150  # to a turn: teeth of a worm wheel; finer ones cost every log as many more shapes that may fit by chance
+
+
+def wave(qpos, *, sine, cosine, period):
+    """sine sin(2 pi q / period) + cosine cos(2 pi q / period)."""
+    phase = 2 * np.pi * qpos / period
+    return sine * np.sin(phase) + cosine * np.cos(phase)
 
 
 class PeriodicForce(JointForce):
@@ -49,8 +57,29 @@ class PeriodicForce(JointForce):
         )
         return points
 
-    def forces(self, points: np.ndarray, path: np.ndarray) -> np.ndarray:
-        """The force per unit of each amplitude along `path` (...), for points (point, parameter): (point, ..., 2)."""
+    def carrier(self, actuator_force: np.ndarray) -> np.ndarray:
+        """What the kernel is multiplied by, (...), where actuators give actuator_force (..., actuator): 1."""
+        return np.ones(actuator_force.shape[:-1])
+
+    def waves(self, points: np.ndarray, path: np.ndarray) -> np.ndarray:
+        """The kernel per unit of each amplitude along `path` (...), for points (point, parameter): (point, ..., 2)."""
         shape = points[:, self.space.names.index(self.shapes[0])].reshape(-1, *(1,) * path.ndim)
         units = ({"sine": 1.0, "cosine": 0.0}, {"sine": 0.0, "cosine": 1.0})
         return np.stack([self.kernel(path, **unit, **{self.shapes[0]: shape}) for unit in units], axis=-1)
+
+
+class AlongPosition(PeriodicForce):
+    """One that repeats with the joint's position, every `period` (m or rad)."""
+
+    shapes = ("period",)
+    kernel = staticmethod(wave)
+
+    @staticmethod
+    def frequency(shape):
+        return 1 / shape
+
+    @property
+    def period(self) -> Parameter:
+        """Of a turn at most, or of the travel of a slide."""
+        full = 2 * np.pi if self.is_hinge else 2 * self.travel
+        return Parameter("period", self.unit("m", "rad"), full / FINEST, full, full / 6, SHAPE_STEP)

@@ -11,6 +11,7 @@ from capture_cli.effects._periodic_force import PeriodicForce
 from capture_cli.effects.base import Effect
 from capture_cli.protocol.model_fits import Fit, ModelFits
 from capture_cli.protocol.prepared_log import PreparedLog
+from capture_cli.simulator import Motion
 
 PEAKS = 3  # values that are simulated
 MOST = 16384  # values that are judged: in a log of over 400 s the peaks of fast forces can fall between them
@@ -58,37 +59,38 @@ class NarrowShapes:
         every = max(1, pulses.spacing // SAMPLES)
         steps = np.arange(0, path.shape[1], every)
         to_pulses = np.linalg.pinv(pulses.shares(steps))  # (pulse, step)
+        carrier = effect.carrier(self._motion.actuator_force[:, steps])[..., None]
         some = max(1, AT_ONCE // (2 * path[:, steps].size))
         gains = [
-            response.gains(to_pulses @ effect.forces(points[first : first + some], path[:, steps]))
+            response.gains(to_pulses @ (carrier * effect.waves(points[first : first + some], path[:, steps])))
             for first in range(0, len(points), some)
         ]
         return np.nan_to_num(np.concatenate(gains))  # no number where a simulation went astray
 
     def _response(self, effect: PeriodicForce) -> tuple[Pulses, PulseResponse]:
-        if effect.site not in self._responses:
+        if effect.joint_name not in self._responses:
             model = self.fits.prepared.task.model
             steps = int(self.part.windows.grid_steps.max())
-            pulses = Pulses.over(model, effect.site, steps, effect.shortest_period)
+            pulses = Pulses.over(model, effect.joint_name, steps, effect.shortest_period)
             size = PULSE * pulses.characteristic_force
             residual, diverged = self.fits.probe(
                 self.part, self.fit, (NAME, pulses), size * np.eye(pulses.count)
             )
             change = (self.fit.at.residual - residual) * ~diverged[:, None, None] / size
             response = PulseResponse.of(self.fit.at, np.moveaxis(change, 0, -1))
-            self._responses[effect.site] = (pulses, response)
-        return self._responses[effect.site]
+            self._responses[effect.joint_name] = (pulses, response)
+        return self._responses[effect.joint_name]
 
     def _path(self, effect: PeriodicForce) -> np.ndarray:
         """What the effect repeats along, in every window on the model's grid, (window, grid)."""
         if effect.along == "time":
             windows = self.part.windows
             return windows.time[:, None] + windows.timestep * np.arange(windows.grid_steps.max())
-        return self._qpos[..., effect.model.jnt_qposadr[effect.joint]]
+        return self._motion.qpos[..., effect.model.jnt_qposadr[effect.joint]]
 
     @cached_property
-    def _qpos(self) -> np.ndarray:
-        return self.fits.motion(self.part, self.fit).qpos
+    def _motion(self) -> Motion:
+        return self.fits.motion(self.part, self.fit)
 
     @cached_property
     def _longest(self) -> float:

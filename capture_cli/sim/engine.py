@@ -20,6 +20,7 @@ from capture_cli.sim.contacts import can_touch
 CHUNK_BYTES = 256 << 20
 CHUNK_SIMULATIONS = 8192
 STATES = ("qpos", "qvel", "act")
+WORKED_OUT = ("ncon", "actuator_force")  # in a step, of the state before it
 
 
 def silence_mujoco() -> None:
@@ -126,7 +127,8 @@ class Starts:
 class Rollouts:
     """sensors (simulation, step, sensordata): at time start + step * dt. diverged (simulation,): do not believe.
 
-    qpos, qvel, act (simulation, step, ...): the states, where asked for; contacts (simulation, step): how many.
+    qpos, qvel, act (simulation, step, ...): the states, where asked for; with them contacts (simulation, step), how
+    many, and actuator_force (simulation, step, actuator), N or N m at the actuator.
     """
 
     sensors: np.ndarray
@@ -135,6 +137,7 @@ class Rollouts:
     qvel: np.ndarray | None = None
     act: np.ndarray | None = None
     contacts: np.ndarray | None = None
+    actuator_force: np.ndarray | None = None
 
 
 class Engine:
@@ -162,7 +165,7 @@ class Engine:
 
         controls: (row, at least `steps`, nu); simulation i is driven by controls[control_row[i]] (row i where None).
         fields: per-simulation model values; constants that derive from them are recomputed.
-        columns: which columns of sensordata to keep (all where None). states: keep states and contacts as well.
+        columns: which columns of sensordata to keep (all where None). states: keep states, contacts and forces as well.
         substeps: how many of the simulations' own time steps, which `fields` then say, make one step.
 
         A simulation in which MuJoCo warns of divergence is held from there on and marked.
@@ -170,7 +173,7 @@ class Engine:
         count = len(starts)
         control_row = np.arange(count) if control_row is None else np.asarray(control_row)
         columns = np.arange(self.model.nsensordata) if columns is None else np.asarray(columns)
-        fields_kept = ("sensordata", *STATES, "ncon") if states else ("sensordata",)
+        fields_kept = ("sensordata", *STATES, *WORKED_OUT) if states else ("sensordata",)
         recorded: dict[str, list[np.ndarray]] = {name: [] for name in fields_kept}
         diverged = []
         size = self._chunk(steps * substeps)
@@ -185,7 +188,7 @@ class Engine:
             diverged.append(bad | ~np.isfinite(chunk["sensordata"]).all(axis=(1, 2)))
         whole = {name: np.concatenate(parts) for name, parts in recorded.items()}
         return Rollouts(
-            whole["sensordata"], np.concatenate(diverged), *(whole.get(n) for n in (*STATES, "ncon"))
+            whole["sensordata"], np.concatenate(diverged), *(whole.get(n) for n in (*STATES, *WORKED_OUT))
         )
 
     def _chunk(self, steps: int) -> int:
@@ -288,8 +291,9 @@ def _step_with_forces(
         bad |= _warned(runner)
         if inside:
             continue
-        if "ncon" in live:
-            recorded["ncon"][:, step] = live["ncon"]
+        for name in names:
+            if name in WORKED_OUT:
+                recorded[name][:, step] = live[name]
         shown = live["sensordata"].copy() if reports else live["sensordata"]
         for report in reports:
             report(shown)
