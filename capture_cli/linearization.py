@@ -71,6 +71,11 @@ class Evidence:
         residual = (self.measured - outputs) / self.noise_sd * self.mask
         return residual.reshape(*residual.shape[:-2], -1)
 
+    def standing_out(self, residual: np.ndarray) -> np.ndarray:
+        """The windows that a model with the residual (window, row) explains far worse than most."""
+        squares = np.square(residual).sum(axis=1) / np.maximum(self.mask.sum(axis=(1, 2)), 1)
+        return np.flatnonzero(squares > STANDS_OUT * np.median(squares))
+
     def other_starts(
         self, offsets: np.ndarray, residual: np.ndarray, drawn: np.ndarray | None = None
     ) -> np.ndarray:
@@ -80,8 +85,7 @@ class Evidence:
         and at the points `drawn` (point, state), in units of the starts' sd; the other windows keep their `offsets`
         (window, state). residual (window, row).
         """
-        squares = np.square(residual).sum(axis=1) / np.maximum(self.mask.sum(axis=(1, 2)), 1)
-        stuck = np.flatnonzero(squares > STANDS_OUT * np.median(squares))
+        stuck = self.standing_out(residual)
         first = offsets.shape[1] - self.hidden
         others = np.repeat(offsets[None], len(self.hidden_tried), axis=0)
         for moved, tried in zip(others, self.hidden_tried, strict=True):

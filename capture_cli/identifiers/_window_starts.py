@@ -14,7 +14,6 @@ from capture_cli.linearization import (
     Evidence,
     Linearization,
     Trial,
-    best_trials,
     columns,
     scatter,
     trial_objectives,
@@ -22,6 +21,7 @@ from capture_cli.linearization import (
 
 ROUNDS = 30
 DAMPING_STEP = 10.0
+BEGUN = 4  # of the places where a window may begin, that it is begun at
 SEARCHES = 2  # times that windows which stand out are begun elsewhere
 DRAWN = 16  # places where they are, drawn from what is known of starts beforehand
 NO_PARAMETERS = np.zeros(0)
@@ -45,24 +45,57 @@ def fit_starts(
     found = _settled(evidence, evaluate, offsets, tolerance, rounds)
     drawn = np.random.default_rng(0).standard_normal((DRAWN, offsets.shape[1]))
     for _ in range(SEARCHES):
-        others = evidence.other_starts(found.offsets, found.residual, drawn)
-        if not len(others):
+        stuck = evidence.standing_out(found.residual)
+        others = evidence.other_starts(found.offsets, found.residual, drawn)[:, stuck]
+        if not others.size:
             break
-        outputs, diverged = evaluate(np.arange(len(offsets)), Trial(np.zeros((len(others), 0)), others))
-        k = found.scatter
-        best, values = best_trials(others, trial_objectives(evidence, others, outputs, diverged, k))
-        gains = np.maximum(found.objectives(k) - values, 0.0)
-        if gains.sum() < tolerance * k:
+        rest = np.setdiff1d(np.arange(len(offsets)), stuck)
+        k = scatter(evidence.rows(rest), found.residual[rest])  # what windows leave that did not get stuck
+        before = found.windows(stuck)
+        own = _of_windows(evaluate, stuck)
+        after = _begun_elsewhere(before, own, others, tolerance, rounds, k)
+        found = found.with_windows(stuck, after)
+        if (before.objectives(k) - after.objectives(k)).sum() < tolerance * k:
             break
-        begin = np.where(gains[:, None] > 0, best, found.offsets)
-        found = _settled(evidence, evaluate, begin, tolerance, rounds)
+    return found
+
+
+def _of_windows(evaluate: EvaluateWindows, which: np.ndarray) -> EvaluateWindows:
+    """What evaluates the windows `which`, by their place among these."""
+    return lambda keep, trial: evaluate(which[keep], trial)
+
+
+def _begun_elsewhere(
+    found: Linearization,
+    evaluate: EvaluateWindows,
+    others: np.ndarray,
+    tolerance: float,
+    rounds: int,
+    k: float,
+) -> Linearization:
+    """`found`, with the windows that descend to a better start from one of `others` (trial, window, state).
+
+    The most promising are begun at: before its descent the best of them need not be the one that leads to the best.
+    """
+    outputs, diverged = evaluate(np.arange(others.shape[1]), Trial(np.zeros((len(others), 0)), others))
+    order = np.argsort(trial_objectives(found.evidence, others, outputs, diverged, k), axis=0, kind="stable")
+    for place in order[:BEGUN]:
+        begin = others[place, np.arange(len(place))]
+        there = _settled(found.evidence, evaluate, begin, tolerance, rounds, k)
+        better = there.objectives(k) < found.objectives(k)
+        found = found.with_windows(better, there.windows(better))
     return found
 
 
 def _settled(
-    evidence: Evidence, evaluate: EvaluateWindows, offsets: np.ndarray, tolerance: float, rounds: int
+    evidence: Evidence,
+    evaluate: EvaluateWindows,
+    offsets: np.ndarray,
+    tolerance: float,
+    rounds: int,
+    held: float | None = None,
 ) -> Linearization:
-    """Where the descent of every window ends."""
+    """Where the descent of every window ends; held: k, which follows from the residual where None."""
     best, settled = None, np.zeros(len(offsets), dtype=bool)
     damping = np.zeros(len(offsets))
     tried = offsets.copy()
@@ -72,7 +105,7 @@ def _settled(
         outputs, diverged = evaluate(active, columns(own, NO_PARAMETERS, tried[active]))
         there = Linearization.from_columns(own, NO_PARAMETERS, tried[active], outputs, diverged)
         best, better = (there, ~diverged[0]) if best is None else _better(best, there, active, diverged[0])
-        k = scatter(evidence, best.residual)
+        k = scatter(evidence, best.residual) if held is None else held
         damping[active] = np.where(
             better, damping[active] / DAMPING_STEP, np.maximum(DAMPING_STEP * damping[active], k)
         )

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from capture_cli.diagnosis.acceptance import TINY, block_squares, correlation_steps
+from capture_cli.diagnosis.lack_of_fit import lack_of_fit
 from capture_cli.effects.base import Effect
 from capture_cli.identifiers._window_starts import fit_starts
 from capture_cli.identifiers.base import Best, Evidence, Trial, run
@@ -26,6 +27,7 @@ FIT_ROUNDS = 60
 TOLERANCE = 0.1  # of the objective over k: a third of a standard error is enough to compare models by
 EXACT = 3e-3  # for what is reported
 BEGUN_ANEW, BEGUN_AWAY = 3, 3.0  # descents to see whether there are other minima, and how far off, in sd
+ALONE = 2  # times that windows which are stuck are fitted alone, and all go on from there
 RETURNED = 0.5  # sd: a descent that ends as near as this to where another ended has come back to it
 
 
@@ -199,13 +201,42 @@ class ModelFits:
         rival: a fit of the same part; this one is given up where it stays far behind, later where it has fewer
         parameters: of two that do as well it would be the better.
         """
+        evidence = part.evidence(self.simulator(effects))
+        if offsets is not None:
+            offsets = self._carried(offsets, offsets_with, effects, evidence)
+        options = {"tolerance": tolerance, "seed": seed, "rival": rival}
+        fit = self._descended(part, effects, start, offsets, starts=starts, rounds=rounds, **options)
+        for _ in range(ALONE):
+            if fit is None or not fit.finished or not _may_be_stuck(fit):
+                break
+            alone = self._starts_alone(part, fit)
+            if alone is None:
+                break
+            again = self._descended(part, effects, fit.point, alone, rounds=rounds, **options)
+            fit = again if again is not None and again.squares < fit.squares else fit
+        return fit
+
+    def _descended(
+        self,
+        part: PreparedLog,
+        effects: Sequence[Placed],
+        start: np.ndarray,
+        offsets: np.ndarray | None,
+        *,
+        rounds: int,
+        tolerance: float,
+        seed: int,
+        rival: Fit | None,
+        starts: int = 1,
+    ) -> Fit | None:
+        """Where least squares from `start` (parameter,) and `offsets` (window, state) ends; as of `fit`."""
         simulator = self.simulator(effects)
         evidence = part.evidence(simulator)
         simpler = rival is not None and len(simulator.space) < len(rival.space)
         solver = LeastSquares(
             evidence,
             start=start,
-            offsets=None if offsets is None else self._carried(offsets, offsets_with, effects, evidence),
+            offsets=offsets,
             starts=starts,
             rounds=rounds,
             tolerance=tolerance,
@@ -219,6 +250,25 @@ class ModelFits:
             return None
         fit = self.at(part, effects, best, solver.at)
         return replace(fit, finished=not (solver.gave_up or fit.is_far_behind(rival)))
+
+    def _starts_alone(self, part: PreparedLog, fit: Fit) -> np.ndarray | None:
+        """Offsets (window, state) that are better for windows fitted alone, from where they are and from where they
+        were measured; None where there are none.
+
+        Where stops are hit the start of a window has many minima, and a step of all parameters is refused for the few
+        windows that it would leave in a worse one.
+        """
+        k = fit.at.scatter
+        best, values = fit.offsets, fit.at.objectives(k)
+        before = values.sum()
+        for begin in (fit.offsets, np.zeros_like(fit.offsets)):
+            found = self._starts_at(part, fit, TOLERANCE, begin)
+            better = found.objectives(k) < values
+            best, values = (
+                np.where(better[:, None], found.offsets, best),
+                np.minimum(values, found.objectives(k)),
+            )
+        return best if before - values.sum() > TOLERANCE * k else None
 
     def minima(self, part: PreparedLog, fit: Fit, seed: int) -> list[Fit]:
         """`fit` and where descents end that begin within its reach, best first.
@@ -286,6 +336,11 @@ class ModelFits:
 
         offsets (window, state): where they begin; as the log has them where None.
         """
+        begin = np.zeros((len(part.windows), fit.offsets.shape[1])) if offsets is None else offsets
+        return PartFit.of(self._starts_at(part, fit, tolerance, begin))
+
+    def _starts_at(self, part: PreparedLog, fit: Fit, tolerance: float, offsets: np.ndarray) -> Linearization:
+        """The starts of the part's windows at the fit's parameters, from `offsets` (window, state) on."""
         simulator = self.simulator(fit.effects)
         evidence = replace(part.evidence(simulator), space=ParameterSpace([]))
 
@@ -295,10 +350,9 @@ class ModelFits:
             padding = evidence.measured.shape[1] - outputs.shape[2]
             return np.pad(outputs, ((0, 0), (0, 0), (0, padding), (0, 0))), diverged
 
-        begin = np.zeros_like(evidence.start_sd) if offsets is None else offsets
-        found = fit_starts(evidence, evaluate, begin, tolerance=tolerance)
+        found = fit_starts(evidence, evaluate, offsets, tolerance=tolerance)
         self.rollouts += simulator.rollouts
-        return PartFit.of(found)
+        return found
 
     def probe(
         self, part: PreparedLog, fit: Fit, effect: Placed, probes: np.ndarray
@@ -349,3 +403,11 @@ class ModelFits:
         carried = np.zeros_like(evidence.start_sd)
         carried[:, :kept] = offsets[:, :kept]
         return carried
+
+
+def _may_be_stuck(fit: Fit) -> bool:
+    """Whether windows may be where no step of all parameters leads out of: there are hidden states to be looked for."""
+    evidence = fit.at.evidence
+    if not len(evidence.hidden_tried):
+        return False
+    return lack_of_fit(fit.at).lacking or len(evidence.standing_out(fit.at.residual)) > 0
