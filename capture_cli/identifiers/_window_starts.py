@@ -77,11 +77,16 @@ def _begun_elsewhere(
 
     The most promising are begun at: before its descent the best of them need not be the one that leads to the best.
     """
-    outputs, diverged = evaluate(np.arange(others.shape[1]), Trial(np.zeros((len(others), 0)), others))
-    order = np.argsort(trial_objectives(found.evidence, others, outputs, diverged, k), axis=0, kind="stable")
-    for place in order[:BEGUN]:
-        begin = others[place, np.arange(len(place))]
-        there = _settled(found.evidence, evaluate, begin, tolerance, rounds, k)
+    window = np.arange(others.shape[1])
+    outputs, diverged = evaluate(window, Trial(np.zeros((len(others), 0)), others))
+    values = trial_objectives(found.evidence, others, outputs, diverged, k)
+    order = np.argsort(values, axis=0, kind="stable")
+    begun = BEGUN
+    if not found.evidence.hidden:  # then starts are known well enough for the best to be better as it is
+        gains = np.maximum(found.objectives(k) - values[order[0], window], 0.0)
+        begun = 1 if gains.sum() >= tolerance * k else 0
+    for place in order[:begun]:
+        there = _settled(found.evidence, evaluate, others[place, window], tolerance, rounds, k)
         better = there.objectives(k) < found.objectives(k)
         found = found.with_windows(better, there.windows(better))
     return found
