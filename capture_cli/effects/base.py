@@ -35,7 +35,7 @@ class JointMotion:
     """What a log saw of a joint: from where to where it went, and how fast; m or rad, and per s.
 
     path (step,): where it was at each step of the log, nan where that was not measured; episodes: of those steps;
-    noise: of the path, standard deviation.
+    noise: of the path, standard deviation. time (step,): s; controls: of actuators, by their numbers, (step,).
     """
 
     low: float
@@ -44,6 +44,8 @@ class JointMotion:
     path: np.ndarray = field(default_factory=lambda: np.zeros(0))
     episodes: Sequence[slice] = ()
     noise: float = 0.0
+    time: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    controls: Mapping[int, np.ndarray] = field(default_factory=dict)
 
     @property
     def travel(self) -> float:

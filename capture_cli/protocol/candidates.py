@@ -79,6 +79,7 @@ def _seen(prepared: PreparedLog) -> dict[int, JointMotion]:
     model, reported, log = prepared.task.model, prepared.starts.reported, prepared.log
     if reported is None:
         return {}
+    controls = {c.index: log.inputs[:, k] for k, c in enumerate(prepared.task.inputs)}
     seen = {}
     for source in sources_of(model, [c.sensor for c in prepared.task.outputs]):
         if source.kind != "position" or len(source.dofs) != 1:
@@ -93,7 +94,9 @@ def _seen(prepared: PreparedLog) -> dict[int, JointMotion]:
         if low < high and speed > 0:
             joint = int(model.dof_jntid[source.dofs[0]])
             noise = float(source.noise(prepared.noise.sd)[0])
-            seen[joint] = JointMotion(float(low), float(high), float(speed), path, log.episodes, noise)
+            seen[joint] = JointMotion(
+                float(low), float(high), float(speed), path, log.episodes, noise, log.time, controls
+            )
     return seen
 
 

@@ -1,0 +1,183 @@
+"""The integral term of a position servo: a PID drive whose model has gains on position and speed alone."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from capture_cli.effects._joint_force import ForceOfKernel, JointForce
+from capture_cli.effects._kernel import Companion, call
+from capture_cli.effects._places import reference, site_id, site_name
+from capture_cli.effects._scales import POSITION_ERROR, driven_joint
+from capture_cli.effects.base import GLOBAL
+from capture_cli.parameters import Parameter
+from capture_cli.sim.turning_points import ways_before
+
+FASTEST = 10.0  # 1/s, of ki over kp: with more, a servo that is damped as usual swings by itself
+BIAS = "actuator_biasprm"
+USUAL = 0.3  # s, for which an error lasts, of which no log says how long it did
+LEAST_LIMIT = 1e-3  # of how far the integral of the error goes
+ROUNDED = 1e-3  # of how far it commonly is from its mean: less is no way back
+
+
+class IntegralTerm:
+    """The mean of ki z over a step, with dz/dt = set_point - gear position, and z stops at +-limit: anti-windup by
+    clamping.
+
+    set_point and position are held over the step. integral: z at the start.
+    """
+
+    def __init__(self, *, ki, limit, timestep, gear=1.0, integral=0.0):
+        self.ki, self.limit, self.timestep, self.gear = ki, limit, timestep, gear
+        self.integral = integral + 0.0 * ki
+
+    def __call__(self, set_point, qpos):
+        before = self.integral
+        self.move(self.timestep * (set_point - self.gear * qpos))
+        return self.ki * (before + self.integral) / 2
+
+    def move(self, way):
+        """Add the integral of an error (m s or rad s) of one sign."""
+        self.integral = np.clip(self.integral + way, -self.limit, self.limit)
+
+
+class ServoIntegral(JointForce):
+    """The actuator gives `ki` z more than its gains on position and speed, within its forcerange together, with ki in
+    N/(m s) or N m/(rad s) and z the integral of set point - length, m s or rad s, which stays within +- `limit`: the
+    force within ki limit.
+
+    The limit is one of z, not of the force, as what z does is then the same at every ki. z at the start of a window
+    follows from set points and positions before, which the log has to have, and from what it was when the episode
+    began, which nobody knows. A simulation that begins otherwise begins with none.
+    """
+
+    summary = "an integral term of a position servo, clamped against windup, that the model lacks"
+    where = "every position servo of a hinge or slide joint whose position is measured"
+    shapes = ("limit",)
+    states = ("integral",)  # when the episode began, over what is common in it
+    kernel = IntegralTerm
+    adds_to = BIAS
+
+    def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
+        super().__init__(model, site)
+        self.actuator = site_id(model, "actuator", site)
+        self.control = int(model.actuator_ctrladr[self.actuator])
+        self.gear = float(model.actuator_gear[self.actuator, 0])
+        self._most = USUAL * POSITION_ERROR  # m s or rad s: how far the integral of the error goes
+
+    @classmethod
+    def sites(cls, model):
+        return [site_name(model, "actuator", a) for a in range(model.nactuator) if _is_servo(model, a)]
+
+    @classmethod
+    def joint_at(cls, model, site):
+        return site_name(model, "joint", driven_joint(model, site_id(model, "actuator", site)))
+
+    @property
+    def parameters(self):
+        kp = float(self.model.actuator_gainprm[self.actuator, 0])
+        return (
+            Parameter("ki", self.unit("N/(m s)", "N m/(rad s)"), 0.0, FASTEST * kp, 0.0),
+            Parameter("limit", self.unit("m s", "rad s"), LEAST_LIMIT * self._most, self._most, self._most),
+        )
+
+    def shape_grid(self, count=5):
+        # of limits that are alike, as nothing reaches them, the first is taken: it is to be the highest
+        return super().shape_grid(count)[::-1]
+
+    def look_in(self, **log):
+        super().look_in(**log)
+        self._ways: dict[int, np.ndarray] = {}  # before steps of the log, as far as they were asked for
+        if self.shows:
+            self._errors = self._integrated()
+            parts = [self._errors[e] for e in self.seen.episodes]
+            self._most = 2 * max(float(np.ptp(z)) for z in parts)  # it may have begun at either end
+            self._common = float(np.std(np.concatenate([z - z.mean() for z in parts])))
+
+    @property
+    def shows(self):
+        return super().shows and self.seen is not None and self.actuator in self.seen.controls
+
+    def coefficients(self, values):
+        return super().coefficients(values) | {"gear": np.full(len(values), self.gear)}
+
+    def force(self, values, timestep, *, states=None, first=None, **_):
+        given = self.coefficients(values)
+        if first is not None and self.seen is not None:
+            given["integral"] = self._integral(given["limit"], first, 0.0 if states is None else states[:, 0])
+        return ForceOfKernel(self, given, timestep)
+
+    def read(self, world, field):
+        if field != "set_point":
+            return super().read(world, field)
+        control = world.ctrl[:, self.control]
+        low, high = world.vary("actuator_ctrlrange")[:, self.actuator].T
+        limited = world.vary("actuator_ctrllimited")[:, self.actuator]
+        return np.where(limited, np.clip(control, low, high), control)
+
+    def add(self, world, term):
+        world.vary(BIAS)[:, self.actuator, 0] += term
+
+    def companion(self, name, values):
+        numbers = {n: v[0] for n, v in self.coefficients(values[None]).items()}
+        term, state = call(name, IntegralTerm, ["set_point", "data.qpos[at]"], numbers)
+        lines = (
+            f"servo = model.actuator({reference(self.model, 'actuator', self.site)}).id",
+            f"at = model.joint({reference(self.model, 'joint', self.joint_name)}).qposadr[0]",
+            "set_point = data.ctrl[model.actuator_ctrladr[servo]]",
+            "if model.actuator_ctrllimited[servo]:",
+            "    set_point = np.clip(set_point, *model.actuator_ctrlrange[servo])",
+            f"model.{BIAS}[servo, 0] += {term}",
+        )
+        return Companion((IntegralTerm,), lines, state, (f"model.{BIAS}",))
+
+    def _integrated(self) -> np.ndarray:
+        """The integral of the error from the start of each episode of the log, (step,), m s or rad s, unclamped."""
+        seen, ctrl = self.seen, self.seen.controls[self.actuator]
+        if self.model.actuator_ctrllimited[self.actuator]:
+            ctrl = np.clip(ctrl, *self.model.actuator_ctrlrange[self.actuator])
+        errors = np.zeros(len(seen.path))
+        for steps in seen.episodes:
+            time, path = seen.time[steps], seen.path[steps]
+            measured = np.isfinite(path)
+            if measured.any():
+                length = self.gear * np.interp(time, time[measured], path[measured])
+                ways = np.diff(time) * (ctrl[steps][:-1] - (length[1:] + length[:-1]) / 2)
+                errors[steps][1:] = np.cumsum(ways)
+        return errors
+
+    def _integral(self, limit: np.ndarray, first: np.ndarray, begun: np.ndarray | float) -> np.ndarray:
+        """z (simulation,) at the steps `first` of the log, where at the start of the episode it was `begun` times what
+        is common.
+        """
+        begin = np.clip(np.minimum(self._common, limit) * begun, -limit, limit)
+        term = IntegralTerm(ki=np.zeros(len(limit)), limit=limit, timestep=0.0, integral=begin)
+        for way in self._ways_before(first).T:
+            term.move(way)
+        return term.integral
+
+    def _ways_before(self, first: np.ndarray) -> np.ndarray:
+        """How far the integral of the error went from turning point to turning point, (simulation, way): first all that
+        was before those that are remembered.
+        """
+        steps, row = np.unique(first, return_inverse=True)
+        new = np.array([s for s in steps if s not in self._ways], dtype=int)
+        if len(new):
+            least = ROUNDED * self._common
+            ways = ways_before(self._errors, self.seen.episodes, new, least)
+            ways = np.column_stack([self._errors[new] - ways.sum(axis=1), ways])
+            self._ways.update(zip(new.tolist(), ways, strict=True))
+        return np.array([self._ways[s] for s in steps])[row]
+
+
+def _is_servo(model: mujoco.MjModel, actuator: int) -> bool:
+    """Whether the actuator, which has no state of its own, drives a joint with kp (control - length) - kv speed."""
+    kp = model.actuator_gainprm[actuator, 0]
+    return bool(
+        driven_joint(model, actuator) >= 0
+        and model.actuator_ctrlnum[actuator] == 1
+        and model.actuator_actnum[actuator] == 0
+        and model.actuator_gaintype[actuator] == mujoco.mjtGain.mjGAIN_FIXED
+        and model.actuator_biastype[actuator] == mujoco.mjtBias.mjBIAS_AFFINE
+        and kp == -model.actuator_biasprm[actuator, 1] > 0
+    )

@@ -1,0 +1,156 @@
+"""The integral term of a position servo: found where it is planted, and followed through the log before a window."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from machines import build, run
+from test_hysteretic_friction import SLIDER
+
+from benchmarks._planted.diagnosing import diagnose
+from capture_cli import effects
+from capture_cli.effects.servo_integral import IntegralTerm
+from capture_cli.protocol.candidates import all_candidates
+from capture_cli.protocol.model_fits import ModelFits
+from capture_cli.protocol.prepare import prepare
+from capture_cli.sim.engine import Starts
+from capture_cli.stages.record import record
+from capture_cli.stores.measured_log import MeasuredLog
+from capture_cli.tasks import load_task
+
+PAN_TILT = SLIDER.parents[1] / "pan_tilt" / "task.toml"
+EMPS = Path(__file__).parents[1] / "docs" / "examples" / "emps" / "model.xml"
+EFFECT = "servo-integral@tilt"
+KI, LIMIT = 8.0, 0.02  # N m/(rad s), rad s: it is at its limit again and again
+PLANTED = (f"{EFFECT}.ki={KI}", f"{EFFECT}.limit={LIMIT}")
+
+
+def recorded(folder: Path, *planted: str, duration: float = 4.0) -> tuple[MeasuredLog, np.ndarray]:
+    """A log of the pan-tilt, and the true parameters, those of the effects last."""
+    record(
+        task=str(PAN_TILT),
+        out=folder / "log.zarr",
+        effects=planted,
+        noise=1e-3,
+        episodes=6,
+        duration=duration,
+        rate=250.0,
+        seed=3,
+    )
+    truth = json.loads((folder / "log.truth.json").read_text(encoding="utf-8"))
+    values = np.array([*truth["parameters"].values(), *truth["effects"].values()])
+    return MeasuredLog.read(folder / "log.zarr"), values
+
+
+def without_beginnings(log: MeasuredLog, seconds: float) -> MeasuredLog:
+    """The log from so long after the start of each episode on."""
+    since = np.concatenate([log.time[e] - log.time[e.start] for e in log.episodes])
+    keep = since >= seconds
+    ends = np.cumsum([np.count_nonzero(keep[e]) for e in log.episodes])
+    return replace(
+        log, time=log.time[keep], inputs=log.inputs[keep], outputs=log.outputs[keep], episode_ends=ends
+    )
+
+
+def fitted(log: MeasuredLog, limited: bool = True):
+    """The effect, a fit with it that begins at half of its size, and the prepared log."""
+    prepared = prepare(log, load_task(str(PAN_TILT)), window=None, test=None, seed=0)
+    effect = next(c.effect for c in all_candidates(prepared) if c.name == EFFECT)
+    limit = 1.5 * LIMIT if limited else effect[1].space.high[1]
+    begin = np.array([*prepared.task.space.nominal, KI / 2, limit])
+    return effect, ModelFits(prepared, 1).fit(prepared, [effect], begin), prepared
+
+
+def test_an_integral_term_is_found_with_its_gain_and_its_limit(tmp_path):
+    log, _ = recorded(tmp_path, *PLANTED)
+    document = diagnose(log, load_task(str(PAN_TILT)), seed=0)
+    [found] = document["effects"]
+    assert (found["name"], found["site"]) == ("servo-integral", "tilt")
+    size = {name: p["value"] for name, p in found["parameters"].items()}
+    assert size == pytest.approx({"ki": KI, "limit": LIMIT}, rel=0.05)
+    before, after = (document[when]["test"]["normalized"] for when in ("before", "after"))
+    assert after < 1.1 < 2 < before
+
+
+def test_nothing_is_found_where_servos_are_as_modelled(tmp_path):
+    log, _ = recorded(tmp_path)
+    document = diagnose(log, load_task(str(PAN_TILT)), seed=0)
+    assert document["verdict"] == "explained" and not document["effects"]
+
+
+@pytest.mark.parametrize("planted", [PLANTED, PLANTED[:1]], ids=["clamped", "unlimited"])
+def test_what_it_was_when_the_log_began_need_not_be_known(planted, tmp_path):
+    log, _ = recorded(tmp_path, *planted)
+    _, fit, _ = fitted(without_beginnings(log, 1.1), limited=planted == PLANTED)
+    assert fit.error < 1.1
+    assert fit.point[-2] == pytest.approx(KI, rel=0.05)
+
+
+def test_what_was_before_a_window_is_followed_through_the_errors_measured(tmp_path):
+    log, truth = recorded(tmp_path, *PLANTED)
+    (name, effect), fit, prepared = fitted(log)
+    assert fit.error < 1.1
+    np.testing.assert_allclose(fit.point[-2:], [KI, LIMIT], rtol=0.05)
+    effect._errors = np.zeros_like(effect._errors)
+    effect._ways.clear()
+    effect._common = 0.0
+    assert ModelFits(prepared, 1).fit(prepared, [(name, effect)], truth).error > 2
+
+
+def test_it_sits_at_position_servos_of_joints():
+    sites = effects.REGISTRY.get("servo-integral").sites
+    assert sites(load_task(str(PAN_TILT)).model) == ["pan", "tilt"]
+    assert sites(mujoco.MjModel.from_xml_path(str(EMPS))) == []
+    others = """<velocity joint="x" kv="3"/><motor joint="x"/><position joint="x" kp="2" timeconst="0.1"/>
+      <general joint="x" gainprm="5" biastype="affine" biasprm="0 -5 -1"/><intvelocity joint="x" kp="3"/>"""
+    assert sites(build(SERVO.replace("{}", "").replace("<position", others + "<position"))) == ["#3", "servo"]
+
+
+SERVO = """
+<mujoco>
+  <option timestep="0.001" integrator="implicitfast" gravity="0 0 0"/>
+  <worldbody>
+    <body><joint name="x" type="slide" axis="1 0 0" damping="20"/><geom size=".1" mass="1"/></body>
+  </worldbody>
+  <actuator><position name="servo" joint="x" gear="2" kp="50" kv="4" {}/></actuator>
+  <sensor><jointpos joint="x"/><actuatorfrc actuator="servo"/></sensor>
+</mujoco>
+"""
+
+
+def stepped(model: mujoco.MjModel, ki: float, limit: float, steps: int, start: float = 0.0) -> np.ndarray:
+    """Position and actuator force (step, 2) after a step of the set point to 0.1 m."""
+    effect = effects.REGISTRY.get("servo-integral")(model, "servo")
+    starts = Starts(np.full((1, 1), start), np.zeros((1, 1)), np.zeros((1, 0)), np.zeros(1))
+    tape = np.full((1, steps, 1), 0.1)
+    return run(model, (effect, np.array([[ki, limit]])), tape=tape, starts=starts)[0][0]
+
+
+def test_it_takes_a_constant_load_until_it_is_at_its_limit():
+    spring = build(SERVO.replace('damping="20"', 'damping="20" stiffness="100"').replace("{}", ""))
+    position, force = stepped(spring, 200.0, 0.1, 4000)[-1]
+    assert 2 * position == pytest.approx(0.1, abs=1e-5) and 2 * force == pytest.approx(5.0, rel=1e-3)
+    position, force = stepped(spring, 200.0, 0.005, 4000)[-1]
+    assert force == pytest.approx(50 * (0.1 - 2 * position) + 1.0, rel=1e-6)
+
+
+def test_the_actuator_gives_no_more_than_its_range_with_it():
+    limited = build(SERVO.replace("{}", 'forcerange="-2 2"'))
+    force = stepped(limited, 200.0, 0.1, 400, start=-1.0)[:, 1]
+    assert force.max() == 2.0
+
+
+@pytest.mark.parametrize("steps", [1, 7, 50])
+def test_a_constant_error_is_integrated_exactly_whatever_the_step(steps):
+    term = IntegralTerm(ki=np.array([3.0]), limit=np.array([0.4]), timestep=1 / steps, integral=0.1)
+    given = [term(0.5, np.array([0.3])) for _ in range(steps)]
+    assert np.mean(given) == pytest.approx(3.0 * (0.1 + 0.2 / 2))
+    assert term.integral == pytest.approx(0.1 + 0.2)
+    for _ in range(steps):
+        term(0.5, np.array([0.3]))
+    assert term.integral == 0.4
