@@ -206,8 +206,10 @@ class ModelFits:
             offsets = self._carried(offsets, offsets_with, effects, evidence)
         options = {"tolerance": tolerance, "seed": seed, "rival": rival}
         fit = self._descended(part, effects, start, offsets, starts=starts, rounds=rounds, **options)
-        for _ in range(ALONE):
-            if fit is None or not fit.finished or not _may_be_stuck(fit):
+        known = {placed_name(*e) for e in offsets_with}
+        begun_blindly = any(len(e[1].states_tried) and placed_name(*e) not in known for e in effects)
+        for _ in range(ALONE * begun_blindly):
+            if fit is None or not fit.finished or not _may_be_stuck(fit, rival):
                 break
             alone = self._starts_alone(part, fit)
             if alone is None:
@@ -405,9 +407,11 @@ class ModelFits:
         return carried
 
 
-def _may_be_stuck(fit: Fit) -> bool:
-    """Whether windows may be where no step of all parameters leads out of: there are hidden states to be looked for."""
-    evidence = fit.at.evidence
-    if not len(evidence.hidden_tried):
+def _may_be_stuck(fit: Fit, rival: Fit | None) -> bool:
+    """Whether windows may be where no step of all parameters leads out of.
+
+    It does not matter where a rival that does as well leaves nothing.
+    """
+    if rival is not None and rival.error <= fit.error and not lack_of_fit(rival.at).lacking:
         return False
-    return lack_of_fit(fit.at).lacking or len(evidence.standing_out(fit.at.residual)) > 0
+    return lack_of_fit(fit.at).lacking or len(fit.at.evidence.standing_out(fit.at.residual)) > 0
