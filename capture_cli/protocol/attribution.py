@@ -27,9 +27,8 @@ from capture_cli.protocol.model_comparison import (
     WORSE,
     ModelComparison,
     effective_samples,
-    least,
 )
-from capture_cli.protocol.model_fits import Fit, ModelFits, PartFit, Placed
+from capture_cli.protocol.model_fits import Fit, ModelFits, PartFit, Placed, least
 from capture_cli.protocol.narrow_shapes import NarrowShapes
 from capture_cli.simulator import placed_name
 

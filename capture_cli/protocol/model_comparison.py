@@ -18,7 +18,7 @@ from capture_cli.diagnosis.acceptance import (
 from capture_cli.diagnosis.score import similarity
 from capture_cli.diagnosis.split import Folds
 from capture_cli.protocol.candidates import Candidate
-from capture_cli.protocol.model_fits import Fit, ModelFits, PartFit, Placed
+from capture_cli.protocol.model_fits import Fit, ModelFits, PartFit, Placed, least
 from capture_cli.simulator import placed_name
 
 AGAIN_ROUNDS = 20  # in which a model without an effect is to get where it got with it
@@ -249,8 +249,3 @@ def effective_samples(fit: Fit) -> float:
 def _key(effects: Sequence[Placed]) -> tuple[str, ...]:
     """What a model is known by: its effects, in the order of its parameters."""
     return tuple(placed_name(*e) for e in effects)
-
-
-def least(fits: Sequence[Fit | None]) -> Fit | None:
-    """The fit that leaves least, the first of those that leave as much."""
-    return min((f for f in fits if f is not None), key=lambda f: f.squares, default=None)

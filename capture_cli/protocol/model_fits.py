@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -27,7 +27,6 @@ FIT_ROUNDS = 60
 TOLERANCE = 0.1  # of the objective over k: a third of a standard error is enough to compare models by
 EXACT = 3e-3  # for what is reported
 BEGUN_ANEW, BEGUN_AWAY = 3, 3.0  # descents to see whether there are other minima, and how far off, in sd
-ALONE = 2  # times that windows which are stuck are fitted alone, and all go on from there
 RETURNED = 0.5  # sd: a descent that ends as near as this to where another ended has come back to it
 
 
@@ -204,19 +203,23 @@ class ModelFits:
         evidence = part.evidence(self.simulator(effects))
         if offsets is not None:
             offsets = self._carried(offsets, offsets_with, effects, evidence)
-        options = {"tolerance": tolerance, "seed": seed, "rival": rival}
-        fit = self._descended(part, effects, start, offsets, starts=starts, rounds=rounds, **options)
-        known = {placed_name(*e) for e in offsets_with}
-        begun_blindly = any(len(e[1].states_tried) and placed_name(*e) not in known for e in effects)
-        for _ in range(ALONE * begun_blindly):
-            if fit is None or not fit.finished or not _may_be_stuck(fit, rival):
-                break
-            alone = self._starts_alone(part, fit)
-            if alone is None:
-                break
-            again = self._descended(part, effects, fit.point, alone, rounds=rounds, **options)
-            fit = again if again is not None and again.squares < fit.squares else fit
+        descend = partial(
+            self._descended, part, effects, rounds=rounds, tolerance=tolerance, seed=seed, rival=rival
+        )
+        fit = descend(start, offsets, starts=starts)
+        carried = {placed_name(*e) for e in offsets_with}
+        if any(len(e[1].states_tried) and placed_name(*e) not in carried for e in effects):
+            fit = self._unstuck(part, fit, rival, descend)
         return fit
+
+    def _unstuck(
+        self, part: PreparedLog, fit: Fit | None, rival: Fit | None, descend: Callable[..., Fit | None]
+    ) -> Fit | None:
+        """`fit` with its windows fitted alone, and what a descent from there comes to, where it may be stuck."""
+        if fit is None or not fit.finished or not _may_be_stuck(fit, rival):
+            return fit
+        alone = self._starts_alone(part, fit)
+        return fit if alone is None else least([fit, descend(fit.point, alone)])
 
     def _descended(
         self,
@@ -415,3 +418,8 @@ def _may_be_stuck(fit: Fit, rival: Fit | None) -> bool:
     if rival is not None and rival.error <= fit.error and not lack_of_fit(rival.at).lacking:
         return False
     return lack_of_fit(fit.at).lacking or len(fit.at.evidence.standing_out(fit.at.residual)) > 0
+
+
+def least(fits: Sequence[Fit | None]) -> Fit | None:
+    """The fit that leaves least, the first of those that leave as much."""
+    return min((f for f in fits if f is not None), key=lambda f: f.squares, default=None)
