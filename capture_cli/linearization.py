@@ -77,15 +77,14 @@ class Evidence:
         return np.flatnonzero(squares > STANDS_OUT * np.median(squares))
 
     def other_starts(
-        self, offsets: np.ndarray, residual: np.ndarray, drawn: np.ndarray | None = None
+        self, offsets: np.ndarray, stuck: np.ndarray, drawn: np.ndarray | None = None
     ) -> np.ndarray:
-        """Offsets (trial, window, state) that windows which stand out might have been better begun with.
+        """Offsets (trial, window, state) that the windows `stuck` might have been better begun with.
 
         Those are at the start as it was measured, with hidden states at each of the points where they are looked for,
         and at the points `drawn` (point, state), in units of the starts' sd; the other windows keep their `offsets`
-        (window, state). residual (window, row).
+        (window, state).
         """
-        stuck = self.standing_out(residual)
         first = offsets.shape[1] - self.hidden
         others = np.repeat(offsets[None], len(self.hidden_tried), axis=0)
         for moved, tried in zip(others, self.hidden_tried, strict=True):

@@ -97,7 +97,7 @@ def test_what_was_before_a_window_is_followed_through_the_errors_measured(tmp_pa
     assert fit.error < 1.1
     np.testing.assert_allclose(fit.point[-2:], [KI, LIMIT], rtol=0.05)
     effect._errors = np.zeros_like(effect._errors)
-    effect._ways.clear()
+    effect._ways_before = lambda first: np.zeros((len(first), 1))
     effect._common = 0.0
     assert ModelFits(prepared, 1).fit(prepared, [(name, effect)], truth).error > 2
 

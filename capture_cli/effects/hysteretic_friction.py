@@ -7,7 +7,7 @@ import numpy as np
 from capture_cli.effects._joint_force import ForceOfKernel, JointForce
 from capture_cli.effects._scales import free_inertia
 from capture_cli.parameters import Parameter
-from capture_cli.sim.turning_points import ways_before
+from capture_cli.sim.turning_points import WaysBefore
 
 TURNED = 4.0  # times the noise of what measures the joint: less is no way back
 HIDES = 2.0  # times that noise: of the way, what nobody knows when a window begins
@@ -61,7 +61,8 @@ class HystereticFriction(JointForce):
 
     def look_in(self, **log):
         super().look_in(**log)
-        self._ways: dict[int, np.ndarray] = {}  # before steps of the log, as far as they were asked for
+        if self.seen is not None:
+            self._ways_before = WaysBefore(self.seen.path, self.seen.episodes, TURNED * self.seen.noise)
 
     @property
     def shows(self):
@@ -84,13 +85,3 @@ class HystereticFriction(JointForce):
         for way in self._ways_before(first).T:
             bristles.move(way)
         return np.clip(bristles.wound + hidden / given["distance"], -1, 1)
-
-    def _ways_before(self, first: np.ndarray) -> np.ndarray:
-        """(simulation, way)."""
-        steps, row = np.unique(first, return_inverse=True)
-        new = np.array([s for s in steps if s not in self._ways], dtype=int)
-        if len(new):
-            seen = self.seen
-            ways = ways_before(seen.path, seen.episodes, new, TURNED * seen.noise)
-            self._ways.update(zip(new.tolist(), ways, strict=True))
-        return np.array([self._ways[s] for s in steps])[row]

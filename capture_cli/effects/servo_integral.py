@@ -11,7 +11,7 @@ from capture_cli.effects._places import reference, site_id, site_name
 from capture_cli.effects._scales import POSITION_ERROR, driven_joint
 from capture_cli.effects.base import GLOBAL
 from capture_cli.parameters import Parameter
-from capture_cli.sim.turning_points import ways_before
+from capture_cli.sim.turning_points import WaysBefore
 
 FASTEST = 10.0  # 1/s, of ki over kp: with more, a servo that is damped as usual swings by itself
 BIAS = "actuator_biasprm"
@@ -87,12 +87,12 @@ class ServoIntegral(JointForce):
 
     def look_in(self, **log):
         super().look_in(**log)
-        self._ways: dict[int, np.ndarray] = {}  # before steps of the log, as far as they were asked for
         if self.shows:
             self._errors = self._integrated()
             parts = [self._errors[e] for e in self.seen.episodes]
             self._most = 2 * max(float(np.ptp(z)) for z in parts)  # it may have begun at either end
             self._common = float(np.std(np.concatenate([z - z.mean() for z in parts])))
+            self._ways_before = WaysBefore(self._errors, self.seen.episodes, ROUNDED * self._common)
 
     @property
     def shows(self):
@@ -152,22 +152,11 @@ class ServoIntegral(JointForce):
         """
         begin = np.clip(np.minimum(self._common, limit) * begun, -limit, limit)
         term = IntegralTerm(ki=np.zeros(len(limit)), limit=limit, timestep=0.0, integral=begin)
-        for way in self._ways_before(first).T:
+        ways = self._ways_before(first)
+        before = self._errors[first] - ways.sum(axis=1)  # all that was before the ways that are remembered
+        for way in (before, *ways.T):
             term.move(way)
         return term.integral
-
-    def _ways_before(self, first: np.ndarray) -> np.ndarray:
-        """How far the integral of the error went from turning point to turning point, (simulation, way): first all that
-        was before those that are remembered.
-        """
-        steps, row = np.unique(first, return_inverse=True)
-        new = np.array([s for s in steps if s not in self._ways], dtype=int)
-        if len(new):
-            least = ROUNDED * self._common
-            ways = ways_before(self._errors, self.seen.episodes, new, least)
-            ways = np.column_stack([self._errors[new] - ways.sum(axis=1), ways])
-            self._ways.update(zip(new.tolist(), ways, strict=True))
-        return np.array([self._ways[s] for s in steps])[row]
 
 
 def _is_servo(model: mujoco.MjModel, actuator: int) -> bool:

@@ -206,7 +206,8 @@ class Descent:
     def _propose_other_starts(self) -> None:
         """Where each window might have got stuck: its start as it was measured, and hidden states elsewhere."""
         self._searches -= 1
-        others = [np.zeros_like(self.offsets), *self.evidence.other_starts(self.offsets, self._at.residual)]
+        stuck = self.evidence.standing_out(self._at.residual)
+        others = [np.zeros_like(self.offsets), *self.evidence.other_starts(self.offsets, stuck)]
         self._trials, self._told = [(self.x, o) for o in others], self._tell_other_starts
 
     def _tell_other_starts(self, outputs, diverged) -> None:

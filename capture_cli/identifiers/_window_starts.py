@@ -46,7 +46,7 @@ def fit_starts(
     drawn = np.random.default_rng(0).standard_normal((DRAWN, offsets.shape[1]))
     for _ in range(SEARCHES):
         stuck = evidence.standing_out(found.residual)
-        others = evidence.other_starts(found.offsets, found.residual, drawn)[:, stuck]
+        others = evidence.other_starts(found.offsets, stuck, drawn)[:, stuck]
         if not others.size:
             break
         rest = np.setdiff1d(np.arange(len(offsets)), stuck)

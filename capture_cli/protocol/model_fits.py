@@ -15,7 +15,7 @@ from capture_cli.identifiers._window_starts import fit_starts
 from capture_cli.identifiers.base import Best, Evidence, Trial, run
 from capture_cli.identifiers.intervals import unit_covariance
 from capture_cli.identifiers.least_squares import HOPELESS, LONG_PATIENCE, PATIENCE, LeastSquares
-from capture_cli.linearization import Linearization, columns
+from capture_cli.linearization import Linearization, best_trials, columns
 from capture_cli.parameters import ParameterSpace
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.sim.engine import Engine
@@ -200,9 +200,8 @@ class ModelFits:
         rival: a fit of the same part; this one is given up where it stays far behind, later where it has fewer
         parameters: of two that do as well it would be the better.
         """
-        evidence = part.evidence(self.simulator(effects))
         if offsets is not None:
-            offsets = self._carried(offsets, offsets_with, effects, evidence)
+            offsets = self._carried(offsets, offsets_with, effects)
         descend = partial(
             self._descended, part, effects, rounds=rounds, tolerance=tolerance, seed=seed, rival=rival
         )
@@ -263,17 +262,12 @@ class ModelFits:
         Where stops are hit the start of a window has many minima, and a step of all parameters is refused for the few
         windows that it would leave in a worse one.
         """
-        k = fit.at.scatter
-        best, values = fit.offsets, fit.at.objectives(k)
-        before = values.sum()
-        for begin in (fit.offsets, np.zeros_like(fit.offsets)):
-            found = self._starts_at(part, fit, TOLERANCE, begin)
-            better = found.objectives(k) < values
-            best, values = (
-                np.where(better[:, None], found.offsets, best),
-                np.minimum(values, found.objectives(k)),
-            )
-        return best if before - values.sum() > TOLERANCE * k else None
+        k, before = fit.at.scatter, fit.at.objectives(fit.at.scatter)
+        begin = (fit.offsets, np.zeros_like(fit.offsets))
+        found = [self._starts_at(part, fit, TOLERANCE, offsets) for offsets in begin]
+        offsets = np.stack([fit.offsets, *(f.offsets for f in found)])
+        best, values = best_trials(offsets, np.stack([before, *(f.objectives(k) for f in found)]))
+        return best if (before - values).sum() > TOLERANCE * k else None
 
     def minima(self, part: PreparedLog, fit: Fit, seed: int) -> list[Fit]:
         """`fit` and where descents end that begin within its reach, best first.
@@ -394,7 +388,7 @@ class ModelFits:
         return Simulator(own.task, effects, engine=self.engine, difference_step=own.difference_step)
 
     def _carried(
-        self, offsets: np.ndarray, theirs: Sequence[Placed], effects: Sequence[Placed], evidence: Evidence
+        self, offsets: np.ndarray, theirs: Sequence[Placed], effects: Sequence[Placed]
     ) -> np.ndarray:
         """Offsets of a model with the effects `theirs` for one with `effects`.
 
@@ -405,7 +399,8 @@ class ModelFits:
             if placed_name(*one) != placed_name(*other):
                 break
             kept += len(one[1].states)
-        carried = np.zeros_like(evidence.start_sd)
+        states = self.prepared.starts.sd.shape[1] + sum(len(e.states) for _, e in effects)
+        carried = np.zeros((len(offsets), states))
         carried[:, :kept] = offsets[:, :kept]
         return carried
 

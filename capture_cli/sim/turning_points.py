@@ -9,6 +9,23 @@ import numpy as np
 REMEMBERED = 16  # ways between turning points, the last ones
 
 
+class WaysBefore:
+    """`ways_before` of one path, each step of the log worked out once."""
+
+    def __init__(self, path: np.ndarray, episodes: Sequence[slice], least: float):
+        self.path, self.episodes, self.least = path, episodes, least
+        self._known: dict[int, np.ndarray] = {}
+
+    def __call__(self, steps: np.ndarray) -> np.ndarray:
+        """(len(steps), REMEMBERED)."""
+        each, row = np.unique(steps, return_inverse=True)
+        new = np.array([s for s in each if s not in self._known], dtype=int)
+        if len(new):
+            ways = ways_before(self.path, self.episodes, new, self.least)
+            self._known.update(zip(new.tolist(), ways, strict=True))
+        return np.array([self._known[s] for s in each])[row]
+
+
 def ways_before(path: np.ndarray, episodes: Sequence[slice], steps: np.ndarray, least: float) -> np.ndarray:
     """How far a path went from turning point to turning point, (len(steps), REMEMBERED), the last way up to each of
     `steps`; 0 before the first.
