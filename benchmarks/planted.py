@@ -1,8 +1,8 @@
 """Is the right effect found? Is nothing found where nothing is? `python -m benchmarks.planted` does all of it.
 
-Logs are recorded from five machines with one effect planted, of every kind, at every place and in three sizes; with
-nothing missing; and with effects that the catalogue does not have. One JSON line is kept per log, so that the work can
-be stopped and taken up again; a line counts as long as the code that made it is unchanged.
+Logs are recorded from five machines with one effect planted, of every kind, at every place and in three sizes; with two
+at once; with nothing missing; and with effects that the catalogue does not have. One JSON line is kept per log, so
+that the work can be stopped and taken up again; a line counts as long as the code that made it is unchanged.
 """
 
 from __future__ import annotations
@@ -41,7 +41,9 @@ class Planted(Benchmark):
 
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.planted", description=__doc__.splitlines()[0])
-    parser.add_argument("--only", default="", metavar="REGEX", help="of KIND/MACHINE/EFFECT@SITE/ERROR/SEED")
+    parser.add_argument(
+        "--only", default="", metavar="REGEX", help="of KIND/MACHINE/EFFECT@SITE[&EFFECT@SITE]/ERROR/SEED"
+    )
     parser.add_argument("--seeds", type=int, default=SEEDS, help="of each effect, place and size")
     parser.add_argument("--logs", type=int, default=NOTHING_MISSING, help="with nothing missing")
     parser.add_argument("--sample", type=int, help="so many of all of these, drawn at random")

@@ -217,6 +217,19 @@ def test_a_narrow_terminal_shows_names_and_parameters_whole(capture):
         assert f"{effect['name']} {effect['summary']} {parameters}".strip() in shown
 
 
+def test_one_effect_is_shown_with_its_law_and_ranges(capture):
+    code, out, err = capture("effects", "stribeck-friction", "--task", SLIDER)
+    assert (code, err) == (0, "")
+    shown = " ".join(out.split())
+    assert "`breakaway` exp(-(v / `speed`)^2) is added to the joint's dry friction" in shown
+    assert "here: x" in shown and "any (shape)" in shown
+    _, out, _ = capture("effects", "stribeck-friction", "--json")
+    (effect,) = json.loads(out)["effects"]
+    assert [(p["name"], p["shape"]) for p in effect["parameters"]] == [("breakaway", False), ("speed", True)]
+    code, _, err = capture("effects", "stribek-friction")
+    assert code == 2 and "did you mean 'stribeck-friction'" in err
+
+
 # --- exit codes ---
 
 

@@ -20,6 +20,8 @@ from benchmarks._planted.cases import (
     NO_SIZE,
     NOISE,
     NOTHING,
+    PAIR,
+    PAIRS,
     PLANTED,
     UNKNOWN,
     Case,
@@ -57,14 +59,14 @@ def test_an_obvious_effect_is_found_and_nothing_else(case):
 
 @pytest.mark.parametrize("name", OUTSIDE)
 def test_an_effect_outside_the_catalogue_can_be_simulated_and_shows(name):
-    made, effect, values = experiment(Case(UNKNOWN, "slider", name, "x", 10.0, 0), 1)
-    assert np.abs(made.log(effect, values(0.5)).outputs - made.log().outputs).max() > 0
+    made, (plant,) = experiment(Case(UNKNOWN, "slider", name, "x", 10.0, 0), 1)
+    assert np.abs(made.log([(plant.effect, plant.values(0.5))]).outputs - made.log().outputs).max() > 0
 
 
 def test_steps_that_are_too_long_are_found(tmp_path):
     made = Experiment(MACHINE["arm"], np.random.default_rng(0), episodes=3)
     effect = REGISTRY.get("finer-time-step")(made.task.model, "quarter")
-    made.log(effect, np.zeros(0)).write(tmp_path / "log.zarr")
+    made.log([(effect, np.zeros(0))]).write(tmp_path / "log.zarr")
     document = diagnose(MeasuredLog.read(tmp_path / "log.zarr"), made.task, seed=0)
     assert [(e["name"], e["site"]) for e in document["effects"]] == [("finer-time-step", "quarter")]
     assert document["verdict"] == "effect-found"
@@ -92,6 +94,9 @@ def test_cases_cover_catalogue_and_machines():
     assert {c.effect for c in every if c.kind == UNKNOWN} == set(OUTSIDE)
     assert {c.machine for c in every if c.kind == LEFT} == {c.machine for c in every}
     assert {c.magnitude for c in every if c.kind == PLANTED} == set(MAGNITUDES)
+    pairs = [c for c in every if c.kind == PAIR]
+    assert len(pairs) == PAIRS * len(MACHINE)
+    assert all(c.effect != c.second.split("@")[0] for c in pairs)
 
 
 @pytest.mark.parametrize("machine", ["slider", "cart_pole", "arm", "pan_tilt", "puck"])
@@ -141,6 +146,39 @@ def effect(name: str, site: str = "", tied: tuple[str, ...] = ()) -> dict:
 def test_outcomes_of_a_planted_effect(verdict, effects, outcome):
     case = Case(PLANTED, "slider", "constant-force", "x", 3.0, 0)
     assert judge(case, verdict, effects, 1.0) == outcome
+
+
+@pytest.mark.parametrize(
+    ("verdict", "effects", "outcome"),
+    [
+        ("effect-found", [effect("coulomb-friction", "x"), effect("constant-force", "x")], "exact"),
+        ("effect-found", [effect("constant-force", "x"), effect("coulomb-friction", "x")], "exact"),
+        ("effect-found", [effect("spring-preload", "x"), effect("coulomb-friction", "x")], "equivalent"),
+        (
+            "tied",
+            [effect("cogging", "x", ("constant-force@x",)), effect("coulomb-friction", "x")],
+            "tied",
+        ),
+        ("effect-found", [effect("coulomb-friction", "x")], "one of two"),
+        ("effect-found", [effect("load-dependent-friction", "x")], "wrong"),
+        ("unexplained", [effect("coulomb-friction", "x")], "unexplained"),
+        ("explained", [], "missed"),
+    ],
+)
+def test_outcomes_of_two_at_once(verdict, effects, outcome):
+    case = Case(PAIR, "slider", "constant-force", "x", 3.0, 0, "coulomb-friction@x")
+    assert judge(case, verdict, effects, 1.0) == outcome
+
+
+def test_two_at_once_are_two_and_both_show():
+    (case,) = [c for c in cases(1, 0) if c.label == "pair/slider/cubic-drag@x&gravity-tilt/3/0"]
+    made, plants = experiment(case, episodes=1)
+    nothing = made.log().outputs
+    alone = [(plant.effect, plant.values(0.3)) for plant in plants]
+    moved = [np.abs(made.log(planted).outputs - nothing).max() for planted in ([alone[0]], [alone[1]], alone)]
+    assert len(plants) == 2
+    assert min(moved) > 0
+    assert moved[2] not in moved[:2]
 
 
 def test_outcomes_without_a_planted_effect():

@@ -13,8 +13,10 @@ from benchmarks._planted.outside import LEFT_OUT, OUTSIDE
 from capture_cli.effects import REGISTRY
 from capture_cli.effects.base import Effect
 
-PLANTED, NOTHING, UNKNOWN, LEFT = "planted", "nothing", "outside", "left-out"
+PLANTED, PAIR, NOTHING, UNKNOWN, LEFT = "planted", "pair", "nothing", "outside", "left-out"
 MAGNITUDES = (1.5, 3.0, 10.0)  # error of the declared model, refitted, over the noise
+PAIRS = 10  # of each machine and seed
+PAIR_MAGNITUDE = 3.0  # of each of the two alone
 # Joints along which nothing can be seen.
 UNSEEN = {"puck": ("z",)}
 NO_SIZE = ("finer-time-step",)  # that could be fitted to a magnitude
@@ -29,7 +31,10 @@ SMALLEST_LEFT = 0.1  # what is left of the noise: less cannot be told from nothi
 
 @dataclass(frozen=True)
 class Case:
-    """kind: PLANTED, NOTHING, UNKNOWN (an effect of OUTSIDE) or LEFT (of a catalogue without it)."""
+    """kind: PLANTED, PAIR (two at once), NOTHING, UNKNOWN (an effect of OUTSIDE) or LEFT (of a catalogue without it).
+
+    second: EFFECT@SITE of the other of a pair.
+    """
 
     kind: str
     machine: str
@@ -37,32 +42,48 @@ class Case:
     site: str
     magnitude: float
     seed: int
+    second: str = ""
 
     @property
-    def planted(self) -> str:
-        """EFFECT@SITE, as `diagnose` names it."""
-        return self.effect + (f"@{self.site}" if self.site else "")
+    def planted(self) -> tuple[str, ...]:
+        """EFFECT@SITE of each, as `diagnose` names them."""
+        first = self.effect + (f"@{self.site}" if self.site else "")
+        return (first, self.second) if self.second else (first,)
 
     @property
     def label(self) -> str:
-        return f"{self.kind}/{self.machine}/{self.planted}/{self.magnitude:g}/{self.seed}"
+        return f"{self.kind}/{self.machine}/{'&'.join(self.planted)}/{self.magnitude:g}/{self.seed}"
 
     @property
     def generator(self) -> np.random.Generator:
         """The same for every magnitude: machine, drive, noise and direction of the effect are alike."""
-        text = f"{self.kind}/{self.machine}/{self.planted}"
+        text = f"{self.kind}/{self.machine}/{'&'.join(self.planted)}"
         return np.random.default_rng([self.seed, zlib.crc32(text.encode())])
 
-    def place(self, model) -> Effect | None:
-        """The effect, at its site of `model`."""
+    def effects(self, model) -> list[Effect]:
+        """What is planted, each at its site of `model`."""
         if self.kind == NOTHING:
-            return None
-        cls = OUTSIDE[self.effect] if self.kind == UNKNOWN else REGISTRY.get(self.effect)
-        return cls(model, self.site)
+            return []
+        effects = []
+        for planted in self.planted:
+            name, _, site = planted.partition("@")
+            cls = OUTSIDE[name] if self.kind == UNKNOWN else REGISTRY.get(name)
+            effects.append(cls(model, site))
+        return effects
+
+
+@dataclass(frozen=True)
+class Plant:
+    """An effect to plant, and its values (parameter,) by size, a share of the amplitudes' ranges."""
+
+    effect: Effect
+    values: Callable[[float], np.ndarray]
 
 
 def cases(seeds: int, logs: int) -> Iterator[Case]:
-    """All cases, seed by seed: `seeds` of every effect at every site and magnitude, `logs` with nothing missing."""
+    """All cases, seed by seed: `seeds` of every effect at every site and magnitude, and of pairs; `logs` with nothing
+    missing.
+    """
     names = list(MACHINE)
     for number in range(logs):
         yield Case(NOTHING, names[number % len(names)], "", "", 1.0, number // len(names))
@@ -71,6 +92,22 @@ def cases(seeds: int, logs: int) -> Iterator[Case]:
             for kind, effect, site in _effects(machine):
                 for magnitude in MAGNITUDES:
                     yield Case(kind, machine, effect, site, magnitude, seed)
+            yield from _pairs(machine, seed)
+
+
+def _pairs(machine: str, seed: int) -> Iterator[Case]:
+    """Two effects at once, drawn at random."""
+    single = [(effect, site) for kind, effect, site in _effects(machine) if kind == PLANTED]
+    generator = np.random.default_rng([seed, zlib.crc32(f"pairs/{machine}".encode())])
+    drawn: set[tuple[int, int]] = set()
+    while len(drawn) < PAIRS:
+        first, second = sorted(generator.choice(len(single), 2, replace=False))
+        if single[first][0] != single[second][0] and (first, second) not in drawn:
+            drawn.add((first, second))
+            other, place = single[second]
+            yield Case(
+                PAIR, machine, *single[first], PAIR_MAGNITUDE, seed, other + (f"@{place}" if place else "")
+            )
 
 
 def _effects(machine: str) -> Iterator[tuple[str, str, str]]:
@@ -139,11 +176,8 @@ def _next(below: tuple[float, float] | None, above: tuple[float, float] | None, 
     return float(small * (large / small) ** np.clip(share, 0.1, 0.9))
 
 
-def experiment(
-    case: Case, episodes: int = EPISODES
-) -> tuple[Experiment, Effect | None, Callable[[float], np.ndarray] | None]:
-    """The machine of `case`, its effect, and the effect's values by size."""
+def experiment(case: Case, episodes: int = EPISODES) -> tuple[Experiment, list[Plant]]:
+    """The machine of `case`, and what is planted in it."""
     generator = case.generator
     made = Experiment(MACHINE[case.machine], generator, episodes)
-    effect = case.place(made.task.model)
-    return made, effect, None if effect is None else direction(effect, generator)
+    return made, [Plant(effect, direction(effect, generator)) for effect in case.effects(made.task.model)]

@@ -12,7 +12,7 @@ from unittest.mock import patch
 
 import numpy as np
 
-from benchmarks._planted.cases import LEFT, NOTHING, Case, experiment, size
+from benchmarks._planted.cases import LEFT, Case, Plant, experiment, size
 from benchmarks._planted.machines import EPISODES, Experiment
 from benchmarks._planted.outcomes import judge
 from capture_cli.protocol import attribution
@@ -28,21 +28,24 @@ ABSORBED, OUT_OF_REACH, FAILED = "absorbed", "out of reach", "failed"
 
 
 def line(case: Case, known_size: float | None = None, episodes: int = EPISODES) -> dict[str, Any]:
-    """What came of `case`, as JSON has it. known_size: of the effect, where it was found before (0: none does)."""
+    """What came of `case`, as JSON has it. known_size: of the first effect, found before (0: none does)."""
     began = time.perf_counter()
-    made, effect, values = experiment(case, episodes)
+    made, plants = experiment(case, episodes)
     row: dict[str, Any] = {}
-    if case.kind == NOTHING:
-        log = made.log()
-    else:
-        found = known_size if known_size is not None else _size(made, effect, values, case.magnitude)
-        row["size"] = found
+    planted = []
+    for prefix, plant in zip(("", "second_"), plants, strict=False):
+        known = known_size if not planted else None
+        found = known if known is not None else _size(made, plant, case.magnitude)
+        row[f"{prefix}size"] = found
         if not found:
-            return {**row, **_nothing_to_find(made, effect, values), "seconds_to_size": _since(began)}
-        names = effect.space.names
-        row["values"] = dict(zip(names, values(found).tolist(), strict=True))
-        log = made.log(effect, values(found))
+            return {**row, **_nothing_to_find(made, plant), "seconds_to_size": _since(began)}
+        values = plant.values(found)
+        row[f"{prefix}values"] = dict(zip(plant.effect.space.names, values.tolist(), strict=True))
+        planted.append((plant.effect, values))
+    log = made.log(planted)
     row["seconds_to_size"] = _since(began)
+    if log is None:
+        return {**row, "outcome": OUT_OF_REACH}  # two that each can be simulated alone
     began, cpu = time.perf_counter(), time.process_time()
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "log.zarr"
@@ -53,13 +56,13 @@ def line(case: Case, known_size: float | None = None, episodes: int = EPISODES) 
     return {**row, **_told(case, document, made)}
 
 
-def _size(made: Experiment, effect, values, magnitude: float) -> float:
-    return size(lambda s: made.left(made.log(effect, values(s))), magnitude) or 0.0
+def _size(made: Experiment, plant: Plant, magnitude: float) -> float:
+    return size(lambda s: made.left(made.log([(plant.effect, plant.values(s))])), magnitude) or 0.0
 
 
-def _nothing_to_find(made: Experiment, effect, values) -> dict[str, Any]:
+def _nothing_to_find(made: Experiment, plant: Plant) -> dict[str, Any]:
     """An effect whose whole range leaves less than the magnitude asked for."""
-    left = made.left(made.log(effect, values(1.0)))
+    left = made.left(made.log([(plant.effect, plant.values(1.0))]))
     return {"outcome": ABSORBED if left < 0.5 else OUT_OF_REACH, "left_at_most": left}
 
 
@@ -87,7 +90,7 @@ def _told(case: Case, document: dict[str, Any], made: Experiment) -> dict[str, A
     first, last = document["stages"][0], document["stages"][-1]
     floor = np.array(list(document["noise_floor"].values()))
     candidates = document["candidates"]
-    own = [c for c in candidates if _placed(c["effect"], c["site"]) == case.planted]
+    own = [c for c in candidates if _placed(c["effect"], c["site"]) in case.planted]
     return {
         "outcome": judge(case, document["verdict"], document["effects"], last["test"]["normalized"]),
         "verdict": document["verdict"],

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -83,11 +83,11 @@ class Experiment:
             qvel[:, model.joint(joint).dofadr[0]] = generator.uniform(low, high, count)
         return Starts(qpos, qvel, np.zeros((count, model.na)), np.zeros(count))
 
-    def log(self, effect: Effect | None = None, values: np.ndarray | None = None) -> MeasuredLog | None:
-        """The log with `effect` at `values` (parameter,); None where the simulation diverges."""
+    def log(self, planted: Sequence[tuple[Effect, np.ndarray]] = ()) -> MeasuredLog | None:
+        """The log with effects, each at its values (parameter,); None where the simulation diverges."""
         task = self.task
-        placed = [] if effect is None else [("planted", effect)]
-        point = self.parameters if effect is None else np.concatenate([self.parameters, values])
+        placed = [("planted", effect) for effect, _ in planted]
+        point = np.concatenate([self.parameters, *(values for _, values in planted)])
         whole = cut(
             time=self.time,
             inputs=self.inputs,

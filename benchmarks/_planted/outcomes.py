@@ -9,7 +9,7 @@ from benchmarks._planted.cases import LEFT, NOTHING, UNKNOWN, Case
 
 NEAR_FLOOR = 1.2
 EXACT, AMONG, TIED, EQUIVALENT = "exact", "among others", "tied", "equivalent"
-WRONG, MISSED, UNEXPLAINED = "wrong", "missed", "unexplained"
+WRONG, ONE_OF_TWO, MISSED, UNEXPLAINED = "wrong", "one of two", "missed", "unexplained"
 SILENT, FALSE_ALARM = "silent", "false alarm"
 IMITATED, HONEST = "imitated", "honest"
 RIGHT = (EXACT, AMONG, TIED, EQUIVALENT)
@@ -102,17 +102,25 @@ def judge(case: Case, verdict: str, effects: list[dict[str, Any]], test_error: f
         return FALSE_ALARM if accepted or verdict != "explained" else SILENT
     if case.kind in (UNKNOWN, LEFT):
         return _judge_unknown(verdict, test_error)
-    if accepted == [case.planted]:
+    if sorted(accepted) == sorted(case.planted):
         return EXACT
     if verdict == "unexplained":
         return UNEXPLAINED
-    if case.planted in accepted:
-        return AMONG
-    if case.planted in tied:
-        return TIED
-    if _equivalent(case, {*accepted, *tied}):
-        return EQUIVALENT
+    hits = [_hit(case.machine, planted, accepted, tied) for planted in case.planted]
+    if all(hits):
+        return max(hits, key=RIGHT.index)
+    if any(hits):
+        return ONE_OF_TWO
     return MISSED if verdict == "explained" else WRONG
+
+
+def _hit(machine: str, planted: str, accepted: list[str], tied: set[str]) -> str | None:
+    """How an effect was found, or None."""
+    if planted in accepted:
+        return AMONG
+    if planted in tied:
+        return TIED
+    return EQUIVALENT if _equivalent(machine, planted, {*accepted, *tied}) else None
 
 
 def _judge_unknown(verdict: str, test_error: float) -> str:
@@ -127,7 +135,5 @@ def _placed(effect: dict[str, Any]) -> str:
     return effect["name"] + (f"@{effect['site']}" if effect["site"] else "")
 
 
-def _equivalent(case: Case, names: set[str]) -> bool:
-    return any(
-        case.machine == e.machine and case.planted in e.planted and names & e.found for e in EQUIVALENTS
-    )
+def _equivalent(machine: str, planted: str, names: set[str]) -> bool:
+    return any(machine == e.machine and planted in e.planted and names & e.found for e in EQUIVALENTS)

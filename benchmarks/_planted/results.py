@@ -92,7 +92,7 @@ def _sizes(folder: Path) -> dict[tuple, float]:
 
 
 def _key(row: Row) -> tuple:
-    return tuple(row[f.name] for f in fields(Case))
+    return tuple(row.get(f.name, f.default) for f in fields(Case))
 
 
 def _keep(folder: Path, row: Row) -> None:

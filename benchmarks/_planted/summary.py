@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks._planted.cases import LEFT, MAGNITUDES, NOTHING, PLANTED, UNKNOWN
+from benchmarks._planted.cases import LEFT, MAGNITUDES, NOTHING, PAIR, PLANTED, UNKNOWN
 from benchmarks._planted.diagnosing import ABSORBED, FAILED, OUT_OF_REACH
 from benchmarks._planted.outcomes import EQUIVALENTS, FALSE_ALARM, HONEST, IMITATED, NEAR_FLOOR, RIGHT
 from benchmarks.base import Figure
@@ -33,6 +33,7 @@ def summary(rows: Sequence[Row]) -> dict[str, Any]:
     """summary.json, less its provenance."""
     planted = diagnosed(rows, PLANTED)
     visible = [r for r in planted if before(r) > VISIBLE]
+    pairs = diagnosed(rows, PAIR)
     null = diagnosed(rows, NOTHING)
     unknown = diagnosed(rows, UNKNOWN, LEFT)
     return {
@@ -44,6 +45,11 @@ def summary(rows: Sequence[Row]) -> dict[str, Any]:
         "near_floor_where_visible": _share(visible, _is_near_floor),
         "power": {
             f"{m:g}": _share([r for r in planted if r["magnitude"] == m], _is_right) for m in MAGNITUDES
+        },
+        "pairs": {
+            "both_right": _share(pairs, _is_right),
+            "near_floor": _share(pairs, _is_near_floor),
+            "outcomes": Counter(r["outcome"] for r in pairs),
         },
         "by_machine": _by(visible, "machine", _is_right),
         "by_effect": _by(visible, "effect", _is_right),
@@ -79,6 +85,8 @@ def figures(found: dict[str, Any]) -> list[Figure]:
             found["outside"]["never_said_to_be_explained"],
             (1.0, None),
         ),
+        ("both of two effects at once", found["pairs"]["both_right"], None),
+        ("  test error within 1.2 x the floor", found["pairs"]["near_floor"], None),
         *((f"right effect, error {m} x the noise", s, None) for m, s in found["power"].items()),
     )
     rows = []

@@ -2,21 +2,30 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
+import typer
+
 from capture_cli.commands._options import Json, OptionalTask
 from capture_cli.commands._results import console, print_json
 
+Name = Annotated[str | None, typer.Argument(help="Of one effect: its law, and where it sits.")]
 
-def effects(task: OptionalTask = None, json_: Json = False) -> None:
-    """List the effects that a model may lack, with parameters, units and ranges.
+
+def effects(name: Name = None, task: OptionalTask = None, json_: Json = False) -> None:
+    """List the effects that a model may lack, or the law, sites, units and ranges of one.
 
     Example: capture effects --task task.toml
     """
     from capture_cli.stages.effects import describe
 
-    document = describe(task)
+    document = describe(task, name)
     if json_:
         print_json(document)
     else:
-        from capture_cli.reports.listing import print_effects
+        from capture_cli.reports.listing import print_effect, print_effects
 
-        print_effects(document, console())
+        if name is None:
+            print_effects(document, console())
+        else:
+            print_effect(document["effects"][0], console())

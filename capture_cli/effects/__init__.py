@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from inspect import cleandoc
 from pathlib import Path
 
 import mujoco
@@ -17,11 +18,15 @@ EXAMPLE = Path(__file__).with_name("_example_machine.xml")
 
 @dataclass(frozen=True)
 class Entry:
-    """One effect of the catalogue: its sites in a model, and its parameters, each at the first of them that has it."""
+    """One effect of the catalogue: its sites in a model, and its parameters, each at the first of them that has it.
+
+    law: what its parameters do, as a formula where it has one.
+    """
 
     name: str
     place: str
     summary: str
+    law: str
     where: str
     sites: tuple[str, ...]
     parameters: tuple[Parameter, ...]
@@ -43,6 +48,7 @@ def catalogue(model: mujoco.MjModel | None = None) -> list[Entry]:
                 name=name,
                 place=effect.place,
                 summary=effect.summary,
+                law=cleandoc(effect.__doc__),
                 where=effect.where,
                 sites=sites,
                 parameters=tuple(parameters.values()),
@@ -54,14 +60,16 @@ def catalogue(model: mujoco.MjModel | None = None) -> list[Entry]:
 
 
 def markdown() -> str:
-    """docs/effects.md: a row per effect."""
-    rows = "\n".join(_row(entry) for entry in catalogue())
-    return _PAGE.format(rows=rows, example=EXAMPLE.read_text(encoding="utf-8").rstrip())
+    """docs/effects.md: a row per effect, and its law."""
+    entries = catalogue()
+    rows = "\n".join(_row(entry) for entry in entries)
+    laws = "\n\n".join(f"### {entry.name}\n\n{entry.law}" for entry in entries)
+    return _PAGE.format(rows=rows, laws=laws, example=EXAMPLE.read_text(encoding="utf-8").rstrip())
 
 
 def _row(entry: Entry) -> str:
     cells = [
-        f"`{entry.name}`",
+        f"[`{entry.name}`](#{entry.name})",
         entry.place,
         entry.summary,
         entry.where,
@@ -123,7 +131,14 @@ of the effect's sites in it that has the parameter.
 |---|---|---|---|---|---|---|---|---|
 {rows}
 
-The machine of the table:
+## The laws
+
+What the parameters do; `capture effects NAME` prints the same. Forces and torques are those on the joint, positive in
+the direction in which its position grows.
+
+{laws}
+
+## The machine of the table
 
 ```xml
 {example}

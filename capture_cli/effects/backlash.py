@@ -47,7 +47,7 @@ class Play(TwoMass):
 
 
 class Backlash(TransmissionEffect):
-    """Play of `width` (m or rad) between drive and joint, in which the motor turns alone and drives nothing.
+    """Play of `width` (m or rad, from stop to stop) between drive and joint, in which the motor drives nothing.
 
     `rotor` (kg or kg m^2) is the part of the joint's inertia on the motor's side, `motor_damping` and `motor_friction`
     the shares of its damping and of its dry friction there. A stop gives by `give` (m/N or rad/(N m)) per unit of

@@ -21,8 +21,9 @@ def eccentric(series, *, sine, cosine, sine_twice, cosine_twice):
 
 
 class SensorEccentricity(SensorEffect):
-    """The sensor reports the angle and an error that repeats with it: once a turn, as of a disc off its axis, and
-    twice, as of a magnet off its axis or a disc that leans.
+    """At the angle q it reports q + `sine` sin q + `cosine` cos q + `sine_twice` sin 2q + `cosine_twice` cos 2q.
+
+    Once a turn errs a disc off its axis, twice a magnet off its axis or a disc that leans.
     """
 
     summary = "an angle sensor's error repeats once and twice a turn: a disc or a magnet off its axis"

@@ -38,12 +38,33 @@ def print_effects(document: dict[str, Any], console: Console) -> None:
         console.print(table)
 
 
+def print_effect(effect: dict[str, Any], console: Console) -> None:
+    """What an effect is, its law, where it sits, and what its parameters may be."""
+    console.print(f"[bold]{effect['name']}[/] ({effect['place']}): {effect['summary']}\n")
+    for paragraph in effect["law"].split("\n\n"):
+        console.print(f"{' '.join(paragraph.split())}\n", markup=False, highlight=False)
+    console.print(f"sits at: {effect['where']}", markup=False)
+    if "sites" in effect:
+        console.print(f"here: {_sites(effect)}", markup=False)
+    console.print(f"exported as: {effect['exported_as']}", markup=False)
+    if effect["parameters"]:
+        console.print("" if "sites" in effect else "\nRanges in an example machine; with --task, in yours:")
+        table = _table("parameter", "unit", "low", "high", "null")
+        for p in effect["parameters"]:
+            null = "any (shape)" if p["shape"] else f"{p['null']:.4g}"
+            table.add_row(p["name"], escape(p["unit"]), f"{p['low']:.4g}", f"{p['high']:.4g}", null)
+        console.print(table)
+
+
 def _parameters_and_sites(effect: dict[str, Any]) -> str:
     parameters = ", ".join(f"{p['name']} ({p['unit']})" for p in effect["parameters"])
     if "sites" not in effect:
         return parameters
-    sites = ", ".join(s or "(whole model)" for s in effect["sites"])
-    return escape(f"{parameters} at {sites}".strip() if sites else "nowhere in this model")
+    return escape(f"{parameters} at {_sites(effect)}".strip() if effect["sites"] else _sites(effect))
+
+
+def _sites(effect: dict[str, Any]) -> str:
+    return ", ".join(s or "(whole model)" for s in effect["sites"]) or "nowhere in this model"
 
 
 def _table(*columns: str) -> Table:

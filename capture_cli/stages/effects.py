@@ -4,22 +4,42 @@ from __future__ import annotations
 
 from typing import Any
 
-from capture_cli.effects import Entry, catalogue
+from capture_cli.effects import REGISTRY, Entry, catalogue
 from capture_cli.tasks import load_task
 
 
-def describe(task: str | None) -> dict[str, Any]:
-    """{"effects": [...]}: each effect with its parameters; with a task, its sites and its ranges in that model."""
+def describe(task: str | None, name: str | None = None) -> dict[str, Any]:
+    """{"effects": [...]}: each effect with its law and parameters; with a task, its sites and its ranges in that model.
+
+    name: of the one that is asked for, where not all. Raises OptionError where there is none of that name.
+    """
+    if name is not None:
+        REGISTRY.get(name)
     model = load_task(task).model if task else None
-    return {"effects": [_one(entry, with_sites=task is not None) for entry in catalogue(model)]}
+    entries = [entry for entry in catalogue(model) if name in (None, entry.name)]
+    return {"effects": [_one(entry, with_sites=task is not None) for entry in entries]}
 
 
 def _one(entry: Entry, *, with_sites: bool) -> dict[str, Any]:
-    row = {"name": entry.name, "place": entry.place, "summary": entry.summary}
+    row = {
+        "name": entry.name,
+        "place": entry.place,
+        "summary": entry.summary,
+        "law": entry.law,
+        "where": entry.where,
+        "exported_as": entry.exported_as,
+    }
     if with_sites:
         row["sites"] = list(entry.sites)
     row["parameters"] = [
-        {"name": p.name, "unit": p.unit, "low": p.low, "high": p.high, "null": p.nominal}
+        {
+            "name": p.name,
+            "unit": p.unit,
+            "low": p.low,
+            "high": p.high,
+            "null": p.nominal,
+            "shape": p.name in entry.shapes,
+        }
         for p in entry.parameters
     ]
     return row
