@@ -191,7 +191,7 @@ class MotorEncoders:
             f"{INDENT}data.qpos[{[self.at]}] -= {drive}.seen[0]",
         ) * bool(self.positions)
         after = (
-            f"data.sensordata[{column}] += {drive}.seen[{k}]" + f" * {number(gear)}" * (gear != 1)
+            f"data.sensordata[{[column]}] += {drive}.seen[{k}]" + f" * {number(gear)}" * (gear != 1)
             for k, gears in enumerate((self.positions, self.speeds))
             for column, gear in gears.items()
         )
