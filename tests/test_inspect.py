@@ -509,6 +509,29 @@ def test_a_slow_sensor_is_described_by_its_samples(tmp_path):
     assert not [f for f in document["findings"] if f["severity"] == "error"]
 
 
+def test_steps_of_sensors_at_their_own_rates_have_no_rate_of_their_own(tmp_path):
+    log = episodes_of(sound_log(), [0])
+    step = np.arange(STEPS)
+    fast, slow = step % 3 != 1, step % 3 == 1
+    outputs = np.stack(
+        [np.where(fast, log.outputs[:, 0], np.nan), np.where(slow, log.outputs[:, 0], np.nan)], 1
+    )
+    merged = replace(
+        log,
+        outputs=outputs,
+        output_names=("q", "r"),
+        output_units=("m", "m"),
+        sparse=frozenset({"q", "r"}),
+        time=log.time + np.where(slow, 0.4, 0.0) * np.diff(log.time)[0],
+    )
+    merged.write(tmp_path / "log.zarr")
+    document = inspect(tmp_path / "log.zarr")
+    assert document["recordings"][0]["rate"] is None
+    assert not [f for f in document["findings"] if "uneven" in f["message"]]
+    rates = [c["sampling"]["rate"] for c in document["channels"][1:]]
+    assert rates[0] > rates[1] > 0
+
+
 def test_a_foreign_zarr_is_described(tmp_path):
     import zarr
 

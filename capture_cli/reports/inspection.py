@@ -77,7 +77,7 @@ def _tables(document: Mapping[str, Any]) -> Iterator[tuple[list[str], list[list[
     if document["kind"] == "measured-log":
         yield (
             ["recording", "episodes", "steps", "duration", "rate"],
-            _recordings(document.get("recordings", [])),
+            _recordings(document.get("recordings", []), document.get("channels", [])),
         )
         yield ["channel", "range", "rms", "notes"], _channels(document.get("channels", []))
     elif document["kind"] in ("estimate", "diagnosis"):
@@ -93,14 +93,17 @@ def _tables(document: Mapping[str, Any]) -> Iterator[tuple[list[str], list[list[
         )
 
 
-def _recordings(recordings: Sequence[Mapping[str, Any]]) -> list[list[str]]:
+def _recordings(
+    recordings: Sequence[Mapping[str, Any]], channels: Sequence[Mapping[str, Any]]
+) -> list[list[str]]:
+    unknown = "by channel" if any(c.get("sampling") for c in channels) else "?"
     return [
         [
             r["name"],
             str(r.get("episodes", "?")),
             str(r.get("steps", "?")),
             _number(r.get("duration"), 4, "s"),
-            _number(r.get("rate"), 4, "Hz"),
+            unknown if r.get("rate") is None else _number(r["rate"], 4, "Hz"),
         ]
         for r in recordings
     ]
@@ -153,11 +156,14 @@ def _print_table(console: Console, head: Sequence[str], rows: Sequence[Sequence[
     for k, title in enumerate(head):
         last = k == len(head) - 1 and title == "notes"
         table.add_column(Text(title), justify="left" if k == 0 or last else "right", overflow="fold")
-    for row in rows[:MOST_ROWS]:
+    shown = (
+        rows if len(rows) == MOST_ROWS + 1 else rows[:MOST_ROWS]
+    )  # the one more is as short as its mention
+    for row in shown:
         table.add_row(*(Text(cell, style="bold" if k == 0 else "") for k, cell in enumerate(row)))
     console.print(table)
-    if len(rows) > MOST_ROWS:
-        console.print(Text(f"and {len(rows) - MOST_ROWS} more: --json has them all", style="dim"))
+    if len(rows) > len(shown):
+        console.print(Text(f"and {len(rows) - len(shown)} more: --json has them all", style="dim"))
 
 
 def _print_findings(console: Console, findings: Sequence[Mapping[str, str]]) -> None:

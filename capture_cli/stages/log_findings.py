@@ -179,7 +179,7 @@ def _input(channel: Mapping[str, Any]) -> Iterator[Finding]:
                 where,
                 f"is at exactly {_in_unit(extreme['value'], channel, 6)} for {percent(extreme['share'])} "
                 f"of the samples, in {extreme['visits']} stays: saturated, or held?",
-                "log what reached the actuator, not what was asked of it; if that is what it is, good",
+                "nothing to do if this is what reached the actuator; if it is what was asked of it, log the former",
             )
     if moves["at_rest"] is not None and moves["at_rest"] > MOSTLY_AT_REST and not channel["constant"]:
         yield finding(

@@ -24,9 +24,10 @@ SPIKE_ALONE = 0.1  # of a spike, at most, is what its neighbours are off the lin
 def timing(time: np.ndarray, usual: float | None = None) -> dict[str, Any]:
     """Timing of one episode from its times (step,), s, however they jump.
 
-    usual: the interval, s, by which the others are judged; their median where None.
+    usual: the interval, s, by which gaps are judged where the steps are those of several sensors, each at a rate of its
+    own; the intervals' median where None.
     Intervals are from the latest time so far; those that do not go forward, and gaps, are left out of
-    the statistics: rate in Hz; jitter_sd and jitter_max, of the interval over its median.
+    the statistics: rate in Hz; jitter_sd and jitter_max, of the interval over its median; None of several sensors.
     """
     with np.errstate(invalid="ignore"):
         time = np.where(np.isfinite(time), time, np.nan)
@@ -38,14 +39,15 @@ def timing(time: np.ndarray, usual: float | None = None) -> dict[str, Any]:
         gaps = np.flatnonzero(ahead > GAP_FACTOR * median)
         repeated, backward = np.flatnonzero(interval == 0), np.flatnonzero(interval < 0)
     finite = time[np.isfinite(time)]
+    even = forward.size and usual is None
     return {
         "steps": len(time),
         "start": float(finite[0]) if finite.size else None,
         "duration": float(np.ptp(finite)) if finite.size else None,
         "interval": _number(median),
-        "rate": 1 / median if forward.size else None,
-        "jitter_sd": float(forward.std() / median) if forward.size else None,
-        "jitter_max": float(forward.max() / median) if forward.size else None,
+        "rate": 1 / median if even else None,
+        "jitter_sd": float(forward.std() / median) if even else None,
+        "jitter_max": float(forward.max() / median) if even else None,
         "gaps": _places(gaps, time, ahead),
         "repeated_times": _places(repeated, time, interval),
         "backward_times": _places(backward, time, interval),
