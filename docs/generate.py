@@ -276,6 +276,7 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str]]] = {
             "effects[].name": "an effect that the model lacks, in the order in which they were accepted",
             "effects[].site": 'where it sits; "" where it concerns the model as a whole',
             "effects[].summary": "what it is",
+            "effects[].law": "what its parameters do, as in effects.md",
             **{f"effects[].parameters.NAME.{k}": v for k, v in _PARAMETER.items()},
             "effects[].states": "list of what it keeps that no sensor shows, as `window/start_hidden` has it",
             "effects[].p_value": "that null fits the log as well, times the number of candidates and shapes tried",

@@ -27,6 +27,7 @@ COULOMB = {
     "name": "coulomb-friction",
     "site": "x",
     "summary": "dry friction of constant size in a joint",
+    "law": "`friction` (N or N m) is added to the joint's frictionloss.",
     "parameters": {"friction": ("N", 0.0, 80.0, 21.834, 0.199)},
     "tied_with": [],
 }
@@ -34,6 +35,7 @@ VISCOUS = {
     "name": "direction-dependent-viscous",
     "site": "x",
     "summary": "viscous friction that differs between forward and backward motion",
+    "law": "`asymmetry` is added forward.\n\nIn neither direction does the damping fall below zero.",
     "parameters": {"asymmetry": ("N s/m", -354.0, 354.0, -39.738, 0.63)},
     "tied_with": ["constant-force@x", "control-bias@drive"],
 }
@@ -387,6 +389,15 @@ def test_names_cannot_break_the_page():
 def test_many_outputs_are_folded():
     page = Page(render(many(), None))
     assert page.tags.count("details") == 6, "three overlays, three of where the residual arises"
+
+
+def test_the_law_of_what_was_found_stands_in_its_page():
+    page = render(RECORDS["full"](), PROVENANCE)
+    assert (
+        "coulomb-friction: <code>friction</code> (N or N m) is added to the joint&#x27;s frictionloss."
+        in page
+    )
+    assert "direction-dependent-viscous: <code>asymmetry</code> is added forward.</p>" in page
 
 
 @pytest.mark.parametrize("name", ["full", "short"])

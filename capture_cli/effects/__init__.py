@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from inspect import cleandoc
 from pathlib import Path
 
 import mujoco
@@ -48,7 +47,7 @@ def catalogue(model: mujoco.MjModel | None = None) -> list[Entry]:
                 name=name,
                 place=effect.place,
                 summary=effect.summary,
-                law=cleandoc(effect.__doc__),
+                law=effect.law(),
                 where=effect.where,
                 sites=sites,
                 parameters=tuple(parameters.values()),

@@ -16,6 +16,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from inspect import cleandoc
 from typing import ClassVar
 
 import mujoco
@@ -106,6 +107,11 @@ class Effect(ABC):
             raise ModelError(f"{kind} cannot sit at {site!r}", cure=did_you_mean(site, sites))
         self.model = model
         self.site = site
+
+    @classmethod
+    def law(cls) -> str:
+        """What its parameters do, as a formula where it has one: its own docstring."""
+        return cleandoc(cls.__doc__ or "")
 
     def look_in(
         self, *, window: float, longest: float, logged: frozenset[int], seen: Mapping[int, JointMotion]

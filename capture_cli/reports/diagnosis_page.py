@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from html import escape
 from typing import Any
@@ -34,6 +35,7 @@ from capture_cli.reports.parameter_cells import (
 from capture_cli.reports.quantities import MISSING, counted, significant, to_precision_of, with_unit
 from capture_cli.stores.diagnosis import Diagnosis
 
+CODE = re.compile(r"`([^`]+)`")  # as in Markdown
 # Outputs past these are folded: a page of thirty sensors must still open at once.
 OPEN_OUTPUTS = 3
 
@@ -125,6 +127,7 @@ def _effects(document: Mapping[str, Any]) -> str:
         "p, unseen",
     ]
     parts = [table(head, rows, numeric=(2, 3, 4, 6, 7))] if rows else []
+    parts += [_law(effect) for effect in document["effects"]]
     parts += [
         f"<p>{escape(findings.placed(e))} is <span class=unsure>tied</span> with "
         f"{escape(findings.listed(e['tied_with']))}: on this log they explain the same.</p>"
@@ -138,6 +141,12 @@ def _effects(document: Mapping[str, Any]) -> str:
         "of candidates tried. p, unseen: how often it would help as much on data that it was not fitted to."
     )
     return section("What the model lacks", *parts, lead=lead if rows else "")
+
+
+def _law(effect: Mapping[str, Any]) -> str:
+    """What the effect's parameters do, in the first sentences of its law."""
+    first = CODE.sub(r"<code>\1</code>", escape(effect["law"].split("\n\n")[0]))
+    return f'<p class="quiet">{escape(effect["name"])}: {first}</p>'
 
 
 def _formula(document: Mapping[str, Any], text: str) -> str:

@@ -115,6 +115,7 @@ def _effect(accepted: Accepted, after: Fit, sure: Intervals) -> dict[str, Any]:
         "name": name,
         "site": effect.site,
         "summary": effect.summary,
+        "law": effect.law(),
         "parameters": dict(zip(effect.space.names, parameters, strict=True)),
         "states": list(effect.states),
         "p_value": accepted.support.p_fit,
