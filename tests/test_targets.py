@@ -315,6 +315,50 @@ def test_inertia_that_follows_the_geoms_is_exported_as_identified(tmp_path, text
         np.testing.assert_allclose(getattr(loaded, name), wanted, rtol=1e-13, err_msg=name)
 
 
+GAINS_FROM_INERTIA = """
+<mujoco>
+  <worldbody>
+    <body name="arm">
+      <joint name="j" axis="0 1 0" springdamper="0.2 0.8"/>
+      <geom type="capsule" fromto="0 0 0 .3 0 0" size=".02" mass="1"/>
+      <body name="hand" pos=".3 0 0">
+        <joint name="k" axis="0 1 0"/>
+        <geom type="capsule" fromto="0 0 0 .2 0 0" size=".02" mass="0.5"/>
+      </body>
+    </body>
+  </worldbody>
+  <actuator>
+    <motor name="m" joint="j"/>
+    <position name="p" joint="k" kp="20" dampratio="1"/>
+    <general name="pushed" joint="k" gainprm="3" biastype="affine" biasprm="0 -2 0.01"/>
+  </actuator>
+  <sensor><jointpos joint="j"/><jointpos joint="k"/></sensor>
+</mujoco>
+"""
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"body:hand:mass": 2.0},
+        {"body:hand:com_x": 0.2},
+        {"joint:j:armature": 0.3},
+        {"body:arm:mass": 2.0, "joint:j:stiffness": 7.0, "joint:j:damping": 0.7, "actuator:p:kp": 40.0},
+        {"body:hand:inertia": 3.0, "actuator:p:kv": 4.0},
+    ],
+)
+def test_gains_that_follow_the_inertia_are_exported_as_they_were_while_it_was_identified(tmp_path, values):
+    (tmp_path / "model.xml").write_text(GAINS_FROM_INERTIA)
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "model.xml"))
+    fields = written(model, *values.items())
+    (tmp_path / "out.xml").write_text(to_mjcf(tmp_path / "model.xml", fields, tmp_path / "out.xml"))
+    loaded = mujoco.MjModel.from_xml_path(str(tmp_path / "out.xml"))
+    for name in ("actuator_gainprm", "actuator_biasprm", "jnt_stiffness", "dof_damping"):
+        wanted = fields[name][0] if name in fields.values else getattr(model, name)
+        np.testing.assert_allclose(getattr(loaded, name), wanted, rtol=1e-13, err_msg=name)
+    np.testing.assert_allclose(path_of(loaded), path_of(model, fields), rtol=0, atol=1e-9)
+
+
 def test_an_attached_model_whose_inertia_follows_its_geoms_is_named_with_the_cure(tmp_path):
     (tmp_path / "sub.xml").write_text(FROM_GEOMS)
     (tmp_path / "model.xml").write_text("""

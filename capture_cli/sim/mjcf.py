@@ -36,6 +36,7 @@ def to_mjcf(source: Path, fields: ModelFields, target: Path) -> str:
     if "body_ipos" in fields.values:
         free_centres(spec, [body.name for body in spec.bodies])
     model = spec.compile()
+    _fix_gains(spec, model)
     for name, values in fields.values.items():
         if name != "actuator_biastype":  # set above
             _assign(model, name, values[0])
@@ -81,6 +82,18 @@ def _fix_inertia(spec: mujoco.MjSpec) -> None:
         body.mass = model.body_mass[body.id]
         body.ipos, body.iquat = model.body_ipos[body.id], model.body_iquat[body.id]
         body.inertia = model.body_inertia[body.id]
+
+
+def _fix_gains(spec: mujoco.MjSpec, model: mujoco.MjModel) -> None:
+    """Write down what dampratio and springdamper came to in `model`, or they would follow the inertia, which is new."""
+    for actuator in spec.actuators:
+        if actuator.biasprm[2] > 0:  # a dampratio, where it is one at all
+            actuator.biasprm = model.actuator_biasprm[actuator.id]
+    for joint in spec.joints:
+        if np.any(joint.springdamper):
+            joint.springdamper = np.zeros(2)
+            joint.stiffness[0] = model.jnt_stiffness[joint.id]
+            joint.damping[0] = model.dof_damping[model.jnt_dofadr[joint.id]]
 
 
 def _fix_rest_lengths(spec: mujoco.MjSpec) -> None:
