@@ -315,6 +315,33 @@ def test_inertia_that_follows_the_geoms_is_exported_as_identified(tmp_path, text
         np.testing.assert_allclose(getattr(loaded, name), wanted, rtol=1e-13, err_msg=name)
 
 
+FULL_INERTIA = """
+<mujoco>
+  <worldbody>
+    <body name="ball">
+      <inertial pos="0 0.01 0" mass=".5" fullinertia="1e-3 2e-3 1.5e-3 1e-4 2e-4 -1e-4"/>
+      <joint name="j" axis="1 1 1"/>
+      <geom name="g" type="sphere" size=".05"/>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+
+
+@pytest.mark.parametrize(
+    "text", ["geom:g:size", "body:ball:mass", "body:ball:com_y", "body:ball:inertia", "joint:j:damping"]
+)
+def test_a_body_with_a_full_inertia_matrix_is_exported_as_identified(tmp_path, text):
+    (tmp_path / "model.xml").write_text(FULL_INERTIA)
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "model.xml"))
+    fields = written(model, (text, 0.06))
+    (tmp_path / "out.xml").write_text(to_mjcf(tmp_path / "model.xml", fields, tmp_path / "out.xml"))
+    loaded = mujoco.MjModel.from_xml_path(str(tmp_path / "out.xml"))
+    for name in ("body_mass", "body_inertia", "body_ipos", "body_iquat", "geom_size", "dof_damping"):
+        wanted = fields[name][0] if name in fields.values else getattr(model, name)
+        np.testing.assert_allclose(getattr(loaded, name), wanted, rtol=1e-13, err_msg=name)
+
+
 GAINS_FROM_INERTIA = """
 <mujoco>
   <worldbody>

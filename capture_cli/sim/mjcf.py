@@ -81,6 +81,7 @@ def _fix_inertia(spec: mujoco.MjSpec) -> None:
         body.explicitinertial = True
         body.mass = model.body_mass[body.id]
         body.ipos, body.iquat = model.body_ipos[body.id], model.body_iquat[body.id]
+        body.fullinertia = np.full(6, np.nan)  # not given: it is in iquat and inertia now
         body.inertia = model.body_inertia[body.id]
 
 
