@@ -342,6 +342,40 @@ def test_a_body_with_a_full_inertia_matrix_is_exported_as_identified(tmp_path, t
         np.testing.assert_allclose(getattr(loaded, name), wanted, rtol=1e-13, err_msg=name)
 
 
+ROD = """
+<mujoco>
+  <compiler {}/>
+  <worldbody>
+    <body name="rod">
+      <joint name="yaw" axis="0 0 1"/>
+      <geom type="capsule" fromto="-.2 0 0 .2 0 0" size=".01" mass="1"/>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+
+
+@pytest.mark.parametrize("compiler", ["", 'balanceinertia="true"', 'boundinertia="0.001"'])
+def test_inertia_that_no_body_has_is_refused_with_the_cure(tmp_path, compiler):
+    (tmp_path / "model.xml").write_text(ROD.format(compiler))
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "model.xml"))
+    with pytest.raises(ModelError, match=r"moments of inertia of rod, .* and 0\.02 kg m") as caught:
+        to_mjcf(tmp_path / "model.xml", written(model, ("body:rod:inertia_x", 0.02)), tmp_path / "out.xml")
+    assert "body:rod:inertia, a factor" in caught.value.cure
+
+
+@pytest.mark.parametrize("factor", [1.1, 1.3, 1.5])
+def test_the_inertia_of_a_flat_body_is_exported(tmp_path, factor):
+    """Of which one moment is the sum of the others: times a factor, more by a last digit."""
+    flat = '<inertial pos="0 0 0" mass="1" diaginertia=".7 .4 1.1"/>'
+    (tmp_path / "model.xml").write_text(ROD.format("").replace("<joint", f"{flat}<joint"))
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "model.xml"))
+    fields = written(model, ("body:rod:inertia", factor))
+    (tmp_path / "out.xml").write_text(to_mjcf(tmp_path / "model.xml", fields, tmp_path / "out.xml"))
+    loaded = mujoco.MjModel.from_xml_path(str(tmp_path / "out.xml"))
+    np.testing.assert_allclose(loaded.body_inertia, fields["body_inertia"][0], rtol=1e-15)
+
+
 GAINS_FROM_INERTIA = """
 <mujoco>
   <worldbody>

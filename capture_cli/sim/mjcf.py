@@ -13,6 +13,7 @@ import numpy as np
 
 from capture_cli.errors import ModelError
 from capture_cli.sim.engine import ModelFields, model_field
+from capture_cli.sim.impossible_inertia import impossible_inertias, without_rounding
 
 FULL_PRECISION = 17  # significant digits that carry a double through text
 
@@ -22,6 +23,7 @@ def to_mjcf(source: Path, fields: ModelFields, target: Path) -> str:
 
     Raises ModelError where a value cannot be written in MJCF.
     """
+    _refuse_impossible(source, fields)
     spec = mujoco.MjSpec.from_file(str(source))
     _point_at_assets(spec, source, target)
     from_geoms = spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
@@ -43,15 +45,25 @@ def to_mjcf(source: Path, fields: ModelFields, target: Path) -> str:
     mujoco.mj_setConst(model, mujoco.MjData(model))
     try:
         spec.copy_back(model)
+        for body, was in zip(spec.bodies, simple, strict=True):
+            body.simple = was
+        with _full_precision():
+            return spec.to_xml()
     except ValueError as error:
         raise ModelError(
             f"{source}: these values cannot be written as MJCF: {error}",
             cure=_cure(str(error)),
         ) from error
-    for body, was in zip(spec.bodies, simple, strict=True):
-        body.simple = was
-    with _full_precision():
-        return spec.to_xml()
+
+
+def _refuse_impossible(source: Path, fields: ModelFields) -> None:
+    """What MuJoCo would refuse, or, where the model asks for balanceinertia, quietly change."""
+    impossible = impossible_inertias(fields)
+    if impossible:
+        raise ModelError(
+            f"{source}: {'; '.join(i.text for i in impossible)}",
+            cure=f"{impossible[0].cure}, and identify again",
+        )
 
 
 def _cure(message: str) -> str:
@@ -106,6 +118,8 @@ def _fix_rest_lengths(spec: mujoco.MjSpec) -> None:
 def _assign(model: mujoco.MjModel, name: str, value: np.ndarray) -> None:
     if name.startswith("opt.") and np.ndim(value) == 0:
         setattr(model.opt, name[4:], float(value))
+    elif name == "body_inertia":
+        model.body_inertia[:] = without_rounding(value)
     else:
         model_field(model, name)[...] = value
 
