@@ -342,6 +342,15 @@ def test_a_body_with_a_full_inertia_matrix_is_exported_as_identified(tmp_path, t
         np.testing.assert_allclose(getattr(loaded, name), wanted, rtol=1e-13, err_msg=name)
 
 
+@pytest.mark.filterwarnings("ignore:compiler attribute 'settotalmass' is deprecated")
+def test_a_model_that_sets_the_mass_of_all_bodies_is_named_with_the_cure(tmp_path):
+    (tmp_path / "model.xml").write_text(FROM_GEOMS.replace('inertiafromgeom="true"', 'settotalmass="3"'))
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "model.xml"))
+    with pytest.raises(ModelError, match="settotalmass scales those of all") as caught:
+        to_mjcf(tmp_path / "model.xml", written(model, ("body:arm:mass", 0.15)), tmp_path / "out.xml")
+    assert "remove settotalmass" in caught.value.cure
+
+
 ROD = """
 <mujoco>
   <compiler {}/>

@@ -70,6 +70,11 @@ def _cure(message: str) -> str:
     """What mends a model whose values MuJoCo will not write, by its `message`."""
     if "inertiafromgeom" in message:  # of a model that is attached: the model's own was dealt with
         return 'write inertiafromgeom="auto" in the <compiler> of the attached model, and identify again'
+    if "settotalmass" in message:
+        return (
+            "remove settotalmass from the <compiler>, give the bodies in the model file the masses that they should "
+            "have, and identify again"
+        )
     return "give the elements that parameters set explicit attributes in the model file"
 
 
