@@ -473,6 +473,16 @@ def test_terminal_names_the_outputs_that_had_been_farthest_from_their_floor():
     assert "(c 5.00 → 1.01 mm, d 4.00 → 1.00 mm)" in printed(diagnosis, 140)
 
 
+def test_inertia_that_no_body_has_is_noted():
+    diagnosis = make(effects=(COULOMB,))
+    note = "No body has the moments of inertia of arm."
+    diagnosis.document["impossible_inertia"] = [
+        {"body": "arm", "moments": [0.001, 0.002, 0.004], "text": note}
+    ]
+    assert f"note       {note}" in printed(diagnosis, 120).splitlines()
+    assert note in findings.notes(diagnosis.document) and note in render(diagnosis, None)
+
+
 def test_terminal_says_that_none_of_these_explains_it():
     text = printed(nothing_found(), 140)
     assert (

@@ -12,6 +12,7 @@ import pytest
 
 from capture_cli.errors import FitError, LogError, OptionError
 from capture_cli.identifiers.least_squares import LeastSquares
+from capture_cli.reports import findings
 from capture_cli.stages import identify as stage
 from capture_cli.stages.chosen_identifier import ChosenIdentifier
 from capture_cli.stages.estimate_document import Report
@@ -111,6 +112,39 @@ def errors_in(found: Estimate, truth: dict[str, float], unit: str) -> np.ndarray
     rows = [(truth[name], p) for name, p in found.document["parameters"].items()]
     scale = {"range": lambda p: p["high"] - p["low"], "sd": lambda p: p["sd"]}[unit]
     return np.array([(p["value"] - true) / scale(p) for true, p in rows])
+
+
+# --- what is said of an estimate ---
+
+
+@pytest.mark.parametrize("truth", [0.0143, 0.02])
+def test_inertia_that_no_body_has_is_noted(plant, identify, tmp_path, truth):
+    (tmp_path / "model.xml").write_text("""
+        <mujoco>
+          <worldbody>
+            <body name="rod">
+              <joint name="yaw" axis="0 0 1" damping=".05"/>
+              <geom type="capsule" fromto="-.2 0 0 .2 0 0" size=".01" mass="1"/>
+            </body>
+          </worldbody>
+          <actuator><motor name="m" joint="yaw" ctrlrange="-1 1"/></actuator>
+          <sensor><jointpos name="q" joint="yaw"/></sensor>
+        </mujoco>""")
+    task = tmp_path / "task.toml"
+    task.write_text(
+        'format = 1\nname = "rod"\nmodel = "model.xml"\n'
+        + parameter("I", "body:rod:inertia_x", 0.001, 0.1)
+        + '[inputs.m]\ncolumn = "m"\nunit = "N m"\n[outputs.q]\ncolumn = "q"\nunit = "rad"\n'
+    )
+    found = identify(plant(task, parameters={"I": truth}), task)
+    assert found.document["verdict"] == "explained"
+    notes = findings.notes(found.document)
+    if truth < 0.01432:  # the others together
+        assert found.document["impossible_inertia"] == [] == notes
+    else:
+        (item,) = found.document["impossible_inertia"]
+        assert item["body"] == "rod" and item["moments"][2] == pytest.approx(truth, rel=0.01)
+        assert notes == [item["text"]] and "rod" in notes[0] and "body:rod:inertia, a factor" in notes[0]
 
 
 # --- plant and recover ---

@@ -315,6 +315,120 @@ def test_inertia_that_follows_the_geoms_is_exported_as_identified(tmp_path, text
         np.testing.assert_allclose(getattr(loaded, name), wanted, rtol=1e-13, err_msg=name)
 
 
+FULL_INERTIA = """
+<mujoco>
+  <worldbody>
+    <body name="ball">
+      <inertial pos="0 0.01 0" mass=".5" fullinertia="1e-3 2e-3 1.5e-3 1e-4 2e-4 -1e-4"/>
+      <joint name="j" axis="1 1 1"/>
+      <geom name="g" type="sphere" size=".05"/>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+
+
+@pytest.mark.parametrize(
+    "text", ["geom:g:size", "body:ball:mass", "body:ball:com_y", "body:ball:inertia", "joint:j:damping"]
+)
+def test_a_body_with_a_full_inertia_matrix_is_exported_as_identified(tmp_path, text):
+    (tmp_path / "model.xml").write_text(FULL_INERTIA)
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "model.xml"))
+    fields = written(model, (text, 0.06))
+    (tmp_path / "out.xml").write_text(to_mjcf(tmp_path / "model.xml", fields, tmp_path / "out.xml"))
+    loaded = mujoco.MjModel.from_xml_path(str(tmp_path / "out.xml"))
+    for name in ("body_mass", "body_inertia", "body_ipos", "body_iquat", "geom_size", "dof_damping"):
+        wanted = fields[name][0] if name in fields.values else getattr(model, name)
+        np.testing.assert_allclose(getattr(loaded, name), wanted, rtol=1e-13, err_msg=name)
+
+
+@pytest.mark.filterwarnings("ignore:compiler attribute 'settotalmass' is deprecated")
+def test_a_model_that_sets_the_mass_of_all_bodies_is_named_with_the_cure(tmp_path):
+    (tmp_path / "model.xml").write_text(FROM_GEOMS.replace('inertiafromgeom="true"', 'settotalmass="3"'))
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "model.xml"))
+    with pytest.raises(ModelError, match="settotalmass scales those of all") as caught:
+        to_mjcf(tmp_path / "model.xml", written(model, ("body:arm:mass", 0.15)), tmp_path / "out.xml")
+    assert "remove settotalmass" in caught.value.cure
+
+
+ROD = """
+<mujoco>
+  <compiler {}/>
+  <worldbody>
+    <body name="rod">
+      <joint name="yaw" axis="0 0 1"/>
+      <geom type="capsule" fromto="-.2 0 0 .2 0 0" size=".01" mass="1"/>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+
+
+@pytest.mark.parametrize("compiler", ["", 'balanceinertia="true"', 'boundinertia="0.001"'])
+def test_inertia_that_no_body_has_is_refused_with_the_cure(tmp_path, compiler):
+    (tmp_path / "model.xml").write_text(ROD.format(compiler))
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "model.xml"))
+    with pytest.raises(ModelError, match=r"moments of inertia of rod, .* and 0\.02 kg m") as caught:
+        to_mjcf(tmp_path / "model.xml", written(model, ("body:rod:inertia_x", 0.02)), tmp_path / "out.xml")
+    assert "body:rod:inertia, a factor" in caught.value.cure
+
+
+@pytest.mark.parametrize("factor", [1.1, 1.3, 1.5])
+def test_the_inertia_of_a_flat_body_is_exported(tmp_path, factor):
+    """Of which one moment is the sum of the others: times a factor, more by a last digit."""
+    flat = '<inertial pos="0 0 0" mass="1" diaginertia=".7 .4 1.1"/>'
+    (tmp_path / "model.xml").write_text(ROD.format("").replace("<joint", f"{flat}<joint"))
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "model.xml"))
+    fields = written(model, ("body:rod:inertia", factor))
+    (tmp_path / "out.xml").write_text(to_mjcf(tmp_path / "model.xml", fields, tmp_path / "out.xml"))
+    loaded = mujoco.MjModel.from_xml_path(str(tmp_path / "out.xml"))
+    np.testing.assert_allclose(loaded.body_inertia, fields["body_inertia"][0], rtol=1e-15)
+
+
+GAINS_FROM_INERTIA = """
+<mujoco>
+  <worldbody>
+    <body name="arm">
+      <joint name="j" axis="0 1 0" springdamper="0.2 0.8"/>
+      <geom type="capsule" fromto="0 0 0 .3 0 0" size=".02" mass="1"/>
+      <body name="hand" pos=".3 0 0">
+        <joint name="k" axis="0 1 0"/>
+        <geom type="capsule" fromto="0 0 0 .2 0 0" size=".02" mass="0.5"/>
+      </body>
+    </body>
+  </worldbody>
+  <actuator>
+    <motor name="m" joint="j"/>
+    <position name="p" joint="k" kp="20" dampratio="1"/>
+    <general name="pushed" joint="k" gainprm="3" biastype="affine" biasprm="0 -2 0.01"/>
+  </actuator>
+  <sensor><jointpos joint="j"/><jointpos joint="k"/></sensor>
+</mujoco>
+"""
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"body:hand:mass": 2.0},
+        {"body:hand:com_x": 0.2},
+        {"joint:j:armature": 0.3},
+        {"body:arm:mass": 2.0, "joint:j:stiffness": 7.0, "joint:j:damping": 0.7, "actuator:p:kp": 40.0},
+        {"body:hand:inertia": 3.0, "actuator:p:kv": 4.0},
+    ],
+)
+def test_gains_that_follow_the_inertia_are_exported_as_they_were_while_it_was_identified(tmp_path, values):
+    (tmp_path / "model.xml").write_text(GAINS_FROM_INERTIA)
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "model.xml"))
+    fields = written(model, *values.items())
+    (tmp_path / "out.xml").write_text(to_mjcf(tmp_path / "model.xml", fields, tmp_path / "out.xml"))
+    loaded = mujoco.MjModel.from_xml_path(str(tmp_path / "out.xml"))
+    for name in ("actuator_gainprm", "actuator_biasprm", "jnt_stiffness", "dof_damping"):
+        wanted = fields[name][0] if name in fields.values else getattr(model, name)
+        np.testing.assert_allclose(getattr(loaded, name), wanted, rtol=1e-13, err_msg=name)
+    np.testing.assert_allclose(path_of(loaded), path_of(model, fields), rtol=0, atol=1e-9)
+
+
 def test_an_attached_model_whose_inertia_follows_its_geoms_is_named_with_the_cure(tmp_path):
     (tmp_path / "sub.xml").write_text(FROM_GEOMS)
     (tmp_path / "model.xml").write_text("""

@@ -82,6 +82,7 @@ def notes(document: Mapping[str, Any]) -> list[str]:
     if document["in_context"] and document["in_context"]["text"]:
         found.append(document["in_context"]["text"])
     found += [item["text"] for item in document["undetermined"]]
+    found += impossible(document)
     found += [_at_bound(n, p) for n, p in document["parameters"].items() if p["at_bound"]]
     recordings = document["recordings"]
     if recordings and not recordings["agree"]:
@@ -94,6 +95,11 @@ def notes(document: Mapping[str, Any]) -> list[str]:
             "Give noise_sd in the task file."
         )
     return found
+
+
+def impossible(document: Mapping[str, Any]) -> list[str]:
+    """What no body can be, and yet was found; earlier versions did not look."""
+    return [item["text"] for item in document.get("impossible_inertia", [])]
 
 
 def suspicions(estimate: Estimate) -> list[str]:

@@ -13,6 +13,7 @@ import numpy as np
 
 from capture_cli.errors import ModelError
 from capture_cli.sim.engine import ModelFields, model_field
+from capture_cli.sim.impossible_inertia import impossible_inertias, without_rounding
 
 FULL_PRECISION = 17  # significant digits that carry a double through text
 
@@ -22,6 +23,7 @@ def to_mjcf(source: Path, fields: ModelFields, target: Path) -> str:
 
     Raises ModelError where a value cannot be written in MJCF.
     """
+    _refuse_impossible(source, fields)
     spec = mujoco.MjSpec.from_file(str(source))
     _point_at_assets(spec, source, target)
     from_geoms = spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
@@ -36,27 +38,43 @@ def to_mjcf(source: Path, fields: ModelFields, target: Path) -> str:
     if "body_ipos" in fields.values:
         free_centres(spec, [body.name for body in spec.bodies])
     model = spec.compile()
+    _fix_gains(spec, model)
     for name, values in fields.values.items():
         if name != "actuator_biastype":  # set above
             _assign(model, name, values[0])
     mujoco.mj_setConst(model, mujoco.MjData(model))
     try:
         spec.copy_back(model)
+        for body, was in zip(spec.bodies, simple, strict=True):
+            body.simple = was
+        with _full_precision():
+            return spec.to_xml()
     except ValueError as error:
         raise ModelError(
             f"{source}: these values cannot be written as MJCF: {error}",
             cure=_cure(str(error)),
         ) from error
-    for body, was in zip(spec.bodies, simple, strict=True):
-        body.simple = was
-    with _full_precision():
-        return spec.to_xml()
+
+
+def _refuse_impossible(source: Path, fields: ModelFields) -> None:
+    """What MuJoCo would refuse, or, where the model asks for balanceinertia, quietly change."""
+    impossible = impossible_inertias(fields)
+    if impossible:
+        raise ModelError(
+            f"{source}: {'; '.join(i.text for i in impossible)}",
+            cure=f"{impossible[0].cure}, and identify again",
+        )
 
 
 def _cure(message: str) -> str:
     """What mends a model whose values MuJoCo will not write, by its `message`."""
     if "inertiafromgeom" in message:  # of a model that is attached: the model's own was dealt with
         return 'write inertiafromgeom="auto" in the <compiler> of the attached model, and identify again'
+    if "settotalmass" in message:
+        return (
+            "remove settotalmass from the <compiler>, give the bodies in the model file the masses that they should "
+            "have, and identify again"
+        )
     return "give the elements that parameters set explicit attributes in the model file"
 
 
@@ -80,7 +98,20 @@ def _fix_inertia(spec: mujoco.MjSpec) -> None:
         body.explicitinertial = True
         body.mass = model.body_mass[body.id]
         body.ipos, body.iquat = model.body_ipos[body.id], model.body_iquat[body.id]
+        body.fullinertia = np.full(6, np.nan)  # not given: it is in iquat and inertia now
         body.inertia = model.body_inertia[body.id]
+
+
+def _fix_gains(spec: mujoco.MjSpec, model: mujoco.MjModel) -> None:
+    """Write down what dampratio and springdamper came to in `model`, or they would follow the inertia, which is new."""
+    for actuator in spec.actuators:
+        if actuator.biasprm[2] > 0:  # a dampratio, where it is one at all
+            actuator.biasprm = model.actuator_biasprm[actuator.id]
+    for joint in spec.joints:
+        if np.any(joint.springdamper):
+            joint.springdamper = np.zeros(2)
+            joint.stiffness[0] = model.jnt_stiffness[joint.id]
+            joint.damping[0] = model.dof_damping[model.jnt_dofadr[joint.id]]
 
 
 def _fix_rest_lengths(spec: mujoco.MjSpec) -> None:
@@ -92,6 +123,8 @@ def _fix_rest_lengths(spec: mujoco.MjSpec) -> None:
 def _assign(model: mujoco.MjModel, name: str, value: np.ndarray) -> None:
     if name.startswith("opt.") and np.ndim(value) == 0:
         setattr(model.opt, name[4:], float(value))
+    elif name == "body_inertia":
+        model.body_inertia[:] = without_rounding(value)
     else:
         model_field(model, name)[...] = value
 

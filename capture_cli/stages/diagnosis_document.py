@@ -18,6 +18,7 @@ from capture_cli.reports.diagnosis_findings import summary
 from capture_cli.stages.result_document import (
     attributes_of,
     error_of,
+    impossible_inertia_of,
     lack_of_fit_of,
     measured_arrays,
     noise_floor_of,
@@ -64,6 +65,11 @@ def _document(found: Explanation, curves: list[dict[str, Any]]) -> dict[str, Any
             "before": lack_of_fit_of(prepared, before.lacking),
             "after": lack_of_fit_of(prepared, after.lacking),
         },
+        "impossible_inertia": impossible_inertia_of(
+            task,
+            after.again.point[: len(task.space)],
+            [(a.effect[1], after.again.point[after.again.columns(a.name)]) for a in found.accepted],
+        ),
         "absorbed": _absorbed(before.again, after.again, sure.sd),
         "candidates": [_candidate(c) for c in _ranked(found)],
         "localisation": curves,

@@ -18,6 +18,7 @@ from capture_cli.stages.estimation import Found
 from capture_cli.stages.result_document import (
     attributes_of,
     error_of,
+    impossible_inertia_of,
     lack_of_fit_of,
     measured_arrays,
     noise_floor_of,
@@ -140,6 +141,7 @@ class Report:
             "diverged_windows": int(diverged.sum()),
             "lack_of_fit": lacks[0],
             "undetermined": undetermined,
+            "impossible_inertia": impossible_inertia_of(prepared.task, self.best.parameters),
             "correlation": _correlation(found.covariance).tolist(),
             "recordings": None if recordings is None else recordings["document"],
             "split": {

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from capture_cli.diagnosis.lack_of_fit import LackOfFit
+from capture_cli.effects.base import Effect
 from capture_cli.protocol.model_fits import PartFit
 from capture_cli.protocol.prepared_log import PreparedLog
+from capture_cli.sim.engine import ModelFields
+from capture_cli.sim.impossible_inertia import impossible_inertias
 from capture_cli.simulator import Begun
 from capture_cli.stores.measured_log import MeasuredLog
+from capture_cli.tasks.base import Task
 
 
 def error_of(prepared: PreparedLog, on: PartFit) -> dict[str, Any] | None:
@@ -46,6 +51,24 @@ def lack_of_fit_of(prepared: PreparedLog, lacking: LackOfFit) -> dict[str, Any]:
         "output_thresholds": _by_output(prepared, lacking.output_thresholds),
         "lacking": lacking.lacking,
     }
+
+
+def impossible_inertia_of(
+    task: Task, parameters: np.ndarray, effects: Sequence[tuple[Effect, np.ndarray]] = ()
+) -> list[dict[str, Any]]:
+    """Bodies that cannot be, at `parameters` (parameter,) of the task and with each effect at its own values."""
+    fields = ModelFields(task.model, 1)
+    task.write(fields, parameters[None])
+    for effect, values in effects:
+        effect.write(fields, values[None])
+    return [
+        {"body": i.body, "moments": i.moments, "text": f"{_sentence(i.text)} {_sentence(i.cure)}"}
+        for i in impossible_inertias(fields)
+    ]
+
+
+def _sentence(words: str) -> str:
+    return f"{words[0].upper()}{words[1:]}."
 
 
 def measured_arrays(prepared: PreparedLog) -> dict[str, np.ndarray]:
