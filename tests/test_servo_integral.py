@@ -9,6 +9,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from begun_inside import begun_inside
 from machines import build, run
 from test_hysteretic_friction import SLIDER
 
@@ -96,9 +97,7 @@ def test_what_was_before_a_window_is_followed_through_the_errors_measured(tmp_pa
     (name, effect), fit, prepared = fitted(log)
     assert fit.error < 1.1
     np.testing.assert_allclose(fit.point[-2:], [KI, LIMIT], rtol=0.05)
-    effect._errors = np.zeros_like(effect._errors)
-    effect._ways_before = lambda first: np.zeros((len(first), 1))
-    effect._common = 0.0
+    effect._integral = lambda limit, *_: np.zeros(len(limit))
     assert ModelFits(prepared, 1).fit(prepared, [(name, effect)], truth).error > 2
 
 
@@ -154,3 +153,17 @@ def test_a_constant_error_is_integrated_exactly_whatever_the_step(steps):
     for _ in range(steps):
         term(0.5, np.array([0.3]))
     assert term.integral == 0.4
+
+
+def waves(model: mujoco.MjModel, seconds: float, size: float = 0.1) -> np.ndarray:
+    """Set points (step,) of two periods that do not fit."""
+    time = np.arange(0, seconds, model.opt.timestep)
+    return size * (np.sin(5 * time) + np.sin(13 * time + 1)) / 2
+
+
+@pytest.mark.parametrize("limit", [0.002, 0.5], ids=["clamped", "unlimited"])
+def test_a_simulation_that_begins_inside_a_log_goes_on_as_the_log_did(limit):
+    model = build(SERVO.replace("{}", ""))
+    effect = effects.REGISTRY.get("servo-integral")(model, "servo")
+    log, begun = begun_inside(effect, np.array([300.0, limit]), waves(model, 3.0), [0, 700, 1500, 2600])
+    np.testing.assert_allclose(begun, log, atol=1e-9)

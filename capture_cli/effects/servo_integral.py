@@ -88,11 +88,11 @@ class ServoIntegral(JointForce):
     def look_in(self, **log):
         super().look_in(**log)
         if self.shows:
-            self._errors = self._integrated()
-            parts = [self._errors[e] for e in self.seen.episodes]
+            errors = self._integrated(self.model.opt.timestep)
+            parts = [errors[e] for e in self.seen.episodes]
             self._most = 2 * max(float(np.ptp(z)) for z in parts)  # it may have begun at either end
             self._common = float(np.std(np.concatenate([z - z.mean() for z in parts])))
-            self._ways_before = WaysBefore(self._errors, self.seen.episodes, ROUNDED * self._common)
+            self._known = {}
 
     @property
     def shows(self):
@@ -104,7 +104,8 @@ class ServoIntegral(JointForce):
     def force(self, values, timestep, *, states=None, first=None, **_):
         given = self.coefficients(values)
         if first is not None and self.seen is not None:
-            given["integral"] = self._integral(given["limit"], first, 0.0 if states is None else states[:, 0])
+            begun = 0.0 if states is None else states[:, 0]
+            given["integral"] = self._integral(given["limit"], first, begun, timestep)
         return ForceOfKernel(self, given, timestep)
 
     def read(self, world, field):
@@ -131,8 +132,11 @@ class ServoIntegral(JointForce):
         )
         return Companion((IntegralTerm,), lines, state, (f"model.{BIAS}",))
 
-    def _integrated(self) -> np.ndarray:
-        """The integral of the error from the start of each episode of the log, (step,), m s or rad s, unclamped."""
+    def _integrated(self, timestep: float) -> np.ndarray:
+        """The integral of the error from the start of each episode of the log, (step,), m s or rad s, unclamped.
+
+        As a simulation with that timestep sums it up, which holds positions over each step.
+        """
         seen, ctrl = self.seen, self.seen.controls[self.actuator]
         if self.model.actuator_ctrllimited[self.actuator]:
             ctrl = np.clip(ctrl, *self.model.actuator_ctrlrange[self.actuator])
@@ -143,20 +147,33 @@ class ServoIntegral(JointForce):
             if measured.any():
                 length = self.gear * np.interp(time, time[measured], path[measured])
                 ways = np.diff(time) * (ctrl[steps][:-1] - (length[1:] + length[:-1]) / 2)
+                ways += timestep / 2 * np.diff(length)  # of a sum of values held, beyond the trapezoids
                 errors[steps][1:] = np.cumsum(ways)
         return errors
 
-    def _integral(self, limit: np.ndarray, first: np.ndarray, begun: np.ndarray | float) -> np.ndarray:
+    def _integral(
+        self, limit: np.ndarray, first: np.ndarray, begun: np.ndarray | float, timestep: float
+    ) -> np.ndarray:
         """z (simulation,) at the steps `first` of the log, where at the start of the episode it was `begun` times what
         is common.
         """
         begin = np.clip(np.minimum(self._common, limit) * begun, -limit, limit)
         term = IntegralTerm(ki=np.zeros(len(limit)), limit=limit, timestep=0.0, integral=begin)
-        ways = self._ways_before(first)
-        before = self._errors[first] - ways.sum(axis=1)  # all that was before the ways that are remembered
-        for way in (before, *ways.T):
+        for way in self._ways(first, timestep).T:
             term.move(way)
         return term.integral
+
+    def _ways(self, first: np.ndarray, timestep: float) -> np.ndarray:
+        """By how much z grew and fell in turn, unclamped, from the start of the episode to the steps `first` of the
+        log, (simulation, way).
+        """
+        if timestep not in self._known:
+            errors = self._integrated(timestep)
+            self._known[timestep] = errors, WaysBefore(errors, self.seen.episodes, ROUNDED * self._common)
+        errors, ways_before = self._known[timestep]
+        ways = ways_before(first)
+        before = errors[first] - ways.sum(axis=1)  # all that was before the ways that are remembered
+        return np.column_stack([before, ways])
 
 
 def _is_servo(model: mujoco.MjModel, actuator: int) -> bool:
