@@ -48,10 +48,10 @@ def recorded(folder: Path, *planted: str, duration: float = 4.0) -> tuple[Measur
     return MeasuredLog.read(folder / "log.zarr"), values
 
 
-def without_beginnings(log: MeasuredLog, seconds: float) -> MeasuredLog:
-    """The log from so long after the start of each episode on."""
-    since = np.concatenate([log.time[e] - log.time[e.start] for e in log.episodes])
-    keep = since >= seconds
+def without(log: MeasuredLog, since: float, until: float) -> MeasuredLog:
+    """The log without what was then in each episode, s from its start."""
+    elapsed = np.concatenate([log.time[e] - log.time[e.start] for e in log.episodes])
+    keep = (elapsed < since) | (elapsed >= until)
     ends = np.cumsum([np.count_nonzero(keep[e]) for e in log.episodes])
     return replace(
         log, time=log.time[keep], inputs=log.inputs[keep], outputs=log.outputs[keep], episode_ends=ends
@@ -87,9 +87,17 @@ def test_nothing_is_found_where_servos_are_as_modelled(tmp_path):
 @pytest.mark.parametrize("planted", [PLANTED, PLANTED[:1]], ids=["clamped", "unlimited"])
 def test_what_it_was_when_the_log_began_need_not_be_known(planted, tmp_path):
     log, _ = recorded(tmp_path, *planted)
-    _, fit, _ = fitted(without_beginnings(log, 1.1), limited=planted == PLANTED)
+    _, fit, _ = fitted(without(log, 0.0, 1.1), limited=planted == PLANTED)
     assert fit.error < 1.1
     assert fit.point[-2] == pytest.approx(KI, rel=0.05)
+
+
+def test_what_it_was_after_a_gap_need_not_be_known(tmp_path):
+    log, truth = recorded(tmp_path, *PLANTED, duration=3.0)
+    prepared = prepare(without(log, 0.9, 1.7), load_task(str(PAN_TILT)), window=None, test=None, seed=0)
+    effect = next(c.effect for c in all_candidates(prepared) if c.name == EFFECT)
+    assert len(effect[1].seen.stretches) == 2 * len(log.episodes)
+    assert ModelFits(prepared, 1).fit(prepared, [effect], truth).error < 1.1
 
 
 def test_what_was_before_a_window_is_followed_through_the_errors_measured(tmp_path):

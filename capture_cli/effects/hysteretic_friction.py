@@ -62,7 +62,7 @@ class HystereticFriction(JointForce):
     def look_in(self, **log):
         super().look_in(**log)
         if self.seen is not None:
-            self._ways_before = WaysBefore(self.seen.path, self.seen.episodes, TURNED * self.seen.noise)
+            self._ways_before = WaysBefore(self.seen.path, self.seen.stretches, TURNED * self.seen.noise)
 
     @property
     def shows(self):

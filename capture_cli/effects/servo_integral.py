@@ -48,7 +48,7 @@ class ServoIntegral(JointForce):
 
     The limit is one of z, not of the force, as what z does is then the same at every ki. z at the start of a window
     follows from set points and positions before, which the log has to have, and from what it was when the episode
-    began, which nobody knows. A simulation that begins otherwise begins with none.
+    began, or went on after a gap, which nobody knows. A simulation that begins otherwise begins with none.
     """
 
     summary = "an integral term of a position servo, clamped against windup, that the model lacks"
@@ -89,7 +89,7 @@ class ServoIntegral(JointForce):
         super().look_in(**log)
         if self.shows:
             errors = self._integrated(self.model.opt.timestep)
-            parts = [errors[e] for e in self.seen.episodes]
+            parts = [errors[e] for e in self.seen.stretches]
             self._most = 2 * max(float(np.ptp(z)) for z in parts)  # it may have begun at either end
             self._common = float(np.std(np.concatenate([z - z.mean() for z in parts])))
             self._known = {}
@@ -133,7 +133,7 @@ class ServoIntegral(JointForce):
         return Companion((IntegralTerm,), lines, state, (f"model.{BIAS}",))
 
     def _integrated(self, timestep: float) -> np.ndarray:
-        """The integral of the error from the start of each episode of the log, (step,), m s or rad s, unclamped.
+        """The integral of the error from the start of each stretch of the log, (step,), m s or rad s, unclamped.
 
         As a simulation with that timestep sums it up, which holds positions over each step.
         """
@@ -141,7 +141,7 @@ class ServoIntegral(JointForce):
         if self.model.actuator_ctrllimited[self.actuator]:
             ctrl = np.clip(ctrl, *self.model.actuator_ctrlrange[self.actuator])
         errors = np.zeros(len(seen.path))
-        for steps in seen.episodes:
+        for steps in seen.stretches:
             time, path = seen.time[steps], seen.path[steps]
             measured = np.isfinite(path)
             if measured.any():
@@ -154,7 +154,7 @@ class ServoIntegral(JointForce):
     def _integral(
         self, limit: np.ndarray, first: np.ndarray, begun: np.ndarray | float, timestep: float
     ) -> np.ndarray:
-        """z (simulation,) at the steps `first` of the log, where at the start of the episode it was `begun` times what
+        """z (simulation,) at the steps `first` of the log, where at the start of the stretch it was `begun` times what
         is common.
         """
         begin = np.clip(np.minimum(self._common, limit) * begun, -limit, limit)
@@ -164,12 +164,12 @@ class ServoIntegral(JointForce):
         return term.integral
 
     def _ways(self, first: np.ndarray, timestep: float) -> np.ndarray:
-        """By how much z grew and fell in turn, unclamped, from the start of the episode to the steps `first` of the
+        """By how much z grew and fell in turn, unclamped, from the start of the stretch to the steps `first` of the
         log, (simulation, way).
         """
         if timestep not in self._known:
             errors = self._integrated(timestep)
-            self._known[timestep] = errors, WaysBefore(errors, self.seen.episodes, ROUNDED * self._common)
+            self._known[timestep] = errors, WaysBefore(errors, self.seen.stretches, ROUNDED * self._common)
         errors, ways_before = self._known[timestep]
         ways = ways_before(first)
         before = errors[first] - ways.sum(axis=1)  # all that was before the ways that are remembered
