@@ -175,3 +175,18 @@ def test_a_simulation_that_begins_inside_a_log_goes_on_as_the_log_did(limit):
     effect = effects.REGISTRY.get("servo-integral")(model, "servo")
     log, begun = begun_inside(effect, np.array([300.0, limit]), waves(model, 3.0), [0, 700, 1500, 2600])
     np.testing.assert_allclose(begun, log, atol=1e-9)
+
+
+@pytest.mark.parametrize("ki", [30.0, 200.0])
+def test_what_held_a_load_when_the_log_began_is_no_farther_than_one(ki):
+    spring = build(SERVO.replace('damping="20"', 'damping="20" stiffness="100"').replace("{}", ""))
+    effect = effects.REGISTRY.get("servo-integral")(spring, "servo")
+    tape, values = 0.1 + waves(spring, 5.0, 0.001), np.array([ki, 0.1])
+    log, begun = begun_inside(
+        effect, values, tape, [4000, 4000], stretches=[slice(4000, 5000)], states=np.array([[0.0], [0.1]])
+    )
+    way = (begun[1] - begun[0]) / 0.1
+    state = way @ (log[0] - begun[0]) / (way @ way)  # what the machine does is linear in it
+    assert 0.01 < state < 1
+    np.testing.assert_allclose(begun[0] + way * state, log[0], atol=1e-6)
+    assert effect.space.high[1] > 2.5 / ki  # the force of the actuator that the spring takes, over ki

@@ -16,6 +16,8 @@ from capture_cli.sim.turning_points import WaysBefore
 FASTEST = 10.0  # 1/s, of ki over kp: with more, a servo that is damped as usual swings by itself
 BIAS = "actuator_biasprm"
 USUAL = 0.3  # s, for which an error lasts, of which no log says how long it did
+LONGEST = 3.0  # s, of kp over ki: what takes longer to take up a load is hardly told from a constant force
+TINY = 1e-12  # of ki: none holds nothing
 LEAST_LIMIT = 1e-3  # of how far the integral of the error goes
 ROUNDED = 1e-3  # of how far it commonly is from its mean: less is no way back
 
@@ -63,6 +65,7 @@ class ServoIntegral(JointForce):
         self.actuator = site_id(model, "actuator", site)
         self.control = int(model.actuator_ctrladr[self.actuator])
         self.gear = float(model.actuator_gear[self.actuator, 0])
+        self._kp = float(model.actuator_gainprm[self.actuator, 0])
         self._most = USUAL * POSITION_ERROR  # m s or rad s: how far the integral of the error goes
 
     @classmethod
@@ -75,9 +78,8 @@ class ServoIntegral(JointForce):
 
     @property
     def parameters(self):
-        kp = float(self.model.actuator_gainprm[self.actuator, 0])
         return (
-            Parameter("ki", self.unit("N/(m s)", "N m/(rad s)"), 0.0, FASTEST * kp, 0.0),
+            Parameter("ki", self.unit("N/(m s)", "N m/(rad s)"), 0.0, FASTEST * self._kp, 0.0),
             Parameter("limit", self.unit("m s", "rad s"), LEAST_LIMIT * self._most, self._most, self._most),
         )
 
@@ -90,7 +92,8 @@ class ServoIntegral(JointForce):
         if self.shows:
             errors = self._integrated(self.model.opt.timestep)
             parts = [errors[e] for e in self.seen.stretches]
-            self._most = 2 * max(float(np.ptp(z)) for z in parts)  # it may have begun at either end
+            went = 2 * max(float(np.ptp(z)) for z in parts)  # it may have begun at either end
+            self._most = max(went, self._holding(self._kp / LONGEST))
             self._common = float(np.std(np.concatenate([z - z.mean() for z in parts])))
             self._known = {}
 
@@ -105,7 +108,7 @@ class ServoIntegral(JointForce):
         given = self.coefficients(values)
         if first is not None and self.seen is not None:
             begun = 0.0 if states is None else states[:, 0]
-            given["integral"] = self._integral(given["limit"], first, begun, timestep)
+            given["integral"] = self._integral(given, first, begun, timestep)
         return ForceOfKernel(self, given, timestep)
 
     def read(self, world, field):
@@ -152,16 +155,22 @@ class ServoIntegral(JointForce):
         return errors
 
     def _integral(
-        self, limit: np.ndarray, first: np.ndarray, begun: np.ndarray | float, timestep: float
+        self, given: dict[str, np.ndarray], first: np.ndarray, begun: np.ndarray | float, timestep: float
     ) -> np.ndarray:
         """z (simulation,) at the steps `first` of the log, where at the start of the stretch it was `begun` times what
-        is common.
+        is common, or what it takes to hold a load: it may have been held for long.
         """
-        begin = np.clip(np.minimum(self._common, limit) * begun, -limit, limit)
+        limit = given["limit"]
+        common = np.maximum(self._common, self._holding(np.maximum(given["ki"], TINY)))
+        begin = np.clip(np.minimum(common, limit) * begun, -limit, limit)
         term = IntegralTerm(ki=np.zeros(len(limit)), limit=limit, timestep=0.0, integral=begin)
         for way in self._ways(first, timestep).T:
             term.move(way)
         return term.integral
+
+    def _holding(self, ki: np.ndarray | float) -> np.ndarray | float:
+        """m s or rad s: the integral of the error that holds what the joint may have to."""
+        return self.characteristic_force / (abs(self.gear) * ki)
 
     def _ways(self, first: np.ndarray, timestep: float) -> np.ndarray:
         """By how much z grew and fell in turn, unclamped, from the start of the stretch to the steps `first` of the
