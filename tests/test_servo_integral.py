@@ -100,6 +100,49 @@ def test_what_it_was_after_a_gap_need_not_be_known(tmp_path):
     assert ModelFits(prepared, 1).fit(prepared, [effect], truth).error < 1.1
 
 
+ROD = """
+<mujoco>
+  <option timestep="0.002" integrator="implicitfast"/>
+  <worldbody>
+    <body><joint name="j" axis="0 1 0" damping=".2"/>
+      <geom type="capsule" fromto="0 0 0 .3 0 0" size=".02" mass="1"/>
+    </body>
+  </worldbody>
+  <actuator><position name="p" joint="j" kp="40" kv="2" ctrlrange="-1 1"/></actuator>
+  <sensor><jointpos name="q" joint="j"/></sensor>
+</mujoco>
+"""
+ROD_TASK = """
+format = 1
+name = "rod"
+model = "model.xml"
+[inputs.p]
+column = "p"
+unit = "rad"
+[outputs.q]
+column = "q"
+unit = "rad"
+[parameters.d]
+set = "joint:j:damping"
+low = 0.05
+high = 1.0
+unit = "N m s/rad"
+"""
+
+
+def test_windows_after_a_gap_are_found_where_the_integral_is_at_its_limit(tmp_path):
+    (tmp_path / "model.xml").write_text(ROD)
+    task = tmp_path / "task.toml"
+    task.write_text(ROD_TASK)
+    planted = ("servo-integral@p.ki=60", "servo-integral@p.limit=0.05")
+    options = {"episodes": 1, "duration": 8.0, "rate": 100.0, "noise": 1e-4, "band": (0.1, 1.0), "seed": 0}
+    record(task=str(task), out=tmp_path / "log.zarr", effects=planted, **options)
+    log = without(MeasuredLog.read(tmp_path / "log.zarr"), 3.0, 4.3)
+    prepared = prepare(log, load_task(str(task)), window=0.5, test="none", seed=0)
+    effect = next(c.effect for c in all_candidates(prepared) if c.name == "servo-integral@p")
+    assert ModelFits(prepared, 1).fit(prepared, [effect], np.array([0.2, 60.0, 0.05])).error < 1.1
+
+
 def test_what_was_before_a_window_is_followed_through_the_errors_measured(tmp_path):
     log, truth = recorded(tmp_path, *PLANTED)
     (name, effect), fit, prepared = fitted(log)

@@ -57,6 +57,7 @@ class ServoIntegral(JointForce):
     where = "every position servo of a hinge or slide joint whose position is measured"
     shapes = ("limit",)
     states = ("integral",)  # when the episode began, over what is common in it
+    states_tried = np.linspace(-1, 1, 9)[:, None]  # at its limit it does not move with a small change
     kernel = IntegralTerm
     adds_to = BIAS
 
