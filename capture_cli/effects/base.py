@@ -192,6 +192,12 @@ class Effect(ABC):
         """
         return None
 
+    def states_matter(self, first: np.ndarray) -> np.ndarray:
+        """Which of its states can matter to simulations that begin at the steps `first` of the log, (simulation,
+        state).
+        """
+        return np.ones((len(first), len(self.states)), dtype=bool)
+
     def drive(
         self,
         controls: np.ndarray,
