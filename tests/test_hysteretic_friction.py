@@ -64,8 +64,7 @@ def test_what_was_before_a_window_is_followed_through_what_was_measured(tmp_path
     prepared, truth = prepared_log(tmp_path, *PLANTED)
     name, effect = candidate(prepared)
     followed = ModelFits(prepared, 1).fit(prepared, [(name, effect)], truth).error
-    unseen = replace(effect.seen, path=np.full_like(effect.seen.path, np.nan))
-    effect.look_in(window=1.0, longest=4.0, logged=frozenset([0]), seen={effect.joint: unseen})
+    effect._wound = lambda given, first, _: np.zeros(len(first))
     assert followed < 1.1 < 2 < ModelFits(prepared, 1).fit(prepared, [(name, effect)], truth).error
 
 
@@ -141,3 +140,9 @@ def test_a_log_that_begins_wound_up_is_followed_from_there_until_that_is_forgott
     log, begun = begun_inside(effect, values, tape, far, stretches=cut, states=states)
     np.testing.assert_allclose(begun, log, atol=1e-3)
     assert effect.states_matter(np.array([700, 1900])).tolist() == [[True, True], [True, False]]
+
+
+def test_a_simulation_that_begins_inside_a_log_goes_on_as_the_log_did():
+    effect, tape = rig()
+    log, begun = begun_inside(effect, np.array([3.0, 0.05]), tape, [0, 300, 1000, 1777])
+    np.testing.assert_allclose(begun, log, atol=1e-9)

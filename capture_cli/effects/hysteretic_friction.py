@@ -73,10 +73,11 @@ class HystereticFriction(JointForce):
 
     def force(self, values, timestep, *, states=None, first=None, **_):
         given = self.coefficients(values)
-        if first is not None and self.seen is not None:
-            states = np.zeros((len(values), len(self.states))) if states is None else states
-            given["wound"] = self._wound(given, first, states)
-        return ForceOfKernel(self, given, timestep)
+        if first is None or self.seen is None:
+            return ForceOfKernel(self, given, timestep)
+        states = np.zeros((len(values), len(self.states))) if states is None else states
+        given["wound"] = self._wound(given, first, states)
+        return ForceWoundUpToHere(self, given, timestep)
 
     def states_matter(self, first):
         if self.seen is None:
@@ -99,6 +100,16 @@ class HystereticFriction(JointForce):
             bristles.move(way)
         hidden = HIDES * self.seen.noise * states[:, 0]  # m or rad
         return np.clip(bristles.wound + hidden / distance, -1, 1)
+
+
+class ForceWoundUpToHere(ForceOfKernel):
+    """That of bristles wound up by the way to where a simulation begins: its first call has no way left to go."""
+
+    def begun(self, world):
+        begins = world is not self.world
+        bristles = super().begun(world)
+        bristles.timestep = 0.0 if begins else self.timestep
+        return bristles
 
 
 def _reaches_back(ways: np.ndarray) -> np.ndarray:
