@@ -155,6 +155,7 @@ class Simulator:
         """
         sd = np.ones((len(windows), self.hidden_states))
         for own in self._placed:
+            sd[:, own.states] = own.effect.states_matter(windows.first)
             if own.effect.states_before:
                 shows = SHOWS * own.effect.memory(own.effect.space.high[None])
                 sd[(windows.known > 0) & (windows.known >= shows), own.states] = 0.0

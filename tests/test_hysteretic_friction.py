@@ -8,10 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from begun_inside import begun_inside
 from hypothesis import given
 from hypothesis import strategies as st
+from machines import build
 
-from capture_cli.effects.hysteretic_friction import Bristles
+from capture_cli.effects.hysteretic_friction import Bristles, HystereticFriction
 from capture_cli.protocol.candidates import all_candidates
 from capture_cli.protocol.model_fits import ModelFits
 from capture_cli.protocol.prepare import prepare
@@ -62,8 +64,7 @@ def test_what_was_before_a_window_is_followed_through_what_was_measured(tmp_path
     prepared, truth = prepared_log(tmp_path, *PLANTED)
     name, effect = candidate(prepared)
     followed = ModelFits(prepared, 1).fit(prepared, [(name, effect)], truth).error
-    unseen = replace(effect.seen, path=np.full_like(effect.seen.path, np.nan))
-    effect.look_in(window=1.0, longest=4.0, logged=frozenset([0]), seen={effect.joint: unseen})
+    effect._wound = lambda given, first, _: np.zeros(len(first))
     assert followed < 1.1 < 2 < ModelFits(prepared, 1).fit(prepared, [(name, effect)], truth).error
 
 
@@ -108,3 +109,40 @@ def test_every_episode_begins_anew_and_steps_may_come_in_any_order():
     episodes = [slice(0, 3), slice(3, 6)]
     ways = ways_before(path, episodes, np.array([5, 2, 3, 1]), 0.0)
     assert [w[w != 0].tolist() for w in ways] == [[-1.0, 3.0], [1.0, -0.5], [], [1.0]]
+
+
+RIG = """
+<mujoco>
+  <option timestep="0.002" integrator="implicitfast" gravity="0 0 0"/>
+  <worldbody>
+    <body><joint name="x" type="slide" axis="1 0 0" damping="3"/><geom size=".1" mass="1"/></body>
+  </worldbody>
+  <actuator><motor name="drive" joint="x"/></actuator>
+  <sensor><jointpos name="x" joint="x"/></sensor>
+</mujoco>
+"""
+
+
+def rig() -> tuple[HystereticFriction, np.ndarray]:
+    """Friction at a slide, and controls (step,) under which it goes to and fro."""
+    time = 0.002 * np.arange(2000)
+    return HystereticFriction(build(RIG), "x"), 6 * np.sin(5 * time) + 4 * np.sin(13 * time)
+
+
+def test_a_log_that_begins_wound_up_is_followed_from_there_until_that_is_forgotten():
+    effect, tape = rig()
+    values, cut = np.array([3.0, 0.05]), [slice(700, 2000)]
+    states = np.array([[0.0, -1.0], [0.0, 0.0], [0.0, 1.0]])
+    log, begun = begun_inside(effect, values, tape, [700] * 3, stretches=cut, states=states)
+    away = np.abs(begun - log[0]).max(axis=1)
+    assert away.argmin() != 1 and away[1] > 1e-3
+    far = [1700] * 3
+    log, begun = begun_inside(effect, values, tape, far, stretches=cut, states=states)
+    np.testing.assert_allclose(begun, log, atol=1e-3)
+    assert effect.states_matter(np.array([700, 1900])).tolist() == [[True, True], [True, False]]
+
+
+def test_a_simulation_that_begins_inside_a_log_goes_on_as_the_log_did():
+    effect, tape = rig()
+    log, begun = begun_inside(effect, np.array([3.0, 0.05]), tape, [0, 300, 1000, 1777])
+    np.testing.assert_allclose(begun, log, atol=1e-9)

@@ -9,6 +9,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from begun_inside import begun_inside
 from machines import build, run
 from test_hysteretic_friction import SLIDER
 
@@ -47,10 +48,10 @@ def recorded(folder: Path, *planted: str, duration: float = 4.0) -> tuple[Measur
     return MeasuredLog.read(folder / "log.zarr"), values
 
 
-def without_beginnings(log: MeasuredLog, seconds: float) -> MeasuredLog:
-    """The log from so long after the start of each episode on."""
-    since = np.concatenate([log.time[e] - log.time[e.start] for e in log.episodes])
-    keep = since >= seconds
+def without(log: MeasuredLog, since: float, until: float) -> MeasuredLog:
+    """The log without what was then in each episode, s from its start."""
+    elapsed = np.concatenate([log.time[e] - log.time[e.start] for e in log.episodes])
+    keep = (elapsed < since) | (elapsed >= until)
     ends = np.cumsum([np.count_nonzero(keep[e]) for e in log.episodes])
     return replace(
         log, time=log.time[keep], inputs=log.inputs[keep], outputs=log.outputs[keep], episode_ends=ends
@@ -86,9 +87,60 @@ def test_nothing_is_found_where_servos_are_as_modelled(tmp_path):
 @pytest.mark.parametrize("planted", [PLANTED, PLANTED[:1]], ids=["clamped", "unlimited"])
 def test_what_it_was_when_the_log_began_need_not_be_known(planted, tmp_path):
     log, _ = recorded(tmp_path, *planted)
-    _, fit, _ = fitted(without_beginnings(log, 1.1), limited=planted == PLANTED)
+    _, fit, _ = fitted(without(log, 0.0, 1.1), limited=planted == PLANTED)
     assert fit.error < 1.1
     assert fit.point[-2] == pytest.approx(KI, rel=0.05)
+
+
+def test_what_it_was_after_a_gap_need_not_be_known(tmp_path):
+    log, truth = recorded(tmp_path, *PLANTED, duration=3.0)
+    prepared = prepare(without(log, 0.9, 1.7), load_task(str(PAN_TILT)), window=None, test=None, seed=0)
+    effect = next(c.effect for c in all_candidates(prepared) if c.name == EFFECT)
+    assert len(effect[1].seen.stretches) == 2 * len(log.episodes)
+    assert ModelFits(prepared, 1).fit(prepared, [effect], truth).error < 1.1
+
+
+ROD = """
+<mujoco>
+  <option timestep="0.002" integrator="implicitfast"/>
+  <worldbody>
+    <body><joint name="j" axis="0 1 0" damping=".2"/>
+      <geom type="capsule" fromto="0 0 0 .3 0 0" size=".02" mass="1"/>
+    </body>
+  </worldbody>
+  <actuator><position name="p" joint="j" kp="40" kv="2" ctrlrange="-1 1"/></actuator>
+  <sensor><jointpos name="q" joint="j"/></sensor>
+</mujoco>
+"""
+ROD_TASK = """
+format = 1
+name = "rod"
+model = "model.xml"
+[inputs.p]
+column = "p"
+unit = "rad"
+[outputs.q]
+column = "q"
+unit = "rad"
+[parameters.d]
+set = "joint:j:damping"
+low = 0.05
+high = 1.0
+unit = "N m s/rad"
+"""
+
+
+def test_windows_after_a_gap_are_found_where_the_integral_is_at_its_limit(tmp_path):
+    (tmp_path / "model.xml").write_text(ROD)
+    task = tmp_path / "task.toml"
+    task.write_text(ROD_TASK)
+    planted = ("servo-integral@p.ki=60", "servo-integral@p.limit=0.05")
+    options = {"episodes": 1, "duration": 8.0, "rate": 100.0, "noise": 1e-4, "band": (0.1, 1.0), "seed": 0}
+    record(task=str(task), out=tmp_path / "log.zarr", effects=planted, **options)
+    log = without(MeasuredLog.read(tmp_path / "log.zarr"), 3.0, 4.3)
+    prepared = prepare(log, load_task(str(task)), window=0.5, test="none", seed=0)
+    effect = next(c.effect for c in all_candidates(prepared) if c.name == "servo-integral@p")
+    assert ModelFits(prepared, 1).fit(prepared, [effect], np.array([0.2, 60.0, 0.05])).error < 1.1
 
 
 def test_what_was_before_a_window_is_followed_through_the_errors_measured(tmp_path):
@@ -96,9 +148,7 @@ def test_what_was_before_a_window_is_followed_through_the_errors_measured(tmp_pa
     (name, effect), fit, prepared = fitted(log)
     assert fit.error < 1.1
     np.testing.assert_allclose(fit.point[-2:], [KI, LIMIT], rtol=0.05)
-    effect._errors = np.zeros_like(effect._errors)
-    effect._ways_before = lambda first: np.zeros((len(first), 1))
-    effect._common = 0.0
+    effect._integral = lambda limit, *_: np.zeros(len(limit))
     assert ModelFits(prepared, 1).fit(prepared, [(name, effect)], truth).error > 2
 
 
@@ -154,3 +204,32 @@ def test_a_constant_error_is_integrated_exactly_whatever_the_step(steps):
     for _ in range(steps):
         term(0.5, np.array([0.3]))
     assert term.integral == 0.4
+
+
+def waves(model: mujoco.MjModel, seconds: float, size: float = 0.1) -> np.ndarray:
+    """Set points (step,) of two periods that do not fit."""
+    time = np.arange(0, seconds, model.opt.timestep)
+    return size * (np.sin(5 * time) + np.sin(13 * time + 1)) / 2
+
+
+@pytest.mark.parametrize("limit", [0.002, 0.5], ids=["clamped", "unlimited"])
+def test_a_simulation_that_begins_inside_a_log_goes_on_as_the_log_did(limit):
+    model = build(SERVO.replace("{}", ""))
+    effect = effects.REGISTRY.get("servo-integral")(model, "servo")
+    log, begun = begun_inside(effect, np.array([300.0, limit]), waves(model, 3.0), [0, 700, 1500, 2600])
+    np.testing.assert_allclose(begun, log, atol=1e-9)
+
+
+@pytest.mark.parametrize("ki", [30.0, 200.0])
+def test_what_held_a_load_when_the_log_began_is_no_farther_than_one(ki):
+    spring = build(SERVO.replace('damping="20"', 'damping="20" stiffness="100"').replace("{}", ""))
+    effect = effects.REGISTRY.get("servo-integral")(spring, "servo")
+    tape, values = 0.1 + waves(spring, 5.0, 0.001), np.array([ki, 0.1])
+    log, begun = begun_inside(
+        effect, values, tape, [4000, 4000], stretches=[slice(4000, 5000)], states=np.array([[0.0], [0.1]])
+    )
+    way = (begun[1] - begun[0]) / 0.1
+    state = way @ (log[0] - begun[0]) / (way @ way)  # what the machine does is linear in it
+    assert 0.01 < state < 1
+    np.testing.assert_allclose(begun[0] + way * state, log[0], atol=1e-6)
+    assert effect.space.high[1] > 2.5 / ki  # the force of the actuator that the spring takes, over ki

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from capture_cli.sim.windows import GAP_FACTOR, LEAD, MOST_DRIFT, Windows, cut
+from capture_cli.sim.windows import GAP_FACTOR, LEAD, MOST_DRIFT, Windows, cut, stretches
 
 TIMESTEP = 1 / 512  # s; this and all times are dyadic, so that sums of them are exact
 TICK = TIMESTEP / 4
@@ -206,3 +206,10 @@ def test_times_rounded_in_a_file_stay_on_the_grid():
         assert windows.weight.max() < 1e-3
         for w, steps in enumerate(steps_of(windows)):
             np.testing.assert_array_equal(windows.controls[w, : len(steps), 0], steps)
+
+
+def test_stretches_end_at_the_gaps_of_each_episode():
+    time = np.array([0.0, 0.1, 0.2, 5.0, 5.1, 0.0, 0.1, 0.2, 9.0])
+    sampled = np.ones((9, 1), dtype=bool)
+    found = stretches(time, sampled, [slice(0, 5), slice(5, 9)])
+    assert found == [slice(0, 3), slice(3, 5), slice(5, 8), slice(8, 9)]

@@ -35,15 +35,16 @@ GLOBAL = ""  # the site of an effect that concerns the model as a whole
 class JointMotion:
     """What a log saw of a joint: from where to where it went, and how fast; m or rad, and per s.
 
-    path (step,): where it was at each step of the log, nan where that was not measured; episodes: of those steps;
-    noise: of the path, standard deviation. time (step,): s; controls: of actuators, by their numbers, (step,).
+    path (step,): where it was at each step of the log, nan where that was not measured; stretches: of those steps,
+    episodes or, as nobody knows what drove it in a gap, what is between gaps of one; noise: of the path, standard
+    deviation. time (step,): s; controls: of actuators, by their numbers, (step,).
     """
 
     low: float
     high: float
     speed: float
     path: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    episodes: Sequence[slice] = ()
+    stretches: Sequence[slice] = ()
     noise: float = 0.0
     time: np.ndarray = field(default_factory=lambda: np.zeros(0))
     controls: Mapping[int, np.ndarray] = field(default_factory=dict)
@@ -196,6 +197,12 @@ class Effect(ABC):
         there is no log.
         """
         return None
+
+    def states_matter(self, first: np.ndarray) -> np.ndarray:
+        """Which of its states can matter to simulations that begin at the steps `first` of the log, (simulation,
+        state).
+        """
+        return np.ones((len(first), len(self.states)), dtype=bool)
 
     def drive(
         self,

@@ -11,6 +11,7 @@ from capture_cli.sim.turning_points import WaysBefore
 
 TURNED = 4.0  # times the noise of what measures the joint: less is no way back
 HIDES = 2.0  # times that noise: of the way, what nobody knows when a window begins
+FORGOTTEN = 5.0  # times the distance that friction takes to build up: then nothing is left of what was before
 STIFFEST = 0.5  # rad a step, of the oscillation of what the joint moves on its bristles
 
 
@@ -38,14 +39,16 @@ class HystereticFriction(JointForce):
     """Dry friction of size `friction` (N or N m) that a joint has to move about `distance` (m or rad) to build up, and
     as far to turn: over less than that it is a spring.
 
-    How far it is wound up when a window begins follows from where the joint went before, which the log has to measure.
-    A simulation that begins otherwise begins with nothing wound up.
+    How far it is wound up when a window begins follows from where the joint went before, which the log has to measure,
+    and, until it has gone far enough, from how far it was when the episode began, or went on after a gap, which nobody
+    knows. A simulation that begins otherwise begins with nothing wound up.
     """
 
     summary = "dry friction that builds up over a distance: pre-sliding, hysteresis of a drive"
     where = "every hinge and slide joint whose position is measured"
     shapes = ("distance",)
-    states = ("wound",)  # beside what follows from the way: as much as the noise hides of that
+    # beside what follows from the way, as much as the noise hides of that; and all of it before any way was gone
+    states = ("wound", "wound_before")
     kernel = Bristles
 
     @property
@@ -62,7 +65,7 @@ class HystereticFriction(JointForce):
     def look_in(self, **log):
         super().look_in(**log)
         if self.seen is not None:
-            self._ways_before = WaysBefore(self.seen.path, self.seen.episodes, TURNED * self.seen.noise)
+            self._ways_before = WaysBefore(self.seen.path, self.seen.stretches, TURNED * self.seen.noise)
 
     @property
     def shows(self):
@@ -70,18 +73,45 @@ class HystereticFriction(JointForce):
 
     def force(self, values, timestep, *, states=None, first=None, **_):
         given = self.coefficients(values)
-        if first is not None and self.seen is not None:
-            hidden = 0.0 if states is None else HIDES * self.seen.noise * states[:, 0]
-            given["wound"] = self._wound(given, first, hidden)
-        return ForceOfKernel(self, given, timestep)
+        if first is None or self.seen is None:
+            return ForceOfKernel(self, given, timestep)
+        states = np.zeros((len(values), len(self.states))) if states is None else states
+        given["wound"] = self._wound(given, first, states)
+        return ForceWoundUpToHere(self, given, timestep)
 
-    def _wound(
-        self, given: dict[str, np.ndarray], first: np.ndarray, hidden: np.ndarray | float
-    ) -> np.ndarray:
-        """How far simulations are wound up that begin at the steps `first` of the log, `hidden` (m or rad) beside what
-        was measured.
+    def states_matter(self, first):
+        if self.seen is None:
+            return super().states_matter(first)
+        longest = self.space.high[self.space.names.index("distance")]
+        ways = self._ways_before(first)
+        matters = np.ones((len(first), len(self.states)), dtype=bool)
+        matters[:, 1] = _reaches_back(ways) & (np.abs(ways).sum(axis=1) < FORGOTTEN * longest)
+        return matters
+
+    def _wound(self, given: dict[str, np.ndarray], first: np.ndarray, states: np.ndarray) -> np.ndarray:
+        """How far simulations are wound up that begin at the steps `first` of the log, with `states` (simulation,
+        state).
         """
-        bristles = Bristles(friction=given["friction"], distance=given["distance"], timestep=0.0)
-        for way in self._ways_before(first).T:
+        friction, distance = given["friction"], given["distance"]
+        ways = self._ways_before(first)
+        before = np.clip(states[:, 1], -1, 1) * _reaches_back(ways)
+        bristles = Bristles(friction=friction, distance=distance, timestep=0.0, wound=before)
+        for way in ways.T:
             bristles.move(way)
-        return np.clip(bristles.wound + hidden / given["distance"], -1, 1)
+        hidden = HIDES * self.seen.noise * states[:, 0]  # m or rad
+        return np.clip(bristles.wound + hidden / distance, -1, 1)
+
+
+class ForceWoundUpToHere(ForceOfKernel):
+    """That of bristles wound up by the way to where a simulation begins: its first call has no way left to go."""
+
+    def begun(self, world):
+        begins = world is not self.world
+        bristles = super().begun(world)
+        bristles.timestep = 0.0 if begins else self.timestep
+        return bristles
+
+
+def _reaches_back(ways: np.ndarray) -> np.ndarray:
+    """Whether ways (simulation, way) are all since the beginning: where as many as are remembered, not."""
+    return ways[:, 0] == 0

@@ -16,6 +16,8 @@ from capture_cli.sim.turning_points import WaysBefore
 FASTEST = 10.0  # 1/s, of ki over kp: with more, a servo that is damped as usual swings by itself
 BIAS = "actuator_biasprm"
 USUAL = 0.3  # s, for which an error lasts, of which no log says how long it did
+LONGEST = 3.0  # s, of kp over ki: what takes longer to take up a load is hardly told from a constant force
+TINY = 1e-12  # of ki: none holds nothing
 LEAST_LIMIT = 1e-3  # of how far the integral of the error goes
 ROUNDED = 1e-3  # of how far it commonly is from its mean: less is no way back
 
@@ -48,13 +50,14 @@ class ServoIntegral(JointForce):
 
     The limit is one of z, not of the force, as what z does is then the same at every ki. z at the start of a window
     follows from set points and positions before, which the log has to have, and from what it was when the episode
-    began, which nobody knows. A simulation that begins otherwise begins with none.
+    began, or went on after a gap, which nobody knows. A simulation that begins otherwise begins with none.
     """
 
     summary = "an integral term of a position servo, clamped against windup, that the model lacks"
     where = "every position servo of a hinge or slide joint whose position is measured"
     shapes = ("limit",)
     states = ("integral",)  # when the episode began, over what is common in it
+    states_tried = np.linspace(-1, 1, 9)[:, None]  # at its limit it does not move with a small change
     kernel = IntegralTerm
     adds_to = BIAS
 
@@ -63,6 +66,7 @@ class ServoIntegral(JointForce):
         self.actuator = site_id(model, "actuator", site)
         self.control = int(model.actuator_ctrladr[self.actuator])
         self.gear = float(model.actuator_gear[self.actuator, 0])
+        self._kp = float(model.actuator_gainprm[self.actuator, 0])
         self._most = USUAL * POSITION_ERROR  # m s or rad s: how far the integral of the error goes
 
     @classmethod
@@ -75,9 +79,8 @@ class ServoIntegral(JointForce):
 
     @property
     def parameters(self):
-        kp = float(self.model.actuator_gainprm[self.actuator, 0])
         return (
-            Parameter("ki", self.unit("N/(m s)", "N m/(rad s)"), 0.0, FASTEST * kp, 0.0),
+            Parameter("ki", self.unit("N/(m s)", "N m/(rad s)"), 0.0, FASTEST * self._kp, 0.0),
             Parameter("limit", self.unit("m s", "rad s"), LEAST_LIMIT * self._most, self._most, self._most),
         )
 
@@ -88,11 +91,12 @@ class ServoIntegral(JointForce):
     def look_in(self, **log):
         super().look_in(**log)
         if self.shows:
-            self._errors = self._integrated()
-            parts = [self._errors[e] for e in self.seen.episodes]
-            self._most = 2 * max(float(np.ptp(z)) for z in parts)  # it may have begun at either end
+            errors = self._integrated(self.model.opt.timestep)
+            parts = [errors[e] for e in self.seen.stretches]
+            went = 2 * max(float(np.ptp(z)) for z in parts)  # it may have begun at either end
+            self._most = max(went, self._holding(self._kp / LONGEST))
             self._common = float(np.std(np.concatenate([z - z.mean() for z in parts])))
-            self._ways_before = WaysBefore(self._errors, self.seen.episodes, ROUNDED * self._common)
+            self._known = {}
 
     @property
     def shows(self):
@@ -104,7 +108,8 @@ class ServoIntegral(JointForce):
     def force(self, values, timestep, *, states=None, first=None, **_):
         given = self.coefficients(values)
         if first is not None and self.seen is not None:
-            given["integral"] = self._integral(given["limit"], first, 0.0 if states is None else states[:, 0])
+            begun = 0.0 if states is None else states[:, 0]
+            given["integral"] = self._integral(given, first, begun, timestep)
         return ForceOfKernel(self, given, timestep)
 
     def read(self, world, field):
@@ -131,32 +136,54 @@ class ServoIntegral(JointForce):
         )
         return Companion((IntegralTerm,), lines, state, (f"model.{BIAS}",))
 
-    def _integrated(self) -> np.ndarray:
-        """The integral of the error from the start of each episode of the log, (step,), m s or rad s, unclamped."""
+    def _integrated(self, timestep: float) -> np.ndarray:
+        """The integral of the error from the start of each stretch of the log, (step,), m s or rad s, unclamped.
+
+        As a simulation with that timestep sums it up, which holds positions over each step.
+        """
         seen, ctrl = self.seen, self.seen.controls[self.actuator]
         if self.model.actuator_ctrllimited[self.actuator]:
             ctrl = np.clip(ctrl, *self.model.actuator_ctrlrange[self.actuator])
         errors = np.zeros(len(seen.path))
-        for steps in seen.episodes:
+        for steps in seen.stretches:
             time, path = seen.time[steps], seen.path[steps]
             measured = np.isfinite(path)
             if measured.any():
                 length = self.gear * np.interp(time, time[measured], path[measured])
                 ways = np.diff(time) * (ctrl[steps][:-1] - (length[1:] + length[:-1]) / 2)
+                ways += timestep / 2 * np.diff(length)  # of a sum of values held, beyond the trapezoids
                 errors[steps][1:] = np.cumsum(ways)
         return errors
 
-    def _integral(self, limit: np.ndarray, first: np.ndarray, begun: np.ndarray | float) -> np.ndarray:
-        """z (simulation,) at the steps `first` of the log, where at the start of the episode it was `begun` times what
-        is common.
+    def _integral(
+        self, given: dict[str, np.ndarray], first: np.ndarray, begun: np.ndarray | float, timestep: float
+    ) -> np.ndarray:
+        """z (simulation,) at the steps `first` of the log, where at the start of the stretch it was `begun` times what
+        is common, or what it takes to hold a load: it may have been held for long.
         """
-        begin = np.clip(np.minimum(self._common, limit) * begun, -limit, limit)
+        limit = given["limit"]
+        common = np.maximum(self._common, self._holding(np.maximum(given["ki"], TINY)))
+        begin = np.clip(np.minimum(common, limit) * begun, -limit, limit)
         term = IntegralTerm(ki=np.zeros(len(limit)), limit=limit, timestep=0.0, integral=begin)
-        ways = self._ways_before(first)
-        before = self._errors[first] - ways.sum(axis=1)  # all that was before the ways that are remembered
-        for way in (before, *ways.T):
+        for way in self._ways(first, timestep).T:
             term.move(way)
         return term.integral
+
+    def _holding(self, ki: np.ndarray | float) -> np.ndarray | float:
+        """m s or rad s: the integral of the error that holds what the joint may have to."""
+        return self.characteristic_force / (abs(self.gear) * ki)
+
+    def _ways(self, first: np.ndarray, timestep: float) -> np.ndarray:
+        """By how much z grew and fell in turn, unclamped, from the start of the stretch to the steps `first` of the
+        log, (simulation, way).
+        """
+        if timestep not in self._known:
+            errors = self._integrated(timestep)
+            self._known[timestep] = errors, WaysBefore(errors, self.seen.stretches, ROUNDED * self._common)
+        errors, ways_before = self._known[timestep]
+        ways = ways_before(first)
+        before = errors[first] - ways.sum(axis=1)  # all that was before the ways that are remembered
+        return np.column_stack([before, ways])
 
 
 def _is_servo(model: mujoco.MjModel, actuator: int) -> bool:

@@ -18,6 +18,7 @@ from capture_cli.protocol.model_fits import Fit, PartFit, Placed
 from capture_cli.protocol.narrow_shapes import NarrowShapes
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.sim.coordinate_sources import sources_of
+from capture_cli.sim.windows import stretches
 from capture_cli.simulator import placed_name
 
 # Best-scoring candidates that are fitted jointly, each time round: so many that differ, with so many like each, no more
@@ -79,6 +80,7 @@ def _seen(prepared: PreparedLog) -> dict[int, JointMotion]:
     model, reported, log = prepared.task.model, prepared.starts.reported, prepared.log
     if reported is None:
         return {}
+    known = stretches(log.time, log.sampled, log.episodes)
     controls = {c.index: log.inputs[:, k] for k, c in enumerate(prepared.task.inputs)}
     seen = {}
     for source in sources_of(model, [c.sensor for c in prepared.task.outputs]):
@@ -95,7 +97,7 @@ def _seen(prepared: PreparedLog) -> dict[int, JointMotion]:
             joint = int(model.dof_jntid[source.dofs[0]])
             noise = float(source.noise(prepared.noise.sd)[0])
             seen[joint] = JointMotion(
-                float(low), float(high), float(speed), path, log.episodes, noise, log.time, controls
+                float(low), float(high), float(speed), path, known, noise, log.time, controls
             )
     return seen
 

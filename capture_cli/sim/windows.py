@@ -216,6 +216,15 @@ def _with_two_samples(edges: np.ndarray, stop: int) -> list[tuple[int, int]]:
     return list(zip(kept, [*kept[1:], stop], strict=True))
 
 
+def stretches(time: np.ndarray, sampled: np.ndarray, episodes: Sequence[slice]) -> list[slice]:
+    """The steps of each of the episodes, from gap to gap. time (step,) s; sampled (step, output)."""
+    return [
+        slice(steps.start + a, steps.start + b)
+        for steps in episodes
+        for a, b in _without_gaps(time[steps], usual_interval(time[steps], sampled[steps]))
+    ]
+
+
 def _without_gaps(time: np.ndarray, usual: float) -> list[tuple[int, int]]:
     breaks = gaps(time, usual) + 1
     return list(zip([0, *breaks], [*breaks, len(time)], strict=True))

@@ -1,0 +1,75 @@
+"""Simulations that begin inside a log that is exact: they go on as the one that the log was recorded from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+
+from capture_cli.effects._joint_effect import JointEffect
+from capture_cli.effects.base import JointMotion
+from capture_cli.sim.engine import Engine, ModelFields, Starts
+
+LENGTH = 100  # steps of a simulation that begins inside
+
+
+def begun_inside(
+    effect: JointEffect,
+    values: np.ndarray,
+    tape: np.ndarray,
+    first: Sequence[int],
+    *,
+    stretches: Sequence[slice] = (),
+    states: np.ndarray | None = None,
+    fields: dict[str, float] | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Positions (simulation, step) of a machine with one joint and one actuator, from the steps `first` of a log on:
+    as recorded, and begun there.
+
+    values (parameter,); tape (step,): set points; stretches: the episodes of the log, one where there are none;
+    states (simulation, state) of the effect; fields: of the model, what is other than there.
+    """
+    model, first = effect.model, np.array(first)
+    own = ModelFields(model, 1), ModelFields(model, len(first))
+    for name, value in (fields or {}).items():
+        for simulations in own:
+            simulations[name][..., 0] = value
+    timestep, engine = model.opt.timestep, Engine(model, 1)
+    start = Starts(model.qpos0[None], np.zeros((1, 1)), np.zeros((1, 0)), np.zeros(1))
+    whole = engine.rollout(
+        starts=start,
+        controls=tape[None, :, None],
+        steps=len(tape),
+        fields=own[0],
+        forces=[effect.force(values[None], timestep)],
+        states=True,
+    )
+    path = whole.qpos[0, :, 0]
+    effect.look_in(
+        window=LENGTH * timestep,
+        longest=len(tape) * timestep,
+        logged=frozenset([0]),
+        seen={effect.joint: _seen(path, tape, stretches or [slice(0, len(path))], model)},
+    )
+    each = np.repeat(values[None], len(first), axis=0)
+    inside = np.array([np.arange(f, f + LENGTH) for f in first])
+    begun = engine.rollout(
+        starts=Starts(
+            whole.qpos[0, first], whole.qvel[0, first], np.zeros((len(first), 0)), timestep * first
+        ),
+        controls=tape[inside][..., None],
+        steps=LENGTH,
+        fields=own[1],
+        forces=[effect.force(each, timestep, states=states, first=first)],
+        states=True,
+    )
+    return path[inside], begun.qpos[..., 0]
+
+
+def _seen(
+    path: np.ndarray, tape: np.ndarray, stretches: Sequence[slice], model: mujoco.MjModel
+) -> JointMotion:
+    time = model.opt.timestep * np.arange(len(path))
+    speed = np.abs(np.diff(path)).max() / model.opt.timestep
+    return JointMotion(path.min(), path.max(), speed, path, stretches, 0.0, time, {0: tape})
