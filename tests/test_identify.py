@@ -114,6 +114,39 @@ def errors_in(found: Estimate, truth: dict[str, float], unit: str) -> np.ndarray
     return np.array([(p["value"] - true) / scale(p) for true, p in rows])
 
 
+GRIPPER = """
+<mujoco>
+  <option timestep="0.001" integrator="implicitfast"/>
+  <default><geom type="capsule" fromto="0 0 0 .1 0 0" size=".01" mass=".1" contype="0"/></default>
+  <worldbody>
+    <body name="a"><joint name="a" axis="0 0 1" damping="0.02" armature="0.001"/><geom/></body>
+    <body name="b" pos="0 -.1 0"><joint name="b" axis="0 0 -1" damping="0.02" armature="0.001"/><geom/></body>
+  </worldbody>
+  <equality><joint joint1="b" joint2="a"/></equality>
+  <actuator><motor name="m" joint="a" ctrlrange="-0.5 0.5"/></actuator>
+  <sensor><jointpos name="a" joint="a"/><jointpos name="b" joint="b"/></sensor>
+</mujoco>
+"""
+
+
+@pytest.mark.parametrize("measured", ["a", "ab"])
+def test_light_joints_that_a_soft_constraint_couples(plant, identify, tmp_path, measured):
+    """Their motor would accelerate them by hundreds of rad/s^2: the constraint gives way by far more than the noise."""
+    (tmp_path / "model.xml").write_text(GRIPPER)
+    task = tmp_path / "task.toml"
+    task.write_text(
+        'format = 1\nname = "gripper"\nmodel = "model.xml"\n[log]\nwindow = 0.2\n'
+        + parameter("damping", "joint:a:damping", 0.005, 0.1)
+        + parameter("armature", "joint:a:armature", 0.0002, 0.005)
+        + '[inputs.m]\ncolumn = "m"\nunit = "N m"\n'
+        + "".join(f'[outputs.{name}]\ncolumn = "{name}"\nunit = "rad"\n' for name in measured)
+    )
+    truth = {"damping": 0.03, "armature": 0.002}
+    found = identify(plant(task, parameters=truth, noise=1e-4, episodes=1, rate=200.0), task)
+    assert found.document["verdict"] == "explained"
+    assert np.abs(errors_in(found, truth, "sd")).max() < 4
+
+
 # --- what is said of an estimate ---
 
 

@@ -168,6 +168,57 @@ def test_an_episode_without_windows_is_not_followed():
     assert followed.shape == (0, model.nq)
 
 
+# Two light fingers that a constraint couples, as soft as MuJoCo has it by default: their drive would accelerate
+# one alone by 300 m/s^2.
+SOFT = FINGERS.replace('solref="0.004 1"', "").replace("mass=", 'mass=".01" density=')
+SOFT = SOFT.replace("</sensor>", '<jointpos joint="right"/></sensor>')
+
+
+@pytest.mark.parametrize("sensors", [[0], [0, 1]])
+def test_constraints_are_as_soft_as_loads_have_them(sensors):
+    model = mujoco.MjModel.from_xml_string(SOFT)
+    time = model.opt.timestep * np.arange(STEPS)
+    still = Starts(model.qpos0[None] + 0.0, np.zeros((1, model.nv)), np.zeros((1, 0)), np.zeros(1))
+    controls = 3 * np.sin(20 * time)[None, :, None]
+    done = Engine(model, 1).rollout(starts=still, controls=controls, steps=STEPS, states=True)
+    slack = LoopClosure(model).slack_of(done.qpos[0], done.qvel[0])
+    assert slack.shape == (2, 1) and slack[0, 0] > 10 * NOISE
+    at = np.arange(100, STEPS // EVERY - 100, 50)
+    off = {}
+    for known in (None, slack):
+        found = estimate_starts(
+            model,
+            sensors,
+            time=time[::EVERY],
+            outputs=done.sensors[0, ::EVERY][:, sensors],
+            episodes=[slice(0, STEPS // EVERY)],
+            window_first=at,
+            window_episode=np.zeros(len(at), dtype=int),
+            noise_sd=np.full(len(sensors), NOISE),
+            unmeasured=astray(model, len(at), 0),
+            slack=known,
+        )
+        off[known is None] = (
+            np.abs(errors(model, found.starts, done.qpos[0, ::EVERY][at], done.qvel[0, ::EVERY][at]))
+            / found.sd
+        )
+    assert off[True].max() > 10, "further off than anything that they are said to be known to"
+    assert off[False].max() < 2
+
+
+@pytest.mark.parametrize("name", MACHINES)
+def test_a_start_may_leave_a_constraint_as_far_as_that_gives_way(name):
+    model, *_, qpos, qvel = driven(*MACHINES[name])
+    at = slice(1000 // EVERY, 1001 // EVERY + 1)
+    starts = Starts(qpos[at], qvel[at], np.zeros((1, 0)), np.zeros(1))
+    sd = np.concatenate([np.full((1, model.nv), 0.1), np.full((1, model.nv), 1.0)], axis=1)
+    rows = len(LoopClosure(model).slack_of(qpos[at], qvel[at])[0])
+    far = 1e9 * np.ones((2, rows))  # so far that they say nothing
+    found, left = LoopClosure(model, far).close(starts, sd, qpos[at])
+    np.testing.assert_allclose(found.together[0], np.tile(np.eye(model.nv), (2, 1, 1)), atol=1e-6)
+    np.testing.assert_allclose(left, sd, rtol=1e-6)
+
+
 @pytest.mark.parametrize("name", MACHINES)
 def test_a_start_moves_as_the_constraints_let_it(name):
     """One coordinate that moved alone would be thrown back, and nothing smooth would come of it."""

@@ -11,7 +11,8 @@ from capture_cli.diagnosis.noise_floor import NoiseFloor
 from capture_cli.protocol.log_windows import clock, cut_log
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.sim.coordinate_sources import measures_every_coordinate
-from capture_cli.sim.engine import Engine, ModelFields
+from capture_cli.sim.engine import Engine, ModelFields, Rollouts
+from capture_cli.sim.loop_closure import EVERY, LoopClosure
 from capture_cli.sim.starts import (
     StartEstimate,
     estimate_starts,
@@ -38,6 +39,10 @@ def log_starts(
         known = known_starts(task.model, sensors, replace(starts, time=windows.time), noise.sd)
         if acted.all():
             return known
+    all_measured = measures_every_coordinate(task.model, sensors)
+    unmeasured, slack = None, None
+    if task.model.neq or not all_measured:
+        unmeasured, slack = _of_whole_episodes(log, task, windows, threads)
     read = estimate_starts(
         task.model,
         sensors,
@@ -48,9 +53,8 @@ def log_starts(
         window_episode=windows.episode,
         noise_sd=noise.sd,
         sampled=log.sampled,
-        unmeasured=None
-        if measures_every_coordinate(task.model, sensors)
-        else _simulate_episodes(log, task, windows, threads),
+        unmeasured=None if all_measured else unmeasured,
+        slack=slack,
     )
     return with_known(read, known, acted) if acted.any() else read
 
@@ -101,8 +105,12 @@ def begins_as_acted(prepared: PreparedLog) -> bool:
     return bool(chdtrc(apart.size, np.square(apart).sum()) > AGREES)
 
 
-def _simulate_episodes(log: MeasuredLog, task: Task, windows: Windows, threads: int | None) -> StartEstimate:
-    """What the coordinates that no output measures do when the nominal model is driven through whole episodes."""
+def _of_whole_episodes(
+    log: MeasuredLog, task: Task, windows: Windows, threads: int | None
+) -> tuple[StartEstimate, np.ndarray | None]:
+    """What the nominal model shows that is driven through whole episodes: what the coordinates do that no output
+    measures, and how far equality constraints give way (2, row); None where there are none or all simulations diverge.
+    """
     model = task.model
     whole = cut_log(log, task, None)
     own = model_starts(model, len(whole)).starts
@@ -118,4 +126,15 @@ def _simulate_episodes(log: MeasuredLog, task: Task, windows: Windows, threads: 
     number = np.searchsorted(whole.first, windows.first, side="right") - 1
     step = np.round((windows.time - whole.time[number]) / task.timestep).astype(int)
     step = np.minimum(step, rollouts.qpos.shape[1] - 1)
-    return from_episodes(model, rollouts, window_episode=number, window_step=step)
+    believed = from_episodes(model, rollouts, window_episode=number, window_step=step)
+    return believed, _slack(model, rollouts, whole.grid_steps, max(1, round(EVERY / task.timestep)))
+
+
+def _slack(model: mujoco.MjModel, whole: Rollouts, steps: np.ndarray, stride: int) -> np.ndarray | None:
+    """How far equality constraints give way in episodes of so many `steps` (episode,)."""
+    kept = [(e, slice(0, steps[e], stride)) for e in np.flatnonzero(~whole.diverged)]
+    if not model.neq or not kept:
+        return None
+    return LoopClosure(model).slack_of(
+        *(np.concatenate([states[at] for at in kept]) for states in (whole.qpos, whole.qvel))
+    )

@@ -17,20 +17,38 @@ from capture_cli.sim.engine import Starts
 
 ROUNDS = 20  # of Newton's method at one state
 CLOSED = 1e-9  # m or rad: a step less than that ends them
-# m/s^2 or rad/s^2: soft constraints give way under loads that would accelerate by this
+# m/s^2 or rad/s^2: soft constraints give way under loads that would accelerate by this at least: gravity's
 LOAD = 10.0
+UNLIKE = 3.0  # times what they give way by in a simulation, whose parameters and phase may be others
 EVERY = 0.01  # s between the samples that a path is followed through
 DETERMINED = 0.1  # share of a coordinate's standard deviation that the constraints leave, at most
 FREE = 1.0  # rad or m: sd of what nothing measures while a path is followed
 
 
 class LoopClosure:
-    """The equality constraints of `model` that are active from the beginning."""
+    """The equality constraints of `model` that are active from the beginning.
 
-    def __init__(self, model: mujoco.MjModel):
+    slack: how far they give way in motions like those of the log, as `slack_of` has it; None where nobody knows.
+    """
+
+    def __init__(self, model: mujoco.MjModel, slack: np.ndarray | None = None):
         self.model = copy(model)
         self.model.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
         self.data = mujoco.MjData(self.model)
+        self.slack = slack
+
+    def slack_of(self, qpos: np.ndarray, qvel: np.ndarray) -> np.ndarray:
+        """How far the constraints give way in a simulation, in m or rad, and how fast, per second: (2, row), root mean
+        square over its steps: qpos (step, nq), qvel (step, nv).
+        """
+        off = []
+        for position, velocity in zip(qpos, qvel, strict=True):
+            self._go(position)
+            off.append([self.data.efc_pos[: self.data.ne].copy(), self._jacobian @ velocity])
+        most = max(
+            len(position) for position, _ in off
+        )  # MuJoCo leaves out rows of zeros, where a constraint has them
+        return np.sqrt(np.mean(np.square([o for o in off if len(o[0]) == most]), axis=0))
 
     def follow(
         self,
@@ -71,15 +89,15 @@ class LoopClosure:
         """
         nv = self.model.nv
         qpos, qvel, sd = starts.qpos.copy(), starts.qvel.copy(), sd.copy()
-        together = np.tile(np.eye(nv), (len(starts), 2, 1, 1))
+        together = np.empty((len(starts), 2, nv, nv))
         for window in range(len(starts)):
             position, velocity = sd[window, :nv], sd[window, nv : 2 * nv]
             _, left = self._at(followed[window], position)
             qpos[window] = self._begun(qpos[window], followed[window], left < DETERMINED * position)
             qpos[window], left = self._closed(qpos[window], position)
-            together[window, 0] -= self._gain(position)[0] @ self._jacobian
+            together[window, 0] = self._together(position)
             gain, gives = self._gain(velocity, per_second=True)
-            together[window, 1] -= gain @ self._jacobian
+            together[window, 1] = self._together(velocity, per_second=True)
             qvel[window] -= gain @ (self._jacobian @ qvel[window])
             sd[window] = np.concatenate([left, gives, sd[window, 2 * nv :]])
         return replace(starts, qpos=qpos, qvel=qvel, together=together), sd
@@ -111,9 +129,13 @@ class LoopClosure:
 
     def _at(self, qpos: np.ndarray, sd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The constraints' gain at qpos (nq,), and what they leave of sd (dof,)."""
+        self._go(qpos)
+        return self._gain(sd)
+
+    def _go(self, qpos: np.ndarray) -> None:
+        """Work out the constraints at qpos (nq,)."""
         self.data.qpos[:] = qpos
         mujoco.mj_fwdPosition(self.model, self.data)
-        return self._gain(sd)
 
     @property
     def _jacobian(self) -> np.ndarray:
@@ -129,13 +151,41 @@ class LoopClosure:
         left = np.square(sd) - np.einsum("dr,rd->d", gain, spread)
         return gain, np.sqrt(np.maximum(left, 0.0))
 
+    def _together(self, sd: np.ndarray, per_second: bool = False) -> np.ndarray:
+        """What a move of each coordinate, in units of what the constraints leave of its sd, is made into: (dof, dof).
+
+        A square root of the covariance that they leave, by QR (Potter & Stern 1963), best known coordinates first: what
+        they determine moves along with those, and beside them as far as loads beyond LOAD let it.
+        """
+        gain, left = self._gain(sd, per_second)
+        kept = np.eye(self.model.nv) - gain @ self._jacobian
+        beyond = np.square(self._softness(per_second)) - np.square(self._under_load(per_second))
+        root = np.hstack([kept * sd, gain * np.sqrt(beyond)])
+        order = np.argsort(-left / np.where(sd > 0, sd, 1.0), kind="stable")
+        lower = np.linalg.qr(root[order].T, mode="r").T
+        lower *= np.where(np.diag(lower) < 0, -1.0, 1.0)
+        moves = np.eye(self.model.nv)
+        moves[np.ix_(order, order)] = lower / np.where(left > 0, left, 1.0)[order]
+        moves[:, left == 0] = kept[:, left == 0]
+        return moves
+
     def _softness(self, per_second: bool) -> np.ndarray:
+        """How far each constraint (row,) may give way: under LOAD, or more where loads are known; how fast, per second.
+
+        The joints of a gripper or a wrist are so light that their motors would accelerate them by hundreds of rad/s^2:
+        taken as stiffer than it is there, a constraint would move starts away from where they are measured.
+        """
+        slack = self._under_load(per_second)
+        if self.slack is None or self.slack.shape[1] != len(slack):
+            return slack
+        return np.maximum(slack, UNLIKE * self.slack[int(per_second)])
+
+    def _under_load(self, per_second: bool) -> np.ndarray:
         """How far each constraint (row,) gives way under LOAD; how fast, per second."""
         rows = slice(self.data.ne)
         stiffness, damping = self.data.efc_KBIP[rows, 0], self.data.efc_KBIP[rows, 1]
         impedance = self.data.efc_KBIP[rows, 2]
-        slack = (1 - impedance) / impedance * LOAD
-        return slack / (damping if per_second else stiffness)
+        return (1 - impedance) / impedance * LOAD / (damping if per_second else stiffness)
 
 
 def _places(model: mujoco.MjModel, joint: int) -> tuple[slice, slice]:

@@ -71,6 +71,7 @@ def estimate_starts(
     noise_sd: np.ndarray,
     sampled: np.ndarray | None = None,
     unmeasured: StartEstimate | None = None,
+    slack: np.ndarray | None = None,
 ) -> StartEstimate:
     """Initial state of every window.
 
@@ -78,6 +79,7 @@ def estimate_starts(
     time (step,), outputs (step, output), noise_sd (output,). window_first, window_episode (window,). sampled (step,
     output): where there are samples, of which all values of a sensor have them or none; everywhere where None.
     unmeasured: what is believed of coordinates that no output measures; the model's own start, fixed, where None.
+    slack: how far equality constraints give way, as for LoopClosure.
     """
     count, nv = len(window_first), model.nv
     believed = unmeasured or model_starts(model, count)
@@ -114,7 +116,7 @@ def estimate_starts(
     starts = Starts(qpos, qvel, act, places.time[window_first].astype(float))
     if model.neq:
         everywhere = _between_samples(outputs, sampled, places)
-        starts, sd = _closed(LoopClosure(model), starts, sd, sources, everywhere, places, noise_sd)
+        starts, sd = _closed(LoopClosure(model, slack), starts, sd, sources, everywhere, places, noise_sd)
     reported = _reported(
         extended(path, knots.before, knots.known), knots.before, sources, measured_velocity, nv, lag
     )
