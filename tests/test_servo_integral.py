@@ -236,6 +236,24 @@ def test_a_window_begins_with_what_an_open_gear_made_of_the_errors():
     np.testing.assert_allclose(begun, log, atol=1e-9)
 
 
+@pytest.mark.parametrize("flag", ["enable", "disable"])
+def test_its_set_point_is_clamped_where_that_of_the_servo_is(flag):
+    """Set points of 0.1 m over a range of 0.05 m: the position, by the gear, comes to what the servo makes of them."""
+    option = f'gravity="0 0 0"><flag clampctrl="{flag}"/></option>'
+    xml = SERVO.replace('gravity="0 0 0"/>', option).replace("{}", 'ctrlrange="-.05 .05"')
+    model = build(xml)
+    reached = 0.05 if flag == "enable" else 0.1
+    assert 2 * stepped(model, 200.0, 0.1, 4000)[-1, 0] == pytest.approx(reached, abs=1e-4)
+    effect, values = effects.REGISTRY.get("servo-integral")(model, "servo"), np.array([50.0, 0.1])
+    tape = waves(model, 2.0, 0.2)
+    log, begun = begun_inside(effect, values, tape, [700, 1500])
+    np.testing.assert_allclose(begun, log, atol=1e-9)
+    module = {}
+    exec(companion_module("model.xml", "task", {"servo-integral@servo": (effect, values)}), module)
+    alone = looped(model, mujoco.MjData(model), module["Effects"](model), tape[:800, None])
+    np.testing.assert_allclose(alone[700:, 0], log[0], atol=1e-9)
+
+
 @pytest.mark.parametrize("steps", [1, 7, 50])
 def test_a_constant_error_is_integrated_exactly_whatever_the_step(steps):
     term = IntegralTerm(ki=np.array([3.0]), limit=np.array([0.4]), timestep=1 / steps, integral=0.1)

@@ -68,6 +68,7 @@ class ServoIntegral(JointForce):
         self.actuator = site_id(model, "actuator", site)
         self.control = int(model.actuator_ctrladr[self.actuator])
         self.gear = float(model.actuator_gear[self.actuator, 0])
+        self._clamps = not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL
         self._kp = float(model.actuator_gainprm[self.actuator, 0])
         self._known: dict[tuple[float, float], tuple[np.ndarray, WaysBefore]] = {}
         self._most = USUAL * POSITION_ERROR  # m s or rad s: how far the integral of the error goes
@@ -122,6 +123,8 @@ class ServoIntegral(JointForce):
         if field != "set_point":
             return super().read(world, field)
         control = world.ctrl[:, self.control]
+        if not self._clamps:
+            return control
         low, high = world.vary("actuator_ctrlrange")[:, self.actuator].T
         limited = world.vary("actuator_ctrllimited")[:, self.actuator]
         return np.where(limited, np.clip(control, low, high), control)
@@ -134,12 +137,15 @@ class ServoIntegral(JointForce):
         term, state = call(
             name, IntegralTerm, ["set_point", f"model.{GEAR}[servo, 0] * data.qpos[at]"], numbers
         )
+        clamped = (
+            "if model.actuator_ctrllimited[servo]:",
+            "    set_point = np.clip(set_point, *model.actuator_ctrlrange[servo])",
+        )
         lines = (
             f"servo = model.actuator({reference(self.model, 'actuator', self.site)}).id",
             f"at = model.joint({reference(self.model, 'joint', self.joint_name)}).qposadr[0]",
             "set_point = data.ctrl[model.actuator_ctrladr[servo]]",
-            "if model.actuator_ctrllimited[servo]:",
-            "    set_point = np.clip(set_point, *model.actuator_ctrlrange[servo])",
+            *clamped * self._clamps,
             f"model.{BIAS}[servo, 0] += {term}",
         )
         return Companion((IntegralTerm,), lines, state, (f"model.{BIAS}",))
@@ -150,7 +156,7 @@ class ServoIntegral(JointForce):
         As a simulation with that timestep sums it up, which holds positions over each step.
         """
         seen, ctrl = self.seen, self.seen.controls[self.actuator]
-        if self.model.actuator_ctrllimited[self.actuator]:
+        if self._clamps and self.model.actuator_ctrllimited[self.actuator]:
             ctrl = np.clip(ctrl, *self.model.actuator_ctrlrange[self.actuator])
         errors = np.zeros(len(seen.path))
         for steps in seen.stretches:
