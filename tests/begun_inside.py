@@ -22,7 +22,7 @@ def begun_inside(
     *,
     stretches: Sequence[slice] = (),
     states: np.ndarray | None = None,
-    fields: dict[str, float] | None = None,
+    fields: dict[str, np.ndarray] | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Positions (simulation, step) of a machine with one joint and one actuator, from the steps `first` of a log on:
     as recorded, and begun there.
@@ -34,7 +34,7 @@ def begun_inside(
     own = ModelFields(model, 1), ModelFields(model, len(first))
     for name, value in (fields or {}).items():
         for simulations in own:
-            simulations[name][..., 0] = value
+            simulations[name][:] = value
     timestep, engine = model.opt.timestep, Engine(model, 1)
     start = Starts(model.qpos0[None], np.zeros((1, 1)), np.zeros((1, 0)), np.zeros(1))
     whole = engine.rollout(

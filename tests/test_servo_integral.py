@@ -10,16 +10,18 @@ import mujoco
 import numpy as np
 import pytest
 from begun_inside import begun_inside
-from machines import build, run
+from machines import away, build, run
+from plain_loop import looped
 from test_hysteretic_friction import SLIDER
 
 from benchmarks._planted.diagnosing import diagnose
 from capture_cli import effects
+from capture_cli.effects.companion import companion_module
 from capture_cli.effects.servo_integral import IntegralTerm
 from capture_cli.protocol.candidates import all_candidates
 from capture_cli.protocol.model_fits import ModelFits
 from capture_cli.protocol.prepare import prepare
-from capture_cli.sim.engine import Starts
+from capture_cli.sim.engine import Engine, ModelFields, Starts
 from capture_cli.stages.record import record
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.tasks import load_task
@@ -148,7 +150,7 @@ def test_what_was_before_a_window_is_followed_through_the_errors_measured(tmp_pa
     (name, effect), fit, prepared = fitted(log)
     assert fit.error < 1.1
     np.testing.assert_allclose(fit.point[-2:], [KI, LIMIT], rtol=0.05)
-    effect._integral = lambda limit, *_: np.zeros(len(limit))
+    effect.integral = lambda *, first, **_: np.zeros(len(first))
     assert ModelFits(prepared, 1).fit(prepared, [(name, effect)], truth).error > 2
 
 
@@ -193,6 +195,63 @@ def test_the_actuator_gives_no_more_than_its_range_with_it():
     limited = build(SERVO.replace("{}", 'forcerange="-2 2"'))
     force = stepped(limited, 200.0, 0.1, 400, start=-1.0)[:, 1]
     assert force.max() == 2.0
+
+
+@pytest.mark.parametrize("effect_of", [("servo-integral", "servo"), ("compliance", "x+motor")], ids="@".join)
+def test_a_gear_that_is_open_is_the_effect_s_own_as_well(effect_of):
+    """A model whose gear a parameter has changed is the one with that gear, simulated and in a plain loop."""
+    (name, site), shown = effect_of, '<actuatorpos name="motor" actuator="servo"/></sensor>'
+    xml = SERVO.replace("{}", "").replace("</sensor>", shown)
+    believed, true = build(xml.replace('gear="2"', 'gear="1"')), build(xml)
+    cls = effects.REGISTRY.get(name)
+    effect, tape = cls(believed, site), waves(believed, 0.4)
+    values = away(cls(true, site), 0.2)
+    fields = ModelFields(believed, 1)
+    fields["actuator_gear"][:, 0, 0] = 2.0
+    start = Starts(np.zeros((1, 1)), np.zeros((1, 1)), np.zeros((1, 0)), np.zeros(1))
+    simulated = [
+        Engine(m, 1)
+        .rollout(
+            starts=start,
+            controls=tape[None, :, None],
+            steps=len(tape),
+            fields=f,
+            forces=[e.force(values[None], 0.001)],
+        )
+        .sensors[0]
+        for m, f, e in ((believed, fields, effect), (true, None, cls(true, site)))
+    ]
+    np.testing.assert_allclose(*simulated, atol=1e-12)
+    module = {}
+    exec(companion_module("model.xml", "task", {f"{name}@{site}": (effect, values)}), module)
+    alone = looped(true, mujoco.MjData(true), module["Effects"](true), tape[:, None])
+    np.testing.assert_allclose(alone, simulated[1], atol=1e-9)
+
+
+def test_a_window_begins_with_what_an_open_gear_made_of_the_errors():
+    model = build(SERVO.replace("{}", "").replace('gear="2"', 'gear="1"'))
+    effect = effects.REGISTRY.get("servo-integral")(model, "servo")
+    tape, gear = waves(model, 2.0), {"actuator_gear": np.eye(6)[:1] * 2.0}
+    log, begun = begun_inside(effect, np.array([300.0, 0.002]), tape, [700, 1500], fields=gear)
+    np.testing.assert_allclose(begun, log, atol=1e-9)
+
+
+@pytest.mark.parametrize("flag", ["enable", "disable"])
+def test_its_set_point_is_clamped_where_that_of_the_servo_is(flag):
+    """Set points of 0.1 m over a range of 0.05 m: the position, by the gear, comes to what the servo makes of them."""
+    option = f'gravity="0 0 0"><flag clampctrl="{flag}"/></option>'
+    xml = SERVO.replace('gravity="0 0 0"/>', option).replace("{}", 'ctrlrange="-.05 .05"')
+    model = build(xml)
+    reached = 0.05 if flag == "enable" else 0.1
+    assert 2 * stepped(model, 200.0, 0.1, 4000)[-1, 0] == pytest.approx(reached, abs=1e-4)
+    effect, values = effects.REGISTRY.get("servo-integral")(model, "servo"), np.array([50.0, 0.1])
+    tape = waves(model, 2.0, 0.2)
+    log, begun = begun_inside(effect, values, tape, [700, 1500])
+    np.testing.assert_allclose(begun, log, atol=1e-9)
+    module = {}
+    exec(companion_module("model.xml", "task", {"servo-integral@servo": (effect, values)}), module)
+    alone = looped(model, mujoco.MjData(model), module["Effects"](model), tape[:800, None])
+    np.testing.assert_allclose(alone[700:, 0], log[0], atol=1e-9)
 
 
 @pytest.mark.parametrize("steps", [1, 7, 50])

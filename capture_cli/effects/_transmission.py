@@ -18,8 +18,11 @@ from capture_cli.effects._scales import driven_joint, driven_joints, free_inerti
 from capture_cli.effects._two_mass import MOST_SHARE
 from capture_cli.effects.base import GLOBAL, spread
 from capture_cli.parameters import Parameter
+from capture_cli.sim.engine import World
 
 _S = mujoco.mjtSensor
+GEAR = "actuator_gear"
+JOINTS_OWN = -1  # of sensors: it is the joint's
 POSITIONS = (int(_S.mjSENS_JOINTPOS), int(_S.mjSENS_ACTUATORPOS))
 SPEEDS = (int(_S.mjSENS_JOINTVEL), int(_S.mjSENS_ACTUATORVEL))
 
@@ -138,22 +141,23 @@ class TransmissionSeenFromMotor(TransmissionForce):
 
     def report(self, sensordata: np.ndarray) -> None:
         """Add to what the sensors of the joint show, (simulation, nsensordata), how far ahead the rotor was."""
-        self.effect.on_motor.show(sensordata, self.term.seen)
+        self.effect.on_motor.show(sensordata, self.term.seen, self.world)
 
 
 class MotorEncoders:
     """The sensors of a joint and of its actuators that see the rotor, which is ahead of the joint by d at d'.
 
-    positions, speeds: their columns of sensordata, and what each shows of d or d', {column: gear}.
+    positions, speeds: their columns of sensordata, and the actuator whose gear times d or d' each shows, {column:
+    actuator}; JOINTS_OWN where it shows just that.
     """
 
     def __init__(self, model: mujoco.MjModel, joint: int, sensors: Sequence[int]):
-        def gears(kinds: Sequence[int], numbers: Sequence[int]) -> dict[int, float]:
+        def shown(kinds: Sequence[int], numbers: Sequence[int]) -> dict[int, int]:
             own = [s for s in numbers if model.sensor_type[s] in kinds]
-            return {int(model.sensor_adr[s]): _gear(model, s) for s in own}
+            return {int(model.sensor_adr[s]): _actuator(model, s) for s in own}
 
-        self.positions, self.speeds = gears(POSITIONS, sensors), gears(SPEEDS, sensors)
-        self.other_speeds = set(gears(SPEEDS, _encoders(model, joint))) - set(self.speeds)
+        self.positions, self.speeds = shown(POSITIONS, sensors), shown(SPEEDS, sensors)
+        self.other_speeds = set(shown(SPEEDS, _encoders(model, joint))) - set(self.speeds)
         self.at, self.dof = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
 
     @property
@@ -177,10 +181,11 @@ class MotorEncoders:
         if self.positions:
             qpos[:, self.at] -= deflection
 
-    def show(self, sensordata: np.ndarray, seen: tuple[np.ndarray, np.ndarray]) -> None:
-        """Add (d, d') to sensordata (simulation, column)."""
-        for gears, ahead in zip((self.positions, self.speeds), seen, strict=True):
-            for column, gear in gears.items():
+    def show(self, sensordata: np.ndarray, seen: tuple[np.ndarray, np.ndarray], world: World) -> None:
+        """Add (d, d') to sensordata (simulation, column), by gears that a parameter may have changed."""
+        for actuators, ahead in zip((self.positions, self.speeds), seen, strict=True):
+            for column, actuator in actuators.items():
+                gear = 1.0 if actuator == JOINTS_OWN else world.vary(GEAR)[:, actuator, 0]
                 sensordata[:, column] += gear * ahead
 
     def in_companion(self, own: Companion, drive: str) -> Companion:
@@ -191,9 +196,10 @@ class MotorEncoders:
             f"{INDENT}data.qpos[{[self.at]}] -= {drive}.seen[0]",
         ) * bool(self.positions)
         after = (
-            f"data.sensordata[{[column]}] += {drive}.seen[{k}]" + f" * {number(gear)}" * (gear != 1)
-            for k, gears in enumerate((self.positions, self.speeds))
-            for column, gear in gears.items()
+            f"data.sensordata[{[column]}] += {drive}.seen[{k}]"
+            + f" * model.{GEAR}[{actuator}, 0]" * (actuator != JOINTS_OWN)
+            for k, actuators in enumerate((self.positions, self.speeds))
+            for column, actuator in actuators.items()
         )
         return replace(own, lines=(*begins, *own.lines, *where), after=tuple(after))
 
@@ -227,7 +233,7 @@ def _joint(model: mujoco.MjModel, sensor: int) -> int:
     return driven_joint(model, which)
 
 
-def _gear(model: mujoco.MjModel, sensor: int) -> float:
-    """By how much what a sensor shows is more than the joint's position, or speed."""
+def _actuator(model: mujoco.MjModel, sensor: int) -> int:
+    """By whose gear what a sensor shows is more than the joint's position, or speed; JOINTS_OWN by none."""
     is_own = model.sensor_objtype[sensor] == mujoco.mjtObj.mjOBJ_JOINT
-    return 1.0 if is_own else float(model.actuator_gear[model.sensor_objid[sensor], 0])
+    return JOINTS_OWN if is_own else int(model.sensor_objid[sensor])

@@ -6,36 +6,38 @@ import mujoco
 import numpy as np
 
 from capture_cli.effects._joint_force import ForceOfKernel, JointForce
-from capture_cli.effects._kernel import Companion, call
+from capture_cli.effects._kernel import Companion, bound, call
 from capture_cli.effects._places import reference, site_id, site_name
 from capture_cli.effects._scales import POSITION_ERROR, driven_joint
 from capture_cli.effects.base import GLOBAL
 from capture_cli.parameters import Parameter
-from capture_cli.sim.turning_points import WaysBefore
+from capture_cli.sim.engine import World
+from capture_cli.sim.turning_points import REMEMBERED, WaysBefore
 
 FASTEST = 10.0  # 1/s, of ki over kp: with more, a servo that is damped as usual swings by itself
-BIAS = "actuator_biasprm"
+BIAS, GEAR = "actuator_biasprm", "actuator_gear"
 USUAL = 0.3  # s, for which an error lasts, of which no log says how long it did
 LONGEST = 3.0  # s, of kp over ki: what takes longer to take up a load is hardly told from a constant force
 TINY = 1e-12  # of ki: none holds nothing
+KEPT = 16  # integrals of a log's errors: each gear that is tried has another
 LEAST_LIMIT = 1e-3  # of how far the integral of the error goes
 ROUNDED = 1e-3  # of how far it commonly is from its mean: less is no way back
 
 
 class IntegralTerm:
-    """The mean of ki z over a step, with dz/dt = set_point - gear position, and z stops at +-limit: anti-windup by
+    """The mean of ki z over a step, with dz/dt = set_point - length, and z stops at +-limit: anti-windup by
     clamping.
 
-    set_point and position are held over the step. integral: z at the start.
+    set_point and length are held over the step. integral: z at the start.
     """
 
-    def __init__(self, *, ki, limit, timestep, gear=1.0, integral=0.0):
-        self.ki, self.limit, self.timestep, self.gear = ki, limit, timestep, gear
+    def __init__(self, *, ki, limit, timestep, integral=0.0):
+        self.ki, self.limit, self.timestep = ki, limit, timestep
         self.integral = integral + 0.0 * ki
 
-    def __call__(self, set_point, qpos):
+    def __call__(self, set_point, length):
         before = self.integral
-        self.move(self.timestep * (set_point - self.gear * qpos))
+        self.move(self.timestep * (set_point - length))
         return self.ki * (before + self.integral) / 2
 
     def move(self, way):
@@ -66,7 +68,9 @@ class ServoIntegral(JointForce):
         self.actuator = site_id(model, "actuator", site)
         self.control = int(model.actuator_ctrladr[self.actuator])
         self.gear = float(model.actuator_gear[self.actuator, 0])
+        self._clamps = not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL
         self._kp = float(model.actuator_gainprm[self.actuator, 0])
+        self._known: dict[tuple[float, float], tuple[np.ndarray, WaysBefore]] = {}
         self._most = USUAL * POSITION_ERROR  # m s or rad s: how far the integral of the error goes
 
     @classmethod
@@ -91,31 +95,36 @@ class ServoIntegral(JointForce):
     def look_in(self, **log):
         super().look_in(**log)
         if self.shows:
-            errors = self._integrated(self.model.opt.timestep)
+            errors = self._integrated(self.model.opt.timestep, self.gear)
             parts = [errors[e] for e in self.seen.stretches]
             went = 2 * max(float(np.ptp(z)) for z in parts)  # it may have begun at either end
             self._most = max(went, self._holding(self._kp / LONGEST))
             self._common = float(np.std(np.concatenate([z - z.mean() for z in parts])))
-            self._known = {}
+            self._known.clear()
 
     @property
     def shows(self):
         return super().shows and self.seen is not None and self.actuator in self.seen.controls
 
-    def coefficients(self, values):
-        return super().coefficients(values) | {"gear": np.full(len(values), self.gear)}
-
     def force(self, values, timestep, *, states=None, first=None, **_):
         given = self.coefficients(values)
-        if first is not None and self.seen is not None:
-            begun = 0.0 if states is None else states[:, 0]
-            given["integral"] = self._integral(given, first, begun, timestep)
-        return ForceOfKernel(self, given, timestep)
+        if first is None or self.seen is None:
+            return ForceOfKernel(self, given, timestep)
+        given |= {"first": first, "begun": np.zeros(len(first)) if states is None else states[:, 0]}
+        return ForceSinceBefore(self, given, timestep)
+
+    def gears(self, world: World) -> np.ndarray:
+        """(simulation,), which a parameter may have changed."""
+        return world.vary(GEAR)[:, self.actuator, 0]
 
     def read(self, world, field):
+        if field == "length":
+            return self.gears(world) * super().read(world, "qpos")
         if field != "set_point":
             return super().read(world, field)
         control = world.ctrl[:, self.control]
+        if not self._clamps:
+            return control
         low, high = world.vary("actuator_ctrlrange")[:, self.actuator].T
         limited = world.vary("actuator_ctrllimited")[:, self.actuator]
         return np.where(limited, np.clip(control, low, high), control)
@@ -125,47 +134,61 @@ class ServoIntegral(JointForce):
 
     def companion(self, name, values):
         numbers = {n: v[0] for n, v in self.coefficients(values[None]).items()}
-        term, state = call(name, IntegralTerm, ["set_point", "data.qpos[at]"], numbers)
+        term, state = call(
+            name, IntegralTerm, ["set_point", f"model.{GEAR}[servo, 0] * data.qpos[at]"], numbers
+        )
+        clamped = (
+            "if model.actuator_ctrllimited[servo]:",
+            "    set_point = np.clip(set_point, *model.actuator_ctrlrange[servo])",
+        )
         lines = (
             f"servo = model.actuator({reference(self.model, 'actuator', self.site)}).id",
             f"at = model.joint({reference(self.model, 'joint', self.joint_name)}).qposadr[0]",
             "set_point = data.ctrl[model.actuator_ctrladr[servo]]",
-            "if model.actuator_ctrllimited[servo]:",
-            "    set_point = np.clip(set_point, *model.actuator_ctrlrange[servo])",
+            *clamped * self._clamps,
             f"model.{BIAS}[servo, 0] += {term}",
         )
         return Companion((IntegralTerm,), lines, state, (f"model.{BIAS}",))
 
-    def _integrated(self, timestep: float) -> np.ndarray:
+    def _integrated(self, timestep: float, gear: float) -> np.ndarray:
         """The integral of the error from the start of each stretch of the log, (step,), m s or rad s, unclamped.
 
         As a simulation with that timestep sums it up, which holds positions over each step.
         """
         seen, ctrl = self.seen, self.seen.controls[self.actuator]
-        if self.model.actuator_ctrllimited[self.actuator]:
+        if self._clamps and self.model.actuator_ctrllimited[self.actuator]:
             ctrl = np.clip(ctrl, *self.model.actuator_ctrlrange[self.actuator])
         errors = np.zeros(len(seen.path))
         for steps in seen.stretches:
             time, path = seen.time[steps], seen.path[steps]
             measured = np.isfinite(path)
             if measured.any():
-                length = self.gear * np.interp(time, time[measured], path[measured])
+                length = gear * np.interp(time, time[measured], path[measured])
                 ways = np.diff(time) * (ctrl[steps][:-1] - (length[1:] + length[:-1]) / 2)
                 ways += timestep / 2 * np.diff(length)  # of a sum of values held, beyond the trapezoids
                 errors[steps][1:] = np.cumsum(ways)
         return errors
 
-    def _integral(
-        self, given: dict[str, np.ndarray], first: np.ndarray, begun: np.ndarray | float, timestep: float
+    def integral(
+        self,
+        *,
+        ki: np.ndarray,
+        limit: np.ndarray,
+        first: np.ndarray,
+        begun: np.ndarray,
+        gears: np.ndarray,
+        timestep: float,
     ) -> np.ndarray:
         """z (simulation,) at the steps `first` of the log, where at the start of the stretch it was `begun` times what
         is common, or what it takes to hold a load: it may have been held for long.
         """
-        limit = given["limit"]
-        common = np.maximum(self._common, self._holding(np.maximum(given["ki"], TINY)))
+        common = np.maximum(self._common, self._holding(np.maximum(ki, TINY)))
         begin = np.clip(np.minimum(common, limit) * begun, -limit, limit)
         term = IntegralTerm(ki=np.zeros(len(limit)), limit=limit, timestep=0.0, integral=begin)
-        for way in self._ways(first, timestep).T:
+        ways = np.zeros((len(first), 1 + REMEMBERED))
+        for gear in np.unique(gears):
+            ways[gears == gear] = self._ways(first[gears == gear], timestep, float(gear))
+        for way in ways.T:
             term.move(way)
         return term.integral
 
@@ -173,17 +196,33 @@ class ServoIntegral(JointForce):
         """m s or rad s: the integral of the error that holds what the joint may have to."""
         return self.characteristic_force / (abs(self.gear) * ki)
 
-    def _ways(self, first: np.ndarray, timestep: float) -> np.ndarray:
+    def _ways(self, first: np.ndarray, timestep: float, gear: float) -> np.ndarray:
         """By how much z grew and fell in turn, unclamped, from the start of the stretch to the steps `first` of the
         log, (simulation, way).
         """
-        if timestep not in self._known:
-            errors = self._integrated(timestep)
-            self._known[timestep] = errors, WaysBefore(errors, self.seen.stretches, ROUNDED * self._common)
-        errors, ways_before = self._known[timestep]
+        if (timestep, gear) not in self._known:
+            if len(self._known) == KEPT:
+                self._known.clear()
+            errors = self._integrated(timestep, gear)
+            ways_before = WaysBefore(errors, self.seen.stretches, ROUNDED * self._common)
+            self._known[timestep, gear] = errors, ways_before
+        errors, ways_before = self._known[timestep, gear]
         ways = ways_before(first)
         before = errors[first] - ways.sum(axis=1)  # all that was before the ways that are remembered
         return np.column_stack([before, ways])
+
+
+class ForceSinceBefore(ForceOfKernel):
+    """That of an integral term that has been at work in the log: it begins with what its gear has made of that."""
+
+    def begun(self, world):
+        if world is not self.world:
+            own = {name: v[world.rows] for name, v in self.coefficients.items()}
+            gears = self.effect.gears(world)
+            own["integral"] = self.effect.integral(**own, gears=gears, timestep=self.timestep)
+            kernel = {name: own[name] for name in ("ki", "limit", "integral")}
+            self.world, self.term = world, bound(self.effect.kernel, kernel, self.timestep)
+        return self.term
 
 
 def _is_servo(model: mujoco.MjModel, actuator: int) -> bool:
@@ -196,4 +235,5 @@ def _is_servo(model: mujoco.MjModel, actuator: int) -> bool:
         and model.actuator_gaintype[actuator] == mujoco.mjtGain.mjGAIN_FIXED
         and model.actuator_biastype[actuator] == mujoco.mjtBias.mjBIAS_AFFINE
         and kp == -model.actuator_biasprm[actuator, 1] > 0
+        and model.actuator_gear[actuator, 0] != 0
     )
