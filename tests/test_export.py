@@ -417,5 +417,7 @@ def test_every_effect_of_the_catalogue_says_how_it_is_exported():
     for entry in effects.catalogue():
         assert entry.exported_as == ("MJCF" if entry.place == "model" else "companion")
         assert f"| {entry.exported_as} |" in next(
-            row for row in effects.markdown().splitlines() if row.startswith(f"| `{entry.name}` |")
+            row
+            for row in effects.markdown().splitlines()
+            if row.startswith(f"| [`{entry.name}`](#{entry.name}) |")
         )
