@@ -47,7 +47,7 @@ class LoopClosure:
             off.append([self.data.efc_pos[: self.data.ne].copy(), self._jacobian @ velocity])
         most = max(
             len(position) for position, _ in off
-        )  # MuJoCo leaves out rows of zeros, where a constraint has them
+        )  # where a constraint has rows of zeros, MuJoCo leaves them out
         return np.sqrt(np.mean(np.square([o for o in off if len(o[0]) == most]), axis=0))
 
     def follow(
