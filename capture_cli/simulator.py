@@ -153,7 +153,7 @@ class Simulator:
 
         What was before an episode, or a gap, no longer counts where the inputs are known for long enough.
         """
-        sd = np.ones((len(windows), self.hidden_states))
+        sd = np.zeros((len(windows), self.hidden_states))
         for own in self._placed:
             sd[:, own.states] = own.effect.states_matter(windows.first)
             if own.effect.states_before:

@@ -12,6 +12,7 @@ from benchmarks._planted.machines import EPISODES, MACHINE, Experiment
 from benchmarks._planted.outside import LEFT_OUT, OUTSIDE
 from capture_cli.effects import REGISTRY
 from capture_cli.effects.base import Effect
+from capture_cli.reports.diagnosis_findings import placed
 
 PLANTED, PAIR, NOTHING, UNKNOWN, LEFT = "planted", "pair", "nothing", "outside", "left-out"
 MAGNITUDES = (1.5, 3.0, 10.0)  # error of the declared model, refitted, over the noise
@@ -47,7 +48,7 @@ class Case:
     @property
     def planted(self) -> tuple[str, ...]:
         """EFFECT@SITE of each, as `diagnose` names them."""
-        first = self.effect + (f"@{self.site}" if self.site else "")
+        first = placed({"effect": self.effect, "site": self.site})
         return (first, self.second) if self.second else (first,)
 
     @property
@@ -104,10 +105,8 @@ def _pairs(machine: str, seed: int) -> Iterator[Case]:
         first, second = sorted(generator.choice(len(single), 2, replace=False))
         if single[first][0] != single[second][0] and (first, second) not in drawn:
             drawn.add((first, second))
-            other, place = single[second]
-            yield Case(
-                PAIR, machine, *single[first], PAIR_MAGNITUDE, seed, other + (f"@{place}" if place else "")
-            )
+            other = placed(dict(zip(("effect", "site"), single[second], strict=True)))
+            yield Case(PAIR, machine, *single[first], PAIR_MAGNITUDE, seed, other)
 
 
 def _effects(machine: str) -> Iterator[tuple[str, str, str]]:

@@ -18,6 +18,7 @@ from benchmarks._planted.outcomes import judge
 from capture_cli.protocol import attribution
 from capture_cli.protocol.explain import Settings
 from capture_cli.protocol.prepare import prepare
+from capture_cli.reports.diagnosis_findings import placed
 from capture_cli.stages.diagnose import diagnose_prepared
 from capture_cli.stages.progress import Progress
 from capture_cli.stores.measured_log import MeasuredLog
@@ -90,13 +91,13 @@ def _told(case: Case, document: dict[str, Any], made: Experiment) -> dict[str, A
     first, last = document["stages"][0], document["stages"][-1]
     floor = np.array(list(document["noise_floor"].values()))
     candidates = document["candidates"]
-    own = [c for c in candidates if _placed(c["effect"], c["site"]) in case.planted]
+    own = [c for c in candidates if placed(c) in case.planted]
     return {
         "outcome": judge(case, document["verdict"], document["effects"], last["test"]["normalized"]),
         "verdict": document["verdict"],
         "found": [
             {
-                "effect": _placed(e["name"], e["site"]),
+                "effect": placed(e),
                 "tied_with": e["tied_with"],
                 "values": {k: p["value"] for k, p in e["parameters"].items()},
                 "p_value": e["p_value"],
@@ -111,10 +112,6 @@ def _told(case: Case, document: dict[str, Any], made: Experiment) -> dict[str, A
         "candidates": candidates[:KEPT],
         "rollouts": document["rollouts"]["simulated"],
     }
-
-
-def _placed(effect: str, site: str) -> str:
-    return effect + (f"@{site}" if site else "")
 
 
 def _since(began: float) -> float:

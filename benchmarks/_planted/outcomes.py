@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from benchmarks._planted.cases import LEFT, NOTHING, UNKNOWN, Case
+from capture_cli.reports.diagnosis_findings import placed
 
 NEAR_FLOOR = 1.2
 EXACT, AMONG, TIED, EQUIVALENT = "exact", "among others", "tied", "equivalent"
@@ -96,7 +97,7 @@ EQUIVALENTS = (
 
 def judge(case: Case, verdict: str, effects: list[dict[str, Any]], test_error: float) -> str:
     """The outcome of a diagnosis; effects: as in diagnosis.json. test_error over the noise floor."""
-    accepted = [_placed(e) for e in effects]
+    accepted = [placed(e) for e in effects]
     tied = {name for e in effects for name in e["tied_with"]}
     if case.kind == NOTHING:
         return FALSE_ALARM if accepted or verdict != "explained" else SILENT
@@ -129,10 +130,6 @@ def _judge_unknown(verdict: str, test_error: float) -> str:
     if verdict == "explained":
         return MISSED
     return IMITATED if test_error <= NEAR_FLOOR else WRONG
-
-
-def _placed(effect: dict[str, Any]) -> str:
-    return effect["name"] + (f"@{effect['site']}" if effect["site"] else "")
 
 
 def _equivalent(machine: str, planted: str, names: set[str]) -> bool:

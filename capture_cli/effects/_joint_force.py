@@ -106,6 +106,9 @@ class ForceOfKernel:
     def begun(self, world: World) -> Callable:
         """The kernel with the coefficients of this chunk: afresh where one begins, and with it another state."""
         if world is not self.world:
-            own = {name: v[world.rows] for name, v in self.coefficients.items()}
-            self.world, self.term = world, bound(self.effect.kernel, own, self.timestep)
+            self.world, self.term = world, bound(self.effect.kernel, self.own(world), self.timestep)
         return self.term
+
+    def own(self, world: World) -> dict[str, np.ndarray]:
+        """The kernel's coefficients, (simulation,) of this chunk."""
+        return {name: v[world.rows] for name, v in self.coefficients.items()}

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from capture_cli.effects._joint_force import ForceOfKernel, JointForce
-from capture_cli.effects._kernel import Companion, bound, call
+from capture_cli.effects._kernel import Companion, call
 from capture_cli.effects._places import reference, site_id, site_name
 from capture_cli.effects._scales import POSITION_ERROR, driven_joint
 from capture_cli.effects.base import GLOBAL
@@ -215,14 +215,12 @@ class ServoIntegral(JointForce):
 class ForceSinceBefore(ForceOfKernel):
     """That of an integral term that has been at work in the log: it begins with what its gear has made of that."""
 
-    def begun(self, world):
-        if world is not self.world:
-            own = {name: v[world.rows] for name, v in self.coefficients.items()}
-            gears = self.effect.gears(world)
-            own["integral"] = self.effect.integral(**own, gears=gears, timestep=self.timestep)
-            kernel = {name: own[name] for name in ("ki", "limit", "integral")}
-            self.world, self.term = world, bound(self.effect.kernel, kernel, self.timestep)
-        return self.term
+    def own(self, world):
+        own = super().own(world)
+        before = {name: own.pop(name) for name in ("first", "begun")}
+        gears = self.effect.gears(world)
+        own["integral"] = self.effect.integral(**own, **before, gears=gears, timestep=self.timestep)
+        return own
 
 
 def _is_servo(model: mujoco.MjModel, actuator: int) -> bool:
