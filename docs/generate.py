@@ -219,6 +219,10 @@ _PARAMETER = {
     "at_bound": "whether the estimate lies at a bound",
     "identifiable": "whether the log determines it",
 }
+_HELD_OUT = (
+    "null, or where a fit to the whole log has the parameters, if what was held out shows what the fit leaves open: "
+    "{parameters, error, text}"
+)
 _IMPOSSIBLE = "bodies whose estimated inertia no body has: {body, moments (kg m^2), text}"
 _LACK = {
     "normalized": "error of the fit over the noise floor, degrees of freedom allowed for",
@@ -248,6 +252,7 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str]]] = {
             "diverged_windows": "in how many windows the simulation runs away at the estimate",
             **{f"lack_of_fit.{k}": v for k, v in _LACK.items()},
             "undetermined": "combinations of parameters that the log leaves open: {combination, sd_over_range, text}",
+            "held_out": _HELD_OUT,
             "impossible_inertia": _IMPOSSIBLE,
             "correlation[][]": "of the estimates, (parameter, parameter)",
             "recordings": "null, or how the recordings agree: {names, agree, parameters, text}",
@@ -298,6 +303,7 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str]]] = {
             "noise_floor_source.OUTPUT": "declared, repeats, differences, residual or resolution (docs/concepts.md)",
             **{f"lack_of_fit.before.{k}": f"{v}; declared model" for k, v in _LACK.items()},
             **{f"lack_of_fit.after.{k}": f"{v}; with the effects" for k, v in _LACK.items()},
+            "held_out": _HELD_OUT,
             "impossible_inertia": _IMPOSSIBLE,
             "absorbed.NAME.before": "a declared parameter without the effects, for which it had been standing in",
             "absorbed.NAME.after": "with them",

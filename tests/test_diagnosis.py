@@ -21,7 +21,7 @@ from capture_cli.diagnosis.acceptance import (
     paired_p_value,
     ratio_p_value,
 )
-from capture_cli.diagnosis.lack_of_fit import LackOfFit
+from capture_cli.diagnosis.lack_of_fit import LackOfFit, lack_held_out
 from capture_cli.diagnosis.localisation import HALF_WIDTH, accelerations, curve, largest_around
 from capture_cli.diagnosis.noise_floor import from_differences, noise_floor
 from capture_cli.diagnosis.score import score
@@ -34,6 +34,7 @@ from capture_cli.protocol.attribution import _slight
 from capture_cli.protocol.candidates import REFITTED, all_candidates, worth_a_refit
 from capture_cli.protocol.explain import starts_found
 from capture_cli.protocol.explanation import verdict as judged_as
+from capture_cli.protocol.held_out import HeldOut
 from capture_cli.protocol.log_parts import FIT, SELECT, TEST, LogParts
 from capture_cli.protocol.model_fits import ModelFits, PartFit
 from capture_cli.protocol.prepare import prepare
@@ -561,12 +562,11 @@ def test_what_does_not_show_in_held_out_data_is_not_found(without, with_it, verd
     evidence = Evidence(
         ParameterSpace([]), np.zeros((4, 50, 1)), mask[..., None], np.ones(1), np.zeros((4, 2))
     )
-    held_out = [
-        PartFit(evidence, np.zeros((4, 2)), np.full((4, 50), error), np.zeros(4))
-        for error in (without, with_it)
-    ]
+    residuals = [np.full((4, 50), error) for error in (without, with_it)]
+    before = PartFit(evidence, np.zeros((4, 2)), residuals[0], np.zeros(4))
+    after = HeldOut(lack_held_out(evidence, residuals[1]))
     accepted = [SimpleNamespace(tied_with=[])]
-    assert judged_as(*lacking, *held_out, accepted) == verdict
+    assert judged_as(*lacking, before, after, accepted) == verdict
 
 
 def test_lags_that_differ_are_told_apart_although_they_come_together(tmp_path, monkeypatch):

@@ -125,6 +125,7 @@ def test_every_key_of_a_document_is_documented_and_no_other(written, document):
     opaque = {
         "recordings",
         "undetermined",
+        "held_out",
         "impossible_inertia",
         "options.OPTION",
         "histories.ATTRIBUTE",

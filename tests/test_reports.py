@@ -7,6 +7,7 @@ import io
 import json
 import re
 import sys
+from functools import partial
 from subprocess import run
 
 import numpy as np
@@ -450,10 +451,14 @@ def test_figures(name, tmp_path):
 
 @pytest.mark.parametrize("broken", [0, 1])
 def test_a_figure_that_cannot_be_drawn_is_an_error_whichever_process_draws_it(broken, tmp_path):
-    figures = {name: new_figure(1.0) for name in ("first", "second")}
-    next(f for i, f in enumerate(figures.values()) if i == broken).text(0.5, 0.5, "$\\nonsense$")
+    def nonsense():
+        figure = new_figure(1.0)
+        figure.text(0.5, 0.5, "$\\nonsense$")
+        return figure
+
+    drawings = {str(i): nonsense if i == broken else partial(new_figure, 1.0) for i in range(2)}
     with pytest.raises(ValueError, match="nonsense"):
-        save(figures, tmp_path)
+        save(drawings, tmp_path)
 
 
 # ---- the terminal ----

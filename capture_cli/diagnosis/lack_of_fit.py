@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import ndtr, ndtri
 
 from capture_cli.linearization import Evidence, Linearization, autocorrelation_time
 
@@ -107,6 +106,8 @@ def by_chance(degrees: float | np.ndarray, of: int = 1) -> float | np.ndarray:
 
     of: how many such errors are looked at, of which the largest may not be beyond more often than one alone.
     """
+    from scipy.special import ndtr, ndtri
+
     z = Z if of == 1 else -ndtri(ndtr(-Z) / of)
     spread = np.sqrt(2 / degrees * (1 + FLOOR_SHARE) + (2 * FLOOR_UNCERTAINTY) ** 2)
     return np.sqrt(1 + z * spread)

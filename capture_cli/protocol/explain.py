@@ -13,6 +13,7 @@ from capture_cli.identifiers.intervals import intervals
 from capture_cli.protocol.attribution import MOST_EFFECTS, Attribution
 from capture_cli.protocol.candidates import Candidate
 from capture_cli.protocol.explanation import Explanation, Expression, JudgedModel
+from capture_cli.protocol.held_out import held_out
 from capture_cli.protocol.log_checks import all_diverged, check_parameters_move_outputs
 from capture_cli.protocol.log_parts import FIT, SELECT, TEST, LogParts
 from capture_cli.protocol.log_starts import as_acted, begins_as_acted
@@ -129,6 +130,7 @@ class _Protocol:
             models,
             motion=self.fits.motion(self.prepared, after.again, after.whole.offsets),
             begun=self.fits.begun(self.prepared, after.again, after.whole.offsets),
+            held_out=held_out(self.fits, after.again, after.whole, self.parts.number == TEST),
             next_experiment=next_experiment(self.fits, after.fit, [c.fit for c in tied], self.settings.seed),
         )
         if self.settings.expression and last_time and found.verdict == "unexplained":

@@ -8,10 +8,11 @@ from functools import cached_property
 from typing import Any
 
 from capture_cli.diagnosis.expression import ExpressionTerm, formula
-from capture_cli.diagnosis.lack_of_fit import LackOfFit, lack_held_out, lack_of_fit
+from capture_cli.diagnosis.lack_of_fit import LackOfFit, lack_of_fit
 from capture_cli.identifiers.intervals import Intervals, intervals
 from capture_cli.protocol.attribution import Accepted
 from capture_cli.protocol.candidates import Candidate
+from capture_cli.protocol.held_out import HeldOut
 from capture_cli.protocol.log_parts import TEST, LogParts
 from capture_cli.protocol.model_fits import Fit, PartFit
 from capture_cli.simulator import Begun, Motion
@@ -66,7 +67,8 @@ class Explanation:
     """What the protocol found in a log.
 
     models: the declared one, then each with one more of the `accepted` effects. motion: of the last, in every window.
-    begun: where that begins. next_experiment: what would separate the first tie. rollouts: windows simulated in all.
+    begun: where that begins. held_out: whether that model holds on the test part.
+    next_experiment: what would separate the first tie. rollouts: windows simulated in all.
     """
 
     parts: LogParts
@@ -75,6 +77,7 @@ class Explanation:
     models: list[JudgedModel]
     motion: Motion
     begun: Begun
+    held_out: HeldOut
     next_experiment: dict[str, Any] | None
     expression: Expression | None = None
     rollouts: int = 0
@@ -94,22 +97,22 @@ class Explanation:
 
     @cached_property
     def verdict(self) -> str:
-        held_out = [m.whole.rows(self.parts.number == TEST) for m in (self.before, self.after)]
-        return verdict(self.before.lacking, self.after.lacking, *held_out, self.accepted)
+        before = self.before.whole.rows(self.parts.number == TEST)
+        return verdict(self.before.lacking, self.after.lacking, before, self.held_out, self.accepted)
 
 
 def verdict(
     before: LackOfFit,
     after: LackOfFit,
     held_out_before: PartFit,
-    held_out: PartFit,
+    held_out: HeldOut,
     accepted: Sequence[Accepted],
 ) -> str:
     """A model that does not hold on what was held out explains nothing, however well it fits the rest."""
-    count = held_out.evidence.count
-    if lack_held_out(held_out.evidence, held_out.residual).lacking:
+    if held_out.lacking:
         return "unexplained"
-    if count and accepted and held_out.normalized >= held_out_before.normalized:
+    tested = held_out_before.evidence.count > 0
+    if tested and accepted and held_out.lack.normalized >= held_out_before.normalized:
         return "unexplained"
     if not before.lacking:
         return "explained"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -45,12 +46,12 @@ def write_figures(diagnosis: Diagnosis, folder: Path) -> list[Path]:
     """Write before_after.png and stages.png into `folder`; also localisation.png where the log is long enough, and
     absorbed.png where effects were found. Returns the paths.
     """
-    figures = {"before_after": _before_after(diagnosis), "stages": _stages(diagnosis)}
+    drawings = {"before_after": partial(_before_after, diagnosis), "stages": partial(_stages, diagnosis)}
     if any(drawn_curves(diagnosis, k) for k in range(len(diagnosis.attributes["outputs"]))):
-        figures["localisation"] = _localisation(diagnosis)
+        drawings["localisation"] = partial(_localisation, diagnosis)
     if diagnosis.document["absorbed"]:
-        figures["absorbed"] = _absorbed(diagnosis)
-    return save(figures, folder)
+        drawings["absorbed"] = partial(_absorbed, diagnosis)
+    return save(drawings, folder)
 
 
 def _before_after(diagnosis: Diagnosis) -> Figure:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from capture_cli.reports.findings import NEAR, NOT_ALIKE, UNTRUSTED, beyond_chance, impossible
+from capture_cli.reports.findings import NEAR, NOT_ALIKE, UNTRUSTED, beyond_chance, impossible, left_open
 from capture_cli.reports.quantities import scaled_unit, significant, titled, to_precision_of, with_unit
 from capture_cli.stores.diagnosis import Diagnosis
 
@@ -215,6 +215,7 @@ def notes(document: Mapping[str, Any]) -> list[str]:
             )
         if document["parameters"] or document["effects"]:
             found.append(UNTRUSTED)
+    found += left_open(document)
     found += impossible(document)
     found += [
         f"{name} is at the end of its range: the range, not the log, decides it."

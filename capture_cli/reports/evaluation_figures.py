@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,14 +23,14 @@ SMALLEST = 1e-4  # of a range: what is nearer is drawn there, where axes are log
 
 def write_figures(document: Mapping[str, Any], folder: Path) -> list[Path]:
     """Write parameter_difference.png, trajectory_difference.png, cost.png and, where there is one, success.png."""
-    figures = {
-        "parameter_difference": _parameters(document),
-        "trajectory_difference": _single(document, _trajectory),
-        "cost": _single(document, _cost),
+    drawings = {
+        "parameter_difference": partial(_parameters, document),
+        "trajectory_difference": partial(_single, document, _trajectory),
+        "cost": partial(_single, document, _cost),
     }
     if all(e["success"] is not None for e in document["identifiers"].values()):
-        figures["success"] = _single(document, _success)
-    return save(figures, folder)
+        drawings["success"] = partial(_single, document, _success)
+    return save(drawings, folder)
 
 
 def _parameters(document: Mapping[str, Any]) -> Figure:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import NoReturn
 
@@ -52,10 +52,14 @@ PALETTE = {
 DASHES = {"solid": "-", "dot": (0, (2, 2)), "dash": (0, (5, 2))}
 
 
-def save(figures: Mapping[str, Figure], folder: Path) -> list[Path]:
-    """Write NAME.png for every figure; returns the paths. In two processes, where the system copies them cheaply."""
-    paths = [Path(folder) / f"{name}.png" for name in figures]
-    jobs = list(zip(paths, figures.values(), strict=True))
+# What makes a figure.
+Drawing = Callable[[], Figure]
+
+
+def save(drawings: Mapping[str, Drawing], folder: Path) -> list[Path]:
+    """Write NAME.png of every drawing; returns the paths. In two processes, where the system copies them cheaply."""
+    paths = [Path(folder) / f"{name}.png" for name in drawings]
+    jobs = list(zip(paths, drawings.values(), strict=True))
     if len(jobs) < 2 or sys.platform != "linux":
         _draw(jobs)
         return paths
@@ -71,13 +75,13 @@ def save(figures: Mapping[str, Figure], folder: Path) -> list[Path]:
     return paths
 
 
-def _draw(jobs: Sequence[tuple[Path, Figure]]) -> None:
-    for path, figure in jobs:
+def _draw(jobs: Sequence[tuple[Path, Drawing]]) -> None:
+    for path, drawing in jobs:
         # savefig lays out and draws everything twice
-        figure.canvas.print_png(path, pil_kwargs={"compress_level": COMPRESSION})
+        drawing().canvas.print_png(path, pil_kwargs={"compress_level": COMPRESSION})
 
 
-def _draw_and_exit(jobs: Sequence[tuple[Path, Figure]]) -> NoReturn:
+def _draw_and_exit(jobs: Sequence[tuple[Path, Drawing]]) -> NoReturn:
     """What the copy of the process does: no more than this, whatever happens."""
     status = 1
     try:

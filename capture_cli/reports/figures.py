@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -34,12 +35,15 @@ def write_figures(estimate: Estimate, folder: Path) -> list[Path]:
     estimate has parameters and rounds. Returns the paths.
     """
     curves = Curves.of(estimate)
-    figures = {"overlay": _overlay(estimate, curves), "residual": _residual(estimate, curves)}
+    drawings = {
+        "overlay": partial(_overlay, estimate, curves),
+        "residual": partial(_residual, estimate, curves),
+    }
     if estimate.document["parameters"]:
-        figures["parameters"] = _parameters(estimate)
+        drawings["parameters"] = partial(_parameters, estimate)
     if len(estimate.arrays["round/error"]):
-        figures["convergence"] = _convergence(estimate)
-    return save(figures, folder)
+        drawings["convergence"] = partial(_convergence, estimate)
+    return save(drawings, folder)
 
 
 def _overlay(estimate: Estimate, curves: Curves) -> Figure:

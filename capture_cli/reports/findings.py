@@ -81,6 +81,7 @@ def notes(document: Mapping[str, Any]) -> list[str]:
     found = [UNTRUSTED] if document["verdict"] == "unexplained" and document["parameters"] else []
     if document["in_context"] and document["in_context"]["text"]:
         found.append(document["in_context"]["text"])
+    found += left_open(document)
     found += [item["text"] for item in document["undetermined"]]
     found += impossible(document)
     found += [_at_bound(n, p) for n, p in document["parameters"].items() if p["at_bound"]]
@@ -100,6 +101,11 @@ def notes(document: Mapping[str, Any]) -> list[str]:
 def impossible(document: Mapping[str, Any]) -> list[str]:
     """What no body can be, and yet was found; earlier versions did not look."""
     return [item["text"] for item in document.get("impossible_inertia", [])]
+
+
+def left_open(document: Mapping[str, Any]) -> list[str]:
+    """What was held out and the fit left open; earlier versions did not look."""
+    return [document["held_out"]["text"]] if document.get("held_out") else []
 
 
 def suspicions(estimate: Estimate) -> list[str]:

@@ -46,4 +46,4 @@ def write_figure(metrics: Sequence[Mapping[str, Any]], result: Mapping[str, Any]
             axis.set_ylim(-0.03, 1.03)
             axis.yaxis.set_major_formatter(PercentFormatter(1.0))
             axis.legend(frameon=False, fontsize=9)
-    return save({"training": figure}, folder)
+    return save({"training": lambda: figure}, folder)

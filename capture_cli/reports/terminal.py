@@ -76,7 +76,7 @@ def print_diagnosis(diagnosis: Diagnosis, console: Console, out_path: Path) -> N
         ("where", words.strongest_covariate(document) if is_unexplained else ""),
         ("formula", _formula_line(document)),
         *_rivals_line(document),
-        ("note", " ".join(findings.impossible(document))),
+        ("note", " ".join([*findings.left_open(document), *findings.impossible(document)])),
         ("next", words.next_experiment(document)),
     ):
         if line:

@@ -56,4 +56,4 @@ def write_figure(
         axis.spines[["top", "right"]].set_visible(False)
         if not (likelihood and axis is loss):
             axis.set_yscale("log")
-    return save({"loss": figure}, folder)
+    return save({"loss": lambda: figure}, folder)

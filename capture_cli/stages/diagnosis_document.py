@@ -18,6 +18,7 @@ from capture_cli.reports.diagnosis_findings import summary
 from capture_cli.stages.result_document import (
     attributes_of,
     error_of,
+    held_out_of,
     impossible_inertia_of,
     lack_of_fit_of,
     measured_arrays,
@@ -65,6 +66,9 @@ def _document(found: Explanation, curves: list[dict[str, Any]]) -> dict[str, Any
             "before": lack_of_fit_of(prepared, before.lacking),
             "after": lack_of_fit_of(prepared, after.lacking),
         },
+        "held_out": held_out_of(
+            prepared, after.again.space, after.again.point, found.held_out, found.parts.number == TEST
+        ),
         "impossible_inertia": impossible_inertia_of(
             task,
             after.again.point[: len(task.space)],

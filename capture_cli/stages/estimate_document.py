@@ -6,11 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from capture_cli.diagnosis.lack_of_fit import LackOfFit, lack_held_out, lack_of_fit
+from capture_cli.diagnosis.lack_of_fit import LackOfFit, lack_of_fit
 from capture_cli.identifiers.base import Trial
 from capture_cli.identifiers.intervals import Intervals, intervals
 from capture_cli.identifiers.least_squares import CONVERGED_GAIN
 from capture_cli.identifiers.rounds import Rounds
+from capture_cli.protocol.held_out import HeldOut, held_out
 from capture_cli.protocol.model_fits import TOLERANCE, PartFit
 from capture_cli.reports.findings import NOT_ALIKE, beyond_chance
 from capture_cli.stages.earlier_estimate import EarlierEstimate
@@ -18,6 +19,7 @@ from capture_cli.stages.estimation import Found
 from capture_cli.stages.result_document import (
     attributes_of,
     error_of,
+    held_out_of,
     impossible_inertia_of,
     lack_of_fit_of,
     measured_arrays,
@@ -58,7 +60,8 @@ class Report:
         simulated, nominal, diverged = self._curves(offsets)
         recordings = self._recordings(found)
         whole = self._whole(offsets, simulated)
-        document = self._document(found, lacking, whole, recordings, diverged)
+        held = held_out(self.fits, fit, whole, self.is_test)
+        document = self._document(found, lacking, whole, held, recordings, diverged)
         arrays = self._arrays(found, offsets, simulated, nominal, recordings)
         attributes = {"parameters": list(self.space.names), **attributes_of(self.prepared.log)}
         return Estimate(document, arrays, attributes)
@@ -112,20 +115,20 @@ class Report:
 
     # --- what is written ---
 
-    def _document(self, found: Intervals, lacking: LackOfFit, whole: PartFit, recordings, diverged) -> dict:
+    def _document(
+        self, found: Intervals, lacking: LackOfFit, whole: PartFit, held: HeldOut, recordings, diverged
+    ) -> dict:
         prepared, log = self.prepared, self.prepared.log
         undetermined = _undetermined(found, self.space.names)
         error = {
             "fit": error_of(prepared, whole.rows(~self.is_test)),
             "test": error_of(prepared, whole.rows(self.is_test)),
         }
-        test = whole.rows(self.is_test)
-        held_out = lack_held_out(test.evidence, test.residual)
-        if diverged.any() or lacking.lacking or held_out.lacking:
+        if diverged.any() or lacking.lacking or held.lacking:
             verdict = "unexplained"
         else:
             verdict = "explained" if found.identifiable.all() else "not-identifiable"
-        lacks = [lack_of_fit_of(prepared, part) for part in (lacking, held_out)]
+        lacks = [lack_of_fit_of(prepared, part) for part in (lacking, held.lack)]
         rows = found.rows(self.space, self.best.parameters, range(len(self.space)))
         document = {
             "format": FORMAT,
@@ -140,6 +143,7 @@ class Report:
             "summary": _summary(verdict, *lacks, undetermined, diverged),
             "diverged_windows": int(diverged.sum()),
             "lack_of_fit": lacks[0],
+            "held_out": held_out_of(prepared, self.space, self.best.parameters, held, self.is_test),
             "undetermined": undetermined,
             "impossible_inertia": impossible_inertia_of(prepared.task, self.best.parameters),
             "correlation": _correlation(found.covariance).tolist(),

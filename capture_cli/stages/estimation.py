@@ -33,7 +33,7 @@ LEAST_GAIN = 0.05
 CLEARLY = 2.0  # noise floors: beyond what chance allows of any log worth the name
 FAR = 3.0  # noise floors: a log this far from explained may be explained from somewhere else
 AROUND, AROUND_POINTS = 0.1, 81  # of the range, about the answer to labels, which leave as much open
-JUDGED_BY = 4  # entries of the log, at most, that the estimates of all rounds are compared on
+JUDGED_BY = 3  # entries of the log, at most, that the estimates of all rounds are compared on
 
 
 @dataclass

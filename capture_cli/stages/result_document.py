@@ -9,8 +9,11 @@ import numpy as np
 
 from capture_cli.diagnosis.lack_of_fit import LackOfFit
 from capture_cli.effects.base import Effect
+from capture_cli.parameters import ParameterSpace
+from capture_cli.protocol.held_out import HeldOut
 from capture_cli.protocol.model_fits import PartFit
 from capture_cli.protocol.prepared_log import PreparedLog
+from capture_cli.reports.quantities import significant, with_unit
 from capture_cli.sim.engine import ModelFields
 from capture_cli.sim.impossible_inertia import impossible_inertias
 from capture_cli.simulator import Begun
@@ -50,6 +53,30 @@ def lack_of_fit_of(prepared: PreparedLog, lacking: LackOfFit) -> dict[str, Any]:
         "outputs": _by_output(prepared, lacking.outputs),
         "output_thresholds": _by_output(prepared, lacking.output_thresholds),
         "lacking": lacking.lacking,
+    }
+
+
+def held_out_of(
+    prepared: PreparedLog, space: ParameterSpace, point: np.ndarray, held: HeldOut, is_test: np.ndarray
+) -> dict[str, Any] | None:
+    """Where the whole log has the parameters, `space` at `point` (parameter,), and what it leaves; None where the fit
+    holds on what was held out, the windows `is_test` (window,), or no parameters do.
+    """
+    if held.whole is None:
+        return None
+    parts = {"fit": held.whole.rows(~is_test), "test": held.whole.rows(is_test)}
+    error = {name: error_of(prepared, part) for name, part in parts.items()}
+    moves = np.abs(space.to_unit(held.point) - space.to_unit(point))
+    most = space.parameters[int(np.argmax(moves))]
+    value = with_unit(significant(space.to_dict(held.point)[most.name]), most.unit)
+    return {
+        "parameters": space.to_dict(held.point),
+        "error": error,
+        "text": (
+            f"What was held out tells more of {most.name} than what was fitted: there the error is "
+            f"{held.lack.normalized:.3g} times the noise floor, and {error['test']['normalized']:.3g} with "
+            f"{most.name} {value}, which the fit leaves open."
+        ),
     }
 
 

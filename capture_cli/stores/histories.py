@@ -256,7 +256,7 @@ def _sizes(attributes: Mapping[str, Any]) -> dict[str, int]:
 def _create(group, spec: ArraySpec, shape, chunks, shards) -> None:
     from zarr.codecs import Crc32cCodec, ZstdCodec
 
-    array = group.create_array(
+    group.create_array(
         spec.path,
         shape=shape,
         dtype=spec.dtype,
@@ -265,8 +265,8 @@ def _create(group, spec: ArraySpec, shape, chunks, shards) -> None:
         compressors=(ZstdCodec(level=0), Crc32cCodec()),
         fill_value=0 if spec.path == MARKS else float("nan"),  # what was never written cannot pass for data
         dimension_names=spec.dims,
+        attributes={"unit": spec.unit, "meaning": spec.meaning},
     )
-    array.attrs.update({"unit": spec.unit, "meaning": spec.meaning})
 
 
 def _open(location: str):

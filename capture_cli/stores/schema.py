@@ -90,8 +90,8 @@ class Schema:
             chunks=chunks,
             compressors=ZstdCodec(level=0, checksum=True),
             dimension_names=spec.dims,
+            attributes={"unit": spec.unit, "meaning": spec.meaning},
         )
-        array.attrs.update({"unit": spec.unit, "meaning": spec.meaning})
         array[...] = values
 
     def read(self, path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:

@@ -1,0 +1,68 @@
+"""Whether a model holds on what was held out, where its parameters are no better known than the fit leaves them.
+
+A log may show something for the first time in the part that was held out: a rod that tips, by a centre of mass that
+the fitted strokes leave open. Errors there beyond the noise are then no lack of the model. Linearised they have the
+covariance I + J S J^T, S that of the parameters (the posterior predictive distribution; Gelman et al., Bayesian Data
+Analysis, 3rd ed., section 6.3); as contacts are not linear, the whole log is fitted instead.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from capture_cli.diagnosis.lack_of_fit import LackOfFit, lack_held_out, lack_of_fit
+from capture_cli.protocol.model_fits import EXACT, Fit, ModelFits, PartFit
+
+BY_CHANCE = 1e-3  # the probability that parameters are farther off than this
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """lack: what a fit leaves of what it was not fitted to. whole: the same model fitted to the whole log, where it
+    leaves nothing of either part and its parameters are where the first fit may have missed them; else None.
+    """
+
+    lack: LackOfFit
+    whole: PartFit | None = None
+    point: np.ndarray | None = None
+
+    @property
+    def lacking(self) -> bool:
+        """Whether the model does not hold there."""
+        return self.lack.lacking and self.whole is None
+
+
+def held_out(fits: ModelFits, fit: Fit, on: PartFit, is_test: np.ndarray) -> HeldOut:
+    """Of the windows `is_test` (window,). fit: to the others; on: the whole log at its parameters."""
+    test = on.rows(is_test)
+    lack = lack_held_out(test.evidence, test.residual)
+    if not lack.lacking or not len(fit.space) or lack_of_fit(fit.at).lacking:
+        return HeldOut(lack)
+    whole = fits.fit(
+        fits.prepared,
+        fit.effects,
+        fit.point,
+        offsets=on.offsets,
+        offsets_with=fit.effects,
+        tolerance=EXACT,
+    )
+    if whole is None or not _leaves_nothing(whole, is_test) or not _by_chance(fit, whole, is_test):
+        return HeldOut(lack)
+    return HeldOut(lack, PartFit.of(whole.at), whole.point)
+
+
+def _leaves_nothing(whole: Fit, is_test: np.ndarray) -> bool:
+    """Of the log, and of what was held out of it."""
+    test = PartFit.of(whole.at).rows(is_test)
+    return not lack_of_fit(whole.at).lacking and not lack_held_out(test.evidence, test.residual).lacking
+
+
+def _by_chance(fit: Fit, whole: Fit, is_test: np.ndarray) -> bool:
+    """Whether the windows that were fitted tell the parameters of the two fits apart no better than by chance."""
+    from scipy.special import chdtri
+
+    k = fit.at.scatter
+    worse = whole.at.objectives(k)[~is_test].sum() - fit.at.objectives(k).sum()
+    return bool(worse <= k * chdtri(len(fit.space), BY_CHANCE))

@@ -1,0 +1,72 @@
+"""What is held out and not explained: a lack, but where the fit leaves the parameters open that would explain it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from capture_cli.reports import findings
+from capture_cli.stages import identify as stage
+from capture_cli.stages.diagnose import diagnose
+from capture_cli.stages.identify import identify
+from capture_cli.stages.record import record
+from capture_cli.stores import output
+
+SLIDER = Path(__file__).resolve().parents[1] / "benchmarks" / "machines" / "slider" / "task.toml"
+
+
+@pytest.fixture(autouse=True)
+def without_pages(monkeypatch):
+    """Reports and what reaches the disk have tests of their own."""
+    monkeypatch.setattr(stage, "_write_pages", lambda *_: None)
+    monkeypatch.setattr("capture_cli.stages.diagnose._write_pages", lambda *_: None)
+    monkeypatch.setattr(output, "_sync", lambda _: None)
+
+
+def test_a_rod_that_tips_for_the_first_time_where_it_is_held_out_is_explained(tmp_path):
+    """With this seed no fitted stroke is near enough to the centre of mass to tell its side of the spatula."""
+    log, estimate = tmp_path / "log.zarr", tmp_path / "estimate"
+    record(task="scooping", out=log, random_parameters=True, noise=2e-3, episodes=10, seed=1)
+    found = identify(real_log=log, out=estimate, quiet=True, threads=1).document
+    assert found["error"]["test"]["normalized"] > 3
+    assert found["verdict"] == "explained"
+    assert found["held_out"]["error"]["test"]["normalized"] < 1.1
+    low, high = found["parameters"]["com"]["ci95"]
+    assert low <= found["held_out"]["parameters"]["com"] <= high
+    assert any("com" in note and "held out" in note for note in findings.notes(found))
+    document = diagnose(real_log=log, estimate=estimate, out=tmp_path / "diagnosis", quiet=True).document
+    assert (document["verdict"], document["effects"]) == ("explained", [])
+
+
+def test_a_machine_that_changed_before_what_is_held_out_is_not_explained(tmp_path):
+    """One mass for both recordings would leave little of either, but not one that the fitted recording allows."""
+    kept, changed = (
+        record(
+            task=str(SLIDER),
+            out=tmp_path / f"{mass}.zarr",
+            parameters={"mass": mass},
+            noise=5e-4,
+            episodes=3,
+            duration=1.5,
+            rate=250,
+            threads=1,
+            seed=seed,
+        ).log
+        for seed, mass in enumerate((1.4, 1.406))
+    )
+    both = replace(
+        kept,
+        **{n: np.concatenate([getattr(kept, n), getattr(changed, n)]) for n in ("inputs", "outputs")},
+        time=np.concatenate([kept.time, kept.time[-1] + 1 + changed.time]),
+        episode_ends=np.concatenate([kept.episode_ends, kept.episode_ends[-1] + changed.episode_ends]),
+        recording=np.array([0, 0, 0, 1, 1, 1]),
+        recordings=tuple({"name": name, "source": "", "sha256": ""} for name in ("before", "after")),
+    )
+    both.write(tmp_path / "log.zarr")
+    options = {"task": str(SLIDER), "test": "after", "starts": 1, "quiet": True, "threads": 1}
+    found = identify(real_log=tmp_path / "log.zarr", out=tmp_path / "estimate", **options).document
+    assert found["error"]["fit"]["normalized"] < 1.1
+    assert (found["verdict"], found["held_out"]) == ("unexplained", None)
