@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from capture_cli.identifiers.sampled_posterior import SampledPosterior
 from capture_cli.linearization import (
     Linearization,
     autocovariance,
@@ -65,28 +66,32 @@ class Intervals:
         ]
 
 
-def intervals(at: Linearization, minima: Sequence[Linearization] = ()) -> Intervals:
+def intervals(
+    at: Linearization, minima: Sequence[Linearization] = (), sampled: SampledPosterior | None = None
+) -> Intervals:
     """Intervals of the parameters at the linearization `at`, which must be at the estimate.
 
     minima: other places where descents ended on the same data, of an error that is rough: the intervals reach to those
-    that are nearly as good.
+    that are nearly as good. sampled: what was simulated about an estimate, to be believed instead of the linearization;
+    the intervals are about its mean, and reach to the estimate.
     """
     from scipy.special import stdtrit
 
     assert at.evidence.count > 0
     space = at.evidence.space
     covariance, degrees = unit_covariance(at)
-    covariance = covariance + _scatter_of_minima(at, minima)
+    covariance = covariance + _scatter_of_minima(at, minima) if sampled is None else sampled.covariance
     sd_unit = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     values, directions = np.linalg.eigh(covariance)
     loose = np.sqrt(np.maximum(values, 0)) > UNDETERMINED_SD
     value = space.from_unit(at.x)
+    middle = value if sampled is None else space.from_unit(sampled.mean)
     half = stdtrit(degrees, 0.975) * sd_unit * space.span
     return Intervals(
         covariance=covariance * np.outer(space.span, space.span),
         sd=sd_unit * space.span,
-        low=np.maximum(value - half, space.low),
-        high=np.minimum(value + half, space.high),
+        low=np.maximum(np.minimum(middle - half, value), space.low),
+        high=np.minimum(np.maximum(middle + half, value), space.high),
         identifiable=sd_unit <= UNDETERMINED_SD,
         undetermined=directions.T[loose],
         undetermined_sd=np.sqrt(values[loose]),

@@ -36,7 +36,8 @@ SCORED_WINDOWS, SCORED_STEPS, FEWEST_SCORED = 40, 20_000, 12
 # Of the objective, over the variance that would be left: less is no reason to fit. The best of n shapes has 2 log(n)
 # more by chance.
 SMALLEST_GAIN = 12.0
-ABSORBED = 0.02  # share of a sensitivity that must be left once the declared parameters have imitated it
+# Share of a sensitivity that must be left once the declared parameters have imitated it: differences err so much.
+ABSORBED = 0.005
 
 
 @dataclass

@@ -130,7 +130,13 @@ class _Protocol:
             models,
             motion=self.fits.motion(self.prepared, after.again, after.whole.offsets),
             begun=self.fits.begun(self.prepared, after.again, after.whole.offsets),
-            held_out=held_out(self.fits, after.again, after.whole, self.parts.number == TEST),
+            held_out=held_out(
+                self.fits,
+                after.again,
+                after.intervals.covariance,
+                after.whole,
+                self.parts.number == TEST,
+            ),
             next_experiment=next_experiment(self.fits, after.fit, [c.fit for c in tied], self.settings.seed),
         )
         if self.settings.expression and last_time and found.verdict == "unexplained":

@@ -13,8 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from capture_cli.diagnosis.lack_of_fit import LackOfFit, lack_held_out, lack_of_fit
+from capture_cli.linearization import Trial, trial_objectives
 from capture_cli.protocol.model_fits import EXACT, Fit, ModelFits, PartFit
 
+DRAWN = 32  # points where a fit to the whole log may begin
 BY_CHANCE = 1e-3  # the probability that parameters are farther off than this
 
 
@@ -34,8 +36,10 @@ class HeldOut:
         return self.lack.lacking and self.whole is None
 
 
-def held_out(fits: ModelFits, fit: Fit, on: PartFit, is_test: np.ndarray) -> HeldOut:
-    """Of the windows `is_test` (window,). fit: to the others; on: the whole log at its parameters."""
+def held_out(fits: ModelFits, fit: Fit, covariance: np.ndarray, on: PartFit, is_test: np.ndarray) -> HeldOut:
+    """Of the windows `is_test` (window,). fit: to the others, with the covariance (parameter, parameter) of its error;
+    on: the whole log at its parameters.
+    """
     test = on.rows(is_test)
     lack = lack_held_out(test.evidence, test.residual)
     if not lack.lacking or not len(fit.space) or lack_of_fit(fit.at).lacking:
@@ -43,7 +47,7 @@ def held_out(fits: ModelFits, fit: Fit, on: PartFit, is_test: np.ndarray) -> Hel
     whole = fits.fit(
         fits.prepared,
         fit.effects,
-        fit.point,
+        _begin(fits, fit, covariance, on),
         offsets=on.offsets,
         offsets_with=fit.effects,
         tolerance=EXACT,
@@ -51,6 +55,20 @@ def held_out(fits: ModelFits, fit: Fit, on: PartFit, is_test: np.ndarray) -> Hel
     if whole is None or not _leaves_nothing(whole, is_test) or not _by_chance(fit, whole, is_test):
         return HeldOut(lack)
     return HeldOut(lack, PartFit.of(whole.at), whole.point)
+
+
+def _begin(fits: ModelFits, fit: Fit, covariance: np.ndarray, on: PartFit) -> np.ndarray:
+    """The best point (parameter,) for the whole log of what the fit leaves open: contacts may hide the way to it."""
+    space, generator = fit.space, np.random.default_rng(0)
+    in_unit = covariance / np.outer(space.span, space.span)
+    drawn = generator.multivariate_normal(space.to_unit(fit.point), in_unit, DRAWN, method="eigh")
+    points = np.concatenate([fit.point[None], space.from_unit(np.clip(drawn, 0, 1))])
+    simulator = fits.simulator(fit.effects)
+    offsets = np.repeat(on.offsets[None], len(points), axis=0)
+    outputs, diverged = fits.prepared.evaluate(simulator, Trial(points, offsets))
+    fits.rollouts += simulator.rollouts
+    values = trial_objectives(on.evidence, offsets, outputs, diverged, fit.at.scatter).sum(axis=1)
+    return points[np.argmin(values)]
 
 
 def _leaves_nothing(whole: Fit, is_test: np.ndarray) -> bool:

@@ -51,7 +51,7 @@ class Report:
 
     def estimate(self) -> Estimate:
         fit = self.result.at
-        found, lacking = intervals(fit.at), lack_of_fit(fit.at)
+        found, lacking = self.result.intervals, lack_of_fit(fit.at)
         offsets = np.zeros_like(self.prepared.starts.sd)
         offsets[~self.is_test] = fit.offsets
         if self.is_test.any():
@@ -60,7 +60,7 @@ class Report:
         simulated, nominal, diverged = self._curves(offsets)
         recordings = self._recordings(found)
         whole = self._whole(offsets, simulated)
-        held = held_out(self.fits, fit, whole, self.is_test)
+        held = held_out(self.fits, fit, found.covariance, whole, self.is_test)
         document = self._document(found, lacking, whole, held, recordings, diverged)
         arrays = self._arrays(found, offsets, simulated, nominal, recordings)
         attributes = {"parameters": list(self.space.names), **attributes_of(self.prepared.log)}

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
 
 from capture_cli.diagnosis.lack_of_fit import PRACTICAL, lack_of_fit
 from capture_cli.identifiers.base import Best, Identifier, run
-from capture_cli.identifiers.intervals import intervals
+from capture_cli.identifiers.intervals import Intervals, intervals, unit_covariance
 from capture_cli.identifiers.least_squares import LeastSquares
 from capture_cli.identifiers.rounds import Rounds, finite
+from capture_cli.identifiers.sampled_posterior import SampledPosterior, is_rough, sampled_posterior
 from capture_cli.linearization import Linearization
 from capture_cli.parameters import ParameterSpace
 from capture_cli.protocol.log_checks import all_diverged
@@ -33,6 +34,7 @@ LEAST_GAIN = 0.05
 CLEARLY = 2.0  # noise floors: beyond what chance allows of any log worth the name
 FAR = 3.0  # noise floors: a log this far from explained may be explained from somewhere else
 AROUND, AROUND_POINTS = 0.1, 81  # of the range, about the answer to labels, which leave as much open
+AGAIN = 20  # rounds, at most, of a descent from the likeliest point about where one ended
 JUDGED_BY = 3  # entries of the log, at most, that the estimates of all rounds are compared on
 
 
@@ -41,7 +43,8 @@ class Found:
     """What was found, with `fits` made ready as it was found.
 
     history: the best so far (in rounds: each estimate), in order. known: the linearization at the best, where the
-    search left it. fallback, elsewhere: as in `InContext.document`.
+    search left it. fallback, elsewhere: as in `InContext.document`. sampled: what was simulated about the best, where
+    the error is rough there.
     """
 
     fits: ModelFits
@@ -51,6 +54,7 @@ class Found:
     in_context: InContext | None = None
     fallback: bool = False
     elsewhere: bool = False
+    sampled: SampledPosterior | None = None
 
     @cached_property
     def at(self) -> Fit:
@@ -68,7 +72,12 @@ class Found:
         """Whether it differs from what rounds in context proposed, beyond chance; None: not known."""
         if self.in_context is None:
             return None
-        return self.in_context.contradicted_by(self.best.parameters, intervals(self.at.at).sd)
+        return self.in_context.contradicted_by(self.best.parameters, self.intervals.sd)
+
+    @property
+    def intervals(self) -> Intervals:
+        """Of the parameters, at the best."""
+        return intervals(self.at.at, sampled=self.sampled)
 
 
 def by_physics(
@@ -169,6 +178,37 @@ def by_rounds(
         history += found.history
     found.history, found.in_context = history, in_context
     found.fallback, found.elsewhere = fallback, elsewhere
+    return found
+
+
+def looked_about(found: Found, progress: Progress, *, seed: int) -> Found:
+    """`found`; where it explains the log and its error is rough, from the likeliest point about it, with how sure that
+    is: a descent may end on a bump there, and sensitivities tell of the bump.
+    """
+    if not len(found.best.parameters) or found.lacking:
+        return found
+    fits, at = found.fits, found.at.at
+    part = fits.prepared.part(~fits.prepared.split.is_test)
+    simulator = fits.simulator([])
+    covariance, _ = unit_covariance(at)
+    evaluate = partial(part.evaluate, simulator)
+    if is_rough(at, covariance, evaluate):
+        sampled = sampled_posterior(at, covariance, evaluate, seed)
+        if sampled.gain > TOLERANCE:
+            better = by_physics(
+                fits,
+                LeastSquares,
+                sampled.point,
+                progress,
+                starts=1,
+                rounds=AGAIN,
+                seed=seed,
+                offsets=at.offsets,
+            )
+            history = [*found.history, *better.history]
+            found = replace(found, best=better.best, known=better.known, history=history)
+        found = replace(found, sampled=sampled)
+    fits.rollouts += simulator.rollouts
     return found
 
 

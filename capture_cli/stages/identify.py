@@ -20,7 +20,7 @@ from capture_cli.protocol.residual_noise import with_noise_of_residual
 from capture_cli.stages.chosen_identifier import ChosenIdentifier, choose_identifier
 from capture_cli.stages.earlier_estimate import EarlierEstimate
 from capture_cli.stages.estimate_document import Report
-from capture_cli.stages.estimation import Found, by_physics, by_rounds
+from capture_cli.stages.estimation import Found, by_physics, by_rounds, looked_about
 from capture_cli.stages.progress import Progress
 from capture_cli.stages.recorded_task import find_task, named, task_inputs
 from capture_cli.stores.estimate import Estimate
@@ -121,6 +121,7 @@ class _Search:
         if quieter is not prepared:
             rollouts += found.fits.rollouts
             found = self._find(quieter, start)
+        found = looked_about(found, self.progress, seed=self.seed)
         found.fits.rollouts += rollouts
         return found
 
