@@ -95,13 +95,13 @@ def figures(result: Result) -> dict[str, float]:
 
 def test_coverage_counts(tmp_path, identified):
     found = figures(coverage.Coverage(logs=10, folder=tmp_path).run())
-    assert len(identified) == 3 * 10 + 3 * 2
+    assert len(identified) == 5 * 10 + 3 * 2
     noisy = [d for d in identified if d.noisy]
     missed = sum((n + 1) % 10 == 0 for n, case in enumerate(identified) if case.noisy)
-    assert found["share of all 30 95 % intervals that hold the truth"] == pytest.approx(
+    assert found["share of all 50 95 % intervals that hold the truth"] == pytest.approx(
         1 - missed / len(noisy)
     )
-    assert found['share of 30 logs falsely called "unexplained"'] == pytest.approx(3 / 30)
+    assert found['share of 50 logs falsely called "unexplained"'] == pytest.approx(5 / 50)
     assert found["largest error over the range, 6 logs without noise"] <= 0.5
 
 

@@ -1,0 +1,64 @@
+"""Effects that the declared parameters imitate, wholly or but for a little: which are worth a fit."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import mujoco
+import numpy as np
+import pytest
+
+from capture_cli.effects import REGISTRY
+from capture_cli.linearization import Evidence, Linearization
+from capture_cli.parameters import Parameter, ParameterSpace
+from capture_cli.protocol.candidates import Candidate, score_at_null
+
+STEPS = 2000
+MODEL = mujoco.MjModel.from_xml_string(
+    "<mujoco><worldbody><body><joint name='x' type='slide'/><geom size='0.1'/></body></worldbody></mujoco>"
+)
+
+
+@pytest.fixture
+def fitted():
+    """A fit with one parameter, that leaves `left` (row,) of the noise's size: what candidates are scored against."""
+
+    def fitted(effect, left: np.ndarray, response: np.ndarray):
+        noise = np.random.default_rng(0).standard_normal(STEPS)
+        ramp = 1e3 * np.linspace(0, 1, STEPS)[None, :, None]
+        evidence = Evidence(
+            ParameterSpace([Parameter("friction", "N", 0.0, 1.0, 0.5)]),
+            np.zeros((1, STEPS, 1)),
+            np.ones((1, STEPS, 1), dtype=bool),
+            np.ones(1),
+            np.zeros((1, 0)),
+        )
+        nothing = np.zeros((1, STEPS, 0))
+        at = Linearization(evidence, np.array([0.5]), np.zeros((1, 0)), (left + noise)[None], ramp, nothing)
+
+        def probe(part, fit, placed, probes):
+            shares = (probes - effect.space.nominal) / effect.space.span
+            return at.residual - shares.sum(axis=1)[:, None, None] * response, np.zeros(
+                len(probes), dtype=bool
+            )
+
+        return SimpleNamespace(
+            fits=SimpleNamespace(probe=probe), fit=SimpleNamespace(at=at), part=None, doubts=lambda *_: False
+        )
+
+    return fitted
+
+
+@pytest.mark.parametrize(("share", "is_tried"), [(0.0, False), (0.002, False), (0.015, True), (0.3, True)])
+def test_what_is_imitated_but_for_a_little_is_tried(fitted, share, is_tried):
+    """A gear's loss beside a fitted dry friction: 98 % of it is a friction that is always there. Differences say no
+    more of sensitivities than half a percent.
+    """
+    ramp, wave = 1e3 * np.linspace(0, 1, STEPS), np.sin(np.linspace(0, 60, STEPS))
+    own = share * wave * np.linalg.norm(ramp) / np.linalg.norm(wave)
+    effect = REGISTRY.get("viscous-damping")(MODEL, "x")
+    candidate = Candidate(("viscous-damping", effect))
+    score_at_null(fitted(effect, left=4 * wave, response=ramp + own), candidate)
+    assert (candidate.why_rejected is None) == is_tried
+    if not is_tried:
+        assert "imitate" in candidate.why_rejected
