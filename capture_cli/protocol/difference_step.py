@@ -14,8 +14,8 @@ from capture_cli.sim.contacts import can_touch
 from capture_cli.sim.engine import Engine
 from capture_cli.simulator import Simulator
 
-STEPS = (1e-4, 1e-3, 1e-2)  # shares of a parameter's range
-AGREE = 0.3  # of a slope, that one over a step ten times as long may differ by
+STEPS = (1e-4, 1e-3, 1e-2, 5e-2)  # shares of a parameter's range
+AGREE = 0.3  # of a slope, that one over the next step may differ by
 WINDOWS = 16  # evenly spread, that it is measured in
 
 
