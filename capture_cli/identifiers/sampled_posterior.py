@@ -5,7 +5,8 @@ estimate on several scales, simulated, and weighed by their likelihood over the 
 from; the next are drawn from what these say (adaptive multiple importance sampling; Cornuet, Marin, Mira and Robert
 2012). While few points carry the weight the likelihood is tempered, so that an answer is too wide rather than too sure.
 
-For windows whose starts are known: others would have to be fitted at every point.
+For windows whose starts are known, as others would have to be fitted at every point, and one or two parameters: of
+five, so few points collapse onto some of them.
 """
 
 from __future__ import annotations
@@ -19,7 +20,8 @@ from capture_cli.linearization import Linearization, Trial, trial_objectives
 
 KNOWN = 1.0  # free numbers, at most, that known starts amount to
 AWAY = 2.0  # sd: where the error is compared with its parabola
-ALIKE = 3.0  # times: by as much they may differ
+ALIKE = 1.5  # times: by as much they may differ
+MOST_PARAMETERS = 2  # of more so few points say too little
 SCALES = (1.0, 4.0, 16.0, 64.0)  # times the sd by the curvature, of the first points
 POINTS = 32  # of a round
 ROUNDS = 4
@@ -71,9 +73,9 @@ class _Proposal:
 
 def is_rough(at: Linearization, covariance: np.ndarray, evaluate: Evaluate) -> bool:
     """Whether the error about an estimate, of this covariance (p, p) in the unit cube, is not the parabola that the
-    sensitivities there say. False where starts are not known.
+    sensitivities there say. False where starts are not known, and for more parameters than sampling is good for.
     """
-    if not len(at.x) or at.fitted_starts > KNOWN:
+    if not 0 < len(at.x) <= MOST_PARAMETERS or at.fitted_starts > KNOWN:
         return False
     k = at.scatter
     sd = np.sqrt(np.maximum(np.diag(covariance), SMALLEST_SD**2))

@@ -52,7 +52,7 @@ def held_out(fits: ModelFits, fit: Fit, covariance: np.ndarray, on: PartFit, is_
         offsets_with=fit.effects,
         tolerance=EXACT,
     )
-    if whole is None or not _leaves_nothing(whole, is_test) or not _by_chance(fit, whole, is_test):
+    if whole is None or not _leaves_nothing(whole, is_test) or not _by_chance(fit, whole, covariance):
         return HeldOut(lack)
     return HeldOut(lack, PartFit.of(whole.at), whole.point)
 
@@ -77,10 +77,11 @@ def _leaves_nothing(whole: Fit, is_test: np.ndarray) -> bool:
     return not lack_of_fit(whole.at).lacking and not lack_held_out(test.evidence, test.residual).lacking
 
 
-def _by_chance(fit: Fit, whole: Fit, is_test: np.ndarray) -> bool:
-    """Whether the windows that were fitted tell the parameters of the two fits apart no better than by chance."""
+def _by_chance(fit: Fit, whole: Fit, covariance: np.ndarray) -> bool:
+    """Whether the parameters of the two fits are no farther apart than chance may have put the first of them."""
     from scipy.special import chdtri
 
-    k = fit.at.scatter
-    worse = whole.at.objectives(k)[~is_test].sum() - fit.at.objectives(k).sum()
-    return bool(worse <= k * chdtri(len(fit.space), BY_CHANCE))
+    off = (whole.point - fit.point) / fit.space.span
+    in_unit = covariance / np.outer(fit.space.span, fit.space.span)
+    distance = float(off @ np.linalg.pinv(in_unit, rcond=1e-12, hermitian=True) @ off)
+    return distance <= chdtri(len(off), BY_CHANCE)

@@ -207,7 +207,8 @@ class ModelFits:
         )
         fit = descend(start, offsets, starts=starts)
         carried = {placed_name(*e) for e in offsets_with}
-        if any(len(e[1].states_tried) and placed_name(*e) not in carried for e in effects):
+        tried = any(len(e[1].states_tried) and placed_name(*e) not in carried for e in effects)
+        if tried or (part.difference_step and not effects):
             fit = self._unstuck(part, fit, rival, descend)
         return fit
 
@@ -217,7 +218,7 @@ class ModelFits:
         """`fit` with its windows fitted alone, and what a descent from there comes to, where it may be stuck."""
         if fit is None or not fit.finished or not _may_be_stuck(fit, rival):
             return fit
-        alone = self._starts_alone(part, fit)
+        alone = self.starts_alone(part, fit)
         return fit if alone is None else least([fit, descend(fit.point, alone)])
 
     def _descended(
@@ -255,7 +256,7 @@ class ModelFits:
         fit = self.at(part, effects, best, solver.at)
         return replace(fit, finished=not (solver.gave_up or fit.is_far_behind(rival)))
 
-    def _starts_alone(self, part: PreparedLog, fit: Fit) -> np.ndarray | None:
+    def starts_alone(self, part: PreparedLog, fit: Fit) -> np.ndarray | None:
         """Offsets (window, state) that are better for windows fitted alone, from where they are and from where they
         were measured; None where there are none.
 

@@ -34,7 +34,8 @@ LEAST_GAIN = 0.05
 CLEARLY = 2.0  # noise floors: beyond what chance allows of any log worth the name
 FAR = 3.0  # noise floors: a log this far from explained may be explained from somewhere else
 AROUND, AROUND_POINTS = 0.1, 81  # of the range, about the answer to labels, which leave as much open
-AGAIN = 20  # rounds, at most, of a descent from the likeliest point about where one ended
+AGAIN = 20  # rounds, at most, of a descent from a better point near where one ended
+UNSTUCK = 3  # times that windows are fitted alone
 JUDGED_BY = 3  # entries of the log, at most, that the estimates of all rounds are compared on
 
 
@@ -178,6 +179,26 @@ def by_rounds(
         history += found.history
     found.history, found.in_context = history, in_context
     found.fallback, found.elsewhere = fallback, elsewhere
+    return found
+
+
+def unstuck(found: Found, progress: Progress, *, seed: int) -> Found:
+    """`found`; where bodies touch or joints stop and something is left, from starts that are better for windows fitted
+    alone, as long as there are any.
+    """
+    fits = found.fits
+    part = fits.prepared.part(~fits.prepared.split.is_test)
+    for _ in range(UNSTUCK):
+        if not part.difference_step or not found.lacking:
+            break
+        alone = fits.starts_alone(part, found.at)
+        if alone is None:
+            break
+        x = found.best.parameters
+        again = by_physics(fits, LeastSquares, x, progress, starts=1, rounds=AGAIN, seed=seed, offsets=alone)
+        if again.best.error >= found.best.error:
+            break
+        found = replace(again, history=[*found.history, *again.history])
     return found
 
 

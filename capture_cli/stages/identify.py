@@ -20,7 +20,7 @@ from capture_cli.protocol.residual_noise import with_noise_of_residual
 from capture_cli.stages.chosen_identifier import ChosenIdentifier, choose_identifier
 from capture_cli.stages.earlier_estimate import EarlierEstimate
 from capture_cli.stages.estimate_document import Report
-from capture_cli.stages.estimation import Found, by_physics, by_rounds, looked_about
+from capture_cli.stages.estimation import Found, by_physics, by_rounds, looked_about, unstuck
 from capture_cli.stages.progress import Progress
 from capture_cli.stages.recorded_task import find_task, named, task_inputs
 from capture_cli.stores.estimate import Estimate
@@ -154,7 +154,7 @@ class _Search:
                 new=new,
                 earlier=None if earlier is None else earlier.rounds,
             )
-        return by_physics(
+        found = by_physics(
             ModelFits(prepared, self.threads),
             self.chosen.method,
             start,
@@ -163,6 +163,7 @@ class _Search:
             rounds=ROUNDS if self.rounds is None else self.rounds,
             seed=self.seed,
         )
+        return unstuck(found, self.progress, seed=self.seed) if self.rounds is None else found
 
 
 def _import_meanwhile(modules: Sequence[str]) -> None:
