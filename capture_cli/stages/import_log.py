@@ -13,6 +13,7 @@ import numpy as np
 from capture_cli.errors import LogError
 from capture_cli.protocol.log_checks import check_fits
 from capture_cli.sim.windows import SHORTEST_EPISODE
+from capture_cli.stages.held_outputs import without_repeats
 from capture_cli.stages.recorded_task import task_inputs
 from capture_cli.stages.source_files import SourceFile, open_source
 from capture_cli.stores.measured_log import MeasuredLog
@@ -36,6 +37,7 @@ def import_log(
     force: bool = False,
     drop_nan: bool = False,
     drop_repeats: bool = False,
+    drop_held: bool = False,
 ) -> MeasuredLog:
     """Read `files`, each a recording named by its stem, in their order, as channels of `task`; write a log at `out`.
 
@@ -44,6 +46,7 @@ def import_log(
     out rows in which a value is missing, NaN or infinite; each recording's `dropped_rows` says how many were. Values of
     outputs that are sparse may be missing.
     drop_repeats: leave out rows that say the same as the row before, time and all; `repeated_rows` says how many.
+    drop_held: empty the repeats of sparse outputs that hold each sample for some rows; `held_repeats` says how many.
     append: `out` is a log already, and the episodes come after those in it; a file that it holds is refused.
     Raises LogError, TaskError, ModelError, StoreError or OutputError before anything is written.
     """
@@ -72,6 +75,8 @@ def import_log(
         _check_task(log, machine)
     if append:
         _check_new(logs[0], logs[1:])
+    if drop_held:
+        logs[append:] = [without_repeats(log, machine) for log in logs[append:]]
     log = reduce(MeasuredLog.followed_by, logs).check()
     _check_long_enough(log, machine)
     with new_directory(out, force=force or append) as folder:
