@@ -147,3 +147,29 @@ def test_a_run_of_which_an_episode_has_only_the_end_says_nothing_of_when_it_was_
     assert sum(r["held_repeats"] for r in emptied.recordings) == (~emptied.sampled).sum()
     fast = replace(log, outputs=motion()[:, None])
     assert without_repeats(fast, task).sampled.all()
+
+
+def test_what_is_in_the_log_already_keeps_its_samples_and_what_comes_may_be_a_log(tmp_path):
+    file, _ = slider_log(tmp_path)
+    task = with_sparse(tmp_path / "sparse", "slider", "q")
+    options = {"task": str(task), "out": tmp_path / "log.zarr"}
+    import_log(files=[file], **options)
+    (tmp_path / "again.csv").write_text(file.read_text() + "\n")
+    log = import_log(files=[tmp_path / "again.csv"], append=True, drop_held=True, **options)
+    half = len(log.time) // 2
+    assert log.sampled[:half].all() and not log.sampled[half:].all()
+    assert [r.get("held_repeats") for r in log.recordings] == [None, (~log.sampled).sum()]
+    import_log(files=[file], task=str(task), out=tmp_path / "held.zarr")
+    emptied = import_log(
+        files=[tmp_path / "held.zarr"], task=str(task), out=tmp_path / "e.zarr", drop_held=True
+    )
+    assert np.array_equal(emptied.sampled, log.sampled[half:])
+
+
+def test_the_values_of_a_sensor_are_held_together(tmp_path):
+    """A framepos of which x moves, y is coarse, and z never changes."""
+    values = held(
+        np.column_stack([motion(), np.round(motion(0.0, 0.2), 2), np.zeros(STEPS)]), np.arange(0, STEPS, ROWS)
+    )
+    assert rows_per_sample(values, EPISODES) == pytest.approx(ROWS)
+    assert rows_per_sample(values[:, 1:], EPISODES) is None
