@@ -50,7 +50,9 @@ def test_a_slow_sensor_of_limited_resolution_that_rests_in_between_is_held():
     assert rows_per_sample(held(values, np.arange(0, STEPS, ROWS)), EPISODES) == pytest.approx(ROWS)
 
 
-@pytest.mark.parametrize("kind", ["fast", "coarse", "ramp", "noisy and coarse", "resting", "switched", "few"])
+@pytest.mark.parametrize(
+    "kind", ["fast", "coarse", "ramp", "noisy and coarse", "resting", "switched", "few", "speed"]
+)
 def test_what_is_not_held(kind):
     time = np.arange(STEPS) / 200
     values = {
@@ -60,6 +62,8 @@ def test_what_is_not_held(kind):
         "noisy and coarse": np.round(motion(0.003, 0.2), 2),
         "resting": np.full(STEPS, 0.3),
         "switched": (np.arange(STEPS) % 8 < 4).astype(float),
+        # one count in every fourth row, over times that are not even
+        "speed": (np.arange(STEPS) % 4 == 0) / np.random.default_rng(1).uniform(0.9, 1.1, STEPS),
         "few": held(motion(), np.arange(0, STEPS, 100)),
     }[kind]
     assert rows_per_sample(values, EPISODES) is None

@@ -14,6 +14,7 @@ from capture_cli.tasks.base import Task
 
 FEWEST_RUNS = 20  # of equal values: fewer may be of one length by accident
 REGULAR = 0.9  # of the runs, at least, are nearly of one length: those of a coarse sensor follow the speed
+LEAST_RUN = 2  # a speed made of counts is 0 for some rows and something else in single ones
 SLACK = 0.1  # of that length, and a row at least, is what a clock of its own makes of a run
 ONE_STEP = 1.5  # steps: a change smaller than this is of one
 MOSTLY = 0.5  # of the changes
@@ -29,8 +30,8 @@ def rows_per_sample(values: np.ndarray, episodes: Sequence[slice]) -> float | No
     if len(runs) < FEWEST_RUNS:
         return None
     usual = float(np.median(runs))
-    regular = runs[np.abs(runs - usual) <= max(1.0, SLACK * usual)]
-    if usual < 2 or len(regular) < REGULAR * len(runs):
+    regular = runs[(np.abs(runs - usual) <= max(1.0, SLACK * usual)) & (runs >= LEAST_RUN)]
+    if len(regular) < REGULAR * len(runs):
         return None
     if all(_moves_by_single_steps(column, episodes) for column in columns.T):
         return None
