@@ -261,6 +261,41 @@ def test_bad_rows_are_refused_with_their_place(tmp_path, slider_task, rows, word
     assert words in refusal(csv(tmp_path / "run.csv", *rows), slider_task).message
 
 
+def test_rows_that_are_not_sorted_are_told_from_episodes_that_begin(tmp_path, slider_task):
+    shuffled = np.random.default_rng(0).permutation(ROWS + [f"{1.2 + 0.1 * i:.1f},1,{i}" for i in range(30)])
+    error = refusal(csv(tmp_path / "run.csv", *shuffled), slider_task)
+    assert error.cure == "the rows are not sorted by time: sort them"
+    begins = refusal(csv(tmp_path / "two.csv", *ROWS * 8), slider_task)
+    assert begins.cure.startswith("if an episode begins there") and "happens 7 times" in begins.message
+    slider_task.write_text(slider_task.read_text() + 'episode = "run"\n')
+    rows = [f"{row},1" for row in shuffled]
+    labelled = refusal(csv(tmp_path / "runs.csv", *rows, header=HEADER + ",run"), slider_task)
+    assert labelled.cure.endswith("sort them, those of each 'run' by themselves")
+
+
+@pytest.mark.parametrize("seconds", [4, 400])
+def test_times_since_1970_in_single_precision_are_named(tmp_path, slider_task, seconds):
+    times = (1.7e9 + np.arange(0, seconds, seconds / 200)).astype(np.float32).tolist()
+    error = refusal(csv(tmp_path / "a.csv", *(f"{t!r},1,{i}" for i, t in enumerate(times))), slider_task)
+    assert "stands still" in error.message
+    assert "float32) tells times about 1.7e+09 only 128 s apart" in error.cure
+    assert "in double precision, or from the start of the recording" in error.cure
+    whole = refusal(csv(tmp_path / "b.csv", *(f"{i // 2},1,{i}" for i in range(40))), slider_task)
+    assert whole.cure == "remove repeated rows, and sort the others by time"
+
+
+@pytest.mark.parametrize(
+    "begin", ["2023-11-14 22:13:2{}.5", "2023-11-14T22:13:2{}Z", "14.11.2023 22:1{}", "22:13:2{}"]
+)
+def test_timestamps_as_text_get_the_cure_of_those_in_parquet(tmp_path, slider_task, begin):
+    rows = [f"{begin.format(i % 10)},1,{i}" for i in range(12)]
+    error = refusal(csv(tmp_path / "run.csv", *rows), slider_task)
+    assert "at line 2, not a number" in error.message
+    assert error.cure == "write it as a number; a time in seconds, or in the unit that [log] time_scale gives"
+    units = refusal(csv(tmp_path / "units.csv", "s,N,m", *ROWS), slider_task)
+    assert units.cure.startswith("remove the row if it holds units")
+
+
 def test_stamps_in_nanoseconds_are_named_as_the_file_has_them(tmp_path, slider_task):
     slider_task.write_text(slider_task.read_text() + "time_scale = 1e-9\n")
     stamps = [1732180000000000000 + 10_000_000 * i for i in (*range(100), 99)]
@@ -554,6 +589,7 @@ def test_a_corrupt_csv_is_read_or_refused_never_a_crash(tmp_path, any_length, ta
             force=True,
             drop_nan=data.draw(st.booleans()),
             drop_repeats=data.draw(st.booleans()),
+            drop_held=data.draw(st.booleans()),
         )
     except CaptureError as error:
         assert error.cure

@@ -25,6 +25,12 @@ def import_log(
         bool,
         typer.Option("--drop-repeats", help="Drop rows that say the same as the row before, time and all."),
     ] = False,
+    drop_held: Annotated[
+        bool,
+        typer.Option(
+            "--drop-held", help="Empty the repeats of sparse outputs that hold each sample until the next."
+        ),
+    ] = False,
     append: Annotated[
         bool, typer.Option("--append", help="Add the episodes to the log at --out, which exists.")
     ] = False,
@@ -39,6 +45,6 @@ def import_log(
     """
     from capture_cli.stages.import_log import import_log as stage
 
-    dropped = {"drop_nan": drop_nan, "drop_repeats": drop_repeats}
+    dropped = {"drop_nan": drop_nan, "drop_repeats": drop_repeats, "drop_held": drop_held}
     stage(files=files, task=task, out=out, append=append, force=force, **dropped)
     show_inspection(out, task, json_, quiet)

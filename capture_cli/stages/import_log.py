@@ -13,6 +13,7 @@ import numpy as np
 from capture_cli.errors import LogError
 from capture_cli.protocol.log_checks import check_fits
 from capture_cli.sim.windows import SHORTEST_EPISODE
+from capture_cli.stages.held_outputs import without_repeats
 from capture_cli.stages.recorded_task import task_inputs
 from capture_cli.stages.source_files import SourceFile, open_source
 from capture_cli.stores.measured_log import MeasuredLog
@@ -24,6 +25,9 @@ from capture_cli.tasks.base import ActionTask, Task
 LEAST_STEPS = 2  # of an episode
 LARGEST_PLAIN = 1e16  # that Python writes without an exponent
 MOST_NAMED = 6  # columns with holes
+FEW_TURNS = 5  # of time: episodes that begin, or files that were put together
+UNSORTED = 0.1  # of the rows: episodes are longer than ten
+COARSE_TIME = 1e-4  # s: no times that a log needs are closer
 MANY_MISSING = 0.2  # of a column's values: hardly an accident
 
 
@@ -36,6 +40,7 @@ def import_log(
     force: bool = False,
     drop_nan: bool = False,
     drop_repeats: bool = False,
+    drop_held: bool = False,
 ) -> MeasuredLog:
     """Read `files`, each a recording named by its stem, in their order, as channels of `task`; write a log at `out`.
 
@@ -44,6 +49,7 @@ def import_log(
     out rows in which a value is missing, NaN or infinite; each recording's `dropped_rows` says how many were. Values of
     outputs that are sparse may be missing.
     drop_repeats: leave out rows that say the same as the row before, time and all; `repeated_rows` says how many.
+    drop_held: empty the repeats of sparse outputs that hold each sample for some rows; `held_repeats` says how many.
     append: `out` is a log already, and the episodes come after those in it; a file that it holds is refused.
     Raises LogError, TaskError, ModelError, StoreError or OutputError before anything is written.
     """
@@ -72,6 +78,9 @@ def import_log(
         _check_task(log, machine)
     if append:
         _check_new(logs[0], logs[1:])
+    if drop_held:
+        at_out = 1 if append else 0  # what is at `out` stays as it is
+        logs[at_out:] = [without_repeats(log, machine) for log in logs[at_out:]]
     log = reduce(MeasuredLog.followed_by, logs).check()
     _check_long_enough(log, machine)
     with new_directory(out, force=force or append) as folder:
@@ -332,18 +341,48 @@ def _not_increasing(source: SourceFile, data: np.ndarray, rows: np.ndarray, back
     here, there = source.place(rows[back[0] + 1]), source.place(rows[back[0]])
     unit = " s" if task.log.time_scale == 1 else ""  # as written in the file
     more = "" if back.size == 1 else f"; it happens {back.size} times"
-    cure = "remove repeated rows, and sort the others by time"
-    if _alike(data[back], data[back + 1]).all():
-        cure = "add --drop-repeats: there the file has the same row twice"
-    restarts = task.log.episode is None and before - after > 0.5 * (before - time[0])
     return LogError(
         f"{source.path}: column {task.log.time!r} {how} at {here}: "
         f"{_written(after)}{unit} after {_written(before)}{unit} at {there}{more}",
-        cure="if an episode begins there, name the column that tells episodes apart in [log] episode, "
-        "or make it a file of its own"
-        if restarts
-        else cure,
+        cure=_cure_of_times(data, back, task),
     )
+
+
+def _cure_of_times(data: np.ndarray, back: np.ndarray, task: Task) -> str:
+    """What to do about a time, the first of data (step, column), that does not increase after the steps `back`."""
+    time = data[:, 0]
+    resolution = _lost_in_single_precision(time, task)
+    if resolution is not None:
+        unit = " s" if task.log.time_scale == 1 else ""
+        return (
+            f"the times have too few digits for their size: single precision (float32) tells times about {time[0]:.6g} "
+            f"only {resolution:.4g}{unit} apart; export them in double precision, or from the start of the recording"
+        )
+    if _alike(data[back], data[back + 1]).all():
+        return "add --drop-repeats: there the file has the same row twice"
+    turns = back[time[back + 1] < time[back]]
+    if len(turns) > max(FEW_TURNS, UNSORTED * len(time)):
+        within = "" if task.log.episode is None else f", those of each {task.log.episode!r} by themselves"
+        return f"the rows are not sorted by time: sort them{within}"
+    before, after = time[back[0]], time[back[0] + 1]
+    if task.log.episode is None and before - after > 0.5 * (before - time[0]):
+        return (
+            "if an episode begins there, name the column that tells episodes apart in [log] episode, "
+            "or make it a file of its own"
+        )
+    return "remove repeated rows, and sort the others by time"
+
+
+def _lost_in_single_precision(time: np.ndarray, task: Task) -> float | None:
+    """How far times (step,) in single precision are apart, where they are and that is too far; None otherwise."""
+    with np.errstate(over="ignore"):
+        single = time.astype(np.float32)
+    if not np.array_equal(single, time):
+        return None
+    resolution = float(np.spacing(np.abs(single).max()))
+    interval = np.ptp(time) / max(len(time) - 1, 1)
+    too_far = resolution > interval and resolution * task.log.time_scale > COARSE_TIME
+    return resolution if too_far else None
 
 
 def _written(time: float) -> str:

@@ -12,6 +12,7 @@ import numpy as np
 
 from capture_cli.errors import CaptureError, StoreError
 from capture_cli.sim.windows import usual_interval
+from capture_cli.stages.held_outputs import rows_per_sample, sample_rate, slices_within
 from capture_cli.stages.log_findings import finding, log_findings, task_findings
 from capture_cli.stages.log_health import channel, excitation, quantisation, sampling, spikes, timing
 from capture_cli.stages.recorded_task import find_task
@@ -139,6 +140,16 @@ def _inspect_log(path: Path, document: dict[str, Any], machine: Task | None) -> 
         for r in document["recordings"]
         if r.get("repeated_rows")
     ]
+    findings += [
+        finding(
+            "note",
+            r["name"],
+            f"{r['held_repeats']} repeats of samples that are held were emptied on import",
+            NOTHING_TO_DO,
+        )
+        for r in document["recordings"]
+        if r.get("held_repeats")
+    ]
     machine = machine or _own_task(log)
     findings += log_findings(document, machine)
     if machine is not None:
@@ -199,20 +210,24 @@ def _channels(log: MeasuredLog) -> list[dict[str, Any]]:
         described = {"name": name, "kind": "output", "unit": unit}
         steps = np.flatnonzero(sampled[:, k])
         if log.is_sparse[k]:
-            values, time, episodes = values[steps], time[steps], _within(steps, episodes)
+            values, time, episodes = values[steps], time[steps], slices_within(steps, episodes)
             described["sampling"] = sampling(time, episodes)
         described |= channel(values, episodes)
-        own = {"quantisation": quantisation(values), "spikes": spikes(values, time, episodes)}
+        own = {
+            "quantisation": quantisation(values),
+            "spikes": spikes(values, time, episodes),
+            "held": _held(values, time, episodes),
+        }
         for places in (described["bad_steps"], own["spikes"]["first"]):
             places[:] = steps[places].tolist()  # of the log
         channels.append({**described, **own})
     return channels
 
 
-def _within(steps: np.ndarray, episodes: Sequence[slice]) -> list[slice]:
-    """The episodes as slices of the log's `steps` (sample,)."""
-    edges = np.searchsorted(steps, [(e.start, e.stop) for e in episodes])
-    return [slice(int(a), int(b)) for a, b in edges]
+def _held(values: np.ndarray, time: np.ndarray, episodes: Sequence[slice]) -> dict[str, float | None] | None:
+    """Of an output (step,) that repeats each sample until the next: for how many rows, and the samples' rate, Hz."""
+    rows = rows_per_sample(values, episodes)
+    return None if rows is None else {"rows": rows, "rate": sample_rate(time, episodes, rows)}
 
 
 # --- estimates, diagnoses and other stores ---

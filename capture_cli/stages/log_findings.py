@@ -233,6 +233,29 @@ def _output(channel: Mapping[str, Any], task: Task | None) -> Iterator[Finding]:
             f"{_listed((f'step {i}' for i in out['first']), out['count'])}",
             _cure_of_spikes(task),
         )
+    held = channel["held"]
+    if held is not None:
+        rate = held["rate"]
+        how_often = (
+            "" if rate is None else f": {rate:.3g} times per second, of {rate * held['rows']:.3g} rows"
+        )
+        yield finding(
+            "warning",
+            where,
+            f"changes only every {held['rows']:.3g} rows{how_often}; between its samples it repeats the last one",
+            _cure_of_held(channel, task),
+        )
+
+
+def _cure_of_held(channel: Mapping[str, Any], task: Task | None) -> str:
+    """What to do about an output that repeats each sample until the next."""
+    again = "import the files again with --drop-held: each sample stays in the row where it first appears"
+    if channel.get("sampling"):  # sparse already
+        return again
+    if task is not None and not hasattr(task, "path"):  # built in: its outputs are what they are
+        return "leave out the rows in which it repeats: a repeat is late, and looks like noise or a delay"
+    sensors = {} if task is None else {c.name: task.model.sensor(c.sensor).name for c in task.outputs}
+    return f"write sparse = true under [outputs.{sensors.get(channel['name'], channel['name'])}], and {again}"
 
 
 def _cure_of_spikes(task: Task | None) -> str:

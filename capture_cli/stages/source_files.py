@@ -15,7 +15,9 @@ from capture_cli.errors import LogError, did_you_mean
 SUFFIXES = (".csv", ".tsv", ".txt", ".parquet", ".pq")
 COMMENTS = ("#", "%", "//")
 DELIMITERS = ",;\t"
+AS_A_NUMBER = "write it as a number; a time in seconds, or in the unit that [log] time_scale gives"
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(inf|infinity|nan)", re.IGNORECASE)
+_DATE_OR_TIME = re.compile(r"\d+([-/.])\d+\1\d+|\d+:\d\d")  # how it begins
 
 
 class SourceFile(ABC):
@@ -68,6 +70,8 @@ class SourceFile(ABC):
         cure = "correct that cell; an empty one counts as missing, and --drop-nan drops its row"
         if row == 0:
             cure = "remove the row if it holds units; otherwise correct that cell"
+        if _DATE_OR_TIME.match(str(value)):
+            cure = AS_A_NUMBER
         return LogError(
             f"{self.path}: column {name!r} holds {str(value)!r:.60} at {self.place(row)}, not a number",
             cure=cure,
@@ -260,5 +264,5 @@ class ParquetFile(SourceFile):
             raise LogError(
                 f"{self.path}: column {name!r} is of type {column.type}, not a number; "
                 f"{self.place(0)} holds {str(column[0].as_py())!r:.60}",
-                cure="write it as a number; a time in seconds, or in the unit that [log] time_scale gives",
+                cure=AS_A_NUMBER,
             ) from error
