@@ -27,6 +27,7 @@ from capture_cli.diagnosis.noise_floor import from_differences, noise_floor
 from capture_cli.diagnosis.score import score
 from capture_cli.diagnosis.split import ENOUGH_WINDOWS, Folds, select_folds, split_windows
 from capture_cli.errors import LogError, OptionError, OutputError
+from capture_cli.identifiers.base import Best
 from capture_cli.identifiers.intervals import intervals
 from capture_cli.linearization import Evidence, Linearization
 from capture_cli.parameters import Parameter, ParameterSpace
@@ -451,7 +452,8 @@ def test_what_arises_in_contact_is_found_there(tmp_path):
     ).log
     prepared = prepare(log, task, window=None, test="none", seed=0)
     fits = ModelFits(prepared, 1)
-    fit = fits.fit(prepared, [], task.space.nominal, rounds=1)
+    as_measured = Best(task.space.nominal, np.zeros_like(prepared.starts.sd), error=0.0)
+    fit = fits.at(prepared, [], as_measured)
     whole = PartFit.of(fit.at)
     curves = residual_curves(prepared, whole, whole, fits.motion(prepared, fit).contacts)
     share = {(c.output, c.against): c.share for c in curves}

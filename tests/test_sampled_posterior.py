@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
+from capture_cli.identifiers._sampled_posterior import is_rough, sampled_posterior
 from capture_cli.identifiers.intervals import intervals, unit_covariance
-from capture_cli.identifiers.sampled_posterior import is_rough, sampled_posterior
 from capture_cli.linearization import Evidence, Linearization, Trial, columns
 from capture_cli.parameters import Parameter, ParameterSpace
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from capture_cli.identifiers.sampled_posterior import SampledPosterior
+from capture_cli.identifiers._sampled_posterior import SampledPosterior
 from capture_cli.linearization import (
     Linearization,
     autocovariance,

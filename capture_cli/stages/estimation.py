@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from capture_cli.diagnosis.lack_of_fit import PRACTICAL, lack_of_fit
+from capture_cli.identifiers._sampled_posterior import SampledPosterior, is_rough, sampled_posterior
 from capture_cli.identifiers.base import Best, Identifier, run
 from capture_cli.identifiers.intervals import Intervals, intervals, unit_covariance
 from capture_cli.identifiers.least_squares import LeastSquares
 from capture_cli.identifiers.rounds import Rounds, finite
-from capture_cli.identifiers.sampled_posterior import SampledPosterior, is_rough, sampled_posterior
 from capture_cli.linearization import Linearization
 from capture_cli.parameters import ParameterSpace
 from capture_cli.protocol.log_checks import all_diverged
