@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from capture_cli.identifiers.least_squares import LeastSquares
 from capture_cli.protocol.log_checks import check_parameters_move_outputs
 from capture_cli.protocol.model_fits import ModelFits
 from capture_cli.protocol.prepare import prepare
@@ -163,7 +164,8 @@ class _Search:
             rounds=ROUNDS if self.rounds is None else self.rounds,
             seed=self.seed,
         )
-        return unstuck(found, self.progress, seed=self.seed) if self.rounds is None else found
+        may_go_on = self.rounds is None and self.chosen.method is LeastSquares
+        return unstuck(found, self.progress, seed=self.seed) if may_go_on else found
 
 
 def _import_meanwhile(modules: Sequence[str]) -> None:
