@@ -27,8 +27,7 @@ class HeldOut:
     """
 
     lack: LackOfFit
-    whole: PartFit | None = None
-    point: np.ndarray | None = None
+    whole: Fit | None = None
 
     @property
     def lacking(self) -> bool:
@@ -44,24 +43,26 @@ def held_out(fits: ModelFits, fit: Fit, covariance: np.ndarray, on: PartFit, is_
     lack = lack_held_out(test.evidence, test.residual)
     if not lack.lacking or not len(fit.space) or lack_of_fit(fit.at).lacking:
         return HeldOut(lack)
+    in_unit = covariance / np.outer(fit.space.span, fit.space.span)
     whole = fits.fit(
         fits.prepared,
         fit.effects,
-        _begin(fits, fit, covariance, on),
+        _begin(fits, fit, in_unit, on),
         offsets=on.offsets,
         offsets_with=fit.effects,
         tolerance=EXACT,
     )
-    if whole is None or not _leaves_nothing(whole, is_test) or not _by_chance(fit, whole, covariance):
+    if whole is None or not _leaves_nothing(whole, is_test) or not _by_chance(fit, whole, in_unit):
         return HeldOut(lack)
-    return HeldOut(lack, PartFit.of(whole.at), whole.point)
+    return HeldOut(lack, whole)
 
 
 def _begin(fits: ModelFits, fit: Fit, covariance: np.ndarray, on: PartFit) -> np.ndarray:
-    """The best point (parameter,) for the whole log of what the fit leaves open: contacts may hide the way to it."""
+    """The best point (parameter,) for the whole log of what the fit, of covariance (p, p) in the unit cube, leaves
+    open: contacts may hide the way to it.
+    """
     space, generator = fit.space, np.random.default_rng(0)
-    in_unit = covariance / np.outer(space.span, space.span)
-    drawn = generator.multivariate_normal(space.to_unit(fit.point), in_unit, DRAWN, method="eigh")
+    drawn = generator.multivariate_normal(space.to_unit(fit.point), covariance, DRAWN, method="eigh")
     points = np.concatenate([fit.point[None], space.from_unit(np.clip(drawn, 0, 1))])
     simulator = fits.simulator(fit.effects)
     offsets = np.repeat(on.offsets[None], len(points), axis=0)
@@ -82,6 +83,5 @@ def _by_chance(fit: Fit, whole: Fit, covariance: np.ndarray) -> bool:
     from scipy.special import chdtri
 
     off = (whole.point - fit.point) / fit.space.span
-    in_unit = covariance / np.outer(fit.space.span, fit.space.span)
-    distance = float(off @ np.linalg.pinv(in_unit, rcond=1e-12, hermitian=True) @ off)
+    distance = float(off @ np.linalg.pinv(covariance, rcond=1e-12, hermitian=True) @ off)
     return distance <= chdtri(len(off), BY_CHANCE)

@@ -58,10 +58,14 @@ class Found:
     sampled: SampledPosterior | None = None
 
     @cached_property
+    def part(self) -> PreparedLog:
+        """The fitted part of the log."""
+        return self.fits.prepared.part(~self.fits.prepared.split.is_test)
+
+    @cached_property
     def at(self) -> Fit:
         """The linearization at the best, on the fitted part of the log."""
-        part = self.fits.prepared.part(~self.fits.prepared.split.is_test)
-        return self.fits.at(part, [], self.best, self.known)
+        return self.fits.at(self.part, [], self.best, self.known)
 
     @property
     def lacking(self) -> bool:
@@ -186,8 +190,7 @@ def unstuck(found: Found, progress: Progress, *, seed: int) -> Found:
     """`found`; where bodies touch or joints stop and something is left, from starts that are better for windows fitted
     alone, as long as there are any.
     """
-    fits = found.fits
-    part = fits.prepared.part(~fits.prepared.split.is_test)
+    fits, part = found.fits, found.part
     for _ in range(UNSTUCK):
         if not part.difference_step or not found.lacking:
             break
@@ -209,10 +212,9 @@ def looked_about(found: Found, progress: Progress, *, seed: int) -> Found:
     if not len(found.best.parameters) or found.lacking:
         return found
     fits, at = found.fits, found.at.at
-    part = fits.prepared.part(~fits.prepared.split.is_test)
     simulator = fits.simulator([])
     covariance, _ = unit_covariance(at)
-    evaluate = partial(part.evaluate, simulator)
+    evaluate = partial(found.part.evaluate, simulator)
     if is_rough(at, covariance, evaluate):
         sampled = sampled_posterior(at, covariance, evaluate, seed)
         if sampled.gain > TOLERANCE:

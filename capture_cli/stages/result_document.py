@@ -64,13 +64,14 @@ def held_out_of(
     """
     if held.whole is None:
         return None
-    parts = {"fit": held.whole.rows(~is_test), "test": held.whole.rows(is_test)}
+    whole, found = PartFit.of(held.whole.at), held.whole.point
+    parts = {"fit": whole.rows(~is_test), "test": whole.rows(is_test)}
     error = {name: error_of(prepared, part) for name, part in parts.items()}
-    moves = np.abs(space.to_unit(held.point) - space.to_unit(point))
+    moves = np.abs(space.to_unit(found) - space.to_unit(point))
     most = space.parameters[int(np.argmax(moves))]
-    value = with_unit(significant(space.to_dict(held.point)[most.name]), most.unit)
+    value = with_unit(significant(space.to_dict(found)[most.name]), most.unit)
     return {
-        "parameters": space.to_dict(held.point),
+        "parameters": space.to_dict(found),
         "error": error,
         "text": (
             f"What was held out tells more of {most.name} than what was fitted: there the error is "
