@@ -464,6 +464,12 @@ def test_terminal_tells_the_size_of_a_single_effect_and_the_runner_up():
     assert len(lines) == 5
 
 
+def test_terminal_gives_no_number_for_what_the_log_does_not_say():
+    diagnosis = make(effects=(COULOMB,))
+    diagnosis.document["effects"][0]["parameters"]["friction"]["identifiable"] = False
+    assert "coulomb-friction@x (friction not determined)." in printed(diagnosis, 120)
+
+
 def test_terminal_names_the_outputs_that_had_been_farthest_from_their_floor():
     outputs = {name: ("m", 1e-3) for name in "abcd"}
     diagnosis = make(outputs, effects=(COULOMB,))

@@ -17,9 +17,10 @@ from test_hysteretic_friction import SLIDER
 from benchmarks._planted.diagnosing import diagnose
 from capture_cli import effects
 from capture_cli.effects.companion import companion_module
-from capture_cli.effects.servo_integral import IntegralTerm
-from capture_cli.protocol.candidates import all_candidates
+from capture_cli.effects.servo_integral import IntegralTerm, ServoIntegral
+from capture_cli.protocol.candidates import Candidate, all_candidates, score_at_null
 from capture_cli.protocol.model_fits import ModelFits
+from capture_cli.protocol.narrow_shapes import NarrowShapes
 from capture_cli.protocol.prepare import prepare
 from capture_cli.sim.engine import Engine, ModelFields, Starts
 from capture_cli.stages.record import record
@@ -141,8 +142,37 @@ def test_windows_after_a_gap_are_found_where_the_integral_is_at_its_limit(tmp_pa
     record(task=str(task), out=tmp_path / "log.zarr", effects=planted, **options)
     log = without(MeasuredLog.read(tmp_path / "log.zarr"), 3.0, 4.3)
     prepared = prepare(log, load_task(str(task)), window=0.5, test="none", seed=0)
-    effect = next(c.effect for c in all_candidates(prepared) if c.name == "servo-integral@p")
+    effect = only_candidate(prepared).effect
     assert ModelFits(prepared, 1).fit(prepared, [effect], np.array([0.2, 60.0, 0.05])).error < 1.1
+
+
+def test_it_is_scored_with_what_it_may_have_held_before_the_log_began(tmp_path, monkeypatch):
+    weak = ROD.replace(
+        'kp="40" kv="2"', 'kp="6" kv=".4" gear="1.5"'
+    )  # what holds the rod is mostly the integral
+    (tmp_path / "model.xml").write_text(weak)
+    task = tmp_path / "task.toml"
+    task.write_text(ROD_TASK)
+    planted = ("servo-integral@p.ki=12", "servo-integral@p.limit=0.5")
+    options = {"episodes": 2, "duration": 4.5, "rate": 100.0, "noise": 5e-4, "seed": 3}
+    record(task=str(task), out=tmp_path / "log.zarr", effects=planted, **options)
+    log = without(MeasuredLog.read(tmp_path / "log.zarr"), 0.0, 1.5)
+    prepared = prepare(log, load_task(str(task)), window=0.5, test="none", seed=0)
+    fits, candidate = ModelFits(prepared, 1), only_candidate(prepared)
+    declared = fits.fit(prepared, [], prepared.task.space.nominal)
+
+    def gain() -> float:
+        score_at_null(NarrowShapes(fits, prepared, declared), candidate)
+        return candidate.score.gain
+
+    informed = gain()
+    assert candidate.start_elsewhere is not None  # another limit: at this one it may stay
+    monkeypatch.setattr(ServoIntegral, "states_scored", np.zeros((1, 0)))
+    assert informed > 2 * gain()
+
+
+def only_candidate(prepared) -> Candidate:
+    return next(c for c in all_candidates(prepared) if c.name == "servo-integral@p")
 
 
 def test_what_was_before_a_window_is_followed_through_the_errors_measured(tmp_path):

@@ -78,6 +78,8 @@ class Effect(ABC):
     window, longest, logged: of the log that it is looked for in, as `look_in` is given them; None where in no log.
     states_tried: points (point, state) among which those that a simulation began with are looked for, where a descent
         from 0 can miss them; none where it finds them.
+    states_scored: points (point, state), alike in all windows, at which a score at null is taken: what an integral held
+        before the log began shows more than what it did since.
     """
 
     place: ClassVar[str]
@@ -92,6 +94,7 @@ class Effect(ABC):
     states: tuple[str, ...] = ()
     states_before: ClassVar[bool] = False
     states_tried: ClassVar[np.ndarray] = np.zeros((0, 0))
+    states_scored: ClassVar[np.ndarray] = np.zeros((1, 0))
     reports_late: ClassVar[bool] = False
     substeps: int = 1
     window: float | None = None

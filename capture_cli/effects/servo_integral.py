@@ -60,6 +60,7 @@ class ServoIntegral(JointForce):
     shapes = ("limit",)
     states = ("integral",)  # when the episode began, over what is common in it
     states_tried = np.linspace(-1, 1, 9)[:, None]  # at its limit it does not move with a small change
+    states_scored = np.array([[0.0], [-1.0], [-0.5], [0.5], [1.0]])
     kernel = IntegralTerm
     adds_to = BIAS
 

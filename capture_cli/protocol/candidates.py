@@ -141,7 +141,8 @@ def score_at_null(narrow: NarrowShapes, candidate: Candidate) -> None:
     """Fill in the candidate's score and where a refit should start, or why it is out."""
     candidate.fit = candidate.select = candidate.support = candidate.score = None
     candidate.why_rejected = candidate.start_elsewhere = candidate.start_doubted = None
-    shapes, candidate.shapes_tried = _shapes(narrow, candidate.effect[1])
+    shapes, tried = _shapes(narrow, candidate.effect[1])
+    candidate.shapes_tried = tried * len(candidate.effect[1].states_scored)
     scored, moves = _scores(narrow, candidate, shapes, PROBES)
     if candidate.effect[1].has_threshold or not moves:
         farther, far_moves = _scores(narrow, candidate, shapes, FAR_PROBES)
@@ -175,7 +176,9 @@ def _scores(
     space = effect.space
     amplitudes = [i for i, n in enumerate(space.names) if n not in effect.shapes]
     probes, steps = _probes(effect, amplitudes, shapes, shares)
-    residuals, diverged = narrow.fits.probe(narrow.part, narrow.fit, candidate.effect, probes)
+    states = np.repeat(effect.states_scored, len(probes), axis=0)
+    probes, steps = (np.concatenate([a] * len(effect.states_scored)) for a in (probes, steps))
+    residuals, diverged = narrow.fits.probe(narrow.part, narrow.fit, candidate.effect, probes, states)
     change = at.residual - residuals  # what the probe adds to the outputs
     if amplitudes:
         low = (space.low - space.nominal)[amplitudes] / space.span[amplitudes]
@@ -200,8 +203,11 @@ def _scores(
 
 
 def _at_another_peak(effect: Effect, starts: Sequence[np.ndarray]) -> np.ndarray | None:
-    """The first of `starts`, best first, with another period than the first: a fit goes no further than one peak."""
-    if not effect.narrow_shape:
+    """The first of `starts`, best first, with another period than the first: a fit goes no further than one peak.
+
+    Or with another limit, of what is at it for a while: there the error does not change with it.
+    """
+    if not (effect.narrow_shape or len(effect.states_scored) > 1):
         return None
     column = effect.space.names.index(effect.shapes[0])
     return next((s for s in starts[1:] if s[column] != starts[0][column]), None)

@@ -355,17 +355,26 @@ class ModelFits:
         return found
 
     def probe(
-        self, part: PreparedLog, fit: Fit, effect: Placed, probes: np.ndarray
+        self,
+        part: PreparedLog,
+        fit: Fit,
+        effect: Placed,
+        probes: np.ndarray,
+        states: np.ndarray | None = None,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Outputs as residuals (probe, window, row), and which probes diverged (probe,).
 
-        The fit's model with `effect` added at the values `probes` (probe, parameter) of its parameters.
+        The fit's model with `effect` added at the values `probes` (probe, parameter) of its parameters. states (probe,
+        state): of its own, alike in all windows; 0 where None.
         """
         simulator = self.simulator((*fit.effects, effect))
         evidence = part.evidence(simulator)
         points = np.concatenate([np.repeat(fit.point[None], len(probes), axis=0), probes], axis=1)
         offsets = np.zeros((len(probes), *evidence.start_sd.shape))
-        offsets[:, :, : fit.offsets.shape[1]] = fit.offsets  # the new effect's own states come last
+        carried = fit.offsets.shape[1]
+        offsets[:, :, :carried] = fit.offsets  # the new effect's own states come last
+        if states is not None:
+            offsets[:, :, carried : carried + states.shape[1]] = states[:, None]
         outputs, diverged = part.evaluate(simulator, Trial(points, offsets))
         self.rollouts += simulator.rollouts
         return evidence.residual(outputs), diverged.any(axis=1)

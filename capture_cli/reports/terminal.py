@@ -213,11 +213,14 @@ def _answer(document: Mapping[str, Any]) -> str:
 
 
 def _sizes(effect: Mapping[str, Any]) -> str:
-    """The values of its parameters."""
-    return ", ".join(
-        f"{name} {with_unit(to_precision_of(p['value'], p.get('sd')), p['unit'])}"
-        for name, p in effect["parameters"].items()
-    )
+    """The values of its parameters, as far as the log says them."""
+    return ", ".join(f"{name} {_size(p)}" for name, p in effect["parameters"].items())
+
+
+def _size(p: Mapping[str, Any]) -> str:
+    if not p["identifiable"]:
+        return "not determined"
+    return with_unit(to_precision_of(p["value"], p.get("sd")), p["unit"])
 
 
 def _error_line(diagnosis: Diagnosis) -> str:
