@@ -119,6 +119,6 @@ def _not_sparse(sensors: Sequence[str], log: MeasuredLog, task: Task) -> LogErro
         f"{log.path}: --drop-held would empty cells of {', '.join(map(repr, sensors))}, which task {task.name!r} wants "
         "in every row",
         cure=f"write sparse = true under {tables}"
-        if hasattr(task, "path")
+        if task.path
         else "leave the option out: outputs of a task that is built in cannot be sparse",
     )

@@ -275,7 +275,7 @@ def _counted(names: Sequence[str], counts: dict[str, int]) -> str:
 
 def _tables_of(columns: Sequence[str], task: Task) -> list[str]:
     """The sensors that read `columns`, as a task.toml names them; none where the task is built in."""
-    if not hasattr(task, "path"):
+    if task.path is None:
         return []
     return list(dict.fromkeys(task.model.sensor(c.sensor).name for c in task.outputs if c.column in columns))
 

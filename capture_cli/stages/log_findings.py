@@ -252,7 +252,7 @@ def _cure_of_held(channel: Mapping[str, Any], task: Task | None) -> str:
     again = "import the files again with --drop-held: each sample stays in the row where it first appears"
     if channel.get("sampling"):  # sparse already
         return again
-    if task is not None and not hasattr(task, "path"):  # built in: its outputs are what they are
+    if task is not None and task.path is None:  # its outputs are what they are
         return "leave out the rows in which it repeats: a repeat is late, and looks like noise or a delay"
     sensors = {} if task is None else {c.name: task.model.sensor(c.sensor).name for c in task.outputs}
     return f"write sparse = true under [outputs.{sensors.get(channel['name'], channel['name'])}], and {again}"
@@ -262,7 +262,7 @@ def _cure_of_spikes(task: Task | None) -> str:
     """What to do about single samples that stand out."""
     keep = "keep them where bodies hit each other, which looks like this; otherwise "
     empty = "leave these values empty in the source, write sparse = true under the output and import again"
-    if task is not None and not hasattr(task, "path"):  # built in: its outputs are what they are
+    if task is not None and task.path is None:  # its outputs are what they are
         empty = "leave these values empty in the source and import with --drop-nan"
     return (
         f"{keep if task is not None and can_touch(task.model) else ''}{empty}: errors count by their squares"

@@ -24,7 +24,7 @@ def task_inputs(task: Task) -> dict[str, Path | None]:
 
     Built-in ones have a name.
     """
-    path = getattr(task, "path", None)
+    path = task.path
     return {"task": path, **_model_files(task.model_path)} if path else {"task": None}
 
 
@@ -89,7 +89,7 @@ def find_task(task: str | None, log: MeasuredLog) -> Task:
 
 def named(task: Task) -> str | None:
     """What `--task` is to say for a built-in task, whatever log it is for; None of a task.toml, which has a path."""
-    return task.name if task.name in REGISTRY.names() and not hasattr(task, "path") else None
+    return task.name if task.name in REGISTRY.names() and task.path is None else None
 
 
 def _has_model(path: Path, provenance: Mapping[str, Any]) -> bool:

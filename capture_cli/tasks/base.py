@@ -59,10 +59,11 @@ class LogColumns:
 class Task(ABC):
     """A machine: `model`, `space` (its open parameters), `inputs`, `outputs`, and how its logs are cut.
 
-    model_path: the MJCF that the model is made from.
+    model_path: the MJCF that the model is made from. path: its task.toml; None where it is built in.
     """
 
     name: str
+    path: Path | None = None
     model: mujoco.MjModel
     model_path: Path
     space: ParameterSpace
