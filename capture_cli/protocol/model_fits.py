@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from itertools import product
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from capture_cli.identifiers._window_starts import fit_starts
 from capture_cli.identifiers.base import Best, Evidence, Trial, run
 from capture_cli.identifiers.intervals import unit_covariance
 from capture_cli.identifiers.least_squares import HOPELESS, LONG_PATIENCE, PATIENCE, LeastSquares
-from capture_cli.linearization import Linearization, best_trials, columns
+from capture_cli.linearization import Linearization, best_trials, columns, trial_objectives
 from capture_cli.parameters import ParameterSpace
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.sim.engine import Engine
@@ -27,6 +28,7 @@ FIT_ROUNDS = 60
 TOLERANCE = 0.1  # of the objective over k: a third of a standard error is enough to compare models by
 EXACT = 3e-3  # for what is reported
 BEGUN_ANEW, BEGUN_AWAY = 3, 3.0  # descents to see whether there are other minima, and how far off, in sd
+AS_GOOD = 3.84  # of the objective over k: 95 % of what chance makes of one number
 RETURNED = 0.5  # sd: a descent that ends as near as this to where another ended has come back to it
 
 
@@ -274,10 +276,40 @@ class ModelFits:
         """`fit` and where descents end that begin within its reach, best first.
 
         Where contacts make the error rough it has many minima, and one descent finds one of them. Where the first of
-        them comes back to `fit`, the error is taken to be smooth, and no more are begun.
+        them comes back to `fit`, the error is taken to be smooth, and no more are begun. After them, not as the best,
+        come those that differ by a shape that this part of the log does not show.
         """
         if not len(fit.space):
             return [fit]
+        best, *others = self._begun_anew(part, fit, seed)
+        return [best, *others, *self._with_shapes_at_ends(part, best)]
+
+    def _with_shapes_at_ends(self, part: PreparedLog, fit: Fit) -> list[Fit]:
+        """`fit` with a shape of an effect at an end of its range, where it does as well: a limit that nothing reaches.
+
+        A descent stops where the limit is about to matter, and differences that are taken there say that it does.
+        """
+        shapes = [
+            fit.columns(placed_name(*e)).start + e[1].space.names.index(name)
+            for e in fit.effects
+            for name in e[1].shapes
+        ]
+        ends = np.repeat(fit.point[None], 2 * len(shapes), axis=0)
+        for row, (shape, end) in zip(ends, product(shapes, (fit.space.low, fit.space.high)), strict=True):
+            row[shape] = end[shape]
+        if not len(ends):
+            return []
+        simulator = self.simulator(fit.effects)
+        offsets = np.repeat(fit.offsets[None], len(ends), axis=0)
+        outputs, diverged = part.evaluate(simulator, Trial(ends, offsets))
+        self.rollouts += simulator.rollouts
+        k, evidence = fit.at.scatter, fit.at.evidence
+        objectives = trial_objectives(evidence, offsets, outputs, diverged, k).sum(axis=1)
+        as_good = objectives - fit.at.objectives(k).sum() < AS_GOOD * k
+        return [self.at(part, fit.effects, Best(p, fit.offsets, 0.0)) for p in ends[as_good]]
+
+    def _begun_anew(self, part: PreparedLog, fit: Fit, seed: int) -> list[Fit]:
+        """`fit` and where descents end that begin about it, best first."""
         covariance, _ = unit_covariance(fit.at)
         values, vectors = np.linalg.eigh(covariance)
         spread = vectors * np.sqrt(np.maximum(values, 0.0))
