@@ -36,7 +36,7 @@ def fitted():
         nothing = np.zeros((1, STEPS, 0))
         at = Linearization(evidence, np.array([0.5]), np.zeros((1, 0)), (left + noise)[None], ramp, nothing)
 
-        def probe(part, fit, placed, probes):
+        def probe(part, fit, placed, probes, states):
             shares = (probes - effect.space.nominal) / effect.space.span
             return at.residual - shares.sum(axis=1)[:, None, None] * response, np.zeros(
                 len(probes), dtype=bool
@@ -62,3 +62,26 @@ def test_what_is_imitated_but_for_a_little_is_tried(fitted, share, is_tried):
     assert (candidate.why_rejected is None) == is_tried
     if not is_tried:
         assert "imitate" in candidate.why_rejected
+
+
+def test_what_the_smallest_probes_overdo_is_probed_by_less(fitted, monkeypatch):
+    """A spring that grows with the cube, on a wheel that turned far: a millionth of a range for one radian."""
+    wave = np.sin(np.linspace(0, 60, STEPS))
+    effect = REGISTRY.get("viscous-damping")(MODEL, "x")
+    candidate = Candidate(("viscous-damping", effect))
+    narrow = fitted(effect, left=wave, response=1e6 * wave)
+    linear = narrow.fits.probe
+
+    def bent(part, fit, placed, probes, states):
+        """Beyond a thousandth of the range it turns the outputs upside down."""
+        residual, diverged = linear(part, fit, placed, probes, states)
+        share = (probes - effect.space.nominal)[:, 0] / effect.space.span[0]
+        far = np.abs(share) > 1e-3
+        residual[far] = -residual[far]
+        return residual, diverged
+
+    monkeypatch.setattr(narrow.fits, "probe", bent)
+    score_at_null(narrow, candidate)
+    assert candidate.why_rejected is None
+    found = (candidate.start - effect.space.nominal)[0] / effect.space.span[0]
+    assert found == pytest.approx(1e-6, rel=0.2)

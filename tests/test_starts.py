@@ -243,6 +243,37 @@ def test_a_quaternion_that_changes_its_sign_is_the_same_orientation(model, motio
     np.testing.assert_allclose(error, plain, atol=1e-9)
 
 
+@pytest.mark.parametrize("turned", [0.5, 1.0, 1.5])
+def test_an_attitude_may_turn_by_more_than_half_a_turn_within_reach(turned):
+    """rad from sample to sample: those beside a start are up to six radians away."""
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><option timestep="0.01" gravity="0 0 0"/><worldbody><body name="top"><freejoint/>
+        <geom type="box" size=".1 .1 .1" mass="1"/></body></worldbody>
+        <sensor><framequat name="how" objtype="body" objname="top"/></sensor></mujoco>"""
+    )
+    data = mujoco.MjData(model)
+    rate = turned / 0.02 * np.array([2.0, 1.0, 2.0]) / 3
+    data.qvel[3:] = rate
+    outputs = []
+    for _ in range(60):
+        mujoco.mj_step(model, data, 2)
+        mujoco.mj_forward(model, data)
+        outputs.append(data.sensordata.copy())
+    outputs = np.array(outputs) + 2e-3 * np.random.default_rng(0).standard_normal((60, 4))
+    found = estimate_starts(
+        model,
+        [0] * 4,
+        time=0.02 * np.arange(60),
+        outputs=outputs,
+        episodes=[slice(0, 60)],
+        window_first=np.array([0, 20, 40]),
+        window_episode=np.zeros(3, dtype=int),
+        noise_sd=np.full(4, 2e-3),
+    )
+    assert (np.abs(found.starts.qvel[:, 3:] - rate) < found.sd[:, 9:]).all()
+    assert np.linalg.norm(found.starts.qvel[1, 3:] - rate) < 0.02 * np.linalg.norm(rate)
+
+
 def test_the_clock_begins_where_the_log_does(model, motion):
     time, *rest = motion
     found, _ = estimate(model, (time + 1234.5, *rest), ALL, noise=1e-3, first=np.array([0, 50]))

@@ -30,6 +30,9 @@ PROBES = (0.01, 0.1, -0.1)
 # Where none of those moves anything: what acts from a threshold on only, a limit that the controls never come near
 FAR_PROBES = (0.5, -0.5, 0.8, -0.8, 0.9, -0.9, 0.95, -0.95)
 SHAPES, SHAPES_OF_SEVERAL = 5, 3  # values tried of an effect's one shape, or of each of several
+# Times what is left to explain: a probe that changes outputs by more says little of small values, and smaller ones, by
+# so much, are tried as well. A range may be too wide: of a force that grows with a cube, on a wheel that keeps turning.
+TOO_MUCH, MOST_TOO_MUCH = 50.0, 1e4
 # Evenly spread windows are scored on, at most so many; of many steps (hard contacts need short ones) fewer: a score
 # needs no more.
 SCORED_WINDOWS, SCORED_STEPS, FEWEST_SCORED = 40, 20_000, 12
@@ -143,11 +146,13 @@ def score_at_null(narrow: NarrowShapes, candidate: Candidate) -> None:
     candidate.why_rejected = candidate.start_elsewhere = candidate.start_doubted = None
     shapes, tried = _shapes(narrow, candidate.effect[1])
     candidate.shapes_tried = tried * len(candidate.effect[1].states_scored)
-    scored, moves = _scores(narrow, candidate, shapes, PROBES)
-    if candidate.effect[1].has_threshold or not moves:
-        farther, far_moves = _scores(narrow, candidate, shapes, FAR_PROBES)
-        scored, moves = sorted(scored + farther, key=lambda s: -s[0].gain), moves or far_moves
-    if scored:
+    probed = _probed(narrow, candidate, shapes, PROBES)
+    if candidate.effect[1].has_threshold or not probed.moves:
+        probed += _probed(narrow, candidate, shapes, FAR_PROBES)
+    elif probed.size > TOO_MUCH and candidate.effect[1].parameters:
+        little = PROBES[0] / min(probed.size, MOST_TOO_MUCH)
+        probed += _probed(narrow, candidate, shapes, (little, -little))
+    if scored := sorted(probed.scored, key=lambda s: -s[0].gain):
         effect = candidate.effect[1]
         believed = [s for s in scored if not narrow.doubts(effect, s[1])] or scored
         candidate.score, candidate.start = believed[0]
@@ -155,7 +160,7 @@ def score_at_null(narrow: NarrowShapes, candidate: Candidate) -> None:
         candidate.start_doubted = None if believed[0] is scored[0] else scored[0][1]
     if candidate.score is None:
         candidate.why_rejected = "every simulation with it diverged"
-    elif not moves:
+    elif not probed.moves:
         candidate.why_rejected = "it moves no output of this log"
     elif candidate.score.unabsorbed < ABSORBED:
         candidate.why_rejected = (
@@ -165,10 +170,24 @@ def score_at_null(narrow: NarrowShapes, candidate: Candidate) -> None:
         candidate.why_rejected = f"it explains nothing (score {candidate.score.gain:.2g})"
 
 
-def _scores(
+@dataclass(frozen=True)
+class _Probed:
+    """scored: scores, and where a refit should start from each. moves: whether any probe moves an output. size: of what
+    the smallest probes change, over what is left to explain; infinite where they diverge.
+    """
+
+    scored: list[tuple[Score, np.ndarray]]
+    moves: bool
+    size: float
+
+    def __add__(self, other: _Probed) -> _Probed:
+        return _Probed(self.scored + other.scored, self.moves or other.moves, self.size)
+
+
+def _probed(
     narrow: NarrowShapes, candidate: Candidate, shapes: np.ndarray, shares: Sequence[float]
-) -> tuple[list[tuple[Score, np.ndarray]], bool]:
-    """Scores and where a refit should start from each, best first; and whether any probe moves an output.
+) -> _Probed:
+    """The candidate's effect at null, by probes.
 
     shapes (point, parameter): with null amplitudes. shares: of the amplitudes' ranges, at which each is probed.
     """
@@ -199,7 +218,10 @@ def _scores(
         if amplitudes:
             start[amplitudes] = space.nominal[amplitudes] + begin * space.span[amplitudes]
         scored.append((found, np.clip(start, space.low, space.high)))
-    return sorted(scored, key=lambda s: -s[0].gain), bool(np.any(change[~diverged]))
+    moved = np.linalg.norm(change.reshape(len(change), -1), axis=1) / np.linalg.norm(at.residual)
+    moved[diverged] = np.inf
+    smallest = np.abs(steps) == np.abs(steps).min()
+    return _Probed(scored, bool(moved[~diverged].any()), float(np.median(moved[smallest])))
 
 
 def _at_another_peak(effect: Effect, starts: Sequence[np.ndarray]) -> np.ndarray | None:

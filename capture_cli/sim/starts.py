@@ -361,7 +361,8 @@ def _velocity_lag(model: mujoco.MjModel) -> float:
 
 
 def _rotation_vectors(quaternions: np.ndarray, centre: int) -> np.ndarray:
-    """Rotations (place, sample, 3) from the orientation at the sample `centre`, in that body's frame, rad.
+    """Rotations (place, sample, 3) from the orientation at the sample `centre`, in that body's frame, rad, which go
+    on beyond half a turn.
 
     quaternions (place, sample, 4), w first, of any length.
     """
@@ -370,4 +371,15 @@ def _rotation_vectors(quaternions: np.ndarray, centre: int) -> np.ndarray:
     places, samples = quaternions.shape[:2]
     last_w = quaternions[..., [1, 2, 3, 0]]
     from_centre = Rotation.from_quat(np.repeat(last_w[:, centre], samples, axis=0)).inv()
-    return (from_centre * Rotation.from_quat(last_w.reshape(-1, 4))).as_rotvec().reshape(places, samples, 3)
+    turned = (from_centre * Rotation.from_quat(last_w.reshape(-1, 4))).as_rotvec().reshape(places, samples, 3)
+    for side in (turned[:, centre:], turned[:, centre::-1]):
+        for sample in range(2, side.shape[1]):
+            side[:, sample] = _as_expected(side[:, sample], 2 * side[:, sample - 1] - side[:, sample - 2])
+    return turned
+
+
+def _as_expected(rotations: np.ndarray, expected: np.ndarray) -> np.ndarray:
+    """Rotation vectors (place, 3), by as many full turns more as are nearest to those `expected`."""
+    axis = rotations / np.maximum(np.linalg.norm(rotations, axis=1, keepdims=True), np.finfo(float).tiny)
+    turns = np.rint(((expected - rotations) * axis).sum(axis=1, keepdims=True) / (2 * np.pi))
+    return rotations + 2 * np.pi * turns * axis
