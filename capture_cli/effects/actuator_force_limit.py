@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from capture_cli.effects._places import site_id, site_name
-from capture_cli.effects._scales import GRAVITY, actuator_force
+from capture_cli.effects._scales import GRAVITY, HINGE, actuator_force, driven_joint
 from capture_cli.effects.base import GLOBAL, Effect
 from capture_cli.parameters import Parameter
 
@@ -49,7 +49,14 @@ class ActuatorForceLimit(Effect):
         )
         own = float(np.abs(self.own).max())
         high = own if own < UNLIMITED else 2 * scale
-        return (Parameter("limit", "N or N m", 0.02 * scale, high, high),)
+        return (Parameter("limit", self._unit, 0.02 * scale, high, high),)
+
+    @property
+    def _unit(self) -> str:
+        joint = driven_joint(self.model, self.actuator)
+        if joint < 0:
+            return "N or N m"
+        return "N m" if self.model.jnt_type[joint] == HINGE else "N"
 
     def write(self, fields, values):
         limit = np.where(values[:, 0] == self.parameters[0].nominal, UNLIMITED, values[:, 0])

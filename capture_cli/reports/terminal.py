@@ -29,7 +29,7 @@ WIDE = 96
 # More than these would push the verdict off a small screen; the page has them all.
 MOST_NOTES, MOST_OUTPUTS = 4, 8
 # A diagnosis is told in five lines, and a few more where it found several effects.
-MOST_LINES, MOST_NAMED = 12, 2
+MOST_LINES, MOST_NAMED, SHORT = 12, 2, 2
 MARK = 9  # characters, of the words that open its lines
 COLUMN_GAP = 3  # characters
 _ASCII = str.maketrans(
@@ -80,7 +80,8 @@ def print_diagnosis(diagnosis: Diagnosis, console: Console, out_path: Path) -> N
         ("next", words.next_experiment(document)),
     ):
         if line:
-            screen.wrapped(f"{mark:<{MARK}}", line, "dim")
+            cut = mark == "next" and len(document["effects"]) > 1  # what was found goes before
+            screen.wrapped(f"{mark:<{MARK}}", line, "dim", most=SHORT if cut else None)
     screen.whole(f"{'report':<{MARK}}", f"  {Path(out_path) / 'report.html'}")
     if len(document["effects"]) < 2:
         return
