@@ -138,30 +138,29 @@ def summary(document: Mapping[str, Any]) -> str:
     """The finding in words, with the numbers that it rests on."""
     effects, stages, left = document["effects"], document["stages"], document["lack_of_fit"]["after"]
     if document["verdict"] == "explained":
-        return f"Nothing is missing: the error is {left['normalized']:.3g} times the noise floor."
+        return f"Nothing is missing: the error is {significant(left['normalized'])} times the noise floor."
     part, where = ("test", "held-out") if stages[-1]["test"] else ("fit", "fit")
     first, last = (stage[part]["normalized"] for stage in (stages[0], stages[-1]))
     if not effects and not left["lacking"]:
         return (
-            f"The model fits what it was fitted to, but not what was held out: there the error is {last:.3g} times the "
-            f"noise floor. {NOT_ALIKE}"
+            "The model fits what it was fitted to, but not what was held out: there the error is "
+            f"{significant(last)} times the noise floor. {NOT_ALIKE}"
         )
     if not effects:
         return (
-            f"None of these: the {where} error is {last:.3g} times the noise floor{_of_one(left)}, and no effect of "
-            "the catalogue explains it."
+            f"None of these: the {where} error is {significant(last)} times the noise floor{_of_one(left)}, and no "
+            "effect of the catalogue explains it."
         )
     tied = [f" (or {', '.join(e['tied_with'])})" if e["tied_with"] else "" for e in effects]
     found = _found(document, [f"{placed(e)}{rivals}" for e, rivals in zip(effects, tied, strict=True)])
     if _fits_alone(document):
-        return f"{found}: there the error is {last:.3g} times the noise floor, and {first:.3g} without."
+        with_it, without = significant(last), significant(first)
+        return f"{found}: there the error is {with_it} times the noise floor, and {without} without."
     them = "it" if len(effects) == 1 else "them"
     text = f"{found}: with {them} the {where} error falls to {last / first:.2g} of what it was."
     if document["verdict"] == "unexplained":
         size, on = (left["normalized"], " on what was fitted") if left["normalized"] > last else (last, "")
-        text += (
-            f" What is left{on} is still {size:.3g} times the noise floor{_of_one(left)}: this is not all."
-        )
+        text += f" What is left{on} is still {significant(size)} times the noise floor{_of_one(left)}: this is not all."
     return text
 
 

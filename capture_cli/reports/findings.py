@@ -56,7 +56,7 @@ def beyond_chance(lack: Mapping[str, Any]) -> str:
         over = {o: v / lack["output_thresholds"][o] for o, v in lack["outputs"].items()}
         worst = max(over, key=over.get)
         size, chance, which = lack["outputs"][worst], lack["output_thresholds"][worst], f" of {worst}"
-    return f"error{which} is {size:.3g} times the noise floor (chance allows {chance:.3g})"
+    return f"error{which} is {significant(size)} times the noise floor (chance allows {significant(chance)})"
 
 
 def output_errors(estimate: Estimate) -> list[OutputError]:

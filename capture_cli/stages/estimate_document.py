@@ -14,6 +14,7 @@ from capture_cli.identifiers.rounds import Rounds
 from capture_cli.protocol.held_out import HeldOut, held_out
 from capture_cli.protocol.model_fits import TOLERANCE, PartFit
 from capture_cli.reports.findings import NOT_ALIKE, beyond_chance
+from capture_cli.reports.quantities import significant
 from capture_cli.stages.earlier_estimate import EarlierEstimate
 from capture_cli.stages.estimation import Found
 from capture_cli.stages.result_document import (
@@ -223,7 +224,7 @@ def _agreement(names, values: np.ndarray, sd: np.ndarray, parameters, joint: Int
         f"the {len(names)} recordings agree"
         if agree
         else f"the {len(names)} recordings disagree, most about {worst} "
-        f"(spread {spread:.3g}, p = {min(p_values):.1g}): something changed between them, or the model lacks something"
+        f"(spread {spread:.3g}, p = {min(p_values):.1g}): it changed between them, or stands in for something that did"
     )
     return {
         "values": values,
@@ -273,7 +274,7 @@ def _summary(
     if verdict == "not-identifiable":
         names = dict.fromkeys(name for u in undetermined for name in u["combination"])
         return f"The fit reaches the noise floor, but the log does not determine {', '.join(names)}."
-    return f"The parameters explain the log: the error is {lacking['normalized']:.3g} times the noise floor."
+    return f"The parameters explain the log: the error is {significant(lacking['normalized'])} times the noise floor."
 
 
 def _correlation(covariance: np.ndarray) -> np.ndarray:

@@ -75,8 +75,8 @@ def held_out_of(
         "error": error,
         "text": (
             f"What was held out tells more of {most.name} than what was fitted: there the error is "
-            f"{held.lack.normalized:.3g} times the noise floor, and {error['test']['normalized']:.3g} with "
-            f"{most.name} {value}, which the fit leaves open."
+            f"{significant(held.lack.normalized)} times the noise floor, and "
+            f"{significant(error['test']['normalized'])} with {most.name} {value}, which the fit leaves open."
         ),
     }
 
