@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from benchmarks import MACHINES as BENCHMARKS
+from capture_cli.identifiers.base import Best
+from capture_cli.identifiers.intervals import intervals, unit_covariance
+from capture_cli.linearization import Linearization
 from capture_cli.protocol.model_fits import ModelFits
 from capture_cli.protocol.prepare import prepare
+from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.stages.identify import identify
 from capture_cli.stages.record import record
 from capture_cli.stores.measured_log import MeasuredLog
@@ -129,3 +136,50 @@ def test_parameters_are_found_where_a_joint_hits_its_stops(tmp_path, monkeypatch
     values = {name: p["value"] for name, p in found["parameters"].items()}
     assert values == pytest.approx(truth, rel=0.03)
     assert found["error"]["fit"]["normalized"] < 5
+
+
+def pucks(folder: Path, seed: int) -> PreparedLog:
+    """Sliding pucks with a friction of 0.12, of which few hit a wall."""
+    task = BENCHMARKS / "puck" / "task.toml"
+    velocities = {"x": (-2.0, 2.0), "y": (-2.0, 2.0)}
+    record(
+        task=str(task),
+        out=folder / "log.zarr",
+        parameters={"friction": 0.12},
+        noise=5e-4,
+        episodes=6,
+        duration=2.0,
+        rate=250,
+        start_velocity=velocities,
+        seed=seed,
+    )
+    return prepared(folder / "log.zarr", task)
+
+
+def test_an_interval_is_not_narrow_for_a_window_that_jumps(tmp_path):
+    """Its slope over a step that is too short, squared, counted for more than all the others together."""
+    ready = pucks(tmp_path, seed=3)
+
+    def sd(step: float) -> float:
+        covariance, _ = unit_covariance(linearized(replace(ready, difference_step=step), 0.12))
+        return float(np.sqrt(covariance[0, 0]))
+
+    assert sd(0.0) < 0.7 * sd(5e-2)
+    assert sd(ready.difference_step) == pytest.approx(sd(5e-2), rel=0.1)
+
+
+def test_where_contacts_stop_a_descent_the_way_left_to_go_is_in_the_interval(tmp_path):
+    ready = pucks(tmp_path, seed=3)
+    at, space = linearized(ready, 0.13), ready.task.space
+    short_of = np.abs(at.normal(at.scatter)[1] / at.normal(at.scatter)[0][0])
+    assert intervals(at).sd[0] == pytest.approx(
+        space.span[0] * np.hypot(np.sqrt(unit_covariance(at)[0][0, 0]), short_of[0])
+    )
+    smooth = linearized(replace(ready, difference_step=0.0), 0.13)
+    assert intervals(smooth).sd[0] == pytest.approx(space.span[0] * np.sqrt(unit_covariance(smooth)[0][0, 0]))
+
+
+def linearized(ready: PreparedLog, friction: float) -> Linearization:
+    """With the starts as they were measured."""
+    best = Best(np.array([friction]), np.zeros_like(ready.starts.sd), error=0.0)
+    return ModelFits(ready, threads=1).at(ready, [], best).at

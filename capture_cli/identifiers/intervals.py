@@ -4,6 +4,9 @@ With J the sensitivities and M the projection that removes the starts (their pri
 A^-1 J'M (e + B b), A = J'MJ, e the residual process and b the starts' error. Its covariance is the sandwich
 A^-1 [J'M (G + B B') M J] A^-1 with G the residual's autocovariance, pooled over windows and tapered (Newey & West
 1987), rather than the outer product of scores: far less noisy when windows are few.
+
+Where contacts make the error rough a descent ends on a bump, short of where the sensitivities over long differences
+say that the bottom is. How far short is a part of the estimate's error, and its square is added to the covariance.
 """
 
 from __future__ import annotations
@@ -16,8 +19,10 @@ import numpy as np
 
 from capture_cli.identifiers._sampled_posterior import SampledPosterior
 from capture_cli.linearization import (
+    START_STEP,
     Linearization,
     autocovariance,
+    box_step,
     correlation_length,
     in_order,
     mean_time,
@@ -80,7 +85,11 @@ def intervals(
     assert at.evidence.count > 0
     space = at.evidence.space
     covariance, degrees = unit_covariance(at)
-    covariance = covariance + _scatter_of_minima(at, minima) if sampled is None else sampled.covariance
+    covariance = (
+        covariance + _left_to_go(at) + _scatter_of_minima(at, minima)
+        if sampled is None
+        else sampled.covariance
+    )
     sd_unit = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     values, directions = np.linalg.eigh(covariance)
     loose = np.sqrt(np.maximum(values, 0)) > UNDETERMINED_SD
@@ -118,6 +127,15 @@ def unit_covariance(at: Linearization) -> tuple[np.ndarray, float]:
     # sensitivities are finite differences, wrong by about their step: columns more alike than that are the same
     floor = max(at.evidence.space.steps, default=0.0) ** 2
     return _sandwich(hessian, meat, np.einsum("wrp,wrp->p", j, j), floor), degrees
+
+
+def _left_to_go(at: Linearization) -> np.ndarray:
+    """Square (p, p), in the unit cube, of the step that a descent could not take for bumps; 0 where there are none."""
+    if at.evidence.start_step == START_STEP:
+        return np.zeros((len(at.x),) * 2)
+    hessian, gradient = at.normal(at.scatter)
+    step = box_step(hessian, gradient, -at.x, 1 - at.x)
+    return np.outer(step, step)
 
 
 def _scatter_of_minima(at: Linearization, minima: Sequence[Linearization]) -> np.ndarray:

@@ -16,6 +16,7 @@ from capture_cli.identifiers.least_squares import LeastSquares
 from capture_cli.identifiers.rounds import Rounds, finite
 from capture_cli.linearization import Linearization
 from capture_cli.parameters import ParameterSpace
+from capture_cli.protocol.difference_step import difference_step
 from capture_cli.protocol.log_checks import all_diverged
 from capture_cli.protocol.log_starts import as_acted
 from capture_cli.protocol.model_fits import TOLERANCE, Fit, ModelFits
@@ -71,6 +72,12 @@ class Found:
     def lacking(self) -> bool:
         """Whether something is left that the noise does not explain."""
         return self.best.error > CLEARLY or lack_of_fit(self.at.at).lacking
+
+    @property
+    def stands_out(self) -> bool:
+        """Whether windows are explained far worse than most; a few may be too few for something to be `lacking`."""
+        at = self.at.at
+        return len(at.evidence.standing_out(at.residual)) > 0
 
     @property
     def contradicted(self) -> bool | None:
@@ -191,13 +198,31 @@ def by_rounds(
     return found
 
 
+def with_longer_differences(found: Found, progress: Progress, *, seed: int, threads: int | None) -> Found:
+    """`found`, from there on with finite differences as long as contacts need them there.
+
+    They were made for the nominal values, where a machine may hit what it does not hit at the estimate, and the other
+    way about.
+    """
+    fits, part = found.fits, found.part
+    step, rollouts = difference_step(part, threads, found.best.parameters, found.best.offsets)
+    fits.rollouts += rollouts
+    if step <= part.difference_step:
+        return found
+    longer = ModelFits(replace(fits.prepared, difference_step=step), threads)
+    longer.rollouts = fits.rollouts
+    x, offsets = found.best.parameters, found.best.offsets
+    again = by_physics(longer, LeastSquares, x, progress, starts=1, rounds=AGAIN, seed=seed, offsets=offsets)
+    return replace(again, history=[*found.history, *again.history])
+
+
 def unstuck(found: Found, progress: Progress, *, seed: int) -> Found:
-    """`found`; where bodies touch or joints stop and something is left, from starts that are better for windows fitted
-    alone, as long as there are any.
+    """`found`; where bodies touch or joints stop and something is left, or windows are far worse than most, from starts
+    that are better for windows fitted alone, as long as there are any.
     """
     fits, part = found.fits, found.part
     for _ in range(UNSTUCK):
-        if not part.difference_step or not found.lacking:
+        if not part.difference_step or not (found.lacking or found.stands_out):
             break
         alone = fits.starts_alone(part, found.at)
         if alone is None:

@@ -21,7 +21,14 @@ from capture_cli.protocol.residual_noise import with_noise_of_residual
 from capture_cli.stages.chosen_identifier import ChosenIdentifier, choose_identifier
 from capture_cli.stages.earlier_estimate import EarlierEstimate
 from capture_cli.stages.estimate_document import Report
-from capture_cli.stages.estimation import Found, by_physics, by_rounds, looked_about, unstuck
+from capture_cli.stages.estimation import (
+    Found,
+    by_physics,
+    by_rounds,
+    looked_about,
+    unstuck,
+    with_longer_differences,
+)
 from capture_cli.stages.progress import Progress
 from capture_cli.stages.recorded_task import find_task, named, task_inputs
 from capture_cli.stores.estimate import Estimate
@@ -164,8 +171,10 @@ class _Search:
             rounds=ROUNDS if self.rounds is None else self.rounds,
             seed=self.seed,
         )
-        may_go_on = self.rounds is None and self.chosen.method is LeastSquares
-        return unstuck(found, self.progress, seed=self.seed) if may_go_on else found
+        if self.rounds is not None or self.chosen.method is not LeastSquares:
+            return found
+        found = with_longer_differences(found, self.progress, seed=self.seed, threads=self.threads)
+        return unstuck(found, self.progress, seed=self.seed)
 
 
 def _import_meanwhile(modules: Sequence[str]) -> None:
