@@ -611,4 +611,4 @@ def test_what_is_left_is_told_with_where_it_is():
         assert words in summary(found | {"lack_of_fit": {"after": left}})
     one = {"threshold": 1.1, "outputs": {"q": 1.0, "p": 1.5}, "output_thresholds": {"q": 1.2, "p": 1.2}}
     text = summary(found | {"lack_of_fit": {"after": one | {"normalized": 1.05, "lacking": True}}})
-    assert "(the error of p is 1.5 times the noise floor (chance allows 1.2))" in text
+    assert "(the error of p is 1.50 times the noise floor (chance allows 1.20))" in text
