@@ -12,6 +12,7 @@ from capture_cli.diagnosis.lack_of_fit import lack_of_fit
 from capture_cli.identifiers.intervals import intervals
 from capture_cli.protocol.attribution import MOST_EFFECTS, Attribution
 from capture_cli.protocol.candidates import Candidate
+from capture_cli.protocol.difference_step import difference_step
 from capture_cli.protocol.explanation import Explanation, Expression, JudgedModel
 from capture_cli.protocol.held_out import held_out
 from capture_cli.protocol.log_checks import all_diverged, check_parameters_move_outputs
@@ -81,7 +82,8 @@ def _begin(
     *,
     free: bool = False,
 ) -> _Begun:
-    """Declare the model, anew where what it leaves shows less noise than the log, until it does not.
+    """Declare the model, anew where what it leaves shows less noise than the log, or contacts there need longer
+    differences, until neither is so.
 
     free: not with the starts that the actions say. rollouts: how many windows were simulated before.
     """
@@ -89,10 +91,23 @@ def _begin(
         acted = not free and begins_as_acted(prepared)
         protocol = _Protocol(as_acted(prepared) if acted else prepared, settings, on_step, rollouts)
         declared = protocol.declare(nominal)
-        quieter = with_noise_of_residual(prepared, protocol.parts.windows(FIT), declared, settings.threads)
-        if quieter is prepared:
+        better = _better_prepared(prepared, protocol, declared)
+        if better is prepared:
             return _Begun(protocol, declared, prepared, acted)
-        prepared, rollouts = quieter, protocol.fits.rollouts
+        prepared, rollouts = better, protocol.fits.rollouts
+
+
+def _better_prepared(prepared: PreparedLog, protocol: _Protocol, declared: Fit) -> PreparedLog:
+    """`prepared` with the noise that what `declared` leaves shows, or with differences as long as contacts need there;
+    itself where it has both.
+    """
+    fitted, threads = protocol.parts.windows(FIT), protocol.settings.threads
+    quieter = with_noise_of_residual(prepared, fitted, declared, threads)
+    if quieter is not prepared:
+        return quieter
+    step, rollouts = difference_step(fitted, threads, declared.point, declared.offsets)
+    protocol.fits.rollouts += rollouts
+    return replace(prepared, difference_step=step) if step > prepared.difference_step else prepared
 
 
 class _Protocol:
