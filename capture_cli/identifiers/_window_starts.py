@@ -11,6 +11,7 @@ from collections.abc import Callable
 import numpy as np
 
 from capture_cli.linearization import (
+    ROUGH_START_STEP,
     Evidence,
     Linearization,
     Trial,
@@ -24,6 +25,9 @@ DAMPING_STEP = 10.0
 BEGUN = 4  # of the places where a window may begin, that it is begun at
 SEARCHES = 2  # times that windows which stand out are begun elsewhere
 DRAWN = 16  # places where they are, drawn from what is known of starts beforehand
+# Where contacts make the error jump no slope leads to the bottom: so many places are drawn, and then so often so many
+# about the best of them, each time nearer by that factor.
+DRAWN_IF_ROUGH, NEARER_TIMES, CHILDREN, PARENTS, NEARER = 128, 5, 48, 8, 0.4
 NO_PARAMETERS = np.zeros(0)
 
 # Outputs (candidate, window, step, output) and what diverged (candidate, window) of the windows at an index.
@@ -43,7 +47,9 @@ def fit_starts(
     The evidence has no parameters. tolerance: of the objective over k, summed over windows.
     """
     found = _settled(evidence, evaluate, offsets, tolerance, rounds)
-    drawn = np.random.default_rng(0).standard_normal((DRAWN, offsets.shape[1]))
+    generator = np.random.default_rng(0)
+    rough = evidence.start_step == ROUGH_START_STEP
+    drawn = generator.standard_normal((DRAWN_IF_ROUGH if rough else DRAWN, offsets.shape[1]))
     for _ in range(SEARCHES):
         stuck = evidence.standing_out(found.residual)
         others = evidence.other_starts(found.offsets, stuck, drawn)[:, stuck]
@@ -53,6 +59,8 @@ def fit_starts(
         k = scatter(evidence.rows(rest), found.residual[rest])  # what windows leave that did not get stuck
         before = found.windows(stuck)
         own = _of_windows(evaluate, stuck)
+        if rough:
+            others = _nearer(before.evidence, own, others, k, generator)
         after = _begun_elsewhere(before, own, others, tolerance, rounds, k)
         found = found.with_windows(stuck, after)
         if (before.objectives(k) - after.objectives(k)).sum() < tolerance * k:
@@ -78,8 +86,7 @@ def _begun_elsewhere(
     The most promising are begun at: before its descent the best of them need not be the one that leads to the best.
     """
     window = np.arange(others.shape[1])
-    outputs, diverged = evaluate(window, Trial(np.zeros((len(others), 0)), others))
-    values = trial_objectives(found.evidence, others, outputs, diverged, k)
+    values = _values(found.evidence, evaluate, others, k)
     order = np.argsort(values, axis=0, kind="stable")
     begun = BEGUN
     if not found.evidence.hidden:  # then starts are known well enough for the best to be better as it is
@@ -90,6 +97,40 @@ def _begun_elsewhere(
         better = there.objectives(k) < found.objectives(k)
         found = found.with_windows(better, there.windows(better))
     return found
+
+
+def _nearer(
+    evidence: Evidence,
+    evaluate: EvaluateWindows,
+    others: np.ndarray,
+    k: float,
+    generator: np.random.Generator,
+) -> np.ndarray:
+    """The best of `others` (trial, window, state) and of what is drawn about the best of them, nearer and nearer.
+
+    A cross-entropy search (Rubinstein, 1999) of every window about several centres, which are not pooled: valleys are
+    narrow and many.
+    """
+    values, reach = _values(evidence, evaluate, others, k), evidence.start_sd
+    for _ in range(NEARER_TIMES):
+        best = np.argsort(values, axis=0, kind="stable")[:PARENTS]
+        others, values = (
+            np.take_along_axis(others, best[..., None], axis=0),
+            np.take_along_axis(values, best, axis=0),
+        )
+        reach = NEARER * reach
+        children = np.repeat(others, CHILDREN // PARENTS, axis=0)
+        children = children + reach * generator.standard_normal(children.shape)
+        others = np.concatenate([others, children])
+        values = np.concatenate([values, _values(evidence, evaluate, children, k)])
+    best = np.argsort(values, axis=0, kind="stable")[:PARENTS]
+    return np.take_along_axis(others, best[..., None], axis=0)
+
+
+def _values(evidence: Evidence, evaluate: EvaluateWindows, offsets: np.ndarray, k: float) -> np.ndarray:
+    """Objectives (trial, window) of starts at `offsets` (trial, window, state)."""
+    outputs, diverged = evaluate(np.arange(offsets.shape[1]), Trial(np.zeros((len(offsets), 0)), offsets))
+    return trial_objectives(evidence, offsets, outputs, diverged, k)
 
 
 def _settled(

@@ -16,7 +16,7 @@ from capture_cli.identifiers._window_starts import fit_starts
 from capture_cli.identifiers.base import Best, Evidence, Trial, run
 from capture_cli.identifiers.intervals import unit_covariance
 from capture_cli.identifiers.least_squares import HOPELESS, LONG_PATIENCE, PATIENCE, LeastSquares
-from capture_cli.linearization import Linearization, best_trials, columns, trial_objectives
+from capture_cli.linearization import Linearization, best_trials, box_step, columns, trial_objectives
 from capture_cli.parameters import ParameterSpace
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.sim.engine import Engine
@@ -27,6 +27,7 @@ Placed = tuple[str, Effect]
 FIT_ROUNDS = 60
 TOLERANCE = 0.1  # of the objective over k: a third of a standard error is enough to compare models by
 EXACT = 3e-3  # for what is reported
+WAYS_OUT = 5  # that are taken, of minima that contacts make
 BEGUN_ANEW, BEGUN_AWAY = 3, 3.0  # descents to see whether there are other minima, and how far off, in sd
 AS_GOOD = 3.84  # of the objective over k: 95 % of what chance makes of one number
 RETURNED = 0.5  # sd: a descent that ends as near as this to where another ended has come back to it
@@ -217,11 +218,16 @@ class ModelFits:
     def _unstuck(
         self, part: PreparedLog, fit: Fit | None, rival: Fit | None, descend: Callable[..., Fit | None]
     ) -> Fit | None:
-        """`fit` with its windows fitted alone, and what a descent from there comes to, where it may be stuck."""
-        if fit is None or not fit.finished or not _may_be_stuck(fit, rival):
-            return fit
-        alone = self.starts_alone(part, fit)
-        return fit if alone is None else least([fit, descend(fit.point, alone)])
+        """`fit`, where it may be stuck, from where there is a way out, as often as contacts may need it."""
+        for _ in range(WAYS_OUT if part.difference_step else 1):
+            if fit is None or not fit.finished or not _may_be_stuck(fit, rival):
+                break
+            way = self.way_out(part, fit)
+            further = None if way is None else descend(*way)
+            if further is None or further.squares >= fit.squares:
+                break
+            fit = further
+        return fit
 
     def _descended(
         self,
@@ -258,19 +264,27 @@ class ModelFits:
         fit = self.at(part, effects, best, solver.at)
         return replace(fit, finished=not (solver.gave_up or fit.is_far_behind(rival)))
 
-    def starts_alone(self, part: PreparedLog, fit: Fit) -> np.ndarray | None:
-        """Offsets (window, state) that are better for windows fitted alone, from where they are and from where they
-        were measured; None where there are none.
+    def way_out(self, part: PreparedLog, fit: Fit) -> tuple[np.ndarray, np.ndarray] | None:
+        """A better point (parameter,), and offsets (window, state), that no step of all of them together leads to; None
+        where there is none.
 
         Where stops are hit the start of a window has many minima, and a step of all parameters is refused for the few
-        windows that it would leave in a worse one.
+        windows that it would leave in a worse one. So windows are fitted alone: where the parameters are, from where
+        they begin and from where they were measured; and, where contacts need long differences, a whole step on.
         """
         k, before = fit.at.scatter, fit.at.objectives(fit.at.scatter)
         begin = (fit.offsets, np.zeros_like(fit.offsets))
         found = [self._starts_at(part, fit, TOLERANCE, offsets) for offsets in begin]
         offsets = np.stack([fit.offsets, *(f.offsets for f in found)])
         best, values = best_trials(offsets, np.stack([before, *(f.objectives(k) for f in found)]))
-        return best if (before - values).sum() > TOLERANCE * k else None
+        ways = [(values.sum(), fit.point, best)]
+        if part.difference_step and len(fit.point):
+            step = box_step(*fit.at.normal(k), -fit.at.x, 1 - fit.at.x)
+            point = fit.space.from_unit(fit.at.x + step)
+            there = self._starts_at(part, replace(fit, point=point), TOLERANCE, fit.offsets)
+            ways.append((there.objectives(k).sum(), point, there.offsets))
+        value, point, offsets = min(ways, key=lambda way: way[0])
+        return (point, offsets) if before.sum() - value > TOLERANCE * k else None
 
     def minima(self, part: PreparedLog, fit: Fit, seed: int) -> list[Fit]:
         """`fit` and where descents end that begin within its reach, best first.
@@ -290,9 +304,10 @@ class ModelFits:
         A descent stops where the limit is about to matter, and differences that are taken there say that it does.
         """
         shapes = [
-            fit.columns(placed_name(*e)).start + e[1].space.names.index(name)
+            fit.columns(placed_name(*e)).start + i
             for e in fit.effects
-            for name in e[1].shapes
+            for i, name in enumerate(e[1].space.names)
+            if name in e[1].shapes
         ]
         ends = np.repeat(fit.point[None], 2 * len(shapes), axis=0)
         for row, (shape, end) in zip(ends, product(shapes, (fit.space.low, fit.space.high)), strict=True):

@@ -19,7 +19,7 @@ from capture_cli.parameters import ParameterSpace
 from capture_cli.protocol.difference_step import difference_step
 from capture_cli.protocol.log_checks import all_diverged
 from capture_cli.protocol.log_starts import as_acted
-from capture_cli.protocol.model_fits import TOLERANCE, Fit, ModelFits
+from capture_cli.protocol.model_fits import TOLERANCE, WAYS_OUT, Fit, ModelFits
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.simulator import Simulator
 from capture_cli.stages.identifier_checkpoint import IdentifierCheckpoint
@@ -36,7 +36,6 @@ CLEARLY = 2.0  # noise floors: beyond what chance allows of any log worth the na
 FAR = 3.0  # noise floors: a log this far from explained may be explained from somewhere else
 AROUND, AROUND_POINTS = 0.1, 81  # of the range, about the answer to labels, which leave as much open
 AGAIN = 20  # rounds, at most, of a descent from a better point near where one ended
-UNSTUCK = 3  # times that windows are fitted alone
 JUDGED_BY = 3  # entries of the log, at most, that the estimates of all rounds are compared on
 
 
@@ -217,18 +216,20 @@ def with_longer_differences(found: Found, progress: Progress, *, seed: int, thre
 
 
 def unstuck(found: Found, progress: Progress, *, seed: int) -> Found:
-    """`found`; where bodies touch or joints stop and something is left, or windows are far worse than most, from starts
-    that are better for windows fitted alone, as long as there are any.
+    """`found`; where bodies touch or joints stop and something is left, or windows are far worse than most, from where
+    there is a way out, as long as there is one.
     """
     fits, part = found.fits, found.part
-    for _ in range(UNSTUCK):
+    for _ in range(WAYS_OUT):
         if not part.difference_step or not (found.lacking or found.stands_out):
             break
-        alone = fits.starts_alone(part, found.at)
-        if alone is None:
+        way = fits.way_out(part, found.at)
+        if way is None:
             break
-        x = found.best.parameters
-        again = by_physics(fits, LeastSquares, x, progress, starts=1, rounds=AGAIN, seed=seed, offsets=alone)
+        x, offsets = way
+        again = by_physics(
+            fits, LeastSquares, x, progress, starts=1, rounds=AGAIN, seed=seed, offsets=offsets
+        )
         if again.best.error >= found.best.error:
             break
         found = replace(again, history=[*found.history, *again.history])
