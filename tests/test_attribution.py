@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from capture_cli.protocol import attribution
@@ -83,6 +85,78 @@ def test_a_rival_that_is_not_as_good_may_be_enough(explained):
     reason = selection.candidates[1].why_rejected
     assert reason.startswith("lag@drive explains more")
     assert reason.endswith("chance allows") == explained
+
+
+@dataclass
+class Sized:
+    """An effect with so many parameters."""
+
+    site: str
+    size: int = 1
+
+    @property
+    def parameters(self) -> tuple[None, ...]:
+        return (None,) * self.size
+
+
+@dataclass
+class SizedFit:
+    """The declared model has one parameter, 0; those of the effects follow, each of the value that it was begun at."""
+
+    effects: list
+    point: np.ndarray
+
+    def columns(self, name: str) -> slice:
+        stop = 1
+        for effect, at in self.effects:
+            start, stop = stop, stop + at.size
+            if name == f"{effect}@{at.site}":
+                return slice(start, stop)
+        raise KeyError(name)
+
+    @property
+    def error(self) -> float:
+        """Least with a lag and a delay; with one of them alone it is worse than with what may stand for both."""
+        found = {effect for effect, _ in self.effects}
+        return {2: 0.9, 1: 1.3, 0: 1.0}[len(found & {"lag", "delay"})]
+
+
+@pytest.mark.parametrize("are_kin", [True, False])
+def test_two_effects_are_exchanged_at_once(are_kin):
+    """A second-order lag and a low-pass stand for a lag and a delay: neither of these is better in the place of one."""
+    second, filtered, friction = (
+        ("second", Sized("drive", 2)),
+        ("low-pass", Sized("q")),
+        ("friction", Sized("x")),
+    )
+    lag, delay = (
+        Candidate((name, Sized(site)), start=np.full(1, 5.0))
+        for name, site in (("lag", "drive"), ("delay", "q"))
+    )
+    selection = Attribution.__new__(Attribution)
+    selection.models = SimpleNamespace(
+        fit=lambda effects, start, *_: SizedFit(effects, start),
+        is_better=lambda fit, other: other.error < fit.error,
+    )
+    selection.candidates = [*(Candidate(p) for p in (second, filtered, friction)), lag, delay]
+    selection.accepted = [
+        Accepted(second, None, [lag, delay] if are_kin else [lag], None, 0.9),
+        Accepted(friction, None, [], None, 0.1),
+        Accepted(filtered, None, [delay], None, 0.1),
+    ]
+    selection.on_step = lambda *_: None
+    selection._backward = lambda fit, *_: fit
+    before = SizedFit([second, friction, filtered], np.array([0.0, 1.0, 2.0, 3.0, 4.0]))
+    after = selection._in_pairs(before)
+    if not are_kin:
+        assert after is before
+        return
+    assert [name for name, _ in after.effects] == ["friction", "lag", "delay"]
+    assert after.point.tolist() == [0.0, 3.0, 5.0, 5.0]
+    assert [a.name for a in selection.accepted] == ["lag@drive", "friction@x", "delay@q"]
+    was = selection.accepted[0].rivals[0]
+    assert was.name == "second@drive" and was.start.tolist() == [1.0, 2.0]
+    assert "lag@drive explains more" in selection.candidates[0].why_rejected
 
 
 def test_rivals_are_compared_by_what_they_answered_in_one_round(tmp_path, monkeypatch, without_pages):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import takewhile
+from itertools import combinations, product, takewhile
 
 import numpy as np
 
@@ -42,6 +42,7 @@ MINOR, MOST_MINOR = 0.05, 2
 # Of a range. A result file says "at its bound" from AT_BOUND on; but a descent gives up where its trust region is this
 # small, and an effect that ends so near to where its range does is drawn there.
 NEAR_BOUND = 1e-3
+PAIRED = 3  # rivals of each of two effects that are exchanged at once
 RIVALS = 4  # other candidates that an accepted effect is compared with once everything else is in the model
 # Before it is said that nothing explains the log, so often are the next best fitted, of this share of the best score:
 # where contacts make the error rough, a score at null says little.
@@ -123,7 +124,7 @@ class Attribution:
                 break
         current = self._without_minor(current)
         current = self._backward(current, self.accepted, Support.reason_against)
-        return self._compare_with_rivals(current)
+        return self._compare_with_rivals(self._in_pairs(current))
 
     @property
     def _minor(self) -> list[Accepted]:
@@ -329,6 +330,54 @@ class Attribution:
 
     # --- ties ---
 
+    def _in_pairs(self, current: Fit) -> Fit:
+        """Two accepted effects at once in exchange for rivals of theirs, where that is clearly better.
+
+        A second-order lag of a control and a low-pass of what it moves may stand for a lag and a delay, so that neither
+        of these is better in the place of one. Of effects that do not do the same job this need not be asked.
+        """
+        best, exchanged = current, ()
+        for pair in combinations(self.accepted, 2):
+            for rivals in (
+                product(*(self._no_larger(accepted) for accepted in pair)) if _are_kin(*pair) else ()
+            ):
+                names = {r.name for r in rivals}
+                if len(names) < len(rivals) or names & {a.name for a in self.accepted}:
+                    continue
+                self._step("compare", 0, 1)
+                fit = self._exchanged(current, pair, rivals)
+                if fit is not None and self.models.is_better(best, fit):
+                    best, exchanged = fit, tuple(zip(pair, rivals, strict=True))
+        for accepted, rival in exchanged:
+            self._candidate(
+                accepted.name
+            ).why_rejected = f"{rival.name} explains more, with others in the model"
+            self._candidate(rival.name).why_rejected = None
+            accepted.rivals = [
+                Candidate(accepted.effect, accepted.score, self._values(current, accepted)),
+                *(r for r in accepted.rivals if r is not rival),
+            ]
+            accepted.effect, accepted.score = rival.effect, rival.score
+        return self._backward(best, self.accepted, Support.reason_against) if exchanged else current
+
+    @staticmethod
+    def _values(fit: Fit, accepted: Accepted) -> np.ndarray:
+        """Those of the accepted effect's parameters in `fit`, (parameter,)."""
+        return fit.point[fit.columns(accepted.name)]
+
+    @staticmethod
+    def _no_larger(accepted: Accepted) -> list[Candidate]:
+        """Its first rivals that have no more parameters than it."""
+        size = len(accepted.effect[1].parameters)
+        return [r for r in accepted.rivals if len(r.effect[1].parameters) <= size][:PAIRED]
+
+    def _exchanged(self, current: Fit, pair: Sequence[Accepted], rivals: Sequence[Candidate]) -> Fit | None:
+        """The model with `rivals` in the place of the accepted effects `pair`."""
+        out = np.concatenate([np.arange(len(current.point))[current.columns(a.name)] for a in pair])
+        rest = [e for e in current.effects if placed_name(*e) not in {a.name for a in pair}]
+        start = np.concatenate([np.delete(current.point, out), *(r.start for r in rivals)])
+        return self.models.fit([*rest, *(r.effect for r in rivals)], start, current, current)
+
     def _compare_with_rivals(self, current: Fit) -> Fit:
         """Put each accepted effect's rivals in its place: swap where one is better, tie where none can tell."""
         for accepted in list(self.accepted):
@@ -375,6 +424,12 @@ class Attribution:
         if support.reason_against() or self._implausible(without, fit, found):
             return None
         return found
+
+
+def _are_kin(one: Accepted, other: Accepted) -> bool:
+    """Whether one did for the other's job as well, or another candidate for both of theirs."""
+    names, others = ({a.name, *(r.name for r in a.rivals)} for a in (one, other))
+    return bool(names & others)
 
 
 def _at_end(fit: Fit, placed: Placed) -> dict[str, str]:

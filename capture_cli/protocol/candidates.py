@@ -147,7 +147,7 @@ def score_at_null(narrow: NarrowShapes, candidate: Candidate) -> None:
     shapes, tried = _shapes(narrow, candidate.effect[1])
     candidate.shapes_tried = tried * len(candidate.effect[1].states_scored)
     probed = _probed(narrow, candidate, shapes, PROBES)
-    if candidate.effect[1].has_threshold or not probed.moves:
+    if candidate.effect[1].has_threshold or not (probed.moves or np.isinf(probed.size)):
         probed += _probed(narrow, candidate, shapes, FAR_PROBES)
     elif probed.size > TOO_MUCH and candidate.effect[1].parameters:
         little = PROBES[0] / min(probed.size, MOST_TOO_MUCH)

@@ -186,6 +186,14 @@ class ModelComparison:
         _, gain = self._more_and_gain(best, other)
         return gain > -CLEARLY_BETTER - _chance(best, other) and self._indistinct(best, other)
 
+    def is_better(self, fit: Fit, other: Fit) -> bool:
+        """Whether the model `other` is clearly better than `fit` by BIC, and no worse on what judges."""
+        more = len(other.point) - len(fit.point)
+        if bic_gain(fit.squares, other.squares, effective_samples(other), more) < CLEARLY_BETTER:
+            return False
+        before, after = self.judge(fit), self.judge(other)
+        return after is None or after.squares.sum() <= before.squares.sum()
+
     def _more_and_gain(self, mine: Candidate, other: Candidate) -> tuple[int, float]:
         """How many parameters `other` has more than `mine`, and what its fit gains by BIC."""
         more = len(other.effect[1].parameters) - len(mine.effect[1].parameters)
