@@ -259,6 +259,36 @@ def test_several_effects_act_together(tasks, tmp_path):
     assert np.abs(played(written, tasks["slider"]) - simulated(tasks["slider"], found)).max() < EXACT
 
 
+@pytest.mark.parametrize(
+    ("site", "names"),
+    [
+        ("eighth", ["sensor-delay@x"]),
+        ("half", ["control-delay@drive", "sensor-low-pass@x", "sensor-drift@v"]),
+        ("eighth", ["control-second-order-lag@drive", "compliance@x", "sensor-clock-rate"]),
+        ("quarter", ["control-rate-limit@drive", "control-fade@drive", "load-dependent-friction@x"]),
+        ("quarter", ["control-supply-sag", "control-lag@drive"]),
+    ],
+)
+def test_beside_a_finer_step_controls_and_sensors_keep_to_their_own_grid(site, names, tasks, tmp_path):
+    """Effects on them with a memory ran at the finer step: a late sensor was off by 2 % as a simulation began."""
+    found = found_at(*names, f"finer-time-step@{site}", where="slider", part=0.3)
+    written = export(result=diagnosis(tmp_path / "d", tasks["slider"], found), out=tmp_path / "m.xml")
+    assert np.abs(played(written, tasks["slider"]) - simulated(tasks["slider"], found)).max() < EXACT
+
+
+def test_the_files_say_that_the_model_steps_finer_than_its_controls_come(tasks, tmp_path):
+    found = found_at("sensor-delay@x", "control-lag@drive", "finer-time-step@eighth", where="slider")
+    written = export(result=diagnosis(tmp_path / "d", tasks["slider"], found), out=tmp_path / "m.xml")
+    assert "the model steps 8 times in each step of the grid" in written.model.read_text().split("-->")[0]
+    said = imported(written.companion).__doc__
+    assert "The model steps 8 times" in said and "np.repeat(controls, 8, axis=0)" in said
+    assert "np.array(recorded))[::8]" in said
+    without = found_at("sensor-delay@x", where="slider")
+    written = export(result=diagnosis(tmp_path / "n", tasks["slider"], without), out=tmp_path / "n.xml")
+    assert "steps" not in written.model.read_text().split("-->")[0]
+    assert "for ctrl in controls:" in written.companion.read_text()
+
+
 # ---- the module ----
 
 

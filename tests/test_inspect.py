@@ -288,6 +288,18 @@ def test_a_few_slow_sines_in_short_episodes_are_not_taken_for_one_frequency():
         assert excitation(values, time, [slice(0, 400)])["single_frequency"] is None
 
 
+@pytest.mark.parametrize("slow", [1.0, 0.3])
+def test_slow_sines_beside_fast_ones_are_not_taken_for_one_frequency(slow):
+    """Changes weigh sines by the square of their frequency: those at 1.67 and 1.74 Hz alone showed in them."""
+    time = np.arange(500) / 100
+    fast, other = np.array([1.67, 1.74]), np.array([0.2, 0.26])
+    for phase in range(6):
+        values = np.sin(2 * np.pi * fast * time[:, None] + phase).sum(axis=1)
+        assert excitation(values, time, [slice(0, 500)])["single_frequency"] == pytest.approx(1.7, abs=0.15)
+        values += slow * np.sin(2 * np.pi * other * time[:, None] + 2 * phase).sum(axis=1)
+        assert excitation(values, time, [slice(0, 500)])["single_frequency"] is None
+
+
 def test_an_input_mostly_at_rest_is_noted(tmp_path):
     finding = only(inspected(changed(sound_log(), inputs=set_to(slice(100, 1400), 0.0)), tmp_path))
     assert finding["severity"] == "note"

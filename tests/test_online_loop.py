@@ -107,6 +107,12 @@ def test_a_machine_of_ones_own_is_to_be_driven_by_a_multisine(slider_task, tmp_p
     assert less["information"] < proposal["information"]
     with pytest.raises(OptionError, match="has no input 'motor'"):
         propose(result=tmp_path / "e", amplitude={"motor": 1})
+    for none in (-3.0, 0.0, float("nan")):
+        with pytest.raises(
+            OptionError, match=rf"--amplitude drive={none:g}: .* is a number above 0"
+        ) as caught:
+            propose(result=tmp_path / "e", amplitude={"drive": none}, threads=1)
+        assert "in N, or leave it out to go as far as the log did" in caught.value.cure
 
 
 def test_proposed_inputs_are_recorded_appended_and_taken_up(slider_task, tmp_path):

@@ -23,7 +23,7 @@ def propose(
         int, typer.Option("--candidates", min=1, help="Random actions that are compared.")
     ] = 48,
     amplitude: Annotated[
-        list[str], typer.Option("--amplitude", help="INPUT=VALUE: how far an input may be driven.")
+        list[str], typer.Option("--amplitude", help="INPUT=VALUE, above 0: how far an input may be driven.")
     ] = [],  # noqa: B006
     out: Annotated[Path | None, typer.Option("--out", help="File to write; default stdout.")] = None,
     seed: Seed = 0,

@@ -8,7 +8,7 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
-from capture_cli.effects._kernel import Companion, bound, call
+from capture_cli.effects._kernel import OWN_STEP, Companion, bound, call
 from capture_cli.effects._places import reference, site_id, site_name, with_all_together
 from capture_cli.effects._scales import control_scale
 from capture_cli.effects.base import GLOBAL, Effect
@@ -65,7 +65,7 @@ class ActuatorEffect(Effect):
         many = len(self.columns)
         coefficients = self.coefficients(np.repeat(values[None], many, axis=0))
         numbers = {n: v if many > 1 else v[0] for n, v in coefficients.items()}
-        arrives, state = call(name, self.kernel, ["data.ctrl[at]"], numbers)
+        arrives, state = call(name, self.kernel, ["data.ctrl[at]"], numbers, OWN_STEP)
         lines = (f"at = {self.columns_source}", f"data.ctrl[at] = {arrives}")
         return Companion((self.kernel,), lines, state)
 

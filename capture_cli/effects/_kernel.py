@@ -18,6 +18,8 @@ import numpy as np
 
 Coefficients = Mapping[str, np.ndarray]
 INDENT = "    "
+MODELS_STEP = "model.opt.timestep"  # source of a kernel's timestep, s, on forces
+OWN_STEP = "self.timestep"  # and on controls and sensors: of the grid of those, maybe several of the model's
 WIDTH = 72  # characters past which a call is broken: it stands indented, and to the right of an assignment
 
 
@@ -27,8 +29,9 @@ class Companion:
 
     kernels: what has to be pasted. state: an expression for what it keeps from step to step, "" where nothing.
     lines: statements at the effect's place, which know model, data and self.state (by the effect's name), or,
-    on measurement, model and sensors. changes: the fields that they change for one step only. after: statements behind
-    the step, which know data.sensordata of its beginning.
+    on measurement, model and sensors. Those on control and measurement run once per step of the machine's own grid.
+    changes: the fields that they change for one step only. after: statements behind the step, which know
+    data.sensordata of its beginning.
     """
 
     kernels: tuple[Callable, ...]
@@ -51,13 +54,15 @@ def bound(kernel: Callable, coefficients: Coefficients, timestep: float) -> Call
     return kernel(**given) if inspect.isclass(kernel) else partial(kernel, **given)
 
 
-def call(name: str, kernel: Callable, given: Sequence[str], values: Coefficients) -> tuple[str, str]:
+def call(
+    name: str, kernel: Callable, given: Sequence[str], values: Coefficients, timestep: str = MODELS_STEP
+) -> tuple[str, str]:
     """Source that runs the kernel on the expressions `given`: (the call, the state it needs or "").
 
-    name: of the effect at its site. values: coefficients of one simulation.
+    name: of the effect at its site. values: coefficients of one simulation. timestep: MODELS_STEP or OWN_STEP.
     """
     keywords = [f"{n}={number(v)}" for n, v in values.items()]
-    keywords += ["timestep=model.opt.timestep"] * _takes_timestep(kernel)
+    keywords += [f"timestep={timestep}"] * _takes_timestep(kernel)
     if inspect.isclass(kernel):
         return _joined(kept(name), given), _joined(kernel.__name__, keywords)
     return _joined(kernel.__name__, [*given, *keywords]), ""

@@ -9,7 +9,7 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
-from capture_cli.effects._kernel import Companion, bound, call
+from capture_cli.effects._kernel import OWN_STEP, Companion, bound, call
 from capture_cli.effects._places import reference, site_id, site_name, with_all_together
 from capture_cli.effects._scales import (
     GRAVITY,
@@ -172,7 +172,7 @@ class SensorEffect(Effect):
 
     def companion(self, name, values):
         numbers = {n: v[0] if v.shape[1] > 1 else v[0, 0] for n, v in self.coefficients(values[None]).items()}
-        reported, _ = call(name, self.kernel, ["sensors[..., at]"], numbers)
+        reported, _ = call(name, self.kernel, ["sensors[..., at]"], numbers, OWN_STEP)
         return Companion((self.kernel,), (f"at = {self.columns_source}", f"sensors[..., at] = {reported}"))
 
 

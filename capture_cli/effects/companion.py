@@ -12,7 +12,7 @@ from types import CodeType, ModuleType
 
 import numpy as np
 
-from capture_cli.effects._kernel import INDENT, Companion, number
+from capture_cli.effects._kernel import INDENT, MODELS_STEP, OWN_STEP, Companion, number
 from capture_cli.effects.base import Effect
 
 PACKAGE = __name__.split(".", 1)[0]
@@ -29,9 +29,12 @@ GIVEN = {
 Pieces = Mapping[str, tuple[Effect, Companion]]
 
 
-def companion_module(model_file: str, task: str, effects: Mapping[str, tuple[Effect, np.ndarray]]) -> str:
+def companion_module(
+    model_file: str, task: str, effects: Mapping[str, tuple[Effect, np.ndarray]], substeps: int = 1
+) -> str:
     """Source of the module for the model in `model_file`. effects: {NAME@SITE: (effect, values (parameter,))}.
 
+    substeps: steps of that model in one of the grid on which controls come and sensors are read.
     Raises ModelError for an effect that cannot be applied outside of this package.
     """
     pieces = {name: (effect, effect.companion(name, values)) for name, (effect, values) in effects.items()}
@@ -44,10 +47,13 @@ def companion_module(model_file: str, task: str, effects: Mapping[str, tuple[Eff
         task=_printable(task),
         file=_printable(model_file),
         effects=indent("\n".join(_described(name, *pair) for name, pair in effects.items()), INDENT),
+        grid=_GRID.format(substeps=substeps) if substeps > 1 else "",
+        controls=f"np.repeat(controls, {substeps}, axis=0)" if substeps > 1 else "controls",
+        rows=f"[::{substeps}]" if substeps > 1 else "",
         kernels="\n\n\n".join(_sources(used)),
-        reset=_body(_reset(pieces)),
-        step=_body(_step(pieces)),
-        sense=_body(_sense(pieces)),
+        reset=_body(_reset(pieces, substeps)),
+        step=_body(_step(pieces, substeps)),
+        sense=_body(_sense(pieces, substeps)),
     )
 
 
@@ -126,7 +132,10 @@ def _is_ours(value: object) -> bool:
 # --- what is generated ---
 
 
-def _reset(pieces: Pieces) -> Iterator[str]:
+def _reset(pieces: Pieces, substeps: int) -> Iterator[str]:
+    controls = [*_blocks(pieces, "control")]
+    if any(OWN_STEP in text for text in (*controls, *_blocks(pieces, "measurement"), *_states(pieces))):
+        yield f"{OWN_STEP} = {MODELS_STEP}" + (f" * {substeps}" if substeps > 1 else "")
     kept = {name: piece.state for name, (_, piece) in pieces.items() if piece.state}
     entries = [f"{json.dumps(name, ensure_ascii=False)}: {state}," for name, state in kept.items()]
     yield (
@@ -134,11 +143,16 @@ def _reset(pieces: Pieces) -> Iterator[str]:
     )
     if any(_late(block) for block in _blocks(pieces, "force")):
         yield "self.first = True"
+    if controls and substeps > 1:
+        yield "self.steps = 0"
 
 
-def _step(pieces: Pieces) -> Iterator[str]:
-    yield "data.ctrl[:] = ctrl"
-    yield from _blocks(pieces, "control")
+def _states(pieces: Pieces) -> Iterator[str]:
+    yield from (piece.state for _, piece in pieces.values())
+
+
+def _step(pieces: Pieces, substeps: int) -> Iterator[str]:
+    yield from _drive(pieces, substeps)
     changes = dict.fromkeys(field for _, piece in pieces.values() for field in piece.changes)
     own = {field: f"own_{field.split('.')[-1]}" for field in changes}
     yield from (f"{name} = {field}.copy()" for field, name in own.items())
@@ -156,10 +170,25 @@ def _step(pieces: Pieces) -> Iterator[str]:
         yield "self.first = False"
 
 
-def _sense(pieces: Pieces) -> Iterator[str]:
+def _drive(pieces: Pieces, substeps: int) -> Iterator[str]:
+    controls = ["data.ctrl[:] = ctrl", *_blocks(pieces, "control")]
+    if len(controls) == 1 or substeps == 1:
+        yield from controls
+        return
+    yield f"if self.steps % {substeps} == 0:"
+    yield indent("\n".join([*controls, "self.arrived = data.ctrl.copy()"]), INDENT)
+    yield "data.ctrl[:] = self.arrived"
+    yield "self.steps += 1"
+
+
+def _sense(pieces: Pieces, substeps: int) -> Iterator[str]:
+    reports = [*_blocks(pieces, "measurement")]
+    held = bool(reports) and substeps > 1
     yield "sensors = np.array(sensors, dtype=float)"
-    yield from _blocks(pieces, "measurement")
-    yield "return sensors"
+    if held:
+        yield f"steps, sensors = len(sensors), sensors[::{substeps}]"
+    yield from reports
+    yield f"return np.repeat(sensors, {substeps}, axis=0)[:steps]" if held else "return sensors"
 
 
 def _late(block: str) -> set[str]:
@@ -181,20 +210,26 @@ def _body(blocks: Iterator[str]) -> str:
 _FIRST = """if self.first:  # what the step before worked out is read, and there is none
     mujoco.mj_forward(model, data)"""
 
+_GRID = """
+The model steps {substeps} times in each step of the grid on which controls come and sensors are read. Effects on
+controls and on sensors work on that grid, as in the diagnosis: they take the control, and the sensors, of the first
+of every {substeps} steps, and hold over all of them what arrives, and what is reported.
+"""
+
 _MODULE = '''"""Effects that {file} cannot hold, for a plain loop; {made} for the task {task}.
 
 {effects}
-
+{grid}
 Depends on mujoco and numpy only:
 
     model = mujoco.MjModel.from_xml_path("{file}")
     data = mujoco.MjData(model)
     effects = Effects(model)
     recorded = []
-    for ctrl in controls:
+    for ctrl in {controls}:
         effects.step(model, data, ctrl)  # instead of data.ctrl[:] = ctrl and mujoco.mj_step(model, data)
         recorded.append(data.sensordata.copy())
-    reported = effects.sense(model, np.array(recorded))
+    reported = effects.sense(model, np.array(recorded)){rows}
 """
 
 from __future__ import annotations

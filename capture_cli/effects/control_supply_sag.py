@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from capture_cli.effects._actuator_effect import ActuatorEffect, single_control_actuators
-from capture_cli.effects._kernel import Companion, bound, call
+from capture_cli.effects._kernel import OWN_STEP, Companion, bound, call
 from capture_cli.effects._lag import Lag
 from capture_cli.effects._places import site_id
 from capture_cli.effects._scales import control_scale
@@ -71,7 +71,7 @@ class ControlSupplySag(ActuatorEffect):
 
     def companion(self, name, values):
         numbers = {n: v[0] for n, v in self.coefficients(values[None]).items()}
-        size, state = call(name, Sagging, ["load"], numbers)
+        size, state = call(name, Sagging, ["load"], numbers, OWN_STEP)
         lines = (
             f"at = {self.columns_source}",
             "load = np.abs(data.ctrl[at]).mean()",

@@ -9,7 +9,8 @@ class FinerTimeStep(Effect):
     """The model's own motion, in steps that are 2, 4 or 8 times shorter.
 
     Machines know no steps. What MuJoCo's integrators leave out is of the first order in the step, and looks like a
-    delay, or like damping. There is nothing to fit: the motion is this one, or it is not.
+    delay, or like damping. Controls are held over so many steps, and sensors read at the first of them. There is
+    nothing to fit: the motion is this one, or it is not.
     """
 
     place = "model"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 from contextlib import ExitStack
@@ -79,7 +80,7 @@ def export(*, result: Path, out: Path, task: str | None = None, force: bool = Fa
         header = _header(found, command, machine.space, values, effects, companion)
         model_file.write_text(header + text, encoding="utf-8")
         if companion:
-            module = companion_module(out.name, machine.name, beside)
+            module = companion_module(out.name, machine.name, beside, _substeps(effects))
             files.enter_context(new_file(companion, force=force)).write_text(module, encoding="utf-8")
     if stale:
         module_path.unlink()
@@ -134,6 +135,11 @@ def _null_of_here(space: ParameterSpace, values: np.ndarray, recorded: Mapping[s
     return np.where((space.nominal == space.high) & (values == ends), space.nominal, values)
 
 
+def _substeps(effects: Placed) -> int:
+    """Steps of the exported model in one of the task's own."""
+    return math.prod(effect.substeps for effect, _ in effects.values())
+
+
 def _left_out(found: Mapping[str, Any]) -> str:
     """The formula that the diagnosis found for what no effect explains."""
     expression = found.get("expression") or {}
@@ -152,6 +158,13 @@ def _header(
         where = "" if effect.place == "model" else f" (in {companion.name})"
         lines.append(f"  {name}{where}")
         lines += [f"    {_size(p, v)}" for p, v in zip(effect.parameters, own, strict=True)]
+    if _substeps(effects) > 1:
+        lines.append(
+            f"  the model steps {_substeps(effects)} times in each step of the grid on which controls come and"
+        )
+        lines.append(
+            "  sensors are read: hold each control over as many, and take the sensors of the first of them"
+        )
     if _left_out(found):
         lines.append(f"  left out: {_left_out(found)}")
         lines.append("  the values above were fitted without that, and may stand in for some of it")

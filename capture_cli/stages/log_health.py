@@ -16,7 +16,12 @@ AT_REST = 0.01  # of an input's largest value: less is rest
 BAND_EDGES = (0.0, 0.001, 0.01, 0.1, 1.0)  # of the Nyquist frequency
 LEAST_SPECTRUM = 16  # samples
 FEWEST_PERIODS = 6  # in an episode: of fewer nobody can tell whether they are one frequency or several
-SINGLE_LINE = 0.9  # of the power, within two lines of the strongest: one frequency and little else
+SINGLE_LINE = (
+    0.9  # of the power of the changes, within two lines of the strongest: one frequency and little else
+)
+SINGLE_SIGNAL = (
+    0.98  # of the power there: changes grow with the frequency, and a slow sine hardly shows in them
+)
 SPIKE = 20.0  # times what samples usually are off the line between their neighbours
 SPIKE_ALONE = 0.1  # of a spike, at most, is what its neighbours are off the line that leaves it out
 
@@ -136,7 +141,7 @@ def excitation(values: np.ndarray, time: np.ndarray, episodes: Sequence[slice]) 
 
     at_rest: share of the samples that are near 0. bands: share of the power about the mean by frequency, Hz;
     median_frequency, frequency_95: half and 95 % of it lie below. single_frequency: where nearly all
-    changes are, None where they are at several.
+    of the signal and of its changes is, None where they are at several.
     """
     finite = values[np.isfinite(values)]
     rest = np.mean(np.abs(finite) <= AT_REST * np.abs(finite).max()) if finite.size else None
@@ -208,13 +213,17 @@ def _distribution(spectra) -> dict[str, Any]:
 
 
 def _single(spectra) -> float | None:
-    """The frequency, Hz, at which the changes of all episodes are; None where there are several, or none."""
+    """The frequency, Hz, at which the signal and its changes are in all episodes; None where at several, or at none."""
     found = []
-    for frequency, _, changes in spectra:
+    for frequency, power, changes in spectra:
         peak = int(np.argmax(changes))
         if peak < FEWEST_PERIODS or len(changes) < 16:
             return None
-        if changes[peak - 2 : peak + 3].sum() < SINGLE_LINE * changes.sum():
+        line = slice(peak - 2, peak + 3)
+        if (
+            changes[line].sum() < SINGLE_LINE * changes.sum()
+            or power[line].sum() < SINGLE_SIGNAL * power.sum()
+        ):
             return None
         found.append((float(frequency[peak]), float(frequency[0])))
     if not found:

@@ -51,6 +51,7 @@ def propose(
         refuse_inputs(out, [result, log, policy, *task_inputs(machine).values()])
     generator = np.random.default_rng(seed)
     check_amplitude(machine, amplitude or {})
+    _check_above_zero(machine, amplitude or {})
     if diagnosed:
         if policy is not None:
             raise OptionError(
@@ -81,6 +82,17 @@ def propose(
     if policy is not None:
         raise OptionError(f"--policy: {machine.name!r} has no actions", cure="leave it out")
     return _multisine(simulator, estimate, amplitude or {}, generator)
+
+
+def _check_above_zero(machine: Task, amplitude: Mapping[str, float]) -> None:
+    """Raise OptionError where --amplitude is no distance: of -3 nobody knows what is meant, 0 tells nothing."""
+    units = {c.name: c.unit for c in machine.inputs}
+    for name, farthest in amplitude.items():
+        if not farthest > 0:
+            raise OptionError(
+                f"--amplitude {name}={farthest:g}: how far from 0 the input may be driven is a number above 0",
+                cure=f"give a number above 0, in {units[name]}, or leave it out to go as far as the log did",
+            )
 
 
 def _machine(folder: Path, task: str | None, name: str) -> tuple[Task, str]:
