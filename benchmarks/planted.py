@@ -35,7 +35,7 @@ class Planted(Benchmark):
         everything = list(cases(SEEDS, NOTHING_MISSING))
         drawn = np.random.default_rng(0).permutation(len(everything))[: self.logs]
         results.add([everything[i] for i in drawn], folder, jobs=2)
-        found = summary(results.rows(folder, results.newest_code(folder)))
+        found = summary(results.newest(folder))
         return Result(figures(found), found)
 
 
@@ -49,6 +49,9 @@ def main() -> None:
     parser.add_argument("--sample", type=int, help="so many of all of these, drawn at random")
     parser.add_argument("--jobs", type=int, default=2, help="logs worked on at a time")
     parser.add_argument("--out", type=Path, default=FOLDER, help="where lines and summary go")
+    parser.add_argument(
+        "--versions", type=int, default=1, help="of the code, whose newest line of each log is summed up"
+    )
     parser.add_argument("--summary", action="store_true", help="only sum up the lines that there are")
     try:
         _run(parser.parse_args())
@@ -67,7 +70,7 @@ def _run(options: argparse.Namespace) -> None:
     provenance = Provenance("benchmarks planted", {k: v for k, v in vars(options).items() if k != "out"}, {})
     if not options.summary:
         results.add(_chosen(options), options.out, options.jobs)
-    for figure in sum_up(options.out, provenance):
+    for figure in sum_up(options.out, options.versions, provenance):
         met = {None: "", True: "met", False: "not met"}[figure.met]
         print(f"{figure.name:64} {figure.value:8.3f} {met}")
 
@@ -87,17 +90,22 @@ def _chosen(options: argparse.Namespace) -> list[Case]:
     return [chosen[i] for i in np.random.default_rng(0).permutation(len(chosen))[: options.sample]]
 
 
-def sum_up(folder: Path, provenance: Provenance) -> list[Figure]:
-    """Write summary.json, the confusion table and the figures of the newest code's lines; their numbers."""
+def sum_up(folder: Path, versions: int, provenance: Provenance) -> list[Figure]:
+    """Write summary.json, the confusion table and the figures, of each log as the last of so many `versions` of the
+    code that saw it; their numbers.
+    """
     code = results.newest_code(folder)
-    rows = results.rows(folder, code)
+    rows = results.newest(folder, versions)
     if not rows:
         raise OptionError(
             f"{folder} holds no line of a finished log", cure="leave out --summary, to make some"
         )
     found = summary(rows)
     pages.write(rows, found, folder)
-    write_json(folder / "summary.json", {**found, "code": code, "provenance": provenance.document()})
+    write_json(
+        folder / "summary.json",
+        {**found, "code": code, "versions": versions, "provenance": provenance.document()},
+    )
     return figures(found)
 
 

@@ -297,8 +297,16 @@ def test_lines_of_other_code_and_half_lines_are_not_read(tmp_path):
     assert results.newest_code(tmp_path) == "b"
 
 
+def test_of_a_log_the_newest_line_counts(tmp_path):
+    lines = [("a", 1), ("b", 1), ("a", 2), ("c", 2), ("b", 3)]
+    text = "".join(json.dumps({"code": code, "seed": seed}) + "\n" for code, seed in lines)
+    (tmp_path / "results.jsonl").write_text(text)
+    told = [[(r["code"], r["seed"]) for r in results.newest(tmp_path, versions)] for versions in (1, 2, 3)]
+    assert told == [[("b", 1), ("b", 3)], [("b", 1), ("c", 2), ("b", 3)], [("b", 1), ("c", 2), ("b", 3)]]
+
+
 def test_the_summary_that_is_shipped_is_of_the_newest_lines():
     folder = Path(__file__).parents[1] / "runs" / "planted"
     shipped = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
     assert shipped["code"] == results.newest_code(folder)
-    assert shipped["logs"] == len(results.rows(folder, shipped["code"]))
+    assert shipped["logs"] == len(results.newest(folder, shipped["versions"]))

@@ -80,6 +80,13 @@ def rows(folder: Path, code: str | None) -> list[Row]:
     return found
 
 
+def newest(folder: Path, versions: int = 1) -> list[Row]:
+    """Of each log the newest line that the last `versions` of the code made."""
+    every = rows(folder, None)
+    codes = list(dict.fromkeys(row["code"] for row in reversed(every)))[:versions]
+    return list({_key(row): row for row in every if row["code"] in codes}.values())
+
+
 def newest_code(folder: Path) -> str:
     """The code that made the last line."""
     made = rows(folder, None)
