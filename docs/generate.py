@@ -632,8 +632,9 @@ def _planted() -> str:
         "On simulated logs with a known answer, of the simulator that diagnoses them: the right effect in "
         f"{right['hits']} of the {right['of']} in which it "
         f"more than doubles the error ({100 * right['low']:.1f} % or more, with 95 % confidence), and {alarms['hits']} "
-        f"false alarms in {alarms['of']} with nothing missing ({100 * alarms['high']:.1f} % or less). These are of the "
-        "last version that was measured; [those before](docs/diagnosis.md#on-logs-with-a-known-answer) saw more."
+        f"false alarms in {alarms['of']} with nothing missing ({100 * alarms['high']:.1f} % or less). Each log counts "
+        f"as the last of {planted['versions']} versions that saw it; [what the newest alone "
+        "says](docs/diagnosis.md#on-logs-with-a-known-answer)."
     )
 
 
