@@ -257,9 +257,8 @@ def _reported(
     for source in sources:
         if source.kind == "orientation":
             column, dof = source.data[0], source.dofs[0]
-            orientation.append(
-                (slice(column, column + 4), slice(dof, dof + 3), slice(nv + dof, nv + dof + 3))
-            )
+            turning = None if dof in measured_velocity else slice(nv + dof, nv + dof + 3)
+            orientation.append((slice(column, column + 4), slice(dof, dof + 3), turning))
             continue
         weights = np.eye(len(source.dofs)) if source.weights is None else source.weights
         for dof, row in zip(source.dofs, weights, strict=True):
