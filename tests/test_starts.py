@@ -274,6 +274,52 @@ def test_an_attitude_may_turn_by_more_than_half_a_turn_within_reach(turned):
     assert np.linalg.norm(found.starts.qvel[1, 3:] - rate) < 0.02 * np.linalg.norm(rate)
 
 
+TUMBLING = """
+<mujoco><option timestep="0.001" gravity="0 0 0" integrator="RK4"/><worldbody><body name="box"><freejoint/>
+  <geom type="box" size=".05 .1 .02" mass=".5"/></body></worldbody>
+<sensor><framequat name="how" objtype="xbody" objname="box"/></sensor></mujoco>
+"""
+
+
+@pytest.mark.parametrize(
+    ("spin", "lost", "off"),
+    [(12, 0, 0.05), (30, 0, 0.1), (30, 0.3, 0.25), (45, 0, 0.12), (60, 0, 0.25)],
+    ids=["0.24 rad a sample", "0.6", "0.6 and more", "0.9", "1.2"],
+)
+def test_the_turning_of_a_tumbling_body_is_known_at_both_ends_of_an_episode(spin, lost, off):
+    """spin: rad/s, of samples 20 ms apart, a share of which is `lost`. A fit begins near enough `off` of it away."""
+    model = mujoco.MjModel.from_xml_string(TUMBLING)
+    generator = np.random.default_rng(2)
+    axes = generator.normal(size=(6, 3))
+    start = model_starts(model, 6).starts
+    start.qvel[:, 3:] = spin * axes / np.linalg.norm(axes, axis=1, keepdims=True)
+    done = Engine(model, 1).rollout(starts=start, controls=np.zeros((6, 1000, 0)), steps=1000, states=True)
+    for sensors, qpos, qvel in zip(
+        *(a[:, :1000:20] for a in (done.sensors, done.qpos, done.qvel)), strict=True
+    ):
+        kept = np.flatnonzero(generator.random(50) >= lost)
+        motion = (0.02 * kept, sensors[kept], qpos[kept], qvel[kept])
+        first = np.array([0, len(kept) // 2, len(kept) - 1])
+        found, error = estimate(model, motion, ("how",), noise=1e-3, first=first)
+        assert np.linalg.norm(error[:, 9:], axis=1).max() < off * spin
+        assert (np.abs(error[:, 3:6]) < found.sd[:, 3:6]).all()
+        known = np.linalg.norm(found.sd[:, 9:], axis=1)  # along one axis the fits may agree by chance
+        assert (np.linalg.norm(error[:, 9:], axis=1) < known).all()
+
+
+def test_a_turning_is_not_followed_across_a_gap():
+    """20 rad/s: 3.6 rad in nine intervals, which might be -2.7."""
+    body = mujoco.MjModel.from_xml_string(TUMBLING)
+    start = model_starts(body, 1).starts
+    start.qvel[:, 3:] = [12.0, 12.0, 11.0]
+    done = Engine(body, 1).rollout(starts=start, controls=np.zeros((1, 1000, 0)), steps=1000, states=True)
+    kept = np.r_[0:200:20, 380:1000:20]
+    motion = (0.001 * kept, *(a[0, kept] for a in (done.sensors, done.qpos, done.qvel)))
+    found, error = estimate(body, motion, ("how",), noise=1e-3, first=np.array([7, 9, 10, 12]))
+    assert np.linalg.norm(error[:, 9:], axis=1).max() < 0.1 * 20
+    assert (np.abs(error[:, 9:]) < found.sd[:, 9:]).all()
+
+
 def test_the_clock_begins_where_the_log_does(model, motion):
     time, *rest = motion
     found, _ = estimate(model, (time + 1234.5, *rest), ALL, noise=1e-3, first=np.array([0, 50]))
