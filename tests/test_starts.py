@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from capture_cli import effects
-from capture_cli.sim.coordinate_sources import measures_every_coordinate, unmeasured_joints
+from capture_cli.sim.coordinate_sources import measures_every_coordinate, sources_of, unmeasured_joints
 from capture_cli.sim.engine import Engine, Rollouts, Starts
 from capture_cli.sim.local_motion import Neighbours, local_motion
 from capture_cli.sim.starts import (
@@ -274,6 +274,52 @@ def test_an_attitude_may_turn_by_more_than_half_a_turn_within_reach(turned):
     assert np.linalg.norm(found.starts.qvel[1, 3:] - rate) < 0.02 * np.linalg.norm(rate)
 
 
+TUMBLING = """
+<mujoco><option timestep="0.001" gravity="0 0 0" integrator="RK4"/><worldbody><body name="box"><freejoint/>
+  <geom type="box" size=".05 .1 .02" mass=".5"/></body></worldbody>
+<sensor><framequat name="how" objtype="xbody" objname="box"/></sensor></mujoco>
+"""
+
+
+@pytest.mark.parametrize(
+    ("spin", "lost", "off"),
+    [(12, 0, 0.05), (30, 0, 0.1), (30, 0.3, 0.25), (45, 0, 0.12), (60, 0, 0.25)],
+    ids=["0.24 rad a sample", "0.6", "0.6 and more", "0.9", "1.2"],
+)
+def test_the_turning_of_a_tumbling_body_is_known_at_both_ends_of_an_episode(spin, lost, off):
+    """spin: rad/s, of samples 20 ms apart, a share of which is `lost`. A fit begins near enough `off` of it away."""
+    model = mujoco.MjModel.from_xml_string(TUMBLING)
+    generator = np.random.default_rng(2)
+    axes = generator.normal(size=(6, 3))
+    start = model_starts(model, 6).starts
+    start.qvel[:, 3:] = spin * axes / np.linalg.norm(axes, axis=1, keepdims=True)
+    done = Engine(model, 1).rollout(starts=start, controls=np.zeros((6, 1000, 0)), steps=1000, states=True)
+    for sensors, qpos, qvel in zip(
+        *(a[:, :1000:20] for a in (done.sensors, done.qpos, done.qvel)), strict=True
+    ):
+        kept = np.flatnonzero(generator.random(50) >= lost)
+        motion = (0.02 * kept, sensors[kept], qpos[kept], qvel[kept])
+        first = np.array([0, len(kept) // 2, len(kept) - 1])
+        found, error = estimate(model, motion, ("how",), noise=1e-3, first=first)
+        assert np.linalg.norm(error[:, 9:], axis=1).max() < off * spin
+        assert (np.abs(error[:, 3:6]) < found.sd[:, 3:6]).all()
+        known = np.linalg.norm(found.sd[:, 9:], axis=1)  # along one axis the fits may agree by chance
+        assert (np.linalg.norm(error[:, 9:], axis=1) < known).all()
+
+
+def test_a_turning_is_not_followed_across_a_gap():
+    """20 rad/s: 3.6 rad in nine intervals, which might be -2.7."""
+    body = mujoco.MjModel.from_xml_string(TUMBLING)
+    start = model_starts(body, 1).starts
+    start.qvel[:, 3:] = [12.0, 12.0, 11.0]
+    done = Engine(body, 1).rollout(starts=start, controls=np.zeros((1, 1000, 0)), steps=1000, states=True)
+    kept = np.r_[0:200:20, 380:1000:20]
+    motion = (0.001 * kept, *(a[0, kept] for a in (done.sensors, done.qpos, done.qvel)))
+    found, error = estimate(body, motion, ("how",), noise=1e-3, first=np.array([7, 9, 10, 12]))
+    assert np.linalg.norm(error[:, 9:], axis=1).max() < 0.1 * 20
+    assert (np.abs(error[:, 9:]) < found.sd[:, 9:]).all()
+
+
 def test_the_clock_begins_where_the_log_does(model, motion):
     time, *rest = motion
     found, _ = estimate(model, (time + 1234.5, *rest), ALL, noise=1e-3, first=np.array([0, 50]))
@@ -286,6 +332,100 @@ def test_too_few_samples_to_differentiate_leave_the_velocity_open(model, motion,
     found, _ = estimate(model, short, ("x",), noise=1e-3, first=np.array([0]))
     assert found.starts.qvel[0, 0] == 0
     assert found.sd[0, model.nv] >= 10
+
+
+# --- gyroscopes ---
+
+GYROS = """
+<mujoco>
+  <option timestep="0.002" integrator="implicitfast"/>
+  <worldbody>
+    <body name="flyer" pos="0 0 5" euler="10 20 30">
+      <freejoint/>
+      <geom type="box" size=".3 .2 .1" mass="1"/>
+      <site name="own" euler="40 -20 70"/>
+      <body name="rack" euler="25 50 -10">
+        <geom type="box" size=".1 .05 .05" pos=".3 0 0" mass=".2"/>
+        <site name="welded" euler="0 90 15"/>
+        <body><joint name="nod" axis="0 1 0"/><geom size=".05" mass=".1"/><site name="nodding"/></body>
+      </body>
+    </body>
+    <body name="trolley" euler="0 0 35">
+      <joint name="along" type="slide" axis="1 0 0" stiffness="40"/>
+      <geom size=".1" mass="1"/>
+      <body name="pendulum" pos="0 0 2" euler="15 0 0">
+        <joint name="ball" type="ball"/>
+        <geom type="capsule" fromto="0 0 0 .1 0 -.5" size=".02" mass="1"/>
+        <site name="hanging" pos="0 0 -.5" euler="70 10 0"/>
+      </body>
+    </body>
+    <body pos="5 0 0">
+      <joint name="pan" axis="0 0 1"/>
+      <geom size=".1" mass="1"/>
+      <body>
+        <joint name="carried" type="ball"/>
+        <geom type="capsule" fromto="0 0 0 .1 0 -.5" size=".02" mass="1"/>
+        <site name="panned"/>
+      </body>
+    </body>
+  </worldbody>
+  <sensor>
+    <gyro name="own" site="own"/> <gyro name="welded" site="welded"/> <gyro name="nodding" site="nodding"/>
+    <gyro name="hanging" site="hanging"/> <gyro name="panned" site="panned"/>
+    <framequat name="how" objtype="xbody" objname="flyer"/>
+  </sensor>
+</mujoco>
+"""
+
+
+@pytest.fixture(scope="module")
+def gyros() -> tuple[mujoco.MjModel, tuple]:
+    """Gyroscopes on all that turns, and a motion of it as `motion` has it."""
+    model = mujoco.MjModel.from_xml_string(GYROS)
+    speed = np.random.default_rng(5).normal(0, 2.0, (1, model.nv))
+    start = Starts(model.qpos0[None] + 0.0, speed, np.zeros((1, 0)), np.zeros(1))
+    done = Engine(model, 1).rollout(starts=start, controls=np.zeros((1, STEPS, 0)), steps=STEPS, states=True)
+    return model, (model.opt.timestep * np.arange(STEPS), done.sensors[0], done.qpos[0], done.qvel[0])
+
+
+@pytest.mark.parametrize(("site", "turning"), [("own", 3), ("welded", 3), ("hanging", 8)])
+def test_a_gyroscope_says_how_fast_its_body_turns(gyros, site, turning):
+    """In the frame of the joint's body, however the site is turned in it."""
+    model, motion = gyros
+    found, error = estimate(model, motion, (site,), noise=1e-3)
+    read = model.nv + np.arange(turning, turning + 3)
+    assert np.abs(error[:, read]).max() < 2e-3
+    assert (np.abs(error[:, read]) < found.sd[:, read]).all()
+    assert np.flatnonzero(found.sd.any(axis=0)).tolist() == read.tolist()
+
+
+@pytest.mark.parametrize("site", ["nodding", "panned"])
+def test_a_gyroscope_that_several_joints_turn_says_nothing_of_one(gyros, site):
+    model, motion = gyros
+    assert not estimate(model, motion, (site,), noise=1e-3)[0].sd.any()
+
+
+def test_one_axis_of_a_gyroscope_that_is_askew_is_no_coordinates(gyros):
+    model, _ = gyros
+    assert sources_of(model, columns(model, "own")[0][:1]) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "values"), [("sensor-frame-rotation", [0.2, -0.1, 0.15]), ("sensor-delay", [0.05])]
+)
+def test_a_corrected_gyroscope_moves_the_turning_and_not_the_attitude_beside_it(gyros, name, values):
+    model, (time, sensors, qpos, qvel) = gyros
+    nv, interval, first = model.nv, time[1] - time[0], np.array([80, 180, 280])
+    effect, values = effects.REGISTRY.get(name)(model, "own"), np.tile(values, (3, 1))
+    seen = effect.measure(sensors[None], values[:1], interval)[0]
+    found, before = estimate(model, (time, seen, qpos, qvel), ("own", "how"), noise=0.0, first=first)
+    late = effect.lateness(values) * np.ones((3, model.nsensordata))
+    true = effect.true_motion(found.reported.at(late.max() - late), values)
+    starts = shift(model, found.starts, found.reported.start_change(true, 2 * nv))
+    at = first - round(late.max() / interval)
+    error = np.abs(starts.qvel - qvel[at])[:, 3:6]
+    np.testing.assert_allclose(starts.qpos[:, 3:7], qpos[at, 3:7], atol=1e-4)
+    assert error.max() < 2e-3 < 0.02 < np.abs(before[:, nv + 3 : nv + 6]).max()
 
 
 # --- what no output measures ---

@@ -23,8 +23,9 @@ ROUNDING = 1e-9  # of a coordinate, that a sum of readings may be off by
 class Source:
     """Output columns that give some tangent coordinates: `kind` is position, velocity or orientation.
 
-    data: where in sensordata they stand. weights (dof, column): what the coordinates are of the columns; None where
-    each is one of them, and for the four columns of an orientation.
+    data: where in sensordata they stand. qpos: where the coordinates do; () of an angular velocity, which is the
+    derivative of no number there. weights (dof, column): what the coordinates are of the columns; None where each is
+    one of them, and for the four columns of an orientation.
     """
 
     kind: str
@@ -54,7 +55,7 @@ def sources_of(model: mujoco.MjModel, sensors: Sequence[int]) -> list[Source]:
 
     A sensor of dimension n stands n times in a row.
     """
-    alone = [s for s in _alone(model, np.asarray(sensors)) if len(s.columns) == len(s.qpos)]
+    alone = [s for s in _alone(model, np.asarray(sensors)) if len(s.columns) == len(s.data)]
     return alone + [
         s for kind in ("position", "velocity") for s in _unmixed(model, np.asarray(sensors), kind, alone)
     ]
@@ -90,6 +91,10 @@ def _alone(model: mujoco.MjModel, sensors: np.ndarray) -> Iterator[Source]:
         elif what == _S.mjSENS_BALLQUAT:
             dof, adr = int(model.jnt_dofadr[which]), int(model.jnt_qposadr[which])
             yield Source("orientation", columns, data, tuple(range(dof, dof + 3)), tuple(range(adr, adr + 4)))
+        elif what == _S.mjSENS_GYRO:
+            turned = _turned_by(model, which)
+            if turned is not None:
+                yield Source("velocity", columns, data, turned[0], (), turned[1])
         elif what in (_S.mjSENS_FRAMEPOS, _S.mjSENS_FRAMEQUAT) and _is_free_body_frame(model, sensor):
             joint = int(model.body_jntadr[which])
             dof, adr = int(model.jnt_dofadr[joint]), int(model.jnt_qposadr[joint])
@@ -161,6 +166,27 @@ def _tendon(model: mujoco.MjModel, tendon: int) -> np.ndarray | None:
 
 def _joint(model: mujoco.MjModel, joint: int) -> np.ndarray:
     return (np.arange(model.nv) == model.jnt_dofadr[joint]).astype(float)
+
+
+def _turned_by(model: mujoco.MjModel, site: int) -> tuple[tuple[int, ...], np.ndarray] | None:
+    """Of a site that a free or a ball joint turns, and nothing else: the coordinates of that turning, and the rotation
+    (3, 3) from the site's frame to that of the joint's body, in which their velocities are given. None of others.
+    """
+    frame, body, turning = np.array(model.site_quat[site]), int(model.site_bodyid[site]), []
+    while body:
+        first = int(model.body_jntadr[body])
+        joints = range(first, first + int(model.body_jntnum[body]))
+        turning += [j for j in joints if model.jnt_type[j] != mujoco.mjtJoint.mjJNT_SLIDE]
+        if not turning:
+            mujoco.mju_mulQuat(frame, model.body_quat[body], frame.copy())
+        body = int(model.body_parentid[body])
+    if len(turning) != 1 or model.jnt_type[turning[0]] == mujoco.mjtJoint.mjJNT_HINGE:
+        return None
+    is_free = bool(model.jnt_type[turning[0]] == mujoco.mjtJoint.mjJNT_FREE)
+    dof = int(model.jnt_dofadr[turning[0]]) + 3 * is_free
+    rotation = np.zeros(9)
+    mujoco.mju_quat2Mat(rotation, frame)
+    return (dof, dof + 1, dof + 2), rotation.reshape(3, 3)
 
 
 def _is_free_body_frame(model: mujoco.MjModel, sensor: int) -> bool:

@@ -17,9 +17,9 @@ class ReportedMotion:
     path (window, knot, 3, column): value, slope and curvature, per s and s^2, of each column of sensordata; 0 where it
     is not an output. before (window, knot): s, how long before the start that was; 0 first, then increasing.
     position, velocity, slope: (column, tangent coordinate, weight) of which each is the sum. orientation: of each
-    attitude its four columns, its tangent coordinates and their velocities. lag: s, how long before the time of a
-    state its velocity is that of its path. read (window,): False for starts that somebody knows, which no sensor has to
-    be believed for.
+    attitude its four columns, its tangent coordinates and their velocities; None where another sensor gives those.
+    lag: s, how long before the time of a state its velocity is that of its path. read (window,): False for starts that
+    somebody knows, which no sensor has to be believed for.
     """
 
     path: np.ndarray
@@ -27,7 +27,7 @@ class ReportedMotion:
     position: tuple[tuple[int, int, float], ...]
     velocity: tuple[tuple[int, int, float], ...]
     slope: tuple[tuple[int, int, float], ...]
-    orientation: tuple[tuple[slice, slice, slice], ...]
+    orientation: tuple[tuple[slice, slice, slice | None], ...]
     lag: float
     read: np.ndarray
 
@@ -61,17 +61,21 @@ class ReportedMotion:
         for columns, rotation, turning in self.orientation:
             then, now = self.jets[..., columns], true[..., columns]
             found[:, rotation] = _rotation(then[:, 0], now[:, 0])
+            if turning is None:
+                continue
             later = _turning(now[:, 0], now[:, 1] - lag * now[:, 2])
             found[:, turning] = later - _turning(then[:, 0], then[:, 1] - self.lag * then[:, 2])
         return found * self.read[:, None]
 
     def unseen(self, states: int) -> np.ndarray:
         """How far a state MOST_LATE before the log began may be from one of even acceleration, (window, state)."""
-        acceleration = np.abs(self.jets[:, 2])
-        found = self._of_states(MOST_LATE**2 / 2 * acceleration, MOST_LATE * acceleration, states)
+        acceleration = self.jets[:, 2]
+        found = np.abs(self._of_states(MOST_LATE**2 / 2 * acceleration, MOST_LATE * acceleration, states))
         for columns, rotation, turning in self.orientation:
             turned = np.abs(_turning(self.jets[:, 0, columns], self.jets[:, 2, columns]))
-            found[:, rotation], found[:, turning] = MOST_LATE**2 / 2 * turned, MOST_LATE * turned
+            found[:, rotation] = MOST_LATE**2 / 2 * turned
+            if turning is not None:
+                found[:, turning] = MOST_LATE * turned
         return found * self.read[:, None]
 
     def _of_states(self, value: np.ndarray, slope: np.ndarray, states: int) -> np.ndarray:

@@ -16,7 +16,7 @@ import numpy as np
 
 from capture_cli.sim.coordinate_sources import Source, sources_of
 from capture_cli.sim.engine import Rollouts, Starts
-from capture_cli.sim.local_motion import HALF_WIDTHS, LocalMotion, Neighbours, local_motion
+from capture_cli.sim.local_motion import FEWEST, HALF_WIDTHS, LocalMotion, Neighbours, local_motion
 from capture_cli.sim.loop_closure import LoopClosure
 from capture_cli.sim.reported_motion import KNOT_INTERVAL, MOST_LATE, ReportedMotion, extended
 
@@ -25,6 +25,10 @@ PRIOR_INFLATION = 10.0
 LAG_LEFT = 0.02  # of the correction for the integrator's lag: higher orders of the timestep
 # Times the motion of an unmeasured coordinate in a simulated episode, which may be of another phase and another size
 UNMEASURED_MOTION = 3.0
+MOST_TURNED = 0.75 * np.pi  # rad, that a rotation vector is believed up to
+ENOUGH = 10  # samples up to there, to fit a polynomial to
+MOST_FOLLOWED = np.pi  # rad, that a body is followed from sample to sample, if that is FEWEST samples
+LONGER = 1.5  # times the interval before: a gap between samples
 STILL = 1e-9  # m, rad, or per s: what moves less does not, but for rounding
 
 
@@ -137,8 +141,8 @@ def _turning(
     columns = list(source.columns)
     at_starts = knots.around(sampled[:, columns[0]]).rows(slice(None, None, knots.count))
     quaternions = outputs[at_starts.index][..., columns]
-    rotation = _rotation_vectors(quaternions, HALF_WIDTHS[-1])
-    fit = local_motion(at_starts, rotation, source.noise(noise_sd))
+    rotation, near = _rotations(quaternions, at_starts)
+    fit = local_motion(near, rotation, source.noise(noise_sd))
     return fit, _turned(quaternions[:, HALF_WIDTHS[-1]], fit.value)
 
 
@@ -257,9 +261,8 @@ def _reported(
     for source in sources:
         if source.kind == "orientation":
             column, dof = source.data[0], source.dofs[0]
-            orientation.append(
-                (slice(column, column + 4), slice(dof, dof + 3), slice(nv + dof, nv + dof + 3))
-            )
+            turning = None if dof in measured_velocity else slice(nv + dof, nv + dof + 3)
+            orientation.append((slice(column, column + 4), slice(dof, dof + 3), turning))
             continue
         weights = np.eye(len(source.dofs)) if source.weights is None else source.weights
         for dof, row in zip(source.dofs, weights, strict=True):
@@ -360,26 +363,103 @@ def _velocity_lag(model: mujoco.MjModel) -> float:
     return 0.0 if model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4 else 0.5 * model.opt.timestep
 
 
-def _rotation_vectors(quaternions: np.ndarray, centre: int) -> np.ndarray:
-    """Rotations (place, sample, 3) from the orientation at the sample `centre`, in that body's frame, rad, which go
-    on beyond half a turn.
+def _rotations(quaternions: np.ndarray, near: Neighbours) -> tuple[np.ndarray, Neighbours]:
+    """How far a body had turned since the middle one of the samples `near` a place, (place, sample, 3) rad: three
+    numbers whose derivative there is its angular velocity, in its own frame; and the samples at which they are known.
 
-    quaternions (place, sample, 4), w first, of any length.
+    quaternions (place, sample, 4), w first, of any length. Rotation vectors, whose noise is that of the attitude, while
+    they are MOST_TURNED: they end at half a turn, and go wild at a whole one. A body that has few samples up to there
+    is followed from sample to sample.
     """
     from scipy.spatial.transform import Rotation
 
     places, samples = quaternions.shape[:2]
     last_w = quaternions[..., [1, 2, 3, 0]]
-    from_centre = Rotation.from_quat(np.repeat(last_w[:, centre], samples, axis=0)).inv()
-    turned = (from_centre * Rotation.from_quat(last_w.reshape(-1, 4))).as_rotvec().reshape(places, samples, 3)
-    for side in (turned[:, centre:], turned[:, centre::-1]):
-        for sample in range(2, side.shape[1]):
-            side[:, sample] = _as_expected(side[:, sample], 2 * side[:, sample - 1] - side[:, sample - 2])
-    return turned
+    middle = np.repeat(last_w[:, HALF_WIDTHS[-1]], samples, axis=0)
+    turned = Rotation.from_quat(middle).inv() * Rotation.from_quat(last_w.reshape(-1, 4))
+    rotations = turned.as_rotvec().reshape(places, samples, 3)
+    before, after = (Rotation.from_quat(q.reshape(-1, 4)) for q in (last_w[:, :-1], last_w[:, 1:]))
+    steps = (before.inv() * after).as_rotvec().reshape(places, samples - 1, 3)
+    angle = np.linalg.norm(steps, axis=2)
+    certain = near.known & _as_yet(_followed(angle, near))
+    known = certain & _as_yet(np.linalg.norm(rotations, axis=2) <= MOST_TURNED)
+    fast = np.flatnonzero((known.sum(axis=1) < ENOUGH) & (known != near.known).any(axis=1))
+    if len(fast):
+        rotations[fast] = _integral(steps[fast], near.time[fast])
+        known[fast] = _needed(angle[fast], near.known[fast], certain[fast])
+    return rotations, replace(near, known=known)
 
 
-def _as_expected(rotations: np.ndarray, expected: np.ndarray) -> np.ndarray:
-    """Rotation vectors (place, 3), by as many full turns more as are nearest to those `expected`."""
-    axis = rotations / np.maximum(np.linalg.norm(rotations, axis=1, keepdims=True), np.finfo(float).tiny)
-    turns = np.rint(((expected - rotations) * axis).sum(axis=1, keepdims=True) / (2 * np.pi))
-    return rotations + 2 * np.pi * turns * axis
+def _as_yet(holds: np.ndarray) -> np.ndarray:
+    """Where something `holds` (place, sample) at all samples from the middle one on, either way."""
+    holds, centre = holds.copy(), HALF_WIDTHS[-1]
+    for side in (holds[:, centre:], holds[:, centre::-1]):
+        np.logical_and.accumulate(side, axis=1, out=side)
+    return holds
+
+
+def _integral(steps: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """Of the angular velocity, (place, sample, 3) rad, from the middle sample on; from the rotation vectors from each
+    sample to the next, (place, sample - 1, 3). time (place, sample), s.
+
+    The rotation vector of a step of h s is h w + h^3 / 12 w x w', but for h^5, where w is the angular velocity in the
+    body's frame halfway (Magnus).
+    """
+    interval = np.diff(time)[..., None]
+    rate = np.divide(steps, interval, out=np.zeros_like(steps), where=interval > 0)
+    moved = steps - interval**3 / 12 * np.cross(rate, _change(rate, interval))
+    path = np.concatenate([np.zeros_like(moved[:, :1]), np.cumsum(moved, axis=1)], axis=1)
+    return path - path[:, [HALF_WIDTHS[-1]]]
+
+
+def _change(rate: np.ndarray, interval: np.ndarray) -> np.ndarray:
+    """Per s, of what was `rate` (place, step, 3) on average in steps of `interval` (place, step, 1) s; 0 s beyond the
+    episode. From the steps before and after, or that of them which there is.
+    """
+    apart = (interval[:, 1:] + interval[:, :-1]) / 2
+    apart = np.where((interval[:, 1:] > 0) & (interval[:, :-1] > 0), apart, 0.0)
+    change = np.where(apart > 0, np.diff(rate, axis=1), 0.0)
+    ends = ((0, 0), (1, 1), (0, 0))
+    apart, change = np.pad(apart, ends), np.pad(change, ends)
+    apart, change = apart[:, 1:] + apart[:, :-1], change[:, 1:] + change[:, :-1]
+    return np.divide(change, apart, out=np.zeros_like(change), where=apart > 0)
+
+
+def _followed(angle: np.ndarray, near: Neighbours) -> np.ndarray:
+    """At which samples it is known how a body came there from the one before, (place, sample): not after a gap in which
+    it may have gone half a turn, as fast as it was before. angle (place, sample - 1): rad, from each to the next.
+    """
+    centre, interval = HALF_WIDTHS[-1], np.diff(near.time)
+    speed = np.divide(angle, interval, out=np.zeros_like(angle), where=interval > 0)
+    certain = np.ones(near.known.shape, dtype=bool)
+    for side, steps in (
+        (np.s_[:, centre:], np.s_[:, centre:]),
+        (np.s_[:, centre::-1], np.s_[:, centre - 1 :: -1]),
+    ):
+        longer, before = interval[steps][:, 1:], interval[steps][:, :-1]
+        certain[side][:, 2:] = (longer < LONGER * before) | (longer * speed[steps][:, :-1] < MOST_TURNED)
+        # the first step from the middle has none before it: the one after it tells
+        first, then = interval[steps][:, 0], interval[steps][:, 1]
+        far = (first > LONGER * then) & (first * speed[steps][:, 1] > MOST_TURNED) & (then > 0)
+        certain[side][:, 1] = ~far
+    return certain
+
+
+def _needed(angle: np.ndarray, known: np.ndarray, certain: np.ndarray) -> np.ndarray:
+    """Of samples that are `known`, and `certain` to be followed to, (place, sample): those that a polynomial needs.
+
+    angle (place, sample - 1): rad, from each to the next. The noise of all steps adds up, and a polynomial does not
+    follow far what tumbles.
+    """
+    centre = HALF_WIDTHS[-1]
+    number = np.abs(np.arange(known.shape[1]) - centre)
+    path = np.pad(np.cumsum(angle, axis=1), ((0, 0), (1, 0)))
+    turned = np.abs(path - path[:, [centre]])
+    needed = known
+    for close in (
+        certain,
+        certain & (number < FEWEST),
+        certain & ((turned < MOST_FOLLOWED) | (2 * number <= FEWEST)),
+    ):
+        needed = np.where((close.sum(axis=1) >= FEWEST)[:, None], close, needed)
+    return needed
