@@ -153,6 +153,10 @@ def _filtered_product(at: Linearization, projected: np.ndarray) -> tuple[np.ndar
     evidence = at.evidence
     shape = evidence.measured.shape
     covariance = autocovariance(at.residual.reshape(shape), evidence.mask)
+    for (
+        columns
+    ) in evidence.attitudes:  # noise about three axes shows in four numbers, sensitivities along the three
+        covariance[:, columns] = covariance[:, columns].sum(axis=1, keepdims=True) / 3
     shaped = in_order(projected.reshape(*shape, -1), own_samples(evidence.mask))
     size = 1 << (2 * shape[1] - 1).bit_length()
     meat = np.zeros((shaped.shape[-1],) * 2)

@@ -1,0 +1,43 @@
+"""Intervals: how wide they are where noise and sensitivities are not alike in all outputs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from capture_cli.identifiers.intervals import unit_covariance
+from capture_cli.linearization import Evidence, Linearization
+from capture_cli.parameters import Parameter, ParameterSpace
+
+
+@pytest.mark.parametrize("level", [False, True], ids=["tumbling", "level"])
+def test_noise_of_an_attitude_is_about_three_axes(level):
+    """Four numbers of unit length have noise across them alone, and that is where parameters move them."""
+    windows, steps, noise = 20, 200, 1e-2
+    generator = np.random.default_rng(0)
+    attitude = generator.standard_normal((windows, steps, 4))
+    if level:
+        attitude[:] = 1.0, 0.0, 0.0, 0.0
+    attitude /= np.linalg.norm(attitude, axis=2, keepdims=True)
+
+    def across(vectors: np.ndarray) -> np.ndarray:
+        return vectors - (vectors * attitude).sum(axis=2, keepdims=True) * attitude
+
+    error, slope = (across(generator.standard_normal(attitude.shape)) for _ in range(2))
+    error *= noise
+    floor = np.sqrt(np.square(error).mean())
+    evidence = Evidence(
+        ParameterSpace([Parameter("inertia", "kg m^2", 0.0, 1.0, 0.5)]),
+        np.zeros(attitude.shape),
+        np.ones(attitude.shape, dtype=bool),
+        np.full(4, floor),
+        np.zeros((windows, 0)),
+        attitudes=[np.arange(4)],
+    )
+    residual, by_parameter = (values.reshape(windows, -1) / floor for values in (error, slope))
+    nothing = np.zeros((windows, steps * 4, 0))
+    at = Linearization(
+        evidence, np.array([0.5]), np.zeros((windows, 0)), residual, by_parameter[..., None], nothing
+    )
+    covariance, _ = unit_covariance(at)
+    assert covariance[0, 0] == pytest.approx(noise**2 / np.square(slope).sum(), rel=0.05)
