@@ -14,6 +14,7 @@ from multiprocessing import active_children, get_context, parent_process
 from pathlib import Path
 from typing import Any
 
+from benchmarks import ROOT
 from benchmarks._code_hash import code_hash as hashed
 from benchmarks._planted.cases import Case
 from benchmarks._planted.diagnosing import FAILED, line
@@ -61,7 +62,10 @@ def _try(case: Case, size: float | None) -> Row:
     try:
         return line(case, size)
     except Exception as error:  # a case that fails is a result, and does not stop the others
-        return {"outcome": FAILED, "error": repr(error), "where": traceback.format_exc(limit=-4)}
+        where = traceback.format_exc(limit=-4).replace(
+            f"{ROOT}/", ""
+        )  # a shipped file names no folder of a machine
+        return {"outcome": FAILED, "error": repr(error), "where": where}
 
 
 def rows(folder: Path, code: str | None) -> list[Row]:
