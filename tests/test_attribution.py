@@ -122,7 +122,7 @@ class SizedFit:
 
 
 @pytest.mark.parametrize("are_kin", [True, False])
-def test_two_effects_are_exchanged_at_once(are_kin):
+def test_two_effects_are_exchanged_at_once(are_kin, monkeypatch):
     """A second-order lag and a low-pass stand for a lag and a delay: neither of these is better in the place of one."""
     second, filtered, friction = (
         ("second", Sized("drive", 2)),
@@ -146,6 +146,7 @@ def test_two_effects_are_exchanged_at_once(are_kin):
     ]
     selection.on_step = lambda *_: None
     selection._backward = lambda fit, *_: fit
+    monkeypatch.setattr(attribution, "_at_end", lambda *_: {})
     before = SizedFit([second, friction, filtered], np.array([0.0, 1.0, 2.0, 3.0, 4.0]))
     after = selection._in_pairs(before)
     if not are_kin:

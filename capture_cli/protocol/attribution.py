@@ -337,21 +337,20 @@ class Attribution:
         of these is better in the place of one. Of effects that do not do the same job this need not be asked.
         """
         best, exchanged = current, ()
-        for pair in combinations(self.accepted, 2):
-            for rivals in (
-                product(*(self._no_larger(accepted) for accepted in pair)) if _are_kin(*pair) else ()
-            ):
+        for pair in (p for p in combinations(self.accepted, 2) if _are_kin(*p)):
+            for rivals in product(*(self._no_larger(accepted) for accepted in pair)):
                 names = {r.name for r in rivals}
                 if len(names) < len(rivals) or names & {a.name for a in self.accepted}:
                     continue
                 self._step("compare", 0, 1)
                 fit = self._exchanged(current, pair, rivals)
-                if fit is not None and self.models.is_better(best, fit):
+                if fit is None or any(_at_end(fit, r.effect) for r in rivals):
+                    continue
+                if self.models.is_better(best, fit):
                     best, exchanged = fit, tuple(zip(pair, rivals, strict=True))
         for accepted, rival in exchanged:
-            self._candidate(
-                accepted.name
-            ).why_rejected = f"{rival.name} explains more, with others in the model"
+            why = f"{rival.name} explains more, with others in the model"
+            self._candidate(accepted.name).why_rejected = why
             self._candidate(rival.name).why_rejected = None
             accepted.rivals = [
                 Candidate(accepted.effect, accepted.score, self._values(current, accepted)),
