@@ -62,6 +62,11 @@ class Evidence:
         return self.hidden_tried.shape[1]
 
     @property
+    def rough(self) -> bool:
+        """Whether contacts make outputs jump, so that differences are long."""
+        return self.start_step == ROUGH_START_STEP
+
+    @property
     def count(self) -> int:
         """How many numbers were measured."""
         return int(self.mask.sum())
@@ -269,6 +274,12 @@ class Linearization:
         hessian = (jj - through @ jb.swapaxes(1, 2)).sum(axis=0)
         gradient = (jr - (through @ (br - k * self.z)[..., None])[..., 0]).sum(axis=0)
         return hessian, gradient
+
+    @property
+    def whole_step(self) -> np.ndarray:
+        """The parameter step (parameter,), in the unit cube, to where the linearization is lowest within it."""
+        hessian, gradient = self.normal(self.scatter)
+        return box_step(hessian, gradient, -self.x, 1 - self.x)
 
     def start_offsets(self, dx: np.ndarray, k: float, damping: np.ndarray | float = 0.0) -> np.ndarray:
         """Offsets (window, state), SI, that belong to the parameter step dx (parameter,)."""

@@ -11,7 +11,6 @@ from collections.abc import Callable
 import numpy as np
 
 from capture_cli.linearization import (
-    ROUGH_START_STEP,
     Evidence,
     Linearization,
     Trial,
@@ -48,8 +47,7 @@ def fit_starts(
     """
     found = _settled(evidence, evaluate, offsets, tolerance, rounds)
     generator = np.random.default_rng(0)
-    rough = evidence.start_step == ROUGH_START_STEP
-    drawn = generator.standard_normal((DRAWN_IF_ROUGH if rough else DRAWN, offsets.shape[1]))
+    drawn = generator.standard_normal((DRAWN_IF_ROUGH if evidence.rough else DRAWN, offsets.shape[1]))
     for _ in range(SEARCHES):
         stuck = evidence.standing_out(found.residual)
         others = evidence.other_starts(found.offsets, stuck, drawn)[:, stuck]
@@ -59,7 +57,7 @@ def fit_starts(
         k = scatter(evidence.rows(rest), found.residual[rest])  # what windows leave that did not get stuck
         before = found.windows(stuck)
         own = _of_windows(evaluate, stuck)
-        if rough:
+        if evidence.rough:
             others = _nearer(before.evidence, own, others, k, generator)
         after = _begun_elsewhere(before, own, others, tolerance, rounds, k)
         found = found.with_windows(stuck, after)
@@ -111,20 +109,21 @@ def _nearer(
     A cross-entropy search (Rubinstein, 1999) of every window about several centres, which are not pooled: valleys are
     narrow and many.
     """
-    values, reach = _values(evidence, evaluate, others, k), evidence.start_sd
+    reach = evidence.start_sd
+    parents, values = _parents(others, _values(evidence, evaluate, others, k))
     for _ in range(NEARER_TIMES):
-        best = np.argsort(values, axis=0, kind="stable")[:PARENTS]
-        others, values = (
-            np.take_along_axis(others, best[..., None], axis=0),
-            np.take_along_axis(values, best, axis=0),
-        )
         reach = NEARER * reach
-        children = np.repeat(others, CHILDREN // PARENTS, axis=0)
+        children = np.repeat(parents, CHILDREN // PARENTS, axis=0)
         children = children + reach * generator.standard_normal(children.shape)
-        others = np.concatenate([others, children])
-        values = np.concatenate([values, _values(evidence, evaluate, children, k)])
+        both = np.concatenate([values, _values(evidence, evaluate, children, k)])
+        parents, values = _parents(np.concatenate([parents, children]), both)
+    return parents
+
+
+def _parents(trials: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The best of trials (trial, window, state) in each window, and their values (trial, window)."""
     best = np.argsort(values, axis=0, kind="stable")[:PARENTS]
-    return np.take_along_axis(others, best[..., None], axis=0)
+    return np.take_along_axis(trials, best[..., None], axis=0), np.take_along_axis(values, best, axis=0)
 
 
 def _values(evidence: Evidence, evaluate: EvaluateWindows, offsets: np.ndarray, k: float) -> np.ndarray:

@@ -19,10 +19,8 @@ import numpy as np
 
 from capture_cli.identifiers._sampled_posterior import SampledPosterior
 from capture_cli.linearization import (
-    START_STEP,
     Linearization,
     autocovariance,
-    box_step,
     correlation_length,
     in_order,
     mean_time,
@@ -131,11 +129,9 @@ def unit_covariance(at: Linearization) -> tuple[np.ndarray, float]:
 
 def _left_to_go(at: Linearization) -> np.ndarray:
     """Square (p, p), in the unit cube, of the step that a descent could not take for bumps; 0 where there are none."""
-    if at.evidence.start_step == START_STEP:
+    if not at.evidence.rough:
         return np.zeros((len(at.x),) * 2)
-    hessian, gradient = at.normal(at.scatter)
-    step = box_step(hessian, gradient, -at.x, 1 - at.x)
-    return np.outer(step, step)
+    return np.outer(at.whole_step, at.whole_step)
 
 
 def _scatter_of_minima(at: Linearization, minima: Sequence[Linearization]) -> np.ndarray:
@@ -153,9 +149,8 @@ def _filtered_product(at: Linearization, projected: np.ndarray) -> tuple[np.ndar
     evidence = at.evidence
     shape = evidence.measured.shape
     covariance = autocovariance(at.residual.reshape(shape), evidence.mask)
-    for (
-        columns
-    ) in evidence.attitudes:  # noise about three axes shows in four numbers, sensitivities along the three
+    # noise about three axes shows in four numbers, sensitivities along the three
+    for columns in evidence.attitudes:
         covariance[:, columns] = covariance[:, columns].sum(axis=1, keepdims=True) / 3
     shaped = in_order(projected.reshape(*shape, -1), own_samples(evidence.mask))
     size = 1 << (2 * shape[1] - 1).bit_length()

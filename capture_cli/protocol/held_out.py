@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from capture_cli.diagnosis.lack_of_fit import LackOfFit, lack_held_out, lack_of_fit
-from capture_cli.linearization import Trial, trial_objectives
 from capture_cli.protocol.model_fits import EXACT, Fit, ModelFits, PartFit
 
 DRAWN = 32  # points where a fit to the whole log may begin
@@ -64,12 +63,7 @@ def _begin(fits: ModelFits, fit: Fit, covariance: np.ndarray, on: PartFit) -> np
     space, generator = fit.space, np.random.default_rng(0)
     drawn = generator.multivariate_normal(space.to_unit(fit.point), covariance, DRAWN, method="eigh")
     points = np.concatenate([fit.point[None], space.from_unit(np.clip(drawn, 0, 1))])
-    simulator = fits.simulator(fit.effects)
-    offsets = np.repeat(on.offsets[None], len(points), axis=0)
-    outputs, diverged = fits.prepared.evaluate(simulator, Trial(points, offsets))
-    fits.rollouts += simulator.rollouts
-    values = trial_objectives(on.evidence, offsets, outputs, diverged, fit.at.scatter).sum(axis=1)
-    return points[np.argmin(values)]
+    return points[np.argmin(fits.objectives(fits.prepared, fit, on, points))]
 
 
 def _leaves_nothing(whole: Fit, is_test: np.ndarray) -> bool:

@@ -16,7 +16,7 @@ from capture_cli.identifiers._window_starts import fit_starts
 from capture_cli.identifiers.base import Best, Evidence, Trial, run
 from capture_cli.identifiers.intervals import unit_covariance
 from capture_cli.identifiers.least_squares import HOPELESS, LONG_PATIENCE, PATIENCE, LeastSquares
-from capture_cli.linearization import Linearization, best_trials, box_step, columns, trial_objectives
+from capture_cli.linearization import Linearization, best_trials, columns, trial_objectives
 from capture_cli.parameters import ParameterSpace
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.sim.engine import Engine
@@ -279,8 +279,7 @@ class ModelFits:
         best, values = best_trials(offsets, np.stack([before, *(f.objectives(k) for f in found)]))
         ways = [(values.sum(), fit.point, best)]
         if part.difference_step and len(fit.point):
-            step = box_step(*fit.at.normal(k), -fit.at.x, 1 - fit.at.x)
-            point = fit.space.from_unit(fit.at.x + step)
+            point = fit.space.from_unit(fit.at.x + fit.at.whole_step)
             there = self._starts_at(part, replace(fit, point=point), TOLERANCE, fit.offsets)
             ways.append((there.objectives(k).sum(), point, there.offsets))
         value, point, offsets = min(ways, key=lambda way: way[0])
@@ -314,13 +313,9 @@ class ModelFits:
             row[shape] = end[shape]
         if not len(ends):
             return []
-        simulator = self.simulator(fit.effects)
-        offsets = np.repeat(fit.offsets[None], len(ends), axis=0)
-        outputs, diverged = part.evaluate(simulator, Trial(ends, offsets))
-        self.rollouts += simulator.rollouts
-        k, evidence = fit.at.scatter, fit.at.evidence
-        objectives = trial_objectives(evidence, offsets, outputs, diverged, k).sum(axis=1)
-        as_good = objectives - fit.at.objectives(k).sum() < AS_GOOD * k
+        k = fit.at.scatter
+        above = self.objectives(part, fit, PartFit.of(fit.at), ends) - fit.at.objectives(k).sum()
+        as_good = above < AS_GOOD * k
         return [self.at(part, fit.effects, Best(p, fit.offsets, 0.0)) for p in ends[as_good]]
 
     def _begun_anew(self, part: PreparedLog, fit: Fit, seed: int) -> list[Fit]:
@@ -371,6 +366,17 @@ class ModelFits:
         self.rollouts += simulator.rollouts
         square = np.square(evidence.residual(outputs)).sum(axis=(1, 2)) / evidence.count
         return np.where(diverged.any(axis=1) | ~np.isfinite(square), np.inf, np.sqrt(square))
+
+    def objectives(self, part: PreparedLog, fit: Fit, on: PartFit, points: np.ndarray) -> np.ndarray:
+        """Of the fit's model at points (point, parameter), (point,); inf where one diverged.
+
+        on: the part at the fit, whose starts are left as they are.
+        """
+        simulator = self.simulator(fit.effects)
+        offsets = np.repeat(on.offsets[None], len(points), axis=0)
+        outputs, diverged = part.evaluate(simulator, Trial(points, offsets))
+        self.rollouts += simulator.rollouts
+        return trial_objectives(on.evidence, offsets, outputs, diverged, fit.at.scatter).sum(axis=1)
 
     def on(
         self,

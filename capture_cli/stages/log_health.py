@@ -16,12 +16,9 @@ AT_REST = 0.01  # of an input's largest value: less is rest
 BAND_EDGES = (0.0, 0.001, 0.01, 0.1, 1.0)  # of the Nyquist frequency
 LEAST_SPECTRUM = 16  # samples
 FEWEST_PERIODS = 6  # in an episode: of fewer nobody can tell whether they are one frequency or several
-SINGLE_LINE = (
-    0.9  # of the power of the changes, within two lines of the strongest: one frequency and little else
-)
-SINGLE_SIGNAL = (
-    0.98  # of the power there: changes grow with the frequency, and a slow sine hardly shows in them
-)
+# Of the power within two lines of the strongest: one frequency and little else. Of the changes, and of the signal,
+# as changes grow with the frequency, and a slow sine hardly shows in them.
+SINGLE_LINE, SINGLE_SIGNAL = 0.9, 0.98
 SPIKE = 20.0  # times what samples usually are off the line between their neighbours
 SPIKE_ALONE = 0.1  # of a spike, at most, is what its neighbours are off the line that leaves it out
 
