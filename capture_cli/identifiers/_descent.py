@@ -175,6 +175,8 @@ class Descent:
         self._radius = min(2 * self._radius, 1.0)
         if gained < self._little:
             self._settle()
+        elif self._carried > CARRIED:
+            self._refresh()
         else:
             self._propose()
 
@@ -241,7 +243,7 @@ class Descent:
         if self._promised < self._little:
             self._settle()
             return
-        self._carry = self.x.size > 0 and self._carried < CARRIED
+        self._carry = self.x.size > 0
         self._try(np.clip(self.x + dx, 0, 1), offsets)
 
     def _propose_shorter(self) -> None:
