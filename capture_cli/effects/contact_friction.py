@@ -10,7 +10,7 @@ from capture_cli.parameters import Parameter
 
 
 class ContactFriction(ContactEffect):
-    """`change` of the sliding friction of the contacts of geoms, or of an explicit pair.
+    """`change`, added to the coefficient of sliding friction of geoms' contacts, or of an explicit pair's.
 
     In a contact the geom with more friction decides. Where it is lowered, partners that would decide instead
     go down with it.
