@@ -30,6 +30,7 @@ TRIMMED = 0.95  # share of the squared differences that is kept
 TRIMMED_MEAN = 0.7588  # mean of a chi-squared(1) variable below its 95 % quantile: P(chi2_3 < q) / 0.95
 UNEVEN = 0.01  # of the sampling interval: files round times
 SMALLEST = 1e-7  # of the output's own standard deviation: floor for logs without noise
+ROUNDING = 1e-12  # of the largest number: an output that changes by less is always the same
 
 
 @dataclass(frozen=True)
@@ -72,6 +73,9 @@ def noise_floor(
         if known is not None:
             sd[k], smallest[k], source[k] = known, 0.0, "declared"
             continue
+        if _is_constant(np.concatenate(series[k])):
+            sd[k], smallest[k] = 0.0, 0.0  # the mean of equal numbers is another by a bit, and their deviations are not 0
+            continue
         common = [_in_common(outputs[:, k], sampled[:, k], g) for g in groups]
         deviations, degrees = from_repeats(common, max(SHORTEST, round(block * sampled[:, k].mean())))
         if degrees >= FEWEST:
@@ -81,6 +85,11 @@ def noise_floor(
             sd[k], source[k] = by_steps, "resolution"
     source = shared_source(source, sd, attitudes)
     return NoiseFloor(np.maximum(shared(sd, attitudes), shared(smallest, attitudes)), source)
+
+
+def _is_constant(values: np.ndarray) -> bool:
+    """Whether values (sample,) are one and the same but for rounding."""
+    return not len(values) or bool(np.ptp(values) <= ROUNDING * np.abs(values).max())
 
 
 def _in_common(output: np.ndarray, sampled: np.ndarray, repeated: Sequence[slice]) -> np.ndarray:
