@@ -373,6 +373,9 @@ GYROS = """
     <gyro name="own" site="own"/> <gyro name="welded" site="welded"/> <gyro name="nodding" site="nodding"/>
     <gyro name="hanging" site="hanging"/> <gyro name="panned" site="panned"/>
     <framequat name="how" objtype="xbody" objname="flyer"/>
+    <framequat name="rack" objtype="body" objname="rack"/> <framequat name="swung" objtype="xbody" objname="pendulum"/>
+    <framequat name="imu" objtype="site" objname="hanging"/> <framequat name="nods" objtype="site" objname="nodding"/>
+    <framequat name="seen" objtype="xbody" objname="pendulum" reftype="xbody" refname="flyer"/>
   </sensor>
 </mujoco>
 """
@@ -426,6 +429,38 @@ def test_a_corrected_gyroscope_moves_the_turning_and_not_the_attitude_beside_it(
     error = np.abs(starts.qvel - qvel[at])[:, 3:6]
     np.testing.assert_allclose(starts.qpos[:, 3:7], qpos[at, 3:7], atol=1e-4)
     assert error.max() < 2e-3 < 0.02 < np.abs(before[:, nv + 3 : nv + 6]).max()
+
+
+# --- attitudes of frames that a joint carries ---
+
+
+@pytest.mark.parametrize(("sensor", "turning"), [("rack", 3), ("swung", 8), ("imu", 8)])
+def test_a_frame_says_how_the_joint_that_carries_it_is_turned(gyros, sensor, turning):
+    """However the frame is turned in the body of the joint, and that body in the world."""
+    model, motion = gyros
+    found, error = estimate(model, motion, (sensor,), noise=1e-3)
+    read = np.concatenate([turning + np.arange(3), model.nv + turning + np.arange(3)])
+    assert np.abs(error[:, read[:3]]).max() < 3e-3
+    assert (np.abs(error[:, read]) < found.sd[:, read]).all()
+    assert np.flatnonzero(found.sd.any(axis=0)).tolist() == read.tolist()
+
+
+@pytest.mark.parametrize("sensor", ["nods", "seen"])
+def test_a_frame_that_more_than_a_joint_turns_says_nothing_of_it(gyros, sensor):
+    model, motion = gyros
+    assert not estimate(model, motion, (sensor,), noise=1e-3)[0].sd.any()
+
+
+def test_a_corrected_attitude_of_a_carried_frame_moves_the_joint(gyros):
+    model, (time, sensors, qpos, qvel) = gyros
+    nv, first, values = model.nv, np.array([80, 180, 280]), np.tile([0.2, -0.1, 0.15], (3, 1))
+    effect = effects.REGISTRY.get("sensor-mount-rotation")(model, "imu")
+    seen = effect.measure(sensors[None], values[:1], time[1] - time[0])[0]
+    found, _ = estimate(model, (time, seen, qpos, qvel), ("imu",), noise=0.0, first=first)
+    true = effect.true_motion(found.reported.jets, values)
+    starts = shift(model, found.starts, found.reported.start_change(true, 2 * nv))
+    np.testing.assert_allclose(starts.qpos[:, 9:13], qpos[first, 9:13], atol=1e-4)
+    assert np.abs(starts.qvel - qvel[first])[:, 8:11].max() < 2e-3
 
 
 # --- what no output measures ---

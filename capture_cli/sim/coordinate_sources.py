@@ -24,8 +24,8 @@ class Source:
     """Output columns that give some tangent coordinates: `kind` is position, velocity or orientation.
 
     data: where in sensordata they stand. qpos: where the coordinates do; () of an angular velocity, which is the
-    derivative of no number there. weights (dof, column): what the coordinates are of the columns; None where each is
-    one of them, and for the four columns of an orientation.
+    derivative of no number there. weights (dof or number in qpos, column): what the coordinates are of the columns;
+    None where each is one of them.
     """
 
     kind: str
@@ -92,19 +92,18 @@ def _alone(model: mujoco.MjModel, sensors: np.ndarray) -> Iterator[Source]:
             dof, adr = int(model.jnt_dofadr[which]), int(model.jnt_qposadr[which])
             yield Source("orientation", columns, data, tuple(range(dof, dof + 3)), tuple(range(adr, adr + 4)))
         elif what == _S.mjSENS_GYRO:
-            turned = _turned_by(model, which)
+            turned = _turned_by(model, int(model.site_bodyid[which]), model.site_quat[which])
             if turned is not None:
-                yield Source("velocity", columns, data, turned[0], (), turned[1])
-        elif what in (_S.mjSENS_FRAMEPOS, _S.mjSENS_FRAMEQUAT) and _is_free_body_frame(model, sensor):
+                yield Source("velocity", columns, data, turned.dofs, (), turned.of_velocity)
+        elif what == _S.mjSENS_FRAMEPOS and _is_free_body_frame(model, sensor):
             joint = int(model.body_jntadr[which])
             dof, adr = int(model.jnt_dofadr[joint]), int(model.jnt_qposadr[joint])
-            if what == _S.mjSENS_FRAMEPOS:
-                yield Source(
-                    "position", columns, data, tuple(range(dof, dof + 3)), tuple(range(adr, adr + 3))
-                )
-            else:
-                dofs, adrs = tuple(range(dof + 3, dof + 6)), tuple(range(adr + 3, adr + 7))
-                yield Source("orientation", columns, data, dofs, adrs)
+            yield Source("position", columns, data, tuple(range(dof, dof + 3)), tuple(range(adr, adr + 3)))
+        elif what == _S.mjSENS_FRAMEQUAT and model.sensor_refid[sensor] < 0:
+            body, frame = _body_and_frame(model, sensor)
+            turned = _turned_by(model, body, frame)
+            if turned is not None:
+                yield Source("orientation", columns, data, turned.dofs, turned.qpos, turned.of_frame)
 
 
 def _unmixed(
@@ -168,29 +167,83 @@ def _joint(model: mujoco.MjModel, joint: int) -> np.ndarray:
     return (np.arange(model.nv) == model.jnt_dofadr[joint]).astype(float)
 
 
-def _turned_by(model: mujoco.MjModel, site: int) -> tuple[tuple[int, ...], np.ndarray] | None:
-    """Of a site that a free or a ball joint turns, and nothing else: the coordinates of that turning, and the rotation
-    (3, 3) from the site's frame to that of the joint's body, in which their velocities are given. None of others.
+@dataclass(frozen=True, eq=False)
+class _Turning:
+    """The one free or ball joint that turns a frame: where its orientation stands in qpos and its velocity in qvel.
+
+    The frame's orientation in the world is before * (that in qpos) * after, quaternions all, (4,).
     """
-    frame, body, turning = np.array(model.site_quat[site]), int(model.site_bodyid[site]), []
+
+    dofs: tuple[int, ...]
+    qpos: tuple[int, ...]
+    before: np.ndarray
+    after: np.ndarray
+
+    @property
+    def of_frame(self) -> np.ndarray | None:
+        """(4, 4): the orientation in qpos is so much of each number of the frame's; None where it is the frame's."""
+        columns = [
+            _product(_inverse(self.before), _product(unit, _inverse(self.after))) for unit in np.eye(4)
+        ]
+        weights = np.stack(columns, axis=1)
+        return None if np.array_equal(weights, np.eye(4)) else weights
+
+    @property
+    def of_velocity(self) -> np.ndarray:
+        """(3, 3): velocities are given in the frame of the joint's body, and a gyroscope's in its own."""
+        rotation = np.zeros(9)
+        mujoco.mju_quat2Mat(rotation, self.after)
+        return rotation.reshape(3, 3)
+
+
+def _turned_by(model: mujoco.MjModel, body: int, frame: np.ndarray) -> _Turning | None:
+    """What turns `frame`, a quaternion (4,) within `body`; None where it is not one free or ball joint alone."""
+    before, after, turning = np.array([1.0, 0, 0, 0]), np.array(frame), []
     while body:
         first = int(model.body_jntadr[body])
         joints = range(first, first + int(model.body_jntnum[body]))
         turning += [j for j in joints if model.jnt_type[j] != mujoco.mjtJoint.mjJNT_SLIDE]
         if not turning:
-            mujoco.mju_mulQuat(frame, model.body_quat[body], frame.copy())
+            after = _product(model.body_quat[body], after)
+        elif model.jnt_type[turning[0]] != mujoco.mjtJoint.mjJNT_FREE:  # whose orientation is the body's own
+            before = _product(model.body_quat[body], before)
         body = int(model.body_parentid[body])
     if len(turning) != 1 or model.jnt_type[turning[0]] == mujoco.mjtJoint.mjJNT_HINGE:
         return None
     is_free = bool(model.jnt_type[turning[0]] == mujoco.mjtJoint.mjJNT_FREE)
     dof = int(model.jnt_dofadr[turning[0]]) + 3 * is_free
-    rotation = np.zeros(9)
-    mujoco.mju_quat2Mat(rotation, frame)
-    return (dof, dof + 1, dof + 2), rotation.reshape(3, 3)
+    adr = int(model.jnt_qposadr[turning[0]]) + 3 * is_free
+    return _Turning(tuple(range(dof, dof + 3)), tuple(range(adr, adr + 4)), before, after)
+
+
+def _body_and_frame(model: mujoco.MjModel, sensor: int) -> tuple[int, np.ndarray]:
+    """The body of the frame that a sensor reads, and the frame's orientation within it, (4,)."""
+    which, kind = int(model.sensor_objid[sensor]), int(model.sensor_objtype[sensor])
+    obj = mujoco.mjtObj
+    if kind == obj.mjOBJ_XBODY:
+        return which, np.array([1.0, 0, 0, 0])
+    if kind == obj.mjOBJ_BODY:
+        return which, model.body_iquat[which]
+    bodies, frames = {
+        obj.mjOBJ_GEOM: (model.geom_bodyid, model.geom_quat),
+        obj.mjOBJ_SITE: (model.site_bodyid, model.site_quat),
+        obj.mjOBJ_CAMERA: (model.cam_bodyid, model.cam_quat),
+    }[obj(kind)]
+    return int(bodies[which]), frames[which]
+
+
+def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    product = np.zeros(4)
+    mujoco.mju_mulQuat(product, a, b)
+    return product
+
+
+def _inverse(quaternion: np.ndarray) -> np.ndarray:
+    return quaternion * [1, -1, -1, -1]
 
 
 def _is_free_body_frame(model: mujoco.MjModel, sensor: int) -> bool:
-    """Whether a frame sensor reads, in world coordinates, the frame that a free joint moves."""
+    """Whether a sensor of position reads, in world coordinates, the frame that a free joint moves."""
     body = int(model.sensor_objid[sensor])
     is_xbody = int(model.sensor_objtype[sensor]) == mujoco.mjtObj.mjOBJ_XBODY
     is_body = (

@@ -17,7 +17,8 @@ class ReportedMotion:
     path (window, knot, 3, column): value, slope and curvature, per s and s^2, of each column of sensordata; 0 where it
     is not an output. before (window, knot): s, how long before the start that was; 0 first, then increasing.
     position, velocity, slope: (column, tangent coordinate, weight) of which each is the sum. orientation: of each
-    attitude its four columns, its tangent coordinates and their velocities; None where another sensor gives those.
+    attitude its four columns, the joint's orientation of these (4, 4), its tangent coordinates and their velocities;
+    None where another sensor gives those.
     lag: s, how long before the time of a state its velocity is that of its path. read (window,): False for starts that
     somebody knows, which no sensor has to be believed for.
     """
@@ -27,7 +28,7 @@ class ReportedMotion:
     position: tuple[tuple[int, int, float], ...]
     velocity: tuple[tuple[int, int, float], ...]
     slope: tuple[tuple[int, int, float], ...]
-    orientation: tuple[tuple[slice, slice, slice | None], ...]
+    orientation: tuple[tuple[slice, np.ndarray, slice, slice | None], ...]
     lag: float
     read: np.ndarray
 
@@ -58,8 +59,8 @@ class ReportedMotion:
         lag = self.lag / substeps
         slope = (true[:, 1] - lag * true[:, 2]) - (self.jets[:, 1] - self.lag * self.jets[:, 2])
         found = self._of_states(true[:, 0] - self.jets[:, 0], slope, states)
-        for columns, rotation, turning in self.orientation:
-            then, now = self.jets[..., columns], true[..., columns]
+        for columns, weights, rotation, turning in self.orientation:
+            then, now = self.jets[..., columns] @ weights.T, true[..., columns] @ weights.T
             found[:, rotation] = _rotation(then[:, 0], now[:, 0])
             if turning is None:
                 continue
@@ -71,8 +72,9 @@ class ReportedMotion:
         """How far a state MOST_LATE before the log began may be from one of even acceleration, (window, state)."""
         acceleration = self.jets[:, 2]
         found = np.abs(self._of_states(MOST_LATE**2 / 2 * acceleration, MOST_LATE * acceleration, states))
-        for columns, rotation, turning in self.orientation:
-            turned = np.abs(_turning(self.jets[:, 0, columns], self.jets[:, 2, columns]))
+        for columns, weights, rotation, turning in self.orientation:
+            jets = self.jets[..., columns] @ weights.T
+            turned = np.abs(_turning(jets[:, 0], jets[:, 2]))
             found[:, rotation] = MOST_LATE**2 / 2 * turned
             if turning is not None:
                 found[:, turning] = MOST_LATE * turned

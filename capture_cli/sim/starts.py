@@ -137,7 +137,7 @@ def _turning(
     """At the starts, of an orientation: the motion of its rotation vector, and the quaternion, (window, 4)."""
     columns = list(source.columns)
     at_starts = knots.around(sampled[:, columns[0]]).rows(slice(None, None, knots.count))
-    quaternions = outputs[at_starts.index][..., columns]
+    quaternions = source.of(outputs[at_starts.index][..., columns])
     rotation, near = rotations(quaternions, at_starts)
     fit = local_motion(near, rotation, source.noise(noise_sd))
     return fit, turned(quaternions[:, HALF_WIDTHS[-1]], fit.value)
@@ -250,7 +250,8 @@ def _reported(
         if source.kind == "orientation":
             column, dof = source.data[0], source.dofs[0]
             turning = None if dof in measured_velocity else slice(nv + dof, nv + dof + 3)
-            orientation.append((slice(column, column + 4), slice(dof, dof + 3), turning))
+            weights = np.eye(4) if source.weights is None else source.weights
+            orientation.append((slice(column, column + 4), weights, slice(dof, dof + 3), turning))
             continue
         weights = np.eye(len(source.dofs)) if source.weights is None else source.weights
         for dof, row in zip(source.dofs, weights, strict=True):
