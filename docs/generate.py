@@ -254,6 +254,7 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str]]] = {
             "undetermined": "combinations of parameters that the log leaves open: {combination, sd_over_range, text}",
             "held_out": _HELD_OUT,
             "impossible_inertia": _IMPOSSIBLE,
+            "unmeasured_joints": "list of joints whose position at the start of a window nothing says",
             "correlation[][]": "of the estimates, (parameter, parameter)",
             "recordings": "null, or how the recordings agree: {names, agree, parameters, text}",
             "split.how": "how windows were divided into fit and test, in words",

@@ -307,6 +307,19 @@ def test_the_same_bytes_for_any_threads_and_any_run(plant, identify, tmp_path):
 # --- what is said ---
 
 
+def test_a_joint_that_nobody_measures_is_named_where_something_is_left(plant, identify, tmp_path):
+    machine = MACHINES / "cart_pole"
+    (tmp_path / "model.xml").write_text((machine / "model.xml").read_text())
+    text = (machine / "task.toml").read_text()
+    (tmp_path / "task.toml").write_text(text[: text.index("[outputs.pole]")])
+    log = plant(tmp_path / "task.toml", parameters={}, start={"theta": (2.0, 2.5)})
+    found = identify(log, tmp_path / "task.toml", rounds=5)
+    assert found.document["unmeasured_joints"] == ["theta"]
+    assert found.document["verdict"] == "unexplained"
+    assert any("position of theta" in note for note in findings.notes(found.document))
+    assert identify(plant(name="all")).document["unmeasured_joints"] == []
+
+
 def test_an_effect_that_is_not_declared_is_unexplained(plant, identify, tmp_path):
     log, out = plant(name="of today", effects=["coulomb-friction@x=3.0"]), tmp_path / "an estimate"
     found = identify(log, out=out)

@@ -80,7 +80,9 @@ def test_the_largest_of_several_errors_may_be_larger_by_chance():
 def test_an_output_that_never_changes_is_refused(tmp_path, always):
     record(task=str(ARM), out=tmp_path / "log.zarr", noise=1e-3, episodes=3, duration=2.0, seed=0)
     log, task = MeasuredLog.read(tmp_path / "log.zarr"), load_task(str(ARM))
-    log.outputs[:, 1] = always  # the mean of many numbers that are not sums of powers of two is not quite them
+    log.outputs[:, 1] = (
+        always  # the mean of many numbers that are not sums of powers of two is not quite them
+    )
     options = {"window": None, "test": None, "seed": 0}
     with pytest.raises(LogError, match=f"output 'q2' never changes: always {always:.6g} rad") as error:
         prepare(log, task, **options)

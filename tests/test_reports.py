@@ -584,6 +584,9 @@ def test_notes():
     assert notes(make().document | {"verdict": "explained"}) == []
     assert notes(make().document | {"parameters": {}}) == []
     assert notes(not_identifiable().document) == ["only a combination of mass, bias shows in the outputs"]
+    (_, joints) = notes(make().document | {"unmeasured_joints": ["wrist", "#3"]})
+    assert "position of wrist, #3" in joints
+    assert notes(make().document | {"unmeasured_joints": ["wrist"], "verdict": "explained"}) == []
     recordings = {"names": ["a", "b"], "agree": False, "text": "the 2 recordings disagree, most about bias"}
     in_context = {"text": "8 rounds were made with 4 episodes, taken in turn again."}
     document = make().document | {"recordings": recordings, "in_context": in_context}

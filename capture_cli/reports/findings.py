@@ -81,6 +81,7 @@ def notes(document: Mapping[str, Any]) -> list[str]:
     found = [UNTRUSTED] if document["verdict"] == "unexplained" and document["parameters"] else []
     if document["in_context"] and document["in_context"]["text"]:
         found.append(document["in_context"]["text"])
+    found += unmeasured(document)
     found += left_open(document)
     found += [item["text"] for item in document["undetermined"]]
     found += impossible(document)
@@ -96,6 +97,18 @@ def notes(document: Mapping[str, Any]) -> list[str]:
             "Give noise_sd in the task file."
         )
     return found
+
+
+def unmeasured(document: Mapping[str, Any]) -> list[str]:
+    """What of an unexplained log may be starts that nobody knows; earlier versions did not look."""
+    joints = document.get("unmeasured_joints")
+    if document["verdict"] != "unexplained" or not joints:
+        return []
+    return [
+        f"No output gives the position of {', '.join(joints)}: windows begin where a simulation of the whole episode "
+        "takes it. If it is somewhere else, no effect explains the log: measure it, or give the model the keyframe "
+        "in which episodes begin."
+    ]
 
 
 def impossible(document: Mapping[str, Any]) -> list[str]:

@@ -15,6 +15,7 @@ from capture_cli.protocol.held_out import HeldOut, held_out
 from capture_cli.protocol.model_fits import TOLERANCE, PartFit
 from capture_cli.reports.findings import NOT_ALIKE, beyond_chance
 from capture_cli.reports.quantities import significant
+from capture_cli.sim.coordinate_sources import unmeasured_joints
 from capture_cli.stages.earlier_estimate import EarlierEstimate
 from capture_cli.stages.estimation import Found
 from capture_cli.stages.result_document import (
@@ -29,6 +30,7 @@ from capture_cli.stages.result_document import (
 )
 from capture_cli.stores.estimate import FORMAT, HISTORY, VERSION, Estimate
 from capture_cli.stores.output import sha256
+from capture_cli.tasks.base import ActionTask, Task
 
 ROUGH = 1.0  # of the objective over k: a standard error
 DISAGREE_P = 0.01  # of all parameters together, Bonferroni
@@ -147,6 +149,7 @@ class Report:
             "held_out": held_out_of(prepared, self.space, self.best.parameters, held, self.is_test),
             "undetermined": undetermined,
             "impossible_inertia": impossible_inertia_of(prepared.task, self.best.parameters),
+            "unmeasured_joints": _unmeasured_joints(prepared.task),
             "correlation": _correlation(found.covariance).tolist(),
             "recordings": None if recordings is None else recordings["document"],
             "split": {
@@ -231,6 +234,13 @@ def _agreement(names, values: np.ndarray, sd: np.ndarray, parameters, joint: Int
         "sd": sd,
         "document": {"names": names, "agree": bool(agree), "parameters": document, "text": text},
     }
+
+
+def _unmeasured_joints(task: Task) -> list[str]:
+    """Joints whose position at the start of a window is a guess: no output, action or loop of the model says it."""
+    if isinstance(task, ActionTask) or task.model.neq:
+        return []
+    return unmeasured_joints(task.model, [c.sensor for c in task.outputs])
 
 
 def _undetermined(found: Intervals, names) -> list[dict]:
