@@ -6,6 +6,8 @@ at the best point every few generations and each candidate is judged by what is 
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from capture_cli.identifiers.base import Best, Identifier, Trial
@@ -78,6 +80,7 @@ class CmaEs(Identifier):
         if error < self._best.error:
             self._best_x = self._asked[chosen][: len(self.space)]
             self._best = Best(self.space.from_unit(self._best_x), self._offsets(residuals[chosen]), error)
+            self._at = replace(self._at, offsets=self._best.offsets)  # where the next candidates begin
         self._generation += 1
         self._stalled += 1
         if self._best.error < 0.999 * self._milestone:
@@ -90,7 +93,7 @@ class CmaEs(Identifier):
         )
         if not diverged[0].any():
             # errors before were to first order about another point: this one is exact
-            error = float(np.sqrt(np.square(self._at.residual).sum() / self.evidence.count))
+            error = float(np.sqrt(self._at.objectives(self._at.scatter).sum() / self.evidence.count))
             self._best = Best(self._best.parameters, self._best.offsets, error)
         self._linearizing = False
 
@@ -109,8 +112,5 @@ class CmaEs(Identifier):
 
     def _offsets(self, residual: np.ndarray) -> np.ndarray:
         """Offsets (window, state), SI, of the starts that fit `residual` best."""
-        dz, _ = self._step(residual)
-        movable = np.flatnonzero((self.evidence.start_sd > 0).any(axis=0))
-        offsets = self._best.offsets.copy()
-        offsets[:, movable] = (self._at.z + dz) * self.evidence.start_sd[:, movable]
-        return offsets
+        at = replace(self._at, residual=residual)
+        return at.start_offsets(np.zeros(0), at.scatter)
