@@ -132,17 +132,15 @@ class LearnedIdentifier(RoundIdentifier):
     """An identifier that `capture train-sysid` makes: it reads the last rounds, and changes no weight while it does.
 
     residual: the transformer predicts a change of the last round's parameters. fixed_window: rounds it reads; None
-    where that is an option, with default_window (None: whole histories). likelihood: trained by the Gaussian
-    likelihood; otherwise by the squared error of the mean, the uncertainty beside it. any_order: the answer does not
-    depend on the order of the rounds, so that training may shuffle them. rough: a fit of all rounds follows, so that
-    simulations may be spared.
+    where that is an option, with default_window (None: whole histories). Without `likelihood` it is trained by the
+    squared error of the mean, the uncertainty beside it. any_order: the answer does not depend on the order of the
+    rounds, so that training may shuffle them. rough: a fit of all rounds follows, so that simulations may be spared.
     """
 
     needs_checkpoint = True
     residual = False
     fixed_window: int | None = None
     default_window: int | None = 4
-    likelihood = False
     any_order = False
 
     def __init__(self, signature, start, *, model: TrainedModel, rough: bool = False, **options):

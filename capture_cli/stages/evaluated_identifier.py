@@ -62,7 +62,7 @@ def checkpoints_in(folder: str | Path) -> list[Path]:
 
 def by_name() -> list[str]:
     """Identifiers that need no checkpoint."""
-    return [n for n, c in REGISTRY.items() if not getattr(c, "needs_checkpoint", False)]
+    return [n for n, c in REGISTRY.items() if not c.needs_checkpoint]
 
 
 def _load(text: str, signature: Signature, spelled_out: Sequence[str]) -> Evaluated:

@@ -59,7 +59,7 @@ def import_log(
         raise LogError("no file is given", cure="name one CSV or Parquet file or more")
     machine = load_task(task)
     logs = [MeasuredLog.read(out)] if append else []
-    inputs = {"task": getattr(machine, "path", None), **{str(f): Path(f) for f in files}}
+    inputs = {"task": machine.path, **{str(f): Path(f) for f in files}}
     sources = [open_source(Path(f)) for f in files if not _is_store(Path(f))]
     refuse_inputs(out, [*files, *task_inputs(machine).values()])
     provenance = Provenance("import-log", options, inputs)
