@@ -23,6 +23,7 @@ from capture_cli.stages.identifier_checkpoint import DOCUMENT, read_document
 from capture_cli.stages.policy_checkpoint import SETTINGS
 from capture_cli.stores.output import is_complete, refuse_inputs, resumable_directory
 from capture_cli.stores.provenance import Provenance, write_json
+from capture_cli.stores.result import read_result
 
 FORMAT, VERSION = "capture/evaluation-suite", 1
 WITHOUT_CHECKPOINT = ("domain-randomization", "compass")  # the paper's; others are named by --identifier
@@ -161,7 +162,8 @@ def _evaluated(plan: EvaluationPlan, options: dict[str, Any], out: Path, quiet: 
 
 def _completed(out: Path, plans: dict[Cell, EvaluationPlan]) -> dict[str, Any]:
     """The suite at `out`, if it is the one that is planned. Raises CaptureError otherwise."""
-    document = _read(out)
+    again = "make it again with `capture eval-sim2sim --suite`"
+    document = read_result(out, "suite.json", FORMAT, VERSION, again)
     names = [cell.name for cell in plans]
     if list(document["cells"]) != names:
         raise OptionError(
@@ -262,14 +264,6 @@ def _policy(given: str, task: str) -> str:
         except (json.JSONDecodeError, AttributeError) as error:
             raise StoreError(f"{path} cannot be read: {error}", cure="train the policy again") from error
     return "random"
-
-
-def _read(out: Path) -> dict[str, Any]:
-    from capture_cli.stores.estimate import read_result
-
-    return dict(
-        read_result(out, "suite.json", FORMAT, VERSION, "make it again with `capture eval-sim2sim --suite`")
-    )
 
 
 def _write_tables(documents: dict[str, dict[str, Any]], folder: Path) -> None:
