@@ -15,7 +15,7 @@ from typing import Any
 
 from capture_cli.errors import OptionError, StoreError, did_you_mean
 from capture_cli.identifiers import REGISTRY
-from capture_cli.stages.evaluated_identifier import PAPER, checkpoints_in
+from capture_cli.stages.evaluated_identifier import PAPER, checkpoints_in, how_trained
 from capture_cli.stages.evaluation_plan import EvaluationPlan, evaluation_plan
 from capture_cli.stages.evaluation_run import carry_out, completed, time_left
 from capture_cli.stages.evaluation_time import Expected
@@ -211,7 +211,7 @@ def _members(cell: Cell, names: list[str], checkpoints: list[tuple[Path, Mapping
     own = [(path, d) for path, d in checkpoints if d["task"] == cell.task]
     if cell.varied:
         chosen = [(p, d) for p, d in own if d["identifier"] == "capture" and not _others(d, cell.varied)]
-        chosen.sort(key=lambda found: _facts(found[1])[cell.varied])
+        chosen.sort(key=lambda found: how_trained(found[1])[cell.varied])
         return [str(p) for p, _ in chosen] if len(chosen) > 1 else []
     chosen = [(p, d) for p, d in own if _others(d, "search") <= _own_window(d)]
     chosen.sort(key=lambda found: _place(found[1]))
@@ -231,18 +231,9 @@ def _place(document: Mapping[str, Any]) -> tuple[int, int]:
     )
 
 
-def _facts(document: Mapping[str, Any]) -> dict[str, Any]:
-    return {
-        "search": document["histories"]["search"],
-        "history_rounds": document["histories"]["rounds"],
-        "window": document["architecture"]["window"],
-        "tokens": document["architecture"]["tokens"],
-    }
-
-
 def _others(document: Mapping[str, Any], varied: str) -> set[str]:
     """In what a checkpoint differs from the paper's, besides `varied`."""
-    facts = _facts(document)
+    facts = how_trained(document)
     return {name for name, value in PAPER.items() if name != varied and facts[name] != value}
 
 
