@@ -44,4 +44,7 @@ def test_what_candidates_are_judged_by_is_what_is_found_there(evidence):
             pairs.append((before, solver.best.error))
     claimed, exact = np.array(pairs[1:]).T  # before the first nothing is claimed
     np.testing.assert_allclose(claimed, exact, rtol=0.01)
-    np.testing.assert_allclose(solver.best.parameters, TRUTH, atol=0.02)
+    best = solver.best
+    residual = evidence.residual(outputs(best.parameters[None], best.offsets[None]))
+    assert best.error == pytest.approx(np.sqrt(np.square(residual).sum() / evidence.count), rel=0.01)
+    np.testing.assert_allclose(best.parameters, TRUTH, atol=0.02)
