@@ -324,7 +324,8 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str]]] = {
             "split.test_windows": "how many were held out",
             "rollouts.measured": "episodes of the log",
             "rollouts.simulated": "windows simulated in all",
-            "next_experiment": "null, or what would separate a tie: {band_hz, peaks, separation, duration_s, text}",
+            "next_experiment": "null, or what would separate a tie: {band_hz, peaks, duration_s, seed, "
+            "separation, text}; seed: of the phases, as `capture propose` drives them",
             "expression": "null, or with `--expression` what was found for the force that no effect explains: "
             "{text, terms: [{site, coefficient, sd, unit}], select, test}",
         },

@@ -10,7 +10,13 @@ import numpy as np
 
 from capture_cli.errors import OptionError, StoreError
 from capture_cli.multisine import check_amplitude, multisine_tape, peak
-from capture_cli.protocol.next_experiment import BANDS, DURATION, RATE, SHARES, driven_window
+from capture_cli.protocol.next_experiment import (
+    BANDS,
+    SHARES,
+    driven_window,
+    experiment_tape,
+    experiment_times,
+)
 from capture_cli.sim.starts import model_starts
 from capture_cli.simulator import Simulator
 from capture_cli.stages.policy_checkpoint import load_policy
@@ -49,7 +55,6 @@ def propose(
     machine, log = _machine(Path(result), task, "diagnosis" if diagnosed else "estimate")
     if out is not None:
         refuse_inputs(out, [result, log, policy, *task_inputs(machine).values()])
-    generator = np.random.default_rng(seed)
     check_amplitude(machine, amplitude or {})
     _check_above_zero(machine, amplitude or {})
     if diagnosed:
@@ -58,7 +63,7 @@ def propose(
                 f"--policy: {result} is a diagnosis, whose next experiment is proposed",
                 cure="leave it out, or propose from the estimate",
             )
-        return _of_diagnosis(Path(result), machine, amplitude or {}, generator)
+        return _of_diagnosis(Path(result), machine, amplitude or {}, seed)
     estimate = Estimate.read(Path(result))
     if (
         estimate.document["task"] != machine.name
@@ -189,8 +194,7 @@ def _multisine(simulator: Simulator, estimate: Estimate, amplitude, generator) -
     points = sigma_points(task.space, np.asarray(estimate.arrays["parameter/estimate"]), covariance)
     peaks = _peaks(task, estimate, amplitude)
     noise = np.array([estimate.document["noise_floor"][c.name] for c in task.outputs])
-    interval = max(task.timestep, 1 / RATE)
-    time = interval * np.arange(int(DURATION / interval) + 1)
+    time = experiment_times(task)
     menu = [
         (band, multisine_tape(task, time, share * peaks, band, generator, at_rest=True))
         for band in BANDS
@@ -220,7 +224,7 @@ def _multisine(simulator: Simulator, estimate: Estimate, amplitude, generator) -
     }
 
 
-def _of_diagnosis(folder: Path, task: Task, amplitude, generator) -> dict[str, Any]:
+def _of_diagnosis(folder: Path, task: Task, amplitude: Mapping[str, float], seed: int) -> dict[str, Any]:
     again = "make it again with `capture diagnose`"
     found = read_result(folder, "diagnosis.json", "capture/diagnosis", 1, again)
     experiment = found["next_experiment"]
@@ -230,14 +234,12 @@ def _of_diagnosis(folder: Path, task: Task, amplitude, generator) -> dict[str, A
             "one of its menu would separate",
             cure="propose from the estimate instead: capture propose ESTIMATE",
         )
-    time = np.arange(int(experiment["duration_s"] * RATE) + 1) / RATE
-    peaks = np.array(
-        [
-            peak(task.model, c, amplitude) if c.name in amplitude else p
-            for c, p in zip(task.inputs, experiment["peaks"], strict=True)
-        ]
-    )
-    tape = multisine_tape(task, time, peaks, tuple(experiment["band_hz"]), generator, at_rest=True)
+    peaks = [
+        peak(task.model, c, amplitude) if c.name in amplitude else p
+        for c, p in zip(task.inputs, experiment["peaks"], strict=True)
+    ]
+    # one of before experiments kept their seed is driven by that of the proposal
+    time, tape = experiment_tape(task, {"seed": seed, **experiment, "peaks": peaks})
     return {
         **_head(task, "inputs", experiment["text"]),
         **_tape(task, experiment["band_hz"], time, tape),
