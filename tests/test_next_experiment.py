@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from capture_cli.effects import REGISTRY
+from capture_cli.effects.placed import Placed
 from capture_cli.protocol import next_experiment as menu
 from capture_cli.protocol.model_fits import ModelFits
 from capture_cli.protocol.next_experiment import BANDS, SHARES, driven_window, next_experiment
@@ -37,7 +38,7 @@ def with_effect(fits: ModelFits, name: str, value: float):
     """The nominal model with an effect of one parameter at its joint."""
     effect = REGISTRY.get(name)(fits.prepared.task.model, "x")
     return SimpleNamespace(
-        effects=((name, effect),), point=np.append(fits.prepared.task.space.nominal, value)
+        effects=(Placed(name, effect),), point=np.append(fits.prepared.task.space.nominal, value)
     )
 
 

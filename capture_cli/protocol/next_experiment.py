@@ -12,7 +12,6 @@ from capture_cli.multisine import multisine_tape
 from capture_cli.protocol.model_fits import Fit, ModelFits
 from capture_cli.sim.starts import model_starts
 from capture_cli.sim.windows import Windows, cut
-from capture_cli.simulator import placed_name
 from capture_cli.tasks.base import Task
 
 BANDS = ((0.1, 0.5), (0.5, 3.0), (3.0, 10.0))  # Hz
@@ -82,9 +81,7 @@ def _separation(fits: ModelFits, mine: Fit, other: Fit, windows: Windows) -> flo
     starts = model_starts(fits.prepared.task.model, 1).starts
     outputs = []
     for fit in (mine, other):
-        simulator = fits.simulator(fit.effects)
-        simulated = simulator.simulate(windows, starts, fit.point[None])
-        fits.rollouts += simulator.rollouts
+        simulated = fits.simulator(fit.effects).simulate(windows, starts, fit.point[None])
         if simulated.diverged.any():
             return float("nan")
         outputs.append(simulated.outputs[0][windows.mask] / fits.prepared.noise.sd)
@@ -94,8 +91,8 @@ def _separation(fits: ModelFits, mine: Fit, other: Fit, windows: Windows) -> flo
 def _text(task: Task, best: Mapping[str, Any], mine: Fit, others: Sequence[Fit]) -> str:
     least = CHANCE / np.sqrt(len(experiment_times(task)) * len(task.outputs))
     peaks = ", ".join(f"{c.name} {p:.3g} {c.unit}" for c, p in zip(task.inputs, best["peaks"], strict=True))
-    own = {placed_name(*e) for e in mine.effects}
-    rivals = sorted({placed_name(*e) for o in others for e in o.effects} - own)
+    own = {e.name for e in mine.effects}
+    rivals = sorted({e.name for o in others for e in o.effects} - own)
     low, high = best["band_hz"]
     if best["separation"] < least:
         return f"nothing that was tried tells it from {', '.join(rivals)}: here they may be one and the same"

@@ -56,7 +56,7 @@ def render(diagnosis: Diagnosis, provenance: Mapping[str, Any] | None) -> str:
         _tiles(diagnosis, provenance),
         _effects(document),
         _errors(diagnosis),
-        _parameters(document, plots),
+        _parameters(document),
         _curves(diagnosis, curves),
         _localisation(diagnosis, plots),
         _candidates(document),
@@ -259,7 +259,7 @@ def _arrow(before: float | None, after: float, unit: str, has_effects: bool) -> 
 # --- the declared parameters ---
 
 
-def _parameters(document: Mapping[str, Any], plots: Mapping[str, Any]) -> str:
+def _parameters(document: Mapping[str, Any]) -> str:
     if not document["parameters"]:
         return ""
     moved = findings.moved(document)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from capture_cli.errors import OptionError, StoreError
-from capture_cli.multisine import check_amplitude, multisine_tape, peak
+from capture_cli.multisine import check_amplitude, multisine_tape, peak, peaks
 from capture_cli.protocol.next_experiment import (
     BANDS,
     SHARES,
@@ -192,11 +192,11 @@ def _multisine(simulator: Simulator, estimate: Estimate, amplitude, generator) -
     task = simulator.task
     covariance = np.asarray(estimate.arrays["parameter/covariance"])
     points = sigma_points(task.space, np.asarray(estimate.arrays["parameter/estimate"]), covariance)
-    peaks = _peaks(task, estimate, amplitude)
+    farthest = _farthest(task, estimate, amplitude)
     noise = np.array([estimate.document["noise_floor"][c.name] for c in task.outputs])
     time = experiment_times(task)
     menu = [
-        (band, multisine_tape(task, time, share * peaks, band, generator, at_rest=True))
+        (band, multisine_tape(task, time, share * farthest, band, generator, at_rest=True))
         for band in BANDS
         for share in SHARES
     ]
@@ -234,12 +234,12 @@ def _of_diagnosis(folder: Path, task: Task, amplitude: Mapping[str, float], seed
             "one of its menu would separate",
             cure="propose from the estimate instead: capture propose ESTIMATE",
         )
-    peaks = [
+    farthest = [
         peak(task.model, c, amplitude) if c.name in amplitude else p
         for c, p in zip(task.inputs, experiment["peaks"], strict=True)
     ]
     # one of before experiments kept their seed is driven by that of the proposal
-    time, tape = experiment_tape(task, {"seed": seed, **experiment, "peaks": peaks})
+    time, tape = experiment_tape(task, {"seed": seed, **experiment, "peaks": farthest})
     return {
         **_head(task, "inputs", experiment["text"]),
         **_tape(task, experiment["band_hz"], time, tape),
@@ -264,7 +264,7 @@ def _tape(task: Task, band, time: np.ndarray, tape: np.ndarray) -> dict[str, Any
     }
 
 
-def _peaks(task: Task, estimate: Estimate, amplitude: Mapping[str, float]) -> np.ndarray:
+def _farthest(task: Task, estimate: Estimate, amplitude: Mapping[str, float]) -> np.ndarray:
     """How far each input may be driven (input,): as told, else as its log did, else as its actuator goes."""
     if not task.inputs:
         raise OptionError(f"task {task.name!r} has no inputs to drive", cure="there is nothing to propose")
@@ -274,4 +274,4 @@ def _peaks(task: Task, estimate: Estimate, amplitude: Mapping[str, float]) -> np
         known = dict(zip(log.input_names, np.abs(log.inputs).max(axis=0).tolist(), strict=True)) | known
     except StoreError:
         pass  # the log was moved: then the model says how far
-    return np.array([peak(task.model, channel, known) for channel in task.inputs])
+    return peaks(task, known)
