@@ -12,7 +12,8 @@ from capture_cli.effects.base import Effect
 from capture_cli.effects.placed import Placed
 from capture_cli.parameters import ParameterSpace
 from capture_cli.sim.engine import Engine, Force, ModelFields, Rollouts, Starts
-from capture_cli.sim.starts import ReportedMotion, shift
+from capture_cli.sim.reported_motion import ReportedMotion
+from capture_cli.sim.starts import shift
 from capture_cli.sim.windows import Windows, at_times
 from capture_cli.tasks.base import Task
 

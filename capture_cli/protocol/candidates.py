@@ -127,16 +127,14 @@ def thinned(part: PreparedLog, fit: Fit) -> tuple[PreparedLog, Linearization]:
     if count <= most:
         return part, fit.at
     keep = np.unique(np.linspace(0, count - 1, most).astype(int))
-    few, at = part.part(keep), fit.at
-    rows = few.windows.measured.shape[1] * few.windows.measured.shape[2]
-    evidence = replace(at.evidence.rows(keep), measured=few.windows.measured, mask=few.windows.sampled)
+    few, at = part.part(keep), fit.at.windows(keep)
+    rows = few.windows.measured.shape[1] * few.windows.measured.shape[2]  # its longest window may be gone
     return few, replace(
         at,
-        evidence=evidence,
-        offsets=at.offsets[keep],
-        residual=at.residual[keep, :rows],
-        by_parameter=at.by_parameter[keep, :rows],
-        by_start=at.by_start[keep, :rows],
+        evidence=replace(at.evidence, measured=few.windows.measured, mask=few.windows.sampled),
+        residual=at.residual[:, :rows],
+        by_parameter=at.by_parameter[:, :rows],
+        by_start=at.by_start[:, :rows],
     )
 
 
