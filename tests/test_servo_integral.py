@@ -64,8 +64,8 @@ def without(log: MeasuredLog, since: float, until: float) -> MeasuredLog:
 def fitted(log: MeasuredLog, limited: bool = True):
     """The effect, a fit with it that begins at half of its size, and the prepared log."""
     prepared = prepare(log, load_task(str(PAN_TILT)), window=None, test=None, seed=0)
-    effect = next(c.effect for c in all_candidates(prepared) if c.name == EFFECT)
-    limit = 1.5 * LIMIT if limited else effect[1].space.high[1]
+    effect = next(c.placed for c in all_candidates(prepared) if c.name == EFFECT)
+    limit = 1.5 * LIMIT if limited else effect.effect.space.high[1]
     begin = np.array([*prepared.task.space.nominal, KI / 2, limit])
     return effect, ModelFits(prepared, 1).fit(prepared, [effect], begin), prepared
 
@@ -98,8 +98,8 @@ def test_what_it_was_when_the_log_began_need_not_be_known(planted, tmp_path):
 def test_what_it_was_after_a_gap_need_not_be_known(tmp_path):
     log, truth = recorded(tmp_path, *PLANTED, duration=3.0)
     prepared = prepare(without(log, 0.9, 1.7), load_task(str(PAN_TILT)), window=None, test=None, seed=0)
-    effect = next(c.effect for c in all_candidates(prepared) if c.name == EFFECT)
-    assert len(effect[1].seen.stretches) == 2 * len(log.episodes)
+    effect = next(c.placed for c in all_candidates(prepared) if c.name == EFFECT)
+    assert len(effect.effect.seen.stretches) == 2 * len(log.episodes)
     assert ModelFits(prepared, 1).fit(prepared, [effect], truth).error < 1.1
 
 
@@ -142,7 +142,7 @@ def test_windows_after_a_gap_are_found_where_the_integral_is_at_its_limit(tmp_pa
     record(task=str(task), out=tmp_path / "log.zarr", effects=planted, **options)
     log = without(MeasuredLog.read(tmp_path / "log.zarr"), 3.0, 4.3)
     prepared = prepare(log, load_task(str(task)), window=0.5, test="none", seed=0)
-    effect = only_candidate(prepared).effect
+    effect = only_candidate(prepared).placed
     assert ModelFits(prepared, 1).fit(prepared, [effect], np.array([0.2, 60.0, 0.05])).error < 1.1
 
 
@@ -177,11 +177,11 @@ def only_candidate(prepared) -> Candidate:
 
 def test_what_was_before_a_window_is_followed_through_the_errors_measured(tmp_path):
     log, truth = recorded(tmp_path, *PLANTED)
-    (name, effect), fit, prepared = fitted(log)
+    placed, fit, prepared = fitted(log)
     assert fit.error < 1.1
     np.testing.assert_allclose(fit.point[-2:], [KI, LIMIT], rtol=0.05)
-    effect.integral = lambda *, first, **_: np.zeros(len(first))
-    assert ModelFits(prepared, 1).fit(prepared, [(name, effect)], truth).error > 2
+    placed.effect.integral = lambda *, first, **_: np.zeros(len(first))
+    assert ModelFits(prepared, 1).fit(prepared, [placed], truth).error > 2
 
 
 def test_it_sits_at_position_servos_of_joints():

@@ -81,7 +81,7 @@ def _catalogue_without(case: Case) -> Iterator[None]:
     whole = attribution.all_candidates
 
     def without(model):
-        return [c for c in whole(model) if case.kind != LEFT or c.effect[0] != case.effect]
+        return [c for c in whole(model) if case.kind != LEFT or c.placed.kind != case.effect]
 
     with patch.object(attribution, "all_candidates", without):
         yield

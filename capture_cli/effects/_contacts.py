@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Sequence
+from functools import lru_cache
 
 import mujoco
 import numpy as np
 
-from capture_cli.effects._places import site_name
 from capture_cli.effects.base import GLOBAL, Effect
 from capture_cli.sim.contacts import touching_pairs
+from capture_cli.sim.object_names import object_name
 
 
 class ContactEffect(Effect):
@@ -31,7 +32,7 @@ class ContactEffect(Effect):
         self.pair = pairs.index(site) if site in pairs else -1
         if self.pair < 0:
             self.geoms = self._geoms(model)[site]
-            a, b = touching_pairs(model).T
+            a, b = _touching_pairs(model).T
             touched = np.union1d(b[np.isin(a, self.geoms)], a[np.isin(b, self.geoms)])
             others = np.setdiff1d(touched, self.geoms)
             self.partners = others[model.geom_priority[others] == model.geom_priority[self.geoms[0]]]
@@ -42,9 +43,10 @@ class ContactEffect(Effect):
         return [site for site in cls._geoms(model) if site not in pairs] + pairs
 
     @classmethod
+    @lru_cache(maxsize=16)
     def _geoms(cls, model: mujoco.MjModel) -> dict[str, np.ndarray]:
         """Sites and their geoms, (geom,) each: those of one make together, then one by one."""
-        a, b = touching_pairs(model).T
+        a, b = _touching_pairs(model).T
         a, b = np.concatenate([a, b]), np.concatenate([b, a])
         rank = model.geom_priority
         says = (rank[a] > rank[b]) | ((rank[a] == rank[b]) & cls.decides(model, a, b))
@@ -71,6 +73,11 @@ class ContactEffect(Effect):
         """Whether the effect can change anything in the contacts of an explicit pair."""
 
 
+@lru_cache(maxsize=16)
+def _touching_pairs(model: mujoco.MjModel) -> np.ndarray:
+    return touching_pairs(model)
+
+
 def _make(model: mujoco.MjModel, geom: int) -> tuple:
     """What geoms of one make have in common: shape, size and material."""
     kind = (int(model.geom_type[geom]), int(model.geom_dataid[geom]), int(model.geom_priority[geom]))
@@ -79,7 +86,7 @@ def _make(model: mujoco.MjModel, geom: int) -> tuple:
 
 
 def _name(model: mujoco.MjModel, geoms: Sequence[int]) -> str:
-    return "+".join(site_name(model, "geom", int(g)) for g in geoms)
+    return "+".join(object_name(model, "geom", int(g)) for g in geoms)
 
 
 def _pair_name(model: mujoco.MjModel, pair: int) -> str:

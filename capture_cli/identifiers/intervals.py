@@ -17,15 +17,15 @@ from typing import Any
 
 import numpy as np
 
-from capture_cli.identifiers._sampled_posterior import SampledPosterior
-from capture_cli.linearization import (
-    Linearization,
+from capture_cli.autocorrelation import (
     autocovariance,
     correlation_length,
     in_order,
     mean_time,
     own_samples,
 )
+from capture_cli.identifiers._sampled_posterior import SampledPosterior
+from capture_cli.linearization import Linearization
 from capture_cli.parameters import AT_BOUND, ParameterSpace
 
 # Posterior sd beyond this share of the range: the 95 % interval spans two thirds of what was known before.

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from capture_cli.diagnosis.noise_floor import NoiseFloor, noise_floor
-from capture_cli.diagnosis.split import HeldOut, split_windows
+from capture_cli.diagnosis.split import EarlierSplit, split_windows
 from capture_cli.protocol.difference_step import difference_step
 from capture_cli.protocol.log_checks import check_changes, check_fits, check_fitted, check_long_enough
 from capture_cli.protocol.log_starts import log_starts
@@ -28,7 +28,7 @@ def prepare(
     window: float | None,
     test: str | None,
     seed: int,
-    held_out: HeldOut | None = None,
+    held_out: EarlierSplit | None = None,
     threads: int | None = None,
 ) -> PreparedLog:
     """Check that the log fits the task, and make it ready. Raises LogError or OptionError.

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from capture_cli.diagnosis.split import HeldOut
+from capture_cli.diagnosis.split import EarlierSplit
 from capture_cli.errors import OptionError, StoreError
 from capture_cli.protocol.attribution import MOST_EFFECTS
 from capture_cli.protocol.explain import Settings, explain
@@ -102,9 +102,9 @@ def _check_estimate(folder: Path, real_log: Path) -> tuple[Estimate, dict[str, A
     return found, read_provenance(folder, again)
 
 
-def _held_out(estimate: Estimate) -> HeldOut:
+def _held_out(estimate: Estimate) -> EarlierSplit:
     arrays = estimate.arrays
-    return HeldOut(arrays["window/first"], arrays["window/is_test"], estimate.document["split"]["how"])
+    return EarlierSplit(arrays["window/first"], arrays["window/is_test"], estimate.document["split"]["how"])
 
 
 def _nominal(task: Task, estimate: Estimate | None) -> np.ndarray:

@@ -72,7 +72,7 @@ def _document(found: Explanation, curves: list[dict[str, Any]]) -> dict[str, Any
         "impossible_inertia": impossible_inertia_of(
             task,
             after.again.point[: len(task.space)],
-            [(a.effect[1], after.again.point[after.again.columns(a.name)]) for a in found.accepted],
+            [(a.placed.effect, after.again.point[after.again.columns(a.name)]) for a in found.accepted],
         ),
         "absorbed": _absorbed(before.again, after.again, sure.sd),
         "candidates": [_candidate(c) for c in _ranked(found)],
@@ -118,7 +118,7 @@ def _stage(parts: LogParts, model: JudgedModel) -> dict[str, Any]:
 
 
 def _effect(accepted: Accepted, after: Fit, sure: Intervals) -> dict[str, Any]:
-    name, effect = accepted.effect
+    name, effect = accepted.placed
     own = after.columns(accepted.name)
     parameters = sure.rows(after.space, after.point, range(own.start, own.stop))
     return {
@@ -137,8 +137,8 @@ def _effect(accepted: Accepted, after: Fit, sure: Intervals) -> dict[str, Any]:
 def _candidate(candidate: Candidate) -> dict[str, Any]:
     select = candidate.select
     return {
-        "effect": candidate.effect[0],
-        "site": candidate.effect[1].site,
+        "effect": candidate.placed.kind,
+        "site": candidate.placed.effect.site,
         "score": None if candidate.score is None else candidate.score.gain,
         "refit_select_error": None if select is None else select.normalized,
         "why_rejected": candidate.why_rejected,

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from capture_cli.diagnosis.split import TEST_SHARE, HeldOut, Split, episodes_held_out
+from capture_cli.diagnosis.split import TEST_SHARE, EarlierSplit, Split, episodes_held_out
 from capture_cli.errors import OptionError
 from capture_cli.identifiers.base import Best
 from capture_cli.identifiers.rounds import Rounds
@@ -93,7 +93,7 @@ class EarlierEstimate:
         if self.options["test"] is not None:
             return chosen
         arrays, new = self.estimate.arrays, self.new(windows)
-        before = HeldOut(arrays["window/first"], arrays["window/is_test"], "")
+        before = EarlierSplit(arrays["window/first"], arrays["window/is_test"], "")
         is_test = before.split(windows.first, windows.samples).is_test & ~new
         # of a single episode its end was held out: it counts as the part of an episode that it is
         held = sum(is_test[windows.episode == episode].mean() for episode in np.unique(windows.episode[~new]))

@@ -10,9 +10,9 @@ import numpy as np
 
 from capture_cli.effects import REGISTRY
 from capture_cli.effects.base import GLOBAL, Effect
+from capture_cli.effects.placed import Placed
 from capture_cli.errors import OptionError, did_you_mean
 from capture_cli.parameters import Parameter
-from capture_cli.simulator import placed_name
 
 # what stands after @ is a site, or a site and a parameter: names in a model may have dots and more in them
 _EFFECT = re.compile(
@@ -20,9 +20,9 @@ _EFFECT = re.compile(
 )
 
 
-def parse_effects(texts: Sequence[str], model: mujoco.MjModel) -> tuple[list[tuple[str, Effect]], np.ndarray]:
+def parse_effects(texts: Sequence[str], model: mujoco.MjModel) -> tuple[list[Placed], np.ndarray]:
     """Placed effects and the values of all their parameters (parameter,). Raises OptionError."""
-    placed: dict[str, tuple[str, Effect, np.ndarray]] = {}
+    found: dict[str, tuple[Placed, np.ndarray]] = {}
     for text in texts:
         match = _EFFECT.match(text)
         if match is None:
@@ -35,15 +35,15 @@ def parse_effects(texts: Sequence[str], model: mujoco.MjModel) -> tuple[list[tup
         if site is not None:
             site, parameter = _site_and_parameter(site, cls, model)
         effect = cls(model, _site(match["name"], site, cls.sites(model)))
-        key = placed_name(match["name"], effect)
-        _, effect, values = placed.setdefault(key, (match["name"], effect, effect.space.nominal.copy()))
+        placed = Placed(match["name"], effect)
+        (_, effect), values = found.setdefault(placed.name, (placed, effect.space.nominal.copy()))
         if not effect.parameters and not parameter and not match["value"]:
             continue
         which = _parameter(text, match, parameter, effect.space.names)
         values[which] = _number(match["value"], f"--effect {text!r}")
         refuse_negative(f"--effect {text}", effect.space.parameters[which], values[which])
-    effects = [(name, effect) for name, effect, _ in placed.values()]
-    return effects, np.concatenate([np.zeros(0), *(values for _, _, values in placed.values())])
+    effects = [placed for placed, _ in found.values()]
+    return effects, np.concatenate([np.zeros(0), *(values for _, values in found.values())])
 
 
 def refuse_negative(option: str, parameter: Parameter, value: float) -> None:

@@ -109,7 +109,6 @@ class InContext:
     used: np.ndarray
     entries: int
     share_beyond: float
-    rollouts: int
 
     @property
     def proposal(self) -> np.ndarray:
@@ -224,7 +223,7 @@ def walk_log(
     family = checkpoint.model.family.with_noise(logged.noise_sd)
     made = walk.rounds if earlier is None else earlier.followed_by(walk.rounds)
     beyond = float(family.share_beyond(made)[0])
-    return InContext(checkpoint, path, walk, used, len(logged), beyond, simulator.rollouts)
+    return InContext(checkpoint, path, walk, used, len(logged), beyond)
 
 
 def _check_alike(earlier: Rounds, signature: Signature, path: Path) -> None:
