@@ -119,6 +119,8 @@ def test_times_need_not_begin_at_zero(tmp_path, slider_task):
         "\n".join([HEADER, *ROWS]).replace(",", ";").replace(".", ","),
         "\n".join([HEADER, *ROWS]).replace(",", "\t"),
         "\r\n".join([HEADER, *ROWS, ""]),
+        "sep=;\n" + "\n".join([HEADER, *ROWS]).replace(",", ";").replace(".", ","),
+        "\n".join([HEADER, *('"' + r.replace(",", '","').replace(".", ",") + '"' for r in ROWS)]),
         "\n\n" + "\n\n".join([HEADER, *ROWS]) + "\n\n",
         "\ufeff" + "\n".join([HEADER, *ROWS]),
         "\n".join(['"t_s", u_N ,"q_m"', *ROWS]),
@@ -129,6 +131,8 @@ def test_times_need_not_begin_at_zero(tmp_path, slider_task):
         "decimal-comma",
         "tab",
         "crlf",
+        "excel-separator",
+        "quoted-decimal-comma",
         "blank-lines",
         "byte-order-mark",
         "spaces",
@@ -259,6 +263,31 @@ def test_real_logs_are_read(tmp_path, slider_task, real_data):
 )
 def test_bad_rows_are_refused_with_their_place(tmp_path, slider_task, rows, words):
     assert words in refusal(csv(tmp_path / "run.csv", *rows), slider_task).message
+
+
+def test_commas_that_part_thousands_are_no_decimal_points(tmp_path, slider_task):
+    rows = [f"{0.1 * i:.1f};0.5;9,99{i % 10}" for i in range(12)]
+    header = HEADER.replace(",", ";")
+    error = refusal(csv(tmp_path / "run.csv", *rows, header=header), slider_task)
+    assert "'q_m' holds '9,990' at line 2, not a number" in error.message
+    assert "other numbers of the file have a decimal point" in error.cure
+    rows = [f"{i};1;9,99{i % 10}" for i in range(12)]
+    error = refusal(csv(tmp_path / "either.csv", *rows, header=header), slider_task)
+    assert "'q_m' holds '9,990' at line 2: nothing in the file tells" in error.message
+    # another column does tell
+    rows = [f"{0.1 * i:.1f};1;9.99{i % 10}".replace(".", ",") for i in range(12)]
+    file = csv(tmp_path / "decimal.csv", *rows, header=header)
+    log = import_log(files=[file], task=str(slider_task), out=tmp_path / "run.zarr")
+    np.testing.assert_allclose(log.outputs[:3, 0], [9.990, 9.991, 9.992])
+
+
+def test_what_delimiters_and_decimals_are_read_is_said(tmp_path, slider_task):
+    rows = [row.replace(".", ",") for row in ROWS[1:]]
+    error = refusal(csv(tmp_path / "comma.csv", *rows), slider_task)
+    assert "the header has 3" in error.message and error.cure.startswith("if its numbers have decimal commas")
+    rows = [row.replace(",", " ") for row in ROWS]
+    error = refusal(csv(tmp_path / "space.csv", *rows, header=HEADER.replace(",", " ")), slider_task)
+    assert "by commas, semicolons or tabs" in error.cure
 
 
 def test_rows_that_are_not_sorted_are_told_from_episodes_that_begin(tmp_path, slider_task):
