@@ -401,6 +401,13 @@ def test_a_config_may_hold_sections_for_several_commands(capture, tmp_path):
     assert (options["duration"], options["band"]) == (0.5, [0.5, 2.0])
 
 
+def test_a_config_with_tables_for_other_commands_alone(capture, tmp_path):
+    config = tmp_path / "run.toml"
+    config.write_text(f'task = "{SLIDER}"\nduration = 0.5\n[identify]\nstarts = 1\n[diagnose]\nstarts = 2\n')
+    code, _, err = capture("record", "--config", config, "--out", "a.zarr", "--quiet")
+    assert (code, err) == (0, "")
+
+
 @pytest.mark.parametrize(
     ("text", "named"),
     [
@@ -558,13 +565,43 @@ def test_an_out_that_may_not_be_written(capture, log, tmp_path, without_pages):
     assert "file/e" in err
 
 
-@pytest.mark.parametrize("arguments", [("effects", "--json"), ("tasks", "--json", "--task", SLIDER)])
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("effects", "--json"),
+        ("tasks", "--json", "--task", SLIDER),
+        ("effects", "--task", SLIDER),
+        ("--help",),
+    ],
+)
 def test_a_reader_that_goes_away_is_no_error(tmp_path, arguments):
     """As in `capture effects --json | head -1`."""
     run = start(tmp_path, *arguments)
     run.stdout.close()
     assert run.stderr.read() == ""
     assert run.wait() == 0
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no device that is always full")
+@pytest.mark.parametrize("arguments", [("tasks",), ("tasks", "--json"), ("--help",)])
+def test_a_stdout_that_is_full(arguments):
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [*CAPTURE, *arguments],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+            env=ENVIRONMENT,
+        )
+    assert done.returncode == 2
+    assert done.stderr.startswith("error: the disk is full") and "internal" not in done.stderr
+
+
+def test_a_stdout_that_is_closed():
+    command = " ".join([*CAPTURE, "tasks", ">&-"])
+    done = subprocess.run(command, shell=True, capture_output=True, text=True, check=False, env=ENVIRONMENT)
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_commands_are_completed():

@@ -1,4 +1,4 @@
-"""What a comma in numbers that are written as text stands for: the decimal point, or nothing but a parting of thousands."""
+"""What a comma in numbers that are written as text stands for: the decimal point, or the parting of thousands."""
 
 from __future__ import annotations
 
