@@ -562,7 +562,7 @@ def test_an_out_that_may_not_be_written(capture, log, tmp_path, without_pages):
     (tmp_path / "file").write_text("")
     code, _, err = capture(*identify(log, "--out", "file/e"))
     assert code == 2
-    assert "file/e" in err
+    assert "file/e: file is a file, not a folder" in err
 
 
 @pytest.mark.parametrize(

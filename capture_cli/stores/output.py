@@ -109,12 +109,17 @@ def new_file(path: Path, *, force: bool = False) -> Iterator[Path]:
 
 
 def refuse_existing(path: Path, *, force: bool) -> None:
-    """Raise OutputError where `path` exists and may not be replaced; call it before any work.
+    """Raise OutputError where `path` exists and may not be replaced, or would lie in a file; call it before any work.
 
     With `force` a folder is replaced if it is empty or holds a provenance.json, as every output of `capture`
     does: a slip of the hand (`--out . --force`) must not cost a user's own files.
     """
     path = Path(path)
+    for folder in path.parents:
+        if folder.is_file():
+            raise OutputError(
+                f"cannot write {path}: {folder} is a file, not a folder", cure="choose another --out"
+            )
     if not path.exists():
         return
     if not force:
