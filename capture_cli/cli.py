@@ -9,6 +9,7 @@ from __future__ import annotations
 import errno
 import os
 import sys
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -101,7 +102,7 @@ def main() -> None:
     arguments = [a for a in sys.argv[1:] if a != "--debug"]
     for stream in ("stdout", "stderr"):
         if getattr(sys, stream) is None:  # closed by the shell, `>&-`
-            setattr(sys, stream, open(os.devnull, "w"))  # noqa: SIM115
+            setattr(sys, stream, Path(os.devnull).open("w"))  # noqa: SIM115
     try:
         _run(arguments)
     except CaptureError as error:

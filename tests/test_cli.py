@@ -585,7 +585,7 @@ def test_a_reader_that_goes_away_is_no_error(tmp_path, arguments):
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no device that is always full")
 @pytest.mark.parametrize("arguments", [("tasks",), ("tasks", "--json"), ("--help",)])
 def test_a_stdout_that_is_full(arguments):
-    with open("/dev/full", "w") as full:
+    with Path("/dev/full").open("w") as full:
         done = subprocess.run(
             [*CAPTURE, *arguments],
             stdout=full,
