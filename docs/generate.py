@@ -653,6 +653,7 @@ the command (`[identify]`). An output appears whole or not at all, and nothing i
 | 0 | done |
 | 1 | a fault of `capture` |
 | 2 | something you can mend: the message says what was found, what was expected, where, and the cure |
+| 2 | of `inspect`, too, when a finding is an error; `import-log`, which has written its log, ends with 0 |
 | 3 | it ran, and the verdict is one that `--fail-on` names |
 """
 

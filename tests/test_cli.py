@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -371,6 +372,15 @@ def test_force_replaces_an_output_and_nothing_else(capture, log, tmp_path, witho
     assert code == 2
     assert "not an output of `capture`" in err
     assert (mine / "thesis.tex").read_text() == "years of work"
+
+
+def test_a_finding_that_is_an_error_ends_inspect_with_2(capture, log, tmp_path):
+    assert capture("inspect", log)[0] == 0
+    damaged = tmp_path / "damaged.zarr"
+    shutil.copytree(log, damaged)
+    shutil.rmtree(damaged / "data")
+    code, out, err = capture("inspect", damaged)
+    assert (code, err) == (2, "") and "is missing" in " ".join(out.split())
 
 
 # --- --config ---

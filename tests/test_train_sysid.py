@@ -154,6 +154,15 @@ def test_a_log_from_outside_is_noticed(trained):
     assert (family.share_beyond(curved) < 0.01).mean() > 0.9
 
 
+def test_a_run_interrupted_before_it_evaluated_says_that_nothing_is_kept(small, tmp_path, monkeypatch):
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(stage, "save_state", stop)
+    with pytest.raises(OutputError, match="before the first evaluation: nothing that was learned is kept"):
+        train_sysid(histories=small, out=tmp_path / "a", **TINY)
+
+
 # --- the same bytes ---
 
 

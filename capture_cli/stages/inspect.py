@@ -12,6 +12,7 @@ import numpy as np
 
 from capture_cli.errors import CaptureError, StoreError
 from capture_cli.sim.windows import usual_interval
+from capture_cli.stages.file_header import read_header
 from capture_cli.stages.held_outputs import rows_per_sample, sample_rate, slices_within
 from capture_cli.stages.log_findings import finding, log_findings, task_findings
 from capture_cli.stages.log_health import channel, excitation, quantisation, sampling, spikes, timing
@@ -36,17 +37,20 @@ CHECKED_AT_ONCE = 4096  # histories
 def inspect(path: Path, task: str | None = None) -> dict[str, Any]:
     """What is at `path`, as one JSON-able document.
 
-    Always: format, version (of this document), path, kind ("measured-log", "estimate", "diagnosis", "zarr" or
-    "directory"), store (the format and version found, bytes on disk), provenance, sizes and findings, each
+    Always: format, version (of this document), path, kind ("measured-log", "estimate", "diagnosis", "zarr",
+    "directory" or "file"), store (the format and version found, bytes on disk), provenance, sizes and findings, each
     {severity, where, message, cure}. A measured log has recordings, episodes (timing) and channels (values)
     too, and is checked against `task`, or against its own where that is built in or lies beside it. Damage is a
-    finding rather than an exception.
+    finding rather than an exception. A JSON file of a directory stands for the directory.
 
     Raises StoreError where there is nothing that can be recognised, TaskError or ModelError for a bad task.
     """
     path = Path(path)
     machine = load_task(task) if task is not None else None
-    kind = _kind(path)
+    written = read_header(path) if path.is_file() else None
+    if written is not None and (path.parent / PROVENANCE).is_file():
+        path, written = path.parent, None  # estimate.json stands for the estimate
+    kind = "file" if written is not None else _kind(path)
     document = {
         "format": FORMAT,
         "version": VERSION,
@@ -64,6 +68,9 @@ def inspect(path: Path, task: str | None = None) -> dict[str, Any]:
             _inspect_result(path, document)
         elif kind == "zarr":
             _inspect_zarr(path, document)
+        elif kind == "file":
+            _header(document, written)
+            document["task"] = written.get("task")
     except StoreError as error:
         document["findings"].append(finding("error", "store", error.message, error.cure))
     _inspect_provenance(path, document)
@@ -91,7 +98,8 @@ def _kind(path: Path) -> str:
 
 
 def _bytes(path: Path) -> int:
-    return sum(f.stat().st_size for f in path.rglob("*") if f.is_file())
+    files = [path] if path.is_file() else path.rglob("*")
+    return sum(f.stat().st_size for f in files if f.is_file())
 
 
 # --- measured log ---
