@@ -8,7 +8,6 @@ made it is unchanged.
 
 from __future__ import annotations
 
-import json
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -16,8 +15,9 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks import MACHINES
+from benchmarks import MACHINES, _lines
 from benchmarks._code_hash import code_hash
+from benchmarks._share import share
 from benchmarks.base import Benchmark, Figure, Result
 from capture_cli.stages import identify as stage
 from capture_cli.stages.record import record
@@ -52,7 +52,7 @@ class Coverage(Benchmark):
 
         cases = list(self._cases())
         code = _code()
-        lines = {machine: self._lines(machine, code) for machine in NOISE}
+        lines = {machine: self._kept(machine, code) for machine in NOISE}
         for case in tqdm(cases, desc="logs", unit="log"):
             known = lines[case.machine]
             if case not in known:
@@ -75,27 +75,16 @@ class Coverage(Benchmark):
     def _path(self, machine: str) -> Path:
         return self.folder / "coverage" / f"{machine}.jsonl"
 
-    def _lines(self, machine: str, code: str) -> dict[_Case, dict]:
-        path = self._path(machine)
-        if not path.is_file():
-            return {}
-        found = {}
-        for text in path.read_text(encoding="utf-8").splitlines():
-            try:
-                line = json.loads(text)
-            except ValueError:
-                continue  # cut off when the work was stopped
-            if line["code"] == code:
-                found[_Case(machine, line["seed"], line["noisy"])] = line["found"]
-        return found
+    def _kept(self, machine: str, code: str) -> dict[_Case, dict]:
+        return {
+            _Case(machine, line["seed"], line["noisy"]): line["found"]
+            for line in _lines.read(self._path(machine))
+            if line["code"] == code
+        }
 
     def _keep(self, case: _Case, code: str, found: dict) -> None:
-        path = self._path(case.machine)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        cut_off = path.is_file() and not path.read_bytes().endswith(b"\n")
-        with path.open("a", encoding="utf-8") as file:
-            line = {"code": code, "seed": case.seed, "noisy": case.noisy, "found": found}
-            file.write("\n" * cut_off + json.dumps(line) + "\n")
+        line = {"code": code, "seed": case.seed, "noisy": case.noisy, "found": found}
+        _lines.append(self._path(case.machine), line)
 
 
 def _code() -> str:
@@ -137,25 +126,25 @@ def _identify(case: _Case) -> dict:
 
 
 def _figures(noisy: dict[str, list[dict]], clean: list[dict]) -> list[Figure]:
+    """Parameters of one log are estimated from the same noise: the interval of the share is a little too narrow."""
     everything = [d for documents in noisy.values() for d in documents]
     inside = _inside(everything)
-    low, high = clopper_pearson(sum(inside), len(inside))
-    alarms = [d["verdict"] == "unexplained" for d in everything]
-    _, most_alarms = clopper_pearson(sum(alarms), len(alarms))
+    covered = share(sum(inside), len(inside))
+    alarms = share(sum(d["verdict"] == "unexplained" for d in everything), len(everything))
     figures = [
         Figure(
             f"share of all {len(inside)} 95 % intervals that hold the truth",
-            float(np.mean(inside)),
+            covered["share"],
             target=COVERED,
         ),
-        Figure("  its own 95 % interval, low", low),
-        Figure("  its own 95 % interval, high", high),
+        Figure("  its own 95 % interval, low", covered["low"]),
+        Figure("  its own 95 % interval, high", covered["high"]),
         *(
             Figure(f"  {machine} alone", float(np.mean(_inside(documents))))
             for machine, documents in noisy.items()
         ),
-        Figure(f'share of {len(alarms)} logs falsely called "unexplained"', float(np.mean(alarms))),
-        Figure("  its own 95 % interval, high", most_alarms),
+        Figure(f'share of {alarms["of"]} logs falsely called "unexplained"', alarms["share"]),
+        Figure("  its own 95 % interval, high", alarms["high"]),
     ]
     if clean:
         lost = max(_errors_over_range(clean))
@@ -197,15 +186,3 @@ def _scaled_errors(documents: list[dict]) -> list[float]:
 
 def _errors_over_range(documents: list[dict]) -> list[float]:
     return [abs(p["value"] - p["truth"]) / (p["high"] - p["low"]) for p in _parameters(documents)]
-
-
-def clopper_pearson(hits: int, trials: int) -> tuple[float, float]:
-    """Exact 95 % interval of a binomial share (Clopper and Pearson 1934).
-
-    Parameters of one log are estimated from the same noise, so for shares over them it is a little too narrow.
-    """
-    from scipy.special import betaincinv
-
-    low = 0.0 if hits == 0 else float(betaincinv(hits, trials - hits + 1, 0.025))
-    high = 1.0 if hits == trials else float(betaincinv(hits + 1, trials - hits, 0.975))
-    return low, high

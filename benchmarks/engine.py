@@ -8,14 +8,12 @@ is that of the CPU, so that other work on the machine matters less.
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
-
 import mujoco
 import numpy as np
 from mujoco import rollout
 
 from benchmarks import EMPS, MACHINES
+from benchmarks._speeds import interleaved
 from benchmarks.base import Benchmark, Figure, Result
 from capture_cli.sim.engine import Engine, ModelFields, World
 from capture_cli.sim.starts import model_starts
@@ -37,7 +35,7 @@ class EngineSpeed(Benchmark):
             runs = _Runs(load_task(str(folder)))
             kinds = {"mj_step": runs.mj_step, "rollout": runs.rollout, "engine": runs.engine}
             kinds["engine with a force"] = lambda runs=runs: runs.engine(drag)
-            speeds = _interleaved(kinds)
+            speeds = interleaved(kinds, REPEATS)
             bare = np.maximum(speeds["mj_step"], speeds["rollout"])
             ratio = {k: float(np.median(speeds[k] / bare)) for k in ("engine", "engine with a force")}
             name = folder.name
@@ -60,7 +58,7 @@ def drag(world: World) -> None:
 
 
 class _Runs:
-    """The same simulations by each way of stepping; every method makes all of them."""
+    """The same simulations by each way of stepping; every method makes all of them and returns the steps."""
 
     def __init__(self, task: Task):
         self.task, self.model = task, task.model
@@ -79,32 +77,22 @@ class _Runs:
         mujoco.mj_getState(task.model, self.data, state, mujoco.mjtState.mjSTATE_FULLPHYSICS)
         self.states = np.repeat(state[None], SIMULATIONS, axis=0)
 
-    def engine(self, *forces) -> None:
+    def engine(self, *forces) -> int:
         fields = ModelFields(self.model, SIMULATIONS)
         self.task.write(fields, self.parameters)
         self.stepper.rollout(
             starts=self.starts, controls=self.controls, steps=STEPS, fields=fields, forces=forces
         )
+        return SIMULATIONS * STEPS
 
-    def mj_step(self) -> None:
+    def mj_step(self) -> int:
         for push in self.controls[:, 0]:
             mujoco.mj_resetData(self.model, self.data)
             self.data.ctrl[:] = push
             mujoco.mj_step(self.model, self.data, nstep=STEPS)
+        return SIMULATIONS * STEPS
 
-    def rollout(self) -> None:
+    def rollout(self) -> int:
         controls = self.controls if self.model.nu else None
         rollout.rollout(self.model, self.data, self.states, controls, nstep=STEPS)
-
-
-def _interleaved(kinds: dict[str, Callable[[], None]]) -> dict[str, np.ndarray]:
-    """Steps per CPU second of each, (repeat,), one after the other in every repeat."""
-    seconds: dict[str, list[float]] = {name: [] for name in kinds}
-    for run in kinds.values():
-        run()  # first calls load libraries and touch memory
-    for _ in range(REPEATS):
-        for name, run in kinds.items():
-            began = time.process_time()
-            run()
-            seconds[name].append(time.process_time() - began)
-    return {name: SIMULATIONS * STEPS / np.array(s) for name, s in seconds.items()}
+        return SIMULATIONS * STEPS

@@ -20,6 +20,7 @@ import mujoco
 import numpy as np
 from mujoco import rollout
 
+from benchmarks._speeds import interleaved
 from benchmarks.base import Benchmark, Figure, Result
 from capture_cli.stages.gen_histories import ROUNDS, gen_histories
 from capture_cli.tasks import load_task
@@ -54,7 +55,7 @@ class HistoriesSpeed(Benchmark):
         robosuite = _robosuite_stepper(name)
         if robosuite is not None:
             kinds["robosuite"] = robosuite
-        speeds = _interleaved(kinds)
+        speeds = interleaved(kinds, REPEATS)
         steps = speeds["histories"]
         ratio = np.median(steps / np.maximum(speeds["mj_step"], speeds["rollout"]))
         result.figures.append(
@@ -83,19 +84,6 @@ class HistoriesSpeed(Benchmark):
             Figure(f"two Ray nodes over one, {RAY_PAIRS} pairs of {RAY_TASK}", seconds[1] / seconds[2])
         )
         result.details["ray"] = {f"{n} nodes": s for n, s in seconds.items()}
-
-
-def _interleaved(kinds: dict[str, Callable[[], float]]) -> dict[str, np.ndarray]:
-    """Steps per CPU second of each, (repeat,), one after the other in every repeat; each returns its steps."""
-    speeds: dict[str, list[float]] = {name: [] for name in kinds}
-    for run in kinds.values():
-        run()  # first calls load libraries and touch memory
-    for _ in range(REPEATS):
-        for name, run in kinds.items():
-            began = time.process_time()
-            steps = run()
-            speeds[name].append(steps / (time.process_time() - began))
-    return {name: np.array(s) for name, s in speeds.items()}
 
 
 def _generate(task: str, pairs: int, out: Path) -> int:

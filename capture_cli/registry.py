@@ -39,7 +39,7 @@ class Registry(Generic[T]):
     def get(self, name: str) -> type[T]:
         """The class called `name`. Raises OptionError, naming those that exist."""
         if name not in self.names():
-            raise OptionError(f"unknown {self.kind} {name!r}", cure=f"{did_you_mean(name, self.names())}")
+            raise OptionError(f"unknown {self.kind} {name!r}", cure=did_you_mean(name, self.names()))
         module = importlib.import_module(f"{self.package}.{name.replace('-', '_')}")
         base = getattr(importlib.import_module(f"{self.package}.base"), self.base)
         own = [

@@ -15,6 +15,7 @@ from capture_cli.sim.starts import ReportedMotion, shift
 from capture_cli.sim.windows import Windows, at_times
 from capture_cli.tasks.base import Task
 
+EPISODES = 1024  # simulated at once: bounds the memory that recorded sensors take
 TAPE_BYTES = 64 << 20  # of controls of one call, of which effects make several copies
 SHOWS = 0.25  # of an effect's memory: the rest is for the last digits
 LENGTH_RATIO = 1.2  # windows within this ratio of lengths are stepped together
@@ -220,8 +221,14 @@ class Simulator:
     def trajectories(self, parameters: np.ndarray, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """One episode per row: state trajectories (simulation, point, feature) and diverged (simulation,).
 
-        parameters (simulation, parameter), actions (simulation, action); the task is an ActionTask.
+        parameters (simulation, parameter), actions (simulation, action), at least one; the task is an ActionTask.
         """
+        parts = [slice(i, i + EPISODES) for i in range(0, len(actions), EPISODES)]
+        each = [self._trajectories(parameters[part], actions[part]) for part in parts]
+        trajectories, diverged = (np.concatenate(arrays) for arrays in zip(*each, strict=True))
+        return trajectories, diverged
+
+    def _trajectories(self, parameters: np.ndarray, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         task, count = self.task, len(actions)
         episodes = task.episodes(actions)
         none = np.zeros(count)

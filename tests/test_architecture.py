@@ -26,7 +26,7 @@ ROWS = (
     ("simulator", "worlds", "observation_noise", "multisine"),
     ("tasks", "effects"),
     ("sim", "stores"),
-    ("parameters", "registry"),
+    ("parameters", "registry", "named_arrays"),
     ("errors",),
     ("__init__",),
 )

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import benchmarks.coverage as coverage
-from benchmarks import EMPS, MACHINES, REGISTRY
+from benchmarks import EMPS, MACHINES, REGISTRY, _lines
+from benchmarks._share import share
 from benchmarks.base import Benchmark, Figure, Result, measure
 from capture_cli.tasks import load_task
 
@@ -42,7 +43,8 @@ def test_a_figure_knows_whether_it_met_its_target(target, value, met):
 def test_clopper_pearson_leaves_two_and_a_half_percent_on_either_side(hits):
     from scipy.stats import binom
 
-    low, high = coverage.clopper_pearson(hits, 40)
+    found = share(hits, 40)
+    low, high = found["low"], found["high"]
     assert low <= hits / 40 <= high
     if hits > 0:
         assert binom.sf(hits - 1, 40, low) == pytest.approx(0.025)
@@ -115,6 +117,15 @@ def test_coverage_is_taken_up_where_it_stopped(tmp_path, identified):
     assert len(identified) == first + 1
     coverage.Coverage(logs=4, folder=tmp_path).run()
     assert len(identified) == first + 1
+
+
+def test_a_line_after_one_that_was_cut_off_is_read(tmp_path):
+    path = tmp_path / "new" / "lines.jsonl"
+    assert _lines.read(path) == []
+    _lines.append(path, {"case": 1})
+    path.write_text(path.read_text() + '{"case": 2, "fou')  # killed while writing
+    _lines.append(path, {"case": 3})
+    assert [line["case"] for line in _lines.read(path)] == [1, 3]
 
 
 def test_lines_of_other_code_do_not_count(tmp_path, identified, monkeypatch):

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from capture_cli.identifiers.base import Best
-from capture_cli.identifiers.least_squares import LeastSquares
 from capture_cli.protocol.model_fits import ModelFits
 from capture_cli.protocol.prepare import prepare
 from capture_cli.protocol.prepared_log import PreparedLog
@@ -29,15 +28,7 @@ def prepared(slider_task, tmp_path) -> PreparedLog:
 def found_in(prepared: PreparedLog, **options):
     start = prepared.task.space.nominal
     with Progress("identify", "round", quiet=True) as progress:
-        return by_physics(
-            ModelFits(prepared, 1),
-            LeastSquares,
-            start,
-            progress,
-            starts=1,
-            seed=0,
-            **{"rounds": 50, **options},
-        )
+        return by_physics(ModelFits(prepared, 1), start, progress, seed=0, **{"rounds": 50, **options})
 
 
 def test_a_descent_that_converged_is_not_linearized_again(prepared, monkeypatch):

@@ -69,16 +69,16 @@ def recipe(task, **options) -> Recipe:
 def test_a_history_is_what_the_simulator_gives(generate, slider):
     histories = Histories(generate())
     batch = histories.read(0, len(histories))
-    assert batch.simulated.shape == batch.measured.shape == (40, 4, 5, 1)
-    assert np.array_equal(batch.parameters[:, -1], batch.target)
+    assert batch["simulated"].shape == batch["measured"].shape == (40, 4, 5, 1)
+    assert np.array_equal(batch["parameters"][:, -1], batch["target"])
     simulator = Simulator(slider)
-    actions = batch.actions.reshape(160, -1)
-    under = {"simulated": batch.parameters, "measured": np.repeat(batch.target[:, None], 4, axis=1)}
+    actions = batch["actions"].reshape(160, -1)
+    under = {"simulated": batch["parameters"], "measured": np.repeat(batch["target"][:, None], 4, axis=1)}
     for name, parameters in under.items():
         trajectories, _ = simulator.trajectories(parameters.reshape(160, -1), actions)
-        assert np.array_equal(np.float32(trajectories).reshape(40, 4, 5, 1), getattr(batch, name))
-    assert np.abs(batch.simulated - batch.measured)[:, 0].max() > 1e-3
-    assert np.array_equal(batch.simulated[:, -1], batch.measured[:, -1])
+        assert np.array_equal(np.float32(trajectories).reshape(40, 4, 5, 1), batch[name])
+    assert np.abs(batch["simulated"] - batch["measured"])[:, 0].max() > 1e-3
+    assert np.array_equal(batch["simulated"][:, -1], batch["measured"][:, -1])
 
 
 def test_the_store_describes_itself(generate, slider):
@@ -101,12 +101,12 @@ def test_the_store_describes_itself(generate, slider):
 def test_noise_changes_what_is_measured_and_nothing_else(generate, noise):
     plain, noisy = (Histories(generate(n, **o)).read(0, 40) for n, o in (("a", {}), ("b", noise)))
     for name in ("parameters", "actions", "simulated", "target"):
-        assert np.array_equal(getattr(plain, name), getattr(noisy, name)), name
-    difference = noisy.measured - plain.measured
+        assert np.array_equal(plain[name], noisy[name]), name
+    difference = noisy["measured"] - plain["measured"]
     if "noise_sd" in noise:
         assert abs(difference.std() / 0.01 - 1) < 0.1
     else:
-        assert 0.05 < np.abs(difference / plain.measured).max() <= 0.1 + 1e-4
+        assert 0.05 < np.abs(difference / plain["measured"]).max() <= 0.1 + 1e-4
 
 
 def test_a_log_gives_the_actions(slider_task, tmp_path, generate):
@@ -126,7 +126,7 @@ def test_a_log_gives_the_actions(slider_task, tmp_path, generate):
     batch = Histories(
         generate(inputs_from=tmp_path / "log.zarr", points=11, window=None, amplitude=None)
     ).read(0, 40)
-    drawn = {tuple(a) for a in batch.actions.reshape(-1, batch.actions.shape[-1])}
+    drawn = {tuple(a) for a in batch["actions"].reshape(-1, batch["actions"].shape[-1])}
     assert drawn <= {tuple(a) for a in task.library}
 
 
@@ -157,12 +157,12 @@ def make_shard(slider_task, writer: HistoriesWriter, shard: int) -> None:
 def test_a_pair_is_the_same_in_any_company(generate):
     few, many = (Histories(generate(n, pairs=p)).read(0, p) for n, p in (("a", 17), ("b", 40)))
     for spec in DATA:
-        assert np.array_equal(getattr(few, spec.path), getattr(many, spec.path)[:17]), spec.path
+        assert np.array_equal(few[spec.path], many[spec.path][:17]), spec.path
 
 
 def test_a_seed_of_its_own(generate):
     one, other = (Histories(generate(f"{s}.zarr", seed=s)).read(0, 40) for s in (0, 1))
-    assert not np.isin(one.target, other.target).any()
+    assert not np.isin(one["target"], other["target"]).any()
 
 
 def test_pairs_that_diverge_are_drawn_anew(slider, monkeypatch):
@@ -285,7 +285,7 @@ def test_a_full_disk_loses_nothing(generate, stop_after, monkeypatch, tmp_path):
         generate()
     monkeypatch.undo()
     assert not (tmp_path / "h.zarr").exists()
-    assert len(Histories(generate(resume=True)).read(0, 40).pairs) == 40
+    assert len(Histories(generate(resume=True)).read(0, 40)["target"]) == 40
 
 
 def test_a_run_that_fails_at_once_leaves_nothing(generate, stop_after, tmp_path):
@@ -324,7 +324,7 @@ def test_at_a_url(generate, slider_task, tmp_path):
     options = {**SMALL, "task": str(slider_task), "out": url, "threads": 1}
     gen_histories(**options)
     found = Histories(url).read(0, 40)
-    assert all(np.array_equal(getattr(found, s.path), getattr(expected, s.path)) for s in DATA)
+    assert all(np.array_equal(found[s.path], expected[s.path]) for s in DATA)
     with pytest.raises(OutputError, match=r"holds histories[\s\S]*--force"):
         gen_histories(**options)
     assert gen_histories(**options, resume=True)["shards_made"] == 0
@@ -458,7 +458,7 @@ def checkpoint(slider, tmp_path, monkeypatch):
 
 
 def test_a_policy_from_its_checkpoint(checkpoint, generate, slider):
-    actions = Histories(generate(policy=str(checkpoint))).read(0, 40).actions
+    actions = Histories(generate(policy=str(checkpoint))).read(0, 40)["actions"]
     assert np.all(actions == slider.library[3])
 
 
@@ -493,4 +493,4 @@ def test_the_command_prints_one_document(slider_task, tmp_path, generate):
     document = json.loads(done.stdout)
     assert (document["pairs"], document["rounds"], document["shards_made"]) == (8, 4, 1)
     made, whole = Histories(tmp_path / "c.zarr").read(0, 8), Histories(generate()).read(0, 8)
-    assert np.array_equal(made.measured, whole.measured)
+    assert np.array_equal(made["measured"], whole["measured"])

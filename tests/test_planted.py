@@ -6,6 +6,7 @@ import json
 import signal
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
 from pathlib import Path
 
@@ -34,7 +35,8 @@ from benchmarks._planted.diagnosing import diagnose, line
 from benchmarks._planted.machines import MACHINE, Experiment
 from benchmarks._planted.outcomes import EQUIVALENTS, judge
 from benchmarks._planted.outside import OUTSIDE
-from benchmarks._planted.summary import confusion, share, summary
+from benchmarks._planted.summary import confusion, summary
+from benchmarks._share import share
 from capture_cli.effects import REGISTRY
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.tasks import load_task
@@ -295,6 +297,17 @@ def test_lines_of_other_code_and_half_lines_are_not_read(tmp_path):
     )
     assert [r["seed"] for r in results.rows(tmp_path, "a")] == [1]
     assert results.newest_code(tmp_path) == "b"
+
+
+def test_a_case_finished_after_a_line_was_cut_off_is_kept(tmp_path, monkeypatch):
+    monkeypatch.setattr(results, "workers", ThreadPoolExecutor)
+    monkeypatch.setattr(results, "_try", lambda case, size: {"outcome": "right"})
+    some = list(cases(1, 0))[:2]
+    results.add(some[:1], tmp_path, jobs=1)
+    path = tmp_path / "results.jsonl"
+    path.write_text(path.read_text()[:-20])  # killed while writing
+    results.add(some[1:], tmp_path, jobs=1)
+    assert [r["effect"] for r in results.rows(tmp_path, None)] == [some[1].effect]
 
 
 def test_of_a_log_the_newest_line_counts(tmp_path):

@@ -299,9 +299,9 @@ def test_the_policies_shipped_make_histories(name, tmp_path):
             task=name, policy=policy, pairs=4, rounds=3, out=tmp_path / f"{threads}.zarr", threads=threads
         )
     one, two = (Histories(tmp_path / f"{threads}.zarr").read(0, 4) for threads in (1, 2))
-    assert np.array_equal(one.actions, two.actions)
-    assert np.array_equal(one.measured, two.measured)
-    assert np.unique(one.actions[..., 0]).size > 4  # they depend on the parameters
+    assert np.array_equal(one["actions"], two["actions"])
+    assert np.array_equal(one["measured"], two["measured"])
+    assert np.unique(one["actions"][..., 0]).size > 4  # they depend on the parameters
 
 
 def test_there_is_a_policy_to_train():

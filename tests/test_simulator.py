@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from capture_cli.sim.starts import model_starts
 from capture_cli.sim.windows import cut
 from capture_cli.simulator import Simulator
+from capture_cli.stages.tapes import tape_task
 from capture_cli.tasks import load_task
 
 
@@ -58,3 +59,17 @@ def test_without_offsets_too(slider):
     np.testing.assert_array_equal(outputs[0], outputs[2])
     assert np.abs(outputs[0] - outputs[1]).max() > 1e-4
     assert simulator.rollouts == 2 * len(windows)
+
+
+def test_episodes_are_the_same_however_many_are_simulated_at_once(slider, monkeypatch):
+    task = tape_task(slider[0], points=5, window=0.1, amplitude={"drive": 3.0})
+    generator = np.random.default_rng(0)
+    parameters = task.space.from_unit(generator.random((10, len(task.space))))
+    actions = task.draw_actions(generator.random((10, len(task.actions))))
+    at_once, diverged = Simulator(task, threads=1).trajectories(parameters, actions)
+    monkeypatch.setattr("capture_cli.simulator.EPISODES", 4)
+    simulator = Simulator(task, threads=1)
+    trajectories, in_parts = simulator.trajectories(parameters, actions)
+    np.testing.assert_array_equal(trajectories, at_once)
+    np.testing.assert_array_equal(in_parts, diverged)
+    assert simulator.rollouts == 10

@@ -20,9 +20,9 @@ from hypothesis.extra.numpy import arrays
 
 from capture_cli.errors import CaptureError, LogError, OutputError, StoreError
 from capture_cli.stages.import_log import import_log
-from capture_cli.stores.estimate import read_result
 from capture_cli.stores.measured_log import SCHEMA, MeasuredLog
 from capture_cli.stores.output import PROVENANCE, new_directory, new_file, refuse_existing, sha256
+from capture_cli.stores.result import read_result
 from capture_cli.stores.schema import ArraySpec, Schema
 
 REPOSITORY = Path(__file__).resolve().parents[1]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import threading
 import traceback
@@ -14,11 +13,12 @@ from multiprocessing import active_children, get_context, parent_process
 from pathlib import Path
 from typing import Any
 
-from benchmarks import ROOT
+from benchmarks import ROOT, _lines
 from benchmarks._code_hash import code_hash as hashed
 from benchmarks._planted.cases import Case
 from benchmarks._planted.diagnosing import FAILED, line
 
+RESULTS = "results.jsonl"
 ONE_THREAD = {name: "1" for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")}
 
 Row = dict[str, Any]
@@ -36,7 +36,8 @@ def add(cases: Sequence[Case], folder: Path, jobs: int) -> None:
     with workers(jobs) as pool:
         waiting = {pool.submit(_try, case, sizes.get(_key(asdict(case)))): case for case in todo}
         for future in tqdm(as_completed(waiting), total=len(waiting), desc="logs", unit="log"):
-            _keep(folder, {"code": code, **asdict(waiting[future]), **future.result()})
+            row = {"code": code, **asdict(waiting[future]), **future.result()}
+            _lines.append(folder / RESULTS, row)
 
 
 @contextmanager
@@ -70,18 +71,7 @@ def _try(case: Case, size: float | None) -> Row:
 
 def rows(folder: Path, code: str | None) -> list[Row]:
     """Lines that `code` made (any code where None)."""
-    path = folder / "results.jsonl"
-    if not path.is_file():
-        return []
-    found = []
-    for text in path.read_text(encoding="utf-8").splitlines():
-        try:
-            row = json.loads(text)
-        except ValueError:
-            continue  # cut off when the work was stopped
-        if code in (None, row["code"]):
-            found.append(row)
-    return found
+    return [row for row in _lines.read(folder / RESULTS) if code in (None, row["code"])]
 
 
 def newest(folder: Path, versions: int = 1) -> list[Row]:
@@ -104,12 +94,6 @@ def _sizes(folder: Path) -> dict[tuple, float]:
 
 def _key(row: Row) -> tuple:
     return tuple(row.get(f.name, f.default) for f in fields(Case))
-
-
-def _keep(folder: Path, row: Row) -> None:
-    folder.mkdir(parents=True, exist_ok=True)
-    with (folder / "results.jsonl").open("a", encoding="utf-8") as file:
-        file.write(json.dumps(row, allow_nan=False) + "\n")
 
 
 def code_hash() -> str:

@@ -11,22 +11,13 @@ import numpy as np
 from benchmarks._planted.cases import LEFT, MAGNITUDES, NOTHING, PAIR, PLANTED, UNKNOWN
 from benchmarks._planted.diagnosing import ABSORBED, FAILED, OUT_OF_REACH
 from benchmarks._planted.outcomes import EQUIVALENTS, FALSE_ALARM, HONEST, IMITATED, NEAR_FLOOR, RIGHT
+from benchmarks._share import share
 from benchmarks.base import Figure
 
 VISIBLE = np.sqrt(1 + 2.0**2)  # an error that the effect has raised by more than twice the floor
 NOTHING_FOUND, NONE_OF_THESE = "(nothing)", "(none of these)"
 
 Row = dict[str, Any]
-
-
-def share(hits: int, trials: int) -> dict[str, Any] | None:
-    """A binomial share with its exact 95 % interval (Clopper and Pearson 1934); None without trials."""
-    from scipy.stats import binomtest
-
-    if not trials:
-        return None
-    low, high = binomtest(hits, trials).proportion_ci(0.95, method="exact")
-    return {"hits": hits, "of": trials, "share": hits / trials, "low": float(low), "high": float(high)}
 
 
 def summary(rows: Sequence[Row]) -> dict[str, Any]:

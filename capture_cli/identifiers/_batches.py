@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from capture_cli.identifiers.rounds import Rounds
+from capture_cli.identifiers.rounds import ARRAYS, Rounds
 
 BLOCK_PAIRS = 2048  # read at once
 POOL_BLOCKS = 8  # in memory at once: shuffled together
@@ -94,13 +94,11 @@ def windows(
         shuffled = generator.permuted(np.tile(np.arange(count), (pairs, 1)), axis=1)[:, :window]
         index[::2] = shuffled[::2]
     pair = np.arange(pairs)[:, None]
-    arrays = (rounds.parameters, rounds.actions, rounds.simulated, rounds.measured)
-    return Rounds(*(a[pair, index] for a in arrays), rounds.target), answers[pair, index]
+    return rounds.each(lambda a: a[pair, index]), answers[pair, index]
 
 
 def joined(parts: list[Rounds]) -> Rounds:
     """All pairs of `parts`, in order."""
     if len(parts) == 1:
         return parts[0]
-    names = ("parameters", "actions", "simulated", "measured", "target")
-    return Rounds(*(np.concatenate([getattr(p, n) for p in parts]) for n in names))
+    return Rounds(*(np.concatenate([getattr(p, n) for p in parts]) for n in (*ARRAYS, "target")))

@@ -18,8 +18,7 @@ from capture_cli.identifiers._family import QUANTILES, Family
 from capture_cli.identifiers._inference import answer
 from capture_cli.identifiers._normalisation import Normalisation
 from capture_cli.identifiers.rounds import RoundIdentifier, Rounds, Signature
-
-PARTS = ("network", "normalisation", "calibration", "family")
+from capture_cli.named_arrays import by_part
 
 
 @dataclass(frozen=True)
@@ -45,17 +44,17 @@ class TrainedModel:
     def __init__(
         self,
         signature: Signature,
-        architecture: Mapping[str, Any],
+        architecture: Architecture,
         network: Mapping[str, np.ndarray],
         normalisation: Normalisation,
         calibration: np.ndarray,
         family: Family,
     ):
         self.signature = signature
+        self.architecture = architecture
         self.normalisation = normalisation
         self.calibration = calibration
         self.family = family
-        self.architecture = Architecture(**architecture)
         self.network = {name: np.asarray(array) for name, array in network.items()}
         if {name: array.shape for name, array in self.network.items()} != self.architecture.weight_shapes:
             raise ValueError("its weights are not those of its architecture")
@@ -111,16 +110,13 @@ class TrainedModel:
     @classmethod
     def from_state(cls, settings: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> TrainedModel:
         """What `state` gave."""
-        parts: dict[str, dict[str, np.ndarray]] = {part: {} for part in PARTS}
-        for key, array in arrays.items():
-            part, _, name = key.partition(".")
-            parts[part][name] = array
+        parts = by_part(arrays)
         signature = Signature.from_document(settings["signature"])
         normalisation = Normalisation(signature, **parts["normalisation"])
         family = Family(normalisation, **parts["family"])
         return cls(
             signature,
-            settings["architecture"],
+            Architecture(**settings["architecture"]),
             parts["network"],
             normalisation,
             parts["calibration"]["factor"],
@@ -132,17 +128,15 @@ class LearnedIdentifier(RoundIdentifier):
     """An identifier that `capture train-sysid` makes: it reads the last rounds, and changes no weight while it does.
 
     residual: the transformer predicts a change of the last round's parameters. fixed_window: rounds it reads; None
-    where that is an option, with default_window (None: whole histories). likelihood: trained by the Gaussian
-    likelihood; otherwise by the squared error of the mean, the uncertainty beside it. any_order: the answer does not
-    depend on the order of the rounds, so that training may shuffle them. rough: a fit of all rounds follows, so that
-    simulations may be spared.
+    where that is an option, with default_window (None: whole histories). Without `likelihood` it is trained by the
+    squared error of the mean, the uncertainty beside it. any_order: the answer does not depend on the order of the
+    rounds, so that training may shuffle them. rough: a fit of all rounds follows, so that simulations may be spared.
     """
 
     needs_checkpoint = True
     residual = False
     fixed_window: int | None = None
     default_window: int | None = 4
-    likelihood = False
     any_order = False
 
     def __init__(self, signature, start, *, model: TrainedModel, rough: bool = False, **options):

@@ -28,6 +28,7 @@ from capture_cli.identifiers._transformer import (
     squared_error,
 )
 from capture_cli.identifiers.rounds import Rounds, Signature
+from capture_cli.named_arrays import by_part
 
 CLIP = 1.0  # norm of the gradient
 SPREAD_WEIGHT = 0.01  # of its likelihood beside the squared error
@@ -271,7 +272,7 @@ class Trainer:
         }
         family = Family.fitted(self.normalisation, self._fitted, self.held_out)
         model = TrainedModel(
-            self.signature, asdict(self.architecture), self._network(), self.normalisation, factor, family
+            self.signature, self.architecture, self._network(), self.normalisation, factor, family
         )
         return model, report
 
@@ -297,10 +298,7 @@ class Trainer:
 
     def restore(self, counters: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
         """Go on from a `state`."""
-        parts: dict[str, dict[str, np.ndarray]] = {}
-        for key, array in arrays.items():
-            part, _, name = key.partition(".")
-            parts.setdefault(part, {})[name] = array
+        parts = by_part(arrays)
         self._load(parts["network"])
         self.best_network = parts["best"]
         for name, parameter in self.transformer.named_parameters():

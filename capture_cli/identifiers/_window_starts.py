@@ -39,13 +39,12 @@ def fit_starts(
     offsets: np.ndarray,
     *,
     tolerance: float,
-    rounds: int = ROUNDS,
 ) -> Linearization:
     """The linearization where starts near `offsets` (window, state) are the best.
 
     The evidence has no parameters. tolerance: of the objective over k, summed over windows.
     """
-    found = _settled(evidence, evaluate, offsets, tolerance, rounds)
+    found = _settled(evidence, evaluate, offsets, tolerance)
     generator = np.random.default_rng(0)
     drawn = generator.standard_normal((DRAWN_IF_ROUGH if evidence.rough else DRAWN, offsets.shape[1]))
     for _ in range(SEARCHES):
@@ -59,7 +58,7 @@ def fit_starts(
         own = _of_windows(evaluate, stuck)
         if evidence.rough:
             others = _nearer(before.evidence, own, others, k, generator)
-        after = _begun_elsewhere(before, own, others, tolerance, rounds, k)
+        after = _begun_elsewhere(before, own, others, tolerance, k)
         found = found.with_windows(stuck, after)
         if (before.objectives(k) - after.objectives(k)).sum() < tolerance * k:
             break
@@ -76,7 +75,6 @@ def _begun_elsewhere(
     evaluate: EvaluateWindows,
     others: np.ndarray,
     tolerance: float,
-    rounds: int,
     k: float,
 ) -> Linearization:
     """`found`, with the windows that descend to a better start from one of `others` (trial, window, state).
@@ -91,7 +89,7 @@ def _begun_elsewhere(
         gains = np.maximum(found.objectives(k) - values[order[0], window], 0.0)
         begun = 1 if gains.sum() >= tolerance * k else 0
     for place in order[:begun]:
-        there = _settled(found.evidence, evaluate, others[place, window], tolerance, rounds, k)
+        there = _settled(found.evidence, evaluate, others[place, window], tolerance, k)
         better = there.objectives(k) < found.objectives(k)
         found = found.with_windows(better, there.windows(better))
     return found
@@ -137,14 +135,13 @@ def _settled(
     evaluate: EvaluateWindows,
     offsets: np.ndarray,
     tolerance: float,
-    rounds: int,
     held: float | None = None,
 ) -> Linearization:
     """Where the descent of every window ends; held: k, which follows from the residual where None."""
     best, settled = None, np.zeros(len(offsets), dtype=bool)
     damping = np.zeros(len(offsets))
     tried = offsets.copy()
-    for _ in range(rounds):
+    for _ in range(ROUNDS):
         active = np.flatnonzero(~settled)
         own = evidence.rows(active)
         outputs, diverged = evaluate(active, columns(own, NO_PARAMETERS, tried[active]))

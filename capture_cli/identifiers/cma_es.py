@@ -6,6 +6,8 @@ at the best point every few generations and each candidate is judged by what is 
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from capture_cli.identifiers.base import Best, Identifier, Trial
@@ -34,6 +36,7 @@ class CmaEs(Identifier):
         self._search = CMA(mean=mean, sigma=SPREAD, bounds=bounds, seed=self.seed) if size else None
         self._best_x = np.clip(self.space.to_unit(self.start), 0, 1)
         self._best = Best(self.start, self.offsets, np.inf)
+        self._lowest = np.inf  # objective of the best, which the prior of its starts is part of
         self._at: Linearization | None = None
         self._generation = 0
         self._stalled = 0
@@ -74,14 +77,18 @@ class CmaEs(Identifier):
             [(x, v if np.isfinite(v) else worst) for x, v in zip(self._asked, values, strict=True)]
         )
         chosen = int(np.argmin(values))
-        error = float(np.sqrt(values[chosen] / self.evidence.count))
-        if error < self._best.error:
+        if values[chosen] < self._lowest:
+            self._lowest = values[chosen]
             self._best_x = self._asked[chosen][: len(self.space)]
-            self._best = Best(self.space.from_unit(self._best_x), self._offsets(residuals[chosen]), error)
+            _, left = self._step(residuals[chosen])
+            self._best = Best(
+                self.space.from_unit(self._best_x), self._offsets(residuals[chosen]), self._error(left)
+            )
+            self._at = replace(self._at, offsets=self._best.offsets)  # where the next candidates begin
         self._generation += 1
         self._stalled += 1
-        if self._best.error < 0.999 * self._milestone:
-            self._stalled, self._milestone = 0, self._best.error
+        if self._lowest < 0.999**2 * self._milestone:
+            self._stalled, self._milestone = 0, self._lowest
         self._linearizing = self._generation % RELINEARIZE == 0
 
     def _relinearize(self, outputs, diverged) -> None:
@@ -89,10 +96,13 @@ class CmaEs(Identifier):
             self.evidence, self._best_x, self._best.offsets, outputs, diverged, parameters=False
         )
         if not diverged[0].any():
-            # errors before were to first order about another point: this one is exact
-            error = float(np.sqrt(np.square(self._at.residual).sum() / self.evidence.count))
-            self._best = Best(self._best.parameters, self._best.offsets, error)
+            # what was known before was to first order about another point: this is exact
+            self._lowest = float(self._at.objectives(self._at.scatter).sum())
+            self._best = replace(self._best, error=self._error(self._at.residual))
         self._linearizing = False
+
+    def _error(self, residual: np.ndarray) -> float:
+        return float(np.sqrt(np.square(residual).sum() / self.evidence.count))
 
     def _step(self, residual: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The starts' step dz (window, state) that fits `residual` (window, row) best, and what it leaves."""
@@ -109,8 +119,5 @@ class CmaEs(Identifier):
 
     def _offsets(self, residual: np.ndarray) -> np.ndarray:
         """Offsets (window, state), SI, of the starts that fit `residual` best."""
-        dz, _ = self._step(residual)
-        movable = np.flatnonzero((self.evidence.start_sd > 0).any(axis=0))
-        offsets = self._best.offsets.copy()
-        offsets[:, movable] = (self._at.z + dz) * self.evidence.start_sd[:, movable]
-        return offsets
+        at = replace(self._at, residual=residual)
+        return at.start_offsets(np.zeros(0), at.scatter)

@@ -8,18 +8,14 @@ from capture_cli.identifiers.rounds import RoundIdentifier
 
 
 class DomainRandomization(RoundIdentifier):
-    """The yardstick: new random parameters every round, which ignore what was measured.
+    """The yardstick: new random parameters every round, which ignore what was measured."""
 
-    centre: take the middle of the range instead, which is what a policy trained over the whole range acts on.
-    """
+    summary = "no identification: random parameters every round"
 
-    summary = "no identification: random parameters every round, or the middle of the range"
-
-    def __init__(self, signature, start, *, centre: bool = False, **options):
+    def __init__(self, signature, start, **options):
         super().__init__(signature, start, **options)
-        self.centre = centre
         self._generator = np.random.default_rng(self.seed)
-        self._now = self.space.from_unit(np.full(self.start.shape, 0.5)) if centre else self.start
+        self._now = self.start
 
     @property
     def best(self) -> np.ndarray:
@@ -30,5 +26,4 @@ class DomainRandomization(RoundIdentifier):
 
     def tell(self, actions, simulated, measured) -> None:
         self.round += 1
-        if not self.centre:
-            self._now = self.space.from_unit(self._generator.random(self.start.shape))
+        self._now = self.space.from_unit(self._generator.random(self.start.shape))

@@ -8,7 +8,8 @@ from capture_cli.identifiers.base import Identifier
 from capture_cli.identifiers.rounds import RoundIdentifier, finite
 from capture_cli.linearization import Evidence, Trial
 
-WEIGHT_SD = 1e-3  # of a feature's scale: what weighs features against each other, unless a noise is given
+WEIGHT_SD = 1e-3  # of a feature's scale: what weighs features against each other
+EFFORT = 20  # ask / tell of the fit in a round, at most
 REMEMBERED = 10  # rounds that are fitted: more cost more, and ten actions tell what can be told
 SCREENED_ROUNDS = 2  # first rounds, in which a fit begins at several places
 
@@ -16,20 +17,17 @@ SCREENED_ROUNDS = 2  # first rounds, in which a fit begins at several places
 class Refitted(RoundIdentifier):
     """Drives `method` in rounds: each pair has a fit of its own, which goes on from the last best.
 
-    The simulations of all pairs are run together. effort: ask / tell of the fit in a round, at most. noise_sd
-    (feature,): of what is measured.
+    The simulations of all pairs are run together.
     """
 
     method: type[Identifier]
     simulates = True
 
-    def __init__(self, signature, start, *, effort: int = 20, noise_sd: np.ndarray | None = None, **options):
+    def __init__(self, signature, start, **options):
         super().__init__(signature, start, **options)
         if self.simulate is None:
             raise ValueError(f"{type(self).__name__} runs simulations of its own: give it `simulate`")
-        self.effort = effort
-        scales = np.array([f.scale for f in signature.features])
-        self.noise_sd = WEIGHT_SD * scales if noise_sd is None else np.asarray(noise_sd, dtype=float)
+        self.noise_sd = WEIGHT_SD * np.array([f.scale for f in signature.features])
         self._best = self.start.copy()
         self._actions: list[np.ndarray] = []
         self._measured: list[np.ndarray] = []
@@ -70,7 +68,7 @@ class Refitted(RoundIdentifier):
             evidence,
             start=self._best[pair],
             seed=self.seed + pair,
-            rounds=self.effort,
+            rounds=EFFORT,
             starts=3 if self.round <= SCREENED_ROUNDS else 1,
         )
 

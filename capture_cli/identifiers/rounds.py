@@ -92,6 +92,9 @@ def _times(times: np.ndarray) -> str:
     return f"{len(times)} up to {times[-1]:g} s" if len(times) else "none"
 
 
+ARRAYS = ("parameters", "actions", "simulated", "measured")  # of rounds, all (pair, round, ...)
+
+
 @dataclass(frozen=True)
 class Rounds:
     """The rounds of many pairs, in the units of the task.
@@ -117,38 +120,30 @@ class Rounds:
     def pairs(self, keep: np.ndarray | slice) -> Rounds:
         """Those pairs."""
         target = None if self.target is None else self.target[keep]
-        arrays = (self.parameters, self.actions, self.simulated, self.measured)
-        return Rounds(*(a[keep] for a in arrays), target)
+        return replace(self.each(lambda a: a[keep]), target=target)
 
     def first(self, count: int) -> Rounds:
         """The first `count` rounds, or all if there are fewer."""
-        arrays = (self.parameters, self.actions, self.simulated, self.measured)
-        return Rounds(*(a[:, :count] for a in arrays), self.target)
+        return self.each(lambda a: a[:, :count])
 
     def last(self, count: int) -> Rounds:
         """The last `count` rounds, or all if there are fewer."""
-        arrays = (self.parameters, self.actions, self.simulated, self.measured)
-        return Rounds(*(a[:, max(0, self.rounds - count) :] for a in arrays), self.target)
+        first = max(0, self.rounds - count)
+        return self.each(lambda a: a[:, first:])
 
     def then(self, parameters, actions, simulated, measured) -> Rounds:
         """With one more round: each as above, without the round axis."""
-        new = (parameters, actions, simulated, measured)
-        old = (self.parameters, self.actions, self.simulated, self.measured)
-        return replace(
-            self,
-            **{
-                name: np.concatenate([a, np.asarray(b, dtype=float)[:, None]], axis=1)
-                for name, a, b in zip(
-                    ("parameters", "actions", "simulated", "measured"), old, new, strict=True
-                )
-            },
-        )
+        new = Rounds(parameters, actions, simulated, measured)
+        return self.followed_by(new.each(lambda a: np.asarray(a, dtype=float)[:, None]))
 
     def followed_by(self, later: Rounds) -> Rounds:
         """With the rounds of `later` after its own."""
-        names = ("parameters", "actions", "simulated", "measured")
-        both = (np.concatenate([getattr(self, n), getattr(later, n)], axis=1) for n in names)
-        return Rounds(*both, self.target)
+        both = {n: np.concatenate([getattr(self, n), getattr(later, n)], axis=1) for n in ARRAYS}
+        return replace(self, **both)
+
+    def each(self, change: Callable[[np.ndarray], np.ndarray]) -> Rounds:
+        """With what `change` makes of each array of rounds, (pair, round, ...); the target stays."""
+        return replace(self, **{name: change(getattr(self, name)) for name in ARRAYS})
 
     @classmethod
     def none(cls, pairs: int, signature: Signature) -> Rounds:
@@ -172,12 +167,9 @@ class RoundIdentifier(AskTell):
     The loop, which `run_rounds` is: `asked = ask()`; actions for `asked[:, 0]`; simulate every candidate, and
     measure, under these actions; `tell(actions, simulated, measured)`; `best` is the estimate after the round.
 
-    summary: one line for the docs. needs_checkpoint: whether it is made by `capture train-sysid`.
     candidates: how many simulations it asks for in a round. simulates: whether it runs others by itself.
     """
 
-    summary: str
-    needs_checkpoint = False
     candidates = 1
     simulates = False
 

@@ -9,8 +9,6 @@ from capture_cli.policies.base import Policy
 from capture_cli.simulator import Simulator
 from capture_cli.tasks.base import ActionTask
 
-SIMULATIONS = 1024  # at once: bounds the memory that recorded sensors take
-
 
 def evaluate(
     policy: Policy, simulator: Simulator, parameters: np.ndarray, uniform: np.ndarray
@@ -20,10 +18,7 @@ def evaluate(
     uniform (episode, action): the draws that the policy may use. Raises FitError where all diverge.
     """
     actions = policy.act(parameters, uniform)
-    parts = [slice(i, i + SIMULATIONS) for i in range(0, len(actions), SIMULATIONS)]
-    simulated = [simulator.trajectories(parameters[part], actions[part]) for part in parts]
-    trajectories, diverged = (np.concatenate(arrays) for arrays in zip(*simulated, strict=True))
-    return judge(policy.task, actions, trajectories, diverged)
+    return judge(policy.task, actions, *simulator.trajectories(parameters, actions))
 
 
 def judge(

@@ -11,6 +11,7 @@ from stable_baselines3 import SAC
 from stable_baselines3.common.logger import Logger
 
 from capture_cli.errors import FitError
+from capture_cli.named_arrays import by_part
 from capture_cli.policies._episode_env import EpisodeVecEnv
 from capture_cli.policies.base import Trainer, TrainingSettings
 from capture_cli.policies.sac import Sac
@@ -94,7 +95,7 @@ class SacTrainer(Trainer):
 
     def restore(self, counters, arrays):
         sac = self.sac
-        parts = _parts(arrays)
+        parts = by_part(arrays)
         sac.policy.load_state_dict({name: torch.from_numpy(v.copy()) for name, v in parts["policy"].items()})
         for name, optimizer in self._optimizers().items():
             _load_optimizer(optimizer, parts.get(name, {}))
@@ -139,19 +140,10 @@ def _array(tensor: torch.Tensor) -> np.ndarray:
     return tensor.detach().cpu().numpy().copy()
 
 
-def _parts(arrays: Mapping[str, np.ndarray]) -> dict[str, dict[str, np.ndarray]]:
-    """Arrays named PART.NAME, by part."""
-    parts: dict[str, dict[str, np.ndarray]] = {}
-    for key, array in arrays.items():
-        part, _, name = key.partition(".")
-        parts.setdefault(part, {})[name] = array
-    return parts
-
-
 def _load_optimizer(optimizer: torch.optim.Optimizer, arrays: Mapping[str, np.ndarray]) -> None:
     """Arrays named NUMBER.KEY: what the optimizer keeps of each of its parameters."""
-    kept: dict[int, dict[str, torch.Tensor]] = {}
-    for name, array in arrays.items():
-        number, _, key = name.partition(".")
-        kept.setdefault(int(number), {})[key] = torch.from_numpy(array.copy())
+    kept = {
+        int(number): {key: torch.from_numpy(array.copy()) for key, array in own.items()}
+        for number, own in by_part(arrays).items()
+    }
     optimizer.load_state_dict({**optimizer.state_dict(), "state": kept})

@@ -51,7 +51,7 @@ def choose_identifier(given: str | None, task: Task, log: MeasuredLog) -> Chosen
             f"--identifier {given}: there is no such directory",
             cure="give a directory that `capture train-sysid` wrote, or the name of an identifier",
         )
-    if given in REGISTRY.names() and getattr(REGISTRY.get(given), "needs_checkpoint", False):
+    if given in REGISTRY.names() and REGISTRY.get(given).needs_checkpoint:
         raise OptionError(
             f"--identifier {given} must be trained",
             cure=f"give the directory that `capture train-sysid --identifier {given}` wrote",

@@ -19,10 +19,11 @@ from capture_cli.stages.diagnosis_document import diagnosis_of
 from capture_cli.stages.progress import Progress
 from capture_cli.stages.recorded_task import find_task, load_recorded, named, task_inputs
 from capture_cli.stores.diagnosis import Diagnosis
-from capture_cli.stores.estimate import Estimate, read_result
+from capture_cli.stores.estimate import Estimate
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.stores.output import new_directory, refuse_existing, refuse_inputs, sha256
 from capture_cli.stores.provenance import Provenance
+from capture_cli.stores.result import read_provenance
 from capture_cli.tasks.base import Task
 
 
@@ -98,7 +99,7 @@ def _check_estimate(folder: Path, real_log: Path) -> tuple[Estimate, dict[str, A
             cure=f"identify it first: capture identify --real-log {shlex.quote(str(real_log))}",
         )
     again = "make the estimate again with `capture identify`"
-    return found, read_result(folder, "provenance.json", "capture/provenance", 1, again)
+    return found, read_provenance(folder, again)
 
 
 def _held_out(estimate: Estimate) -> HeldOut:

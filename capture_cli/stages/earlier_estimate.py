@@ -16,8 +16,9 @@ from capture_cli.protocol.log_checks import check_fits
 from capture_cli.protocol.prepared_log import attitudes
 from capture_cli.sim.quaternion_signs import continuous
 from capture_cli.sim.windows import Windows
-from capture_cli.stores.estimate import HISTORY, Estimate, read_result
+from capture_cli.stores.estimate import HISTORY, Estimate
 from capture_cli.stores.measured_log import MeasuredLog
+from capture_cli.stores.result import read_provenance
 from capture_cli.tasks.base import Task
 
 
@@ -35,7 +36,7 @@ class EarlierEstimate:
         """The estimate at `path`. Raises CaptureError."""
         estimate = Estimate.read(path)
         again = "make the estimate again with `capture identify`"
-        options = read_result(path, "provenance.json", "capture/provenance", 1, again)["options"]
+        options = read_provenance(path, again)["options"]
         return cls(path, estimate, options, estimate.document["rollouts"]["measured"])
 
     def check(self, task: Task, log: MeasuredLog) -> None:

@@ -35,6 +35,7 @@ LEAST_GAIN = 0.05
 CLEARLY = 2.0  # noise floors: beyond what chance allows of any log worth the name
 FAR = 3.0  # noise floors: a log this far from explained may be explained from somewhere else
 AROUND, AROUND_POINTS = 0.1, 81  # of the range, about the answer to labels, which leave as much open
+ROUNDS = 100  # of simulations, at most, unless told otherwise
 AGAIN = 20  # rounds, at most, of a descent from a better point near where one ended
 JUDGED_BY = 3  # entries of the log, at most, that the estimates of all rounds are compared on
 
@@ -93,13 +94,13 @@ class Found:
 
 def by_physics(
     fits: ModelFits,
-    method: type[Identifier],
     start: np.ndarray,
     progress: Progress,
     *,
-    starts: int,
-    rounds: int,
     seed: int,
+    method: type[Identifier] = LeastSquares,
+    starts: int = 1,
+    rounds: int = ROUNDS,
     offsets: np.ndarray | None = None,
     known: Linearization | None = None,
     idle_rounds: int | None = None,
@@ -180,9 +181,7 @@ def by_rounds(
     none = np.zeros_like(part.starts.sd)
     history = [Best(p, none, float(e)) for p, e in zip(estimates, errors[1:], strict=False)]
     nearest = points[np.argmin(errors)]
-    found = by_physics(
-        fits, LeastSquares, nearest, progress, starts=1, rounds=100, seed=seed, idle_rounds=IDLE_AS_ACTED
-    )
+    found = by_physics(fits, nearest, progress, seed=seed, idle_rounds=IDLE_AS_ACTED)
     history += found.history
     fallback = found.lacking
     if fallback:
@@ -211,7 +210,7 @@ def with_longer_differences(found: Found, progress: Progress, *, seed: int, thre
     longer = ModelFits(replace(fits.prepared, difference_step=step), threads)
     longer.rollouts = fits.rollouts
     x, offsets = found.best.parameters, found.best.offsets
-    again = by_physics(longer, LeastSquares, x, progress, starts=1, rounds=AGAIN, seed=seed, offsets=offsets)
+    again = by_physics(longer, x, progress, seed=seed, rounds=AGAIN, offsets=offsets)
     return replace(again, history=[*found.history, *again.history])
 
 
@@ -227,9 +226,7 @@ def unstuck(found: Found, progress: Progress, *, seed: int) -> Found:
         if way is None:
             break
         x, offsets = way
-        again = by_physics(
-            fits, LeastSquares, x, progress, starts=1, rounds=AGAIN, seed=seed, offsets=offsets
-        )
+        again = by_physics(fits, x, progress, seed=seed, rounds=AGAIN, offsets=offsets)
         if again.best.error >= found.best.error:
             break
         found = replace(again, history=[*found.history, *again.history])
@@ -249,16 +246,7 @@ def looked_about(found: Found, progress: Progress, *, seed: int) -> Found:
     if is_rough(at, covariance, evaluate):
         sampled = sampled_posterior(at, covariance, evaluate, seed)
         if sampled.gain > TOLERANCE:
-            better = by_physics(
-                fits,
-                LeastSquares,
-                sampled.point,
-                progress,
-                starts=1,
-                rounds=AGAIN,
-                seed=seed,
-                offsets=at.offsets,
-            )
+            better = by_physics(fits, sampled.point, progress, seed=seed, rounds=AGAIN, offsets=at.offsets)
             history = [*found.history, *better.history]
             found = replace(found, best=better.best, known=better.known, history=history)
         found = replace(found, sampled=sampled)
@@ -273,12 +261,10 @@ def _freed(
     fits.rollouts = found.fits.rollouts
     return by_physics(
         fits,
-        LeastSquares,
         found.best.parameters,
         progress,
-        starts=starts,
-        rounds=100,
         seed=seed,
+        starts=starts,
         offsets=found.best.offsets,
         known=found.known,
         idle_rounds=idle_rounds,

@@ -60,9 +60,19 @@ def checkpoints_in(folder: str | Path) -> list[Path]:
     return sorted(p.parent for p in Path(folder).rglob(DOCUMENT) if ".unfinished" not in str(p))
 
 
+def how_trained(document: Mapping[str, Any]) -> dict[str, Any]:
+    """What identifier.json says of the options that are the PAPER's or not."""
+    return {
+        "search": document["histories"]["search"],
+        "history_rounds": document["histories"]["rounds"],
+        "window": document["architecture"]["window"],
+        "tokens": document["architecture"]["tokens"],
+    }
+
+
 def by_name() -> list[str]:
     """Identifiers that need no checkpoint."""
-    return [n for n, c in REGISTRY.items() if not getattr(c, "needs_checkpoint", False)]
+    return [n for n, c in REGISTRY.items() if not c.needs_checkpoint]
 
 
 def _load(text: str, signature: Signature, spelled_out: Sequence[str]) -> Evaluated:
@@ -89,12 +99,9 @@ def _load(text: str, signature: Signature, spelled_out: Sequence[str]) -> Evalua
         "identifier": name,
         "checkpoint": path.name,
         "sha256": sha256(path),
-        "search": document["histories"]["search"],
-        "history_rounds": document["histories"]["rounds"],
+        **how_trained(document),
         "history_noise": document["histories"]["noise"],
         "pairs_trained": document["result"]["pairs"]["trained"],
-        "window": found.model.window,
-        "tokens": document["architecture"]["tokens"],
     }
     return Evaluated(_label(name, kind, facts, spelled_out), kind, found.model, facts, path)
 

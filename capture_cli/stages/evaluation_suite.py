@@ -15,7 +15,7 @@ from typing import Any
 
 from capture_cli.errors import OptionError, StoreError, did_you_mean
 from capture_cli.identifiers import REGISTRY
-from capture_cli.stages.evaluated_identifier import PAPER, checkpoints_in
+from capture_cli.stages.evaluated_identifier import PAPER, checkpoints_in, how_trained
 from capture_cli.stages.evaluation_plan import EvaluationPlan, evaluation_plan
 from capture_cli.stages.evaluation_run import carry_out, completed, time_left
 from capture_cli.stages.evaluation_time import Expected
@@ -23,6 +23,7 @@ from capture_cli.stages.identifier_checkpoint import DOCUMENT, read_document
 from capture_cli.stages.policy_checkpoint import SETTINGS
 from capture_cli.stores.output import is_complete, refuse_inputs, resumable_directory
 from capture_cli.stores.provenance import Provenance, write_json
+from capture_cli.stores.result import read_result
 
 FORMAT, VERSION = "capture/evaluation-suite", 1
 WITHOUT_CHECKPOINT = ("domain-randomization", "compass")  # the paper's; others are named by --identifier
@@ -161,7 +162,8 @@ def _evaluated(plan: EvaluationPlan, options: dict[str, Any], out: Path, quiet: 
 
 def _completed(out: Path, plans: dict[Cell, EvaluationPlan]) -> dict[str, Any]:
     """The suite at `out`, if it is the one that is planned. Raises CaptureError otherwise."""
-    document = _read(out)
+    again = "make it again with `capture eval-sim2sim --suite`"
+    document = read_result(out, "suite.json", FORMAT, VERSION, again)
     names = [cell.name for cell in plans]
     if list(document["cells"]) != names:
         raise OptionError(
@@ -209,7 +211,7 @@ def _members(cell: Cell, names: list[str], checkpoints: list[tuple[Path, Mapping
     own = [(path, d) for path, d in checkpoints if d["task"] == cell.task]
     if cell.varied:
         chosen = [(p, d) for p, d in own if d["identifier"] == "capture" and not _others(d, cell.varied)]
-        chosen.sort(key=lambda found: _facts(found[1])[cell.varied])
+        chosen.sort(key=lambda found: how_trained(found[1])[cell.varied])
         return [str(p) for p, _ in chosen] if len(chosen) > 1 else []
     chosen = [(p, d) for p, d in own if _others(d, "search") <= _own_window(d)]
     chosen.sort(key=lambda found: _place(found[1]))
@@ -229,18 +231,9 @@ def _place(document: Mapping[str, Any]) -> tuple[int, int]:
     )
 
 
-def _facts(document: Mapping[str, Any]) -> dict[str, Any]:
-    return {
-        "search": document["histories"]["search"],
-        "history_rounds": document["histories"]["rounds"],
-        "window": document["architecture"]["window"],
-        "tokens": document["architecture"]["tokens"],
-    }
-
-
 def _others(document: Mapping[str, Any], varied: str) -> set[str]:
     """In what a checkpoint differs from the paper's, besides `varied`."""
-    facts = _facts(document)
+    facts = how_trained(document)
     return {name for name, value in PAPER.items() if name != varied and facts[name] != value}
 
 
@@ -262,14 +255,6 @@ def _policy(given: str, task: str) -> str:
         except (json.JSONDecodeError, AttributeError) as error:
             raise StoreError(f"{path} cannot be read: {error}", cure="train the policy again") from error
     return "random"
-
-
-def _read(out: Path) -> dict[str, Any]:
-    from capture_cli.stores.estimate import read_result
-
-    return dict(
-        read_result(out, "suite.json", FORMAT, VERSION, "make it again with `capture eval-sim2sim --suite`")
-    )
 
 
 def _write_tables(documents: dict[str, dict[str, Any]], folder: Path) -> None:

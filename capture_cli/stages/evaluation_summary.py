@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from capture_cli.stages.paired_comparison import paired_comparison
+from capture_cli.stages.paired_comparison import paired_comparison, six_digits
 
 TABLE_ROUNDS = (5, 10, 15, 20, 30)  # the paper's, Table II
 YARDSTICK = "domain-randomization"
@@ -33,22 +33,22 @@ def summary(
         entry = {
             **{key: value for key, value in about.items() if key != "label"},
             "parameter_difference": {
-                **{name: _list(difference[k, ..., j].mean(axis=(0, 1))) for j, name in enumerate(names)},
-                "mean": _list(difference[k].mean(axis=(0, 1, 3))),
-                "median": _list(np.median(difference[k].mean(axis=-1), axis=(0, 1))),
+                **{name: six_digits(difference[k, ..., j].mean(axis=(0, 1))) for j, name in enumerate(names)},
+                "mean": six_digits(difference[k].mean(axis=(0, 1, 3))),
+                "median": six_digits(np.median(difference[k].mean(axis=-1), axis=(0, 1))),
             },
-            "trajectory_difference": _list(of_seeds.mean(axis=0)),
-            "trajectory_difference_sd": _list(_sd(of_seeds)),
-            "ratio": None if yardstick is None else _list(of_seeds.mean(axis=0) / yardstick),
+            "trajectory_difference": six_digits(of_seeds.mean(axis=0)),
+            "trajectory_difference_sd": six_digits(_sd(of_seeds)),
+            "ratio": None if yardstick is None else six_digits(of_seeds.mean(axis=0) / yardstick),
             "success": None,
             "success_sd": None,
             "coverage": _coverage(arrays["sd"][k], difference[k] * span),
             "paired": paired[about["label"]],
-            "simulated_rollouts": _list(arrays["simulated_rollouts"][k].mean(axis=(0, 1))),
+            "simulated_rollouts": six_digits(arrays["simulated_rollouts"][k].mean(axis=(0, 1))),
         }
         if trainable:
             succeeded = arrays["success"][k].mean(axis=1)
-            entry |= {"success": _list(succeeded.mean(axis=0)), "success_sd": _list(_sd(succeeded))}
+            entry |= {"success": six_digits(succeeded.mean(axis=0)), "success_sd": six_digits(_sd(succeeded))}
         identifiers[about["label"]] = entry
     return {
         "task": attributes["task"],
@@ -79,13 +79,9 @@ def _coverage(sd: np.ndarray, error: np.ndarray) -> list[float] | None:
     """
     if np.isnan(sd[:, :, 1:]).any():
         return None
-    return _list((error[:, :, 1:] <= NORMAL_QUANTILE * sd[:, :, 1:]).mean(axis=(0, 1, 3)))
+    return six_digits((error[:, :, 1:] <= NORMAL_QUANTILE * sd[:, :, 1:]).mean(axis=(0, 1, 3)))
 
 
 def _sd(of_seeds: np.ndarray) -> np.ndarray:
     """Standard deviation over the seeds (seed, round) -> (round,); 0 where there is one."""
     return of_seeds.std(axis=0, ddof=1) if len(of_seeds) > 1 else np.zeros(of_seeds.shape[1])
-
-
-def _list(values: np.ndarray) -> list[float]:
-    return [float(f"{v:.6g}") for v in values]

@@ -10,7 +10,7 @@ import numpy as np
 
 from capture_cli.simulator import Simulator
 from capture_cli.stages.evaluated_identifier import Evaluated
-from capture_cli.stages.sim2sim import Sim2Sim, batched
+from capture_cli.stages.sim2sim import Sim2Sim
 
 PROBED = 64  # episodes, simulated to see how many a second there are
 PROBED_PAIRS, PROBED_ROUNDS = 2, 5  # of identifiers that simulate by themselves
@@ -62,7 +62,7 @@ def _rollouts_per_second(draw: Sim2Sim) -> float:
     uniform = np.random.default_rng(0).random((PROBED, len(draw.task.actions)))
     actions = draw.policy.act(source, uniform)
     began = time.monotonic()
-    batched(Simulator(draw.task, threads=draw.threads))(source, actions)
+    Simulator(draw.task, threads=draw.threads).trajectories(source, actions)
     return PROBED / (time.monotonic() - began)
 
 

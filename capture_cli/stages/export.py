@@ -22,8 +22,9 @@ from capture_cli.sim.mjcf import to_mjcf
 from capture_cli.simulator import placed_name
 from capture_cli.stages.recorded_task import load_recorded, task_inputs
 from capture_cli.stores.diagnosis import Diagnosis
-from capture_cli.stores.estimate import Estimate, read_result
+from capture_cli.stores.estimate import Estimate
 from capture_cli.stores.output import new_file, refuse_existing, refuse_inputs
+from capture_cli.stores.result import read_provenance
 
 MADE_BY = {"capture/estimate": "identify", "capture/diagnosis": "diagnose"}
 Placed = Mapping[str, tuple[Effect, np.ndarray]]  # {NAME@SITE: (effect, its values (parameter,))}
@@ -52,9 +53,7 @@ def export(*, result: Path, out: Path, task: str | None = None, force: bool = Fa
     """
     found = _read(result)
     command = MADE_BY[found["format"]]
-    provenance = read_result(
-        result, "provenance.json", "capture/provenance", 1, f"make it again with `capture {command}`"
-    )
+    provenance = read_provenance(result, f"make it again with `capture {command}`")
     machine = load_recorded(result, provenance, task, found["log"]["path"])
     refuse_inputs(out, [result, *task_inputs(machine).values()])
     if machine.name != found["task"]:

@@ -96,9 +96,7 @@ def gen_histories(
         seed=seed,
     )
     attributes = _attributes(recipe, policy, search, pairs, shard_pairs)
-    provenance = Provenance(
-        "gen-histories", options, {"task": getattr(machine, "path", None), "inputs_from": inputs_from}
-    )
+    provenance = Provenance("gen-histories", options, {"task": machine.path, "inputs_from": inputs_from})
     if resume and not force and is_complete(HistoriesWriter(out), attributes):
         return _summary(out, attributes, made=0, seconds=0.0)
     began = time.monotonic()

@@ -14,7 +14,6 @@ from capture_cli.search.base import Search
 from capture_cli.simulator import Simulator
 from capture_cli.tasks.base import ActionTask
 
-SIMULATIONS = 1024  # simulated at once: bounds the memory that recorded sensors take
 ATTEMPTS = 10  # at drawing a pair whose simulations do not diverge
 
 Arrays = dict[str, np.ndarray]
@@ -105,10 +104,6 @@ def _simulate(simulator: Simulator, parameters: np.ndarray, actions: np.ndarray)
     """
     shape = parameters.shape[:2]
     parameters, actions = (a.reshape(shape[0] * shape[1], -1) for a in (parameters, actions))
-    parts = [
-        simulator.trajectories(parameters[i : i + SIMULATIONS], actions[i : i + SIMULATIONS])
-        for i in range(0, len(parameters), SIMULATIONS)
-    ]
-    trajectories, diverged = (np.concatenate(p) for p in zip(*parts, strict=True))
+    trajectories, diverged = simulator.trajectories(parameters, actions)
     diverged = diverged | ~np.isfinite(trajectories).all(axis=(1, 2))
     return trajectories.reshape(*shape, *trajectories.shape[1:]), diverged.reshape(shape).any(axis=1)

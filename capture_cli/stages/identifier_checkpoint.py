@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 from capture_cli.errors import OptionError, StoreError
 from capture_cli.identifiers import round_identifier
 from capture_cli.identifiers.rounds import RoundIdentifier, Signature
-from capture_cli.stores.estimate import read_result
 from capture_cli.stores.provenance import write_json
+from capture_cli.stores.result import read_result
 from capture_cli.stores.tensors import save_arrays
 
 if TYPE_CHECKING:

@@ -22,6 +22,7 @@ from capture_cli.stages.chosen_identifier import ChosenIdentifier, choose_identi
 from capture_cli.stages.earlier_estimate import EarlierEstimate
 from capture_cli.stages.estimate_document import Report
 from capture_cli.stages.estimation import (
+    ROUNDS,
     Found,
     by_physics,
     by_rounds,
@@ -37,7 +38,6 @@ from capture_cli.stores.output import new_directory, refuse_existing, refuse_inp
 from capture_cli.stores.provenance import Provenance
 from capture_cli.tasks.base import ActionTask
 
-ROUNDS = 100  # of simulations, at most, unless told otherwise
 NEEDED_LAST = ("scipy.special", "capture_cli.reports.figures")
 
 
@@ -164,9 +164,9 @@ class _Search:
             )
         found = by_physics(
             ModelFits(prepared, self.threads),
-            self.chosen.method,
             start,
             self.progress,
+            method=self.chosen.method,
             starts=self.starts if earlier is None else 1,
             rounds=ROUNDS if self.rounds is None else self.rounds,
             seed=self.seed,

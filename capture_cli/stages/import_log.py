@@ -59,7 +59,7 @@ def import_log(
         raise LogError("no file is given", cure="name one CSV or Parquet file or more")
     machine = load_task(task)
     logs = [MeasuredLog.read(out)] if append else []
-    inputs = {"task": getattr(machine, "path", None), **{str(f): Path(f) for f in files}}
+    inputs = {"task": machine.path, **{str(f): Path(f) for f in files}}
     sources = [open_source(Path(f)) for f in files if not _is_store(Path(f))]
     refuse_inputs(out, [*files, *task_inputs(machine).values()])
     provenance = Provenance("import-log", options, inputs)
@@ -148,20 +148,20 @@ def _read_recording(
     source.require([*columns, *([task.log.episode] if task.log.episode else [])])
     data = source.numbers(columns)
     actions = _actions(source, task)
-    labels = np.array(source.labels(task.log.episode), dtype=object) if task.log.episode else None
+    labels = _labels(source, len(data), task)
     sound = np.isfinite(data) | (np.isnan(data) & may_miss)
     rows = np.flatnonzero(_usable(source, columns, data, sound, labels, task, drop_nan=drop_nan))
     dropped = len(data) - len(rows)
-    kept = rows if not drop_repeats else rows[~_repeats(data[rows], None if labels is None else labels[rows])]
+    kept = rows if not drop_repeats else rows[~_repeats(data[rows], labels[rows])]
     repeated, rows = len(rows) - len(kept), kept
     actions = None if actions is None else actions[rows]
-    data, labels = data[rows], None if labels is None else labels[rows]
+    data, labels = data[rows], labels[rows]
     if not len(data):
         raise LogError(
             f"{source.path}: not one of its {dropped} rows is complete",
             cure="correct the file, or leave it out",
         )
-    ends = _episode_ends(len(data), labels)
+    ends = _episode_ends(labels)
     _check_episodes(source, data, ends, rows, task)
     _unwrap(data, ends, task)
     scale = np.array([task.log.time_scale, *(c.scale for c in channels)])
@@ -210,11 +210,8 @@ def _usable(source: SourceFile, columns, data, sound, labels, task: Task, *, dro
 
     sound (row, column): where data (row, column) may be what it is.
     """
-    usable = sound.all(axis=1)
-    unlabelled = np.zeros(len(data), dtype=bool)
-    if labels is not None:
-        unlabelled = np.array([label is None for label in labels], dtype=bool)
-        usable &= ~unlabelled
+    unlabelled = np.array([label is None for label in labels], dtype=bool)
+    usable = sound.all(axis=1) & ~unlabelled
     if usable.all() or drop_nan:
         return usable
     row = int(np.flatnonzero(~usable)[0])
@@ -280,12 +277,10 @@ def _tables_of(columns: Sequence[str], task: Task) -> list[str]:
     return list(dict.fromkeys(task.model.sensor(c.sensor).name for c in task.outputs if c.column in columns))
 
 
-def _repeats(data: np.ndarray, labels: np.ndarray | None) -> np.ndarray:
+def _repeats(data: np.ndarray, labels: np.ndarray) -> np.ndarray:
     """Which rows say the same as the row before, (row,): a logger that wrote twice."""
     same = np.zeros(len(data), dtype=bool)
-    same[1:] = _alike(data[1:], data[:-1])
-    if labels is not None:
-        same[1:] &= labels[1:] == labels[:-1]
+    same[1:] = _alike(data[1:], data[:-1]) & (labels[1:] == labels[:-1])
     return same
 
 
@@ -294,10 +289,15 @@ def _alike(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return ((a == b) | (np.isnan(a) & np.isnan(b))).all(axis=1)
 
 
-def _episode_ends(steps: int, labels: np.ndarray | None) -> np.ndarray:
-    if labels is None:
-        return np.array([steps])
-    return np.append(np.flatnonzero(labels[1:] != labels[:-1]) + 1, steps)
+def _labels(source: SourceFile, rows: int, task: Task) -> np.ndarray:
+    """The episode column (row,), None where it is empty; the same in every row where there is no such column."""
+    if task.log.episode is None:
+        return np.zeros(rows, dtype=object)
+    return np.array(source.labels(task.log.episode), dtype=object)
+
+
+def _episode_ends(labels: np.ndarray) -> np.ndarray:
+    return np.append(np.flatnonzero(labels[1:] != labels[:-1]) + 1, len(labels))
 
 
 def _check_episodes(

@@ -117,7 +117,7 @@ class InContext:
 
     @property
     def sd(self) -> np.ndarray | None:
-        known = self.walk.sd is not None and getattr(self.checkpoint.kind, "likelihood", False)
+        known = self.walk.sd is not None and self.checkpoint.kind.likelihood
         return self.walk.sd[0, -1] if known else None
 
     @property

@@ -17,7 +17,8 @@ from capture_cli.stages.held_outputs import rows_per_sample, sample_rate, slices
 from capture_cli.stages.log_findings import finding, log_findings, task_findings
 from capture_cli.stages.log_health import channel, excitation, quantisation, sampling, spikes, timing
 from capture_cli.stages.recorded_task import find_task
-from capture_cli.stores.estimate import Estimate, read_result
+from capture_cli.stores.diagnosis import Diagnosis
+from capture_cli.stores.estimate import Estimate
 from capture_cli.stores.histories import SCHEMA as HISTORIES_SCHEMA
 from capture_cli.stores.histories import Histories
 from capture_cli.stores.measured_log import SCHEMA as LOG_SCHEMA
@@ -242,9 +243,8 @@ def _held(values: np.ndarray, time: np.ndarray, episodes: Sequence[slice]) -> di
 
 
 def _inspect_result(path: Path, document: dict[str, Any]) -> None:
-    kind = document["kind"]
-    again = f"make it again with `capture {'identify' if kind == 'estimate' else 'diagnose'}`"
-    result = read_result(path, f"{kind}.json", f"capture/{kind}", 1, again)
+    kind = Estimate if document["kind"] == Estimate.NAME else Diagnosis
+    result = kind.read_document(path)
     _header(document, result)
     keys = (
         "task",
@@ -266,7 +266,7 @@ def _inspect_result(path: Path, document: dict[str, Any]) -> None:
     findings = document["findings"]
     findings += _verdict(result, path)
     findings += _log_changed(result.get("log"))
-    if kind == "estimate":
+    if kind is Estimate:
         Estimate.read(path)  # its arrays too
 
 

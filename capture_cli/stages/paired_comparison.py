@@ -37,11 +37,12 @@ def _compared(gained: np.ndarray) -> dict[str, list[float]]:
         "nearer": nearer.tolist(),
         "as_near": (pairs - nearer - further).tolist(),
         "further": further.tolist(),
-        "gained": _list(gained.mean(axis=0)),
-        "gained_se": _list(se),
+        "gained": six_digits(gained.mean(axis=0)),
+        "gained_se": six_digits(se),
         "p": [float(binomtest(a, a + b).pvalue) if a + b else 1.0 for a, b in trials],
     }
 
 
-def _list(values: np.ndarray) -> list[float]:
+def six_digits(values: np.ndarray) -> list[float]:
+    """What a document says of values (round,)."""
     return [float(f"{v:.6g}") for v in values]

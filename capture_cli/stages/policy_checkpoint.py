@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -12,11 +11,13 @@ from capture_cli.parameters import ParameterSpace
 from capture_cli.policies import REGISTRY
 from capture_cli.policies.base import Policy
 from capture_cli.stores.provenance import write_json
+from capture_cli.stores.result import read_result
 from capture_cli.stores.tensors import save_arrays
 from capture_cli.tasks.base import ActionTask
 
 FORMAT, VERSION = "capture/policy", 1
 SETTINGS, WEIGHTS = "policy.json", "policy.safetensors"
+_AGAIN = "train the policy again with `train-policy`"
 
 
 def save_policy(
@@ -93,7 +94,7 @@ def _from_checkpoint(path: Path, task: ActionTask) -> Policy:
     except (KeyError, TypeError, ValueError) as error:
         raise StoreError(
             f"{path}: {SETTINGS} and {WEIGHTS} do not belong together: {error}",
-            cure="train the policy again with `train-policy`",
+            cure=_AGAIN,
         ) from error
 
 
@@ -101,23 +102,12 @@ def _bounds(space: ParameterSpace) -> list[list[float]]:
     return [[p.low, p.high] for p in space]
 
 
-def read_policy(path: Path) -> dict:
+def read_policy(path: Path) -> dict[str, Any]:
     """policy.json in the directory `path`. Raises StoreError where it is missing, damaged or of another version."""
-    again = "train the policy again with `train-policy`"
-    try:
-        settings = json.loads((path / SETTINGS).read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise StoreError(f"{path / SETTINGS} cannot be read: {error}", cure=again) from error
-    found = settings if isinstance(settings, dict) else {}
-    if (found.get("format"), found.get("version")) != (FORMAT, VERSION):
-        raise StoreError(
-            f"{path / SETTINGS}: format {found.get('format')!r}, version {found.get('version')!r}; "
-            f"this program reads {FORMAT}, version {VERSION}",
-            cure=again,
-        )
+    found = read_result(path, SETTINGS, FORMAT, VERSION, _AGAIN)
     missing = {"policy", "task", "parameters", "actions", "bounds", "settings"} - set(found)
     if missing:
-        raise StoreError(f"{path / SETTINGS}: {', '.join(sorted(missing))} missing", cure=again)
+        raise StoreError(f"{path / SETTINGS}: {', '.join(sorted(missing))} missing", cure=_AGAIN)
     return found
 
 
@@ -128,6 +118,4 @@ def _weights(path: Path) -> dict:
     try:
         return load_file(path / WEIGHTS)
     except (OSError, SafetensorError) as error:
-        raise StoreError(
-            f"{path / WEIGHTS} cannot be read: {error}", cure="train the policy again with `train-policy`"
-        ) from error
+        raise StoreError(f"{path / WEIGHTS} cannot be read: {error}", cure=_AGAIN) from error

@@ -15,10 +15,12 @@ from capture_cli.sim.starts import model_starts
 from capture_cli.simulator import Simulator
 from capture_cli.stages.policy_checkpoint import load_policy
 from capture_cli.stages.recorded_task import load_recorded, task_inputs
-from capture_cli.stores.estimate import Estimate, read_result
+from capture_cli.stores.diagnosis import Diagnosis
+from capture_cli.stores.estimate import Estimate
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.stores.output import refuse_inputs
 from capture_cli.stores.proposal import FORMAT, VERSION
+from capture_cli.stores.result import Result, read_provenance
 from capture_cli.tasks.base import ActionTask, Task
 
 CANDIDATES = 48  # actions that are compared
@@ -46,7 +48,7 @@ def propose(
     experiment that would separate what is tied. out: where the document will go. Raises CaptureError.
     """
     diagnosed = (Path(result) / "diagnosis.json").is_file()
-    machine, log = _machine(Path(result), task, "diagnosis" if diagnosed else "estimate")
+    machine, log = _machine(Path(result), task, Diagnosis if diagnosed else Estimate)
     if out is not None:
         refuse_inputs(out, [result, log, policy, *task_inputs(machine).values()])
     generator = np.random.default_rng(seed)
@@ -95,11 +97,10 @@ def _check_above_zero(machine: Task, amplitude: Mapping[str, float]) -> None:
             )
 
 
-def _machine(folder: Path, task: str | None, name: str) -> tuple[Task, str]:
+def _machine(folder: Path, task: str | None, kind: type[Result]) -> tuple[Task, str]:
     """The task of the result in `folder`, and where its log was."""
-    again = "make it again with `capture identify` or `diagnose`"
-    log = read_result(folder, f"{name}.json", f"capture/{name}", 1, again)["log"]["path"]
-    provenance = read_result(folder, "provenance.json", "capture/provenance", 1, again)
+    log = kind.read_document(folder)["log"]["path"]
+    provenance = read_provenance(folder, kind.CURE)
     return load_recorded(folder, provenance, task, log), log
 
 
@@ -221,8 +222,7 @@ def _multisine(simulator: Simulator, estimate: Estimate, amplitude, generator) -
 
 
 def _of_diagnosis(folder: Path, task: Task, amplitude, generator) -> dict[str, Any]:
-    again = "make it again with `capture diagnose`"
-    found = read_result(folder, "diagnosis.json", "capture/diagnosis", 1, again)
+    found = Diagnosis.read_document(folder)
     experiment = found["next_experiment"]
     if experiment is None:
         raise OptionError(

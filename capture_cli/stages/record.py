@@ -86,7 +86,7 @@ def record(
     provenance = Provenance(
         "record",
         options,
-        {"task": getattr(machine, "path", None), "inputs_from": inputs_from, "policy": _if_path(policy)},
+        {"task": machine.path, "inputs_from": inputs_from, "policy": _if_path(policy)},
     )
     placed, effect_values = parse_effects(effects, machine.model)
     simulator = Simulator(machine, placed, threads)

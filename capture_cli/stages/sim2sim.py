@@ -16,8 +16,6 @@ from capture_cli.policies.base import Policy
 from capture_cli.simulator import Simulator
 from capture_cli.tasks.base import ActionTask
 
-SIMULATIONS = 1024  # simulated at once: bounds the memory that recorded sensors take
-
 # (signature, start, simulate=, seed=) -> the identifier
 Make = Callable[..., RoundIdentifier]
 
@@ -50,7 +48,7 @@ class Sim2Sim:
         """What the identifier that `make` makes does, by the names of the evaluation store: (pair, round, ...)."""
         source, target = self.ends()
         signature = Signature.of(self.task)
-        simulate = batched(Simulator(self.task, threads=self.threads))
+        simulate = Simulator(self.task, threads=self.threads).trajectories
         told = {"error_rate": observation_noise.error_rate(self.noise)} if self.known_noise else {}
         identifier = make(signature, source, simulate=simulate, seed=self._own_seed(), **told)
         uniform = self._uniform()
@@ -110,19 +108,6 @@ class Sim2Sim:
 
     def _own_seed(self) -> int:
         return int(np.random.SeedSequence([self.seed, self.number]).generate_state(1)[0])
-
-
-def batched(simulator: Simulator) -> Simulate:
-    """`simulator.trajectories`, at most SIMULATIONS at once."""
-
-    def simulate(parameters: np.ndarray, actions: np.ndarray):
-        parts = [
-            simulator.trajectories(parameters[i : i + SIMULATIONS], actions[i : i + SIMULATIONS])
-            for i in range(0, max(1, len(actions)), SIMULATIONS)
-        ]
-        return tuple(np.concatenate(arrays) for arrays in zip(*parts, strict=True))
-
-    return simulate
 
 
 def _with_first(sd: np.ndarray | None, estimates: np.ndarray) -> np.ndarray:

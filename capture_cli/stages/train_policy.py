@@ -86,7 +86,7 @@ def train_policy(
         document = read_policy(Path(out))
         check_recipe({name: document.get(name) for name in made}, made)
         return document
-    provenance = Provenance("train-policy", options, {"task": getattr(machine, "path", None)})
+    provenance = Provenance("train-policy", options, {"task": machine.path})
     simulator = Simulator(machine, threads=threads)
     run = _Run(kind.trainer(simulator, settings), simulator, evaluations)
     recipe = {**made, "evaluations": evaluations}

@@ -129,7 +129,11 @@ def train_sysid(
         return document
     provenance = Provenance("train-sysid", options, {"histories": trains_on})
     _check_finite(store, quiet)
-    trainer = Trainer(kind, signature, _reader(store), len(store), architecture, settings, where)
+
+    def read(first: int, last: int) -> Rounds:
+        return Rounds(**store.read(first, last))
+
+    trainer = Trainer(kind, signature, read, len(store), architecture, settings, where)
     begun = {**recipe, "device": asdict(where)}
     state = load_state(unfinished(out), begun) if resume else None
     if state is not None:
@@ -156,8 +160,8 @@ def signature_of(attributes: Mapping[str, Any]) -> Signature:
 
 def _learned(name: str) -> type[LearnedIdentifier]:
     kind = REGISTRY.get(name)
-    if not getattr(kind, "needs_checkpoint", False):
-        learned = [n for n, c in REGISTRY.items() if getattr(c, "needs_checkpoint", False)]
+    if not kind.needs_checkpoint:
+        learned = [n for n, c in REGISTRY.items() if c.needs_checkpoint]
         raise OptionError(f"--identifier {name} learns nothing", cure=f"choose {', '.join(learned)}")
     return round_identifier(name)
 
@@ -224,14 +228,6 @@ def _device(device: str, precision: str, threads: int) -> Device:
 
 
 # --- the work ---
-
-
-def _reader(store: Histories):
-    def read(first: int, last: int) -> Rounds:
-        batch = store.read(first, last)
-        return Rounds(batch.parameters, batch.actions, batch.simulated, batch.measured, batch.target)
-
-    return read
 
 
 def _described(attributes: Mapping[str, Any]) -> dict[str, Any]:

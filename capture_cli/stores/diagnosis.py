@@ -2,14 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
-
-import numpy as np
-
-from capture_cli.stores.estimate import read_result
-from capture_cli.stores.provenance import write_json
+from capture_cli.stores.result import Result
 from capture_cli.stores.schema import STARTS, ArraySpec, Schema
 
 FORMAT = "capture/diagnosis"
@@ -72,21 +65,8 @@ SCHEMA = Schema(
 )
 
 
-@dataclass(frozen=True)
-class Diagnosis:
-    """diagnosis.json as a dict (`document`) and the arrays of diagnosis.zarr by path."""
+class Diagnosis(Result):
+    """diagnosis.json and diagnosis.zarr."""
 
-    document: dict[str, Any]
-    arrays: dict[str, np.ndarray]
-    attributes: dict[str, Any]
-
-    def write(self, folder: Path) -> None:
-        write_json(folder / "diagnosis.json", self.document)
-        SCHEMA.write(folder / "diagnosis.zarr", self.arrays, self.attributes)
-
-    @classmethod
-    def read(cls, folder: Path) -> Diagnosis:
-        """The diagnosis in `folder`. Raises StoreError where it is none, damaged or of another version."""
-        document = read_result(Path(folder), "diagnosis.json", FORMAT, VERSION, _CURE)
-        arrays, attributes = SCHEMA.read(Path(folder) / "diagnosis.zarr")
-        return cls(dict(document), arrays, attributes)
+    NAME, CURE = "diagnosis", _CURE
+    FORMAT, VERSION, SCHEMA = FORMAT, VERSION, SCHEMA

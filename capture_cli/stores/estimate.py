@@ -2,16 +2,7 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
-
-import numpy as np
-
-from capture_cli.errors import StoreError
-from capture_cli.stores.provenance import write_json
+from capture_cli.stores.result import Result
 from capture_cli.stores.schema import STARTS, ArraySpec, Schema
 
 FORMAT = "capture/estimate"
@@ -82,41 +73,8 @@ SCHEMA = Schema(
 )
 
 
-@dataclass(frozen=True)
-class Estimate:
-    """estimate.json as a dict (`document`) and the arrays of estimate.zarr by path."""
+class Estimate(Result):
+    """estimate.json and estimate.zarr."""
 
-    document: dict[str, Any]
-    arrays: dict[str, np.ndarray]
-    attributes: dict[str, Any]
-
-    def write(self, folder: Path) -> None:
-        write_json(folder / "estimate.json", self.document)
-        SCHEMA.write(folder / "estimate.zarr", self.arrays, self.attributes)
-
-    @classmethod
-    def read(cls, folder: Path) -> Estimate:
-        """The estimate in `folder`. Raises StoreError where it is none, damaged or of another version."""
-        document = read_result(Path(folder), "estimate.json", FORMAT, VERSION, _CURE)
-        arrays, attributes = SCHEMA.read(Path(folder) / "estimate.zarr")
-        return cls(document, arrays, attributes)
-
-
-def read_result(folder: Path, name: str, form: str, version: int, cure: str) -> Mapping[str, Any]:
-    """The JSON document `name` of a result directory. Raises StoreError where it is not one of `form`."""
-    path = folder / name
-    if not folder.exists():
-        raise StoreError(f"{folder} does not exist", cure="check the path")
-    if not path.is_file():
-        raise StoreError(f"{folder} holds no {name}", cure=f"give the directory that holds it; {cure}")
-    try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
-        raise StoreError(f"{path} is not JSON: {error}", cure=cure) from error
-    if not isinstance(document, dict) or document.get("format") != form:
-        raise StoreError(f"{path} is not of the format {form}", cure=cure)
-    if document.get("version") != version:
-        raise StoreError(
-            f"{path}: {form} version {document.get('version')!r}; this program reads {version}", cure=cure
-        )
-    return document
+    NAME, CURE = "estimate", _CURE
+    FORMAT, VERSION, SCHEMA = FORMAT, VERSION, SCHEMA

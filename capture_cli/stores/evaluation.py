@@ -3,19 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from capture_cli.stores.estimate import read_result
-from capture_cli.stores.provenance import write_json
+from capture_cli.stores.result import Result
 from capture_cli.stores.schema import ArraySpec, Schema
 
 FORMAT = "capture/evaluation"
 VERSION = 1
-DOCUMENT, ARRAYS = "evaluation.json", "evaluation.zarr"
 _CURE = "make it again with `capture eval-sim2sim`"
 _AXES = ("identifier", "seed", "pair", "round")
 
@@ -69,24 +64,11 @@ SCHEMA = Schema(
 )
 
 
-@dataclass(frozen=True)
-class Evaluation:
-    """evaluation.json as a dict (`document`) and the arrays of evaluation.zarr by path."""
+class Evaluation(Result):
+    """evaluation.json and evaluation.zarr."""
 
-    document: dict[str, Any]
-    arrays: dict[str, np.ndarray]
-    attributes: dict[str, Any]
-
-    def write(self, folder: Path) -> None:
-        write_json(folder / DOCUMENT, self.document)
-        SCHEMA.write(folder / ARRAYS, self.arrays, self.attributes)
-
-    @classmethod
-    def read(cls, folder: Path) -> Evaluation:
-        """The evaluation in `folder`. Raises StoreError where it is none, damaged or of another version."""
-        document = read_result(Path(folder), DOCUMENT, FORMAT, VERSION, _CURE)
-        arrays, attributes = SCHEMA.read(Path(folder) / ARRAYS)
-        return cls(dict(document), arrays, attributes)
+    NAME, CURE = "evaluation", _CURE
+    FORMAT, VERSION, SCHEMA = FORMAT, VERSION, SCHEMA
 
 
 def joined(parts: list[Mapping[str, np.ndarray]], axis: str) -> dict[str, np.ndarray]:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -175,18 +174,6 @@ class HistoriesWriter:
         zarr.open_group(self.location, mode="r+").attrs["complete"] = True
 
 
-@dataclass(frozen=True)
-class HistoryBatch:
-    """Some histories: arrays with the axes of the store, SI units; `pairs` (pair,) says which ones."""
-
-    pairs: np.ndarray
-    parameters: np.ndarray
-    actions: np.ndarray
-    simulated: np.ndarray
-    measured: np.ndarray
-    target: np.ndarray
-
-
 class Histories:
     """A finished store, read a part at a time. Opening reads the attributes alone."""
 
@@ -205,10 +192,9 @@ class Histories:
     def __len__(self) -> int:
         return int(self.attributes["pairs"])
 
-    def read(self, first: int, last: int) -> HistoryBatch:
-        """The histories [first, last). Raises StoreError where one of them is missing or damaged."""
-        arrays = {spec.path: self._read(spec.path, first, last) for spec in DATA}
-        return HistoryBatch(np.arange(first, min(last, len(self))), **arrays)
+    def read(self, first: int, last: int) -> dict[str, np.ndarray]:
+        """The arrays of the histories [first, last). Raises StoreError where one of them is missing or damaged."""
+        return {spec.path: self._read(spec.path, first, last) for spec in DATA}
 
     def _read(self, name: str, first: int, last: int) -> np.ndarray:
         again = "make the histories again with `capture gen-histories`"

@@ -12,8 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from capture_cli import __version__
-from capture_cli.stores.output import sha256
+from capture_cli.stores.output import PROVENANCE, sha256
 
+FORMAT, VERSION = "capture/provenance", 1
 PACKAGES = ("mujoco", "numpy", "scipy", "torch", "zarr")
 
 
@@ -34,8 +35,8 @@ class Provenance:
     def document(self) -> dict[str, Any]:
         """The content of provenance.json, with the time taken so far."""
         return {
-            "format": "capture/provenance",
-            "version": 1,
+            "format": FORMAT,
+            "version": VERSION,
             "command": self.command,
             "options": self.options,
             "inputs": self.inputs,
@@ -49,7 +50,7 @@ class Provenance:
 
     def write(self, folder: Path) -> None:
         """Write provenance.json into `folder`."""
-        write_json(folder / "provenance.json", self.document())
+        write_json(folder / PROVENANCE, self.document())
 
 
 def write_json(path: Path, document: Mapping[str, Any]) -> None:

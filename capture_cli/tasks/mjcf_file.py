@@ -153,17 +153,13 @@ class MjcfFile(Task):
                 else f"give a list of {size} columns of the log",
             )
         _refuse_degrees(entry, _value(entry, "unit", str, where), self.model, number, where)
-        noise_sd = _value(entry, "noise_sd", float, where, default=None)
-        if noise_sd is not None and noise_sd <= 0:
-            raise TaskError(
-                f"{where}: noise_sd = {noise_sd:g}", cure="give a positive number, or leave it out"
-            )
-        period = _value(entry, "period", float, where, default=None)
-        if period is not None and period <= 0:
-            raise TaskError(
-                f"{where}: period = {period:g}",
-                cure="give what the column goes through before it begins anew, 360 for degrees, or leave it out",
-            )
+        noise_sd = _positive(entry, "noise_sd", where, cure="give a positive number, or leave it out")
+        period = _positive(
+            entry,
+            "period",
+            where,
+            cure="give what the column goes through before it begins anew, 360 for degrees, or leave it out",
+        )
         axes = _AXES.get(size, tuple(f"_{i}" for i in range(size)))
         return [
             Channel(
@@ -184,15 +180,9 @@ class MjcfFile(Task):
     @staticmethod
     def _log_columns(entry: dict[str, Any], where: str) -> LogColumns:
         _known(entry, {"time", "time_scale", "episode", "window"}, where)
-        window = _value(entry, "window", float, where, default=None)
-        if window is not None and window <= 0:
-            raise TaskError(f"{where}: window = {window:g}", cure="give a positive number of seconds")
-        time_scale = _value(entry, "time_scale", float, where, default=1.0)
-        if time_scale <= 0:
-            raise TaskError(
-                f"{where}: time_scale = {time_scale:g}",
-                cure="give the seconds in one unit of the time column, say 1e-3 for milliseconds",
-            )
+        window = _positive(entry, "window", where, cure="give a positive number of seconds")
+        seconds = "give the seconds in one unit of the time column, say 1e-3 for milliseconds"
+        time_scale = _positive(entry, "time_scale", where, default=1.0, cure=seconds)
         return LogColumns(
             time=_value(entry, "time", str, where, default="time"),
             episode=_value(entry, "episode", str, where, default=None),
@@ -239,6 +229,14 @@ def _reports_radians(model: mujoco.MjModel, sensor: int) -> bool:
     if kind in _OF_JOINTS:
         return model.jnt_type[model.sensor_objid[sensor]] == mujoco.mjtJoint.mjJNT_HINGE
     return kind in _OF_TURNING
+
+
+def _positive(entry: dict[str, Any], key: str, where: str, *, cure: str, default: float | None = None):
+    """entry[key], a number above 0, or `default` where it is missing. Raises TaskError, with `cure` where it is not."""
+    value = _value(entry, key, float, where, default=default)
+    if value is not None and value <= 0:
+        raise TaskError(f"{where}: {key} = {value:g}", cure=cure)
+    return value
 
 
 def _scale(entry: dict[str, Any], where: str) -> float:

@@ -47,7 +47,7 @@ class TapeTask(ActionTask):
     @property
     def path(self):
         """The task.toml."""
-        return getattr(self.machine, "path", None)
+        return self.machine.path
 
     def on_grid(self, times: np.ndarray) -> np.ndarray:
         """The model's steps nearest to `times`, s."""

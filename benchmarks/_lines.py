@@ -1,0 +1,29 @@
+"""A file of JSON lines that work adds to as it goes, so that it can be stopped and taken up again."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+
+def read(path: Path) -> list[dict[str, Any]]:
+    """The lines of the file, none where there is no file; one that was cut off is left out."""
+    if not path.is_file():
+        return []
+    found = []
+    for text in path.read_text(encoding="utf-8").splitlines():
+        try:
+            found.append(json.loads(text))
+        except ValueError:
+            continue  # cut off when the work was stopped
+    return found
+
+
+def append(path: Path, line: dict[str, Any]) -> None:
+    """Add a line, on one of its own even where the last was cut off. Raises ValueError for nan and inf."""
+    text = json.dumps(line, allow_nan=False)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    cut_off = path.is_file() and not path.read_bytes().endswith(b"\n")
+    with path.open("a", encoding="utf-8") as file:
+        file.write("\n" * cut_off + text + "\n")

@@ -1,0 +1,74 @@
+"""A result on disk: a folder with NAME.json, what was found, NAME.zarr, the curves, and how it was made."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar, Self
+
+import numpy as np
+
+from capture_cli.errors import StoreError
+from capture_cli.stores import provenance
+from capture_cli.stores.output import PROVENANCE
+from capture_cli.stores.provenance import write_json
+from capture_cli.stores.schema import Schema
+
+
+@dataclass(frozen=True)
+class Result:
+    """NAME.json as a dict (`document`) and the arrays of NAME.zarr by path.
+
+    FORMAT and VERSION are those of NAME.json, and SCHEMA is that of NAME.zarr. CURE: of one that cannot be read.
+    """
+
+    NAME: ClassVar[str]
+    FORMAT: ClassVar[str]
+    VERSION: ClassVar[int]
+    SCHEMA: ClassVar[Schema]
+    CURE: ClassVar[str]
+
+    document: dict[str, Any]
+    arrays: dict[str, np.ndarray]
+    attributes: dict[str, Any]
+
+    def write(self, folder: Path) -> None:
+        write_json(folder / f"{self.NAME}.json", self.document)
+        self.SCHEMA.write(folder / f"{self.NAME}.zarr", self.arrays, self.attributes)
+
+    @classmethod
+    def read(cls, folder: Path) -> Self:
+        """The result in `folder`. Raises StoreError where it is none, damaged or of another version."""
+        document = cls.read_document(folder)
+        return cls(document, *cls.SCHEMA.read(Path(folder) / f"{cls.NAME}.zarr"))
+
+    @classmethod
+    def read_document(cls, folder: Path) -> dict[str, Any]:
+        """NAME.json alone. Raises StoreError where there is none, or it is damaged or of another version."""
+        return read_result(Path(folder), f"{cls.NAME}.json", cls.FORMAT, cls.VERSION, cls.CURE)
+
+
+def read_provenance(folder: Path, cure: str) -> dict[str, Any]:
+    """The provenance.json of a result directory. Raises StoreError where it is none, damaged or of another version."""
+    return read_result(folder, PROVENANCE, provenance.FORMAT, provenance.VERSION, cure)
+
+
+def read_result(folder: Path, name: str, form: str, version: int, cure: str) -> dict[str, Any]:
+    """The JSON document `name` of a result directory. Raises StoreError where it is not one of `form`."""
+    path = folder / name
+    if not folder.exists():
+        raise StoreError(f"{folder} does not exist", cure="check the path")
+    if not path.is_file():
+        raise StoreError(f"{folder} holds no {name}", cure=f"give the directory that holds it; {cure}")
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise StoreError(f"{path} is not JSON: {error}", cure=cure) from error
+    if not isinstance(document, dict) or document.get("format") != form:
+        raise StoreError(f"{path} is not of the format {form}", cure=cure)
+    if document.get("version") != version:
+        raise StoreError(
+            f"{path}: {form} version {document.get('version')!r}; this program reads {version}", cure=cure
+        )
+    return document

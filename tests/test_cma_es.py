@@ -1,0 +1,50 @@
+"""CMA-ES on machines whose starts are not known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from capture_cli.identifiers.cma_es import CmaEs
+from capture_cli.linearization import Evidence
+from capture_cli.parameters import Parameter, ParameterSpace
+
+WINDOWS, STEPS = 6, 60
+NOISE, START_SD = 1e-2, 0.3
+TIMES = np.linspace(0, 3, STEPS)
+SPACE = ParameterSpace([Parameter("pull", "1", -1.0, 1.0, 0.8), Parameter("curve", "1", -1.0, 1.0, 0.8)])
+TRUTH = np.array([0.1, -0.2])
+
+
+def outputs(parameters: np.ndarray, offsets: np.ndarray) -> np.ndarray:
+    """(candidate, window, step, 1): a fall with two parameters, from a position and a velocity of each window."""
+    pull, curve = parameters.T[:, :, None, None]
+    position, velocity = offsets[..., :1], offsets[..., 1:]
+    return (position + velocity * TIMES + pull * TIMES**3 / 9 + curve * np.sin(4 * TIMES))[..., None]
+
+
+@pytest.fixture
+def evidence() -> Evidence:
+    generator = np.random.default_rng(0)
+    starts = START_SD * generator.standard_normal((WINDOWS, 2))
+    measured = outputs(TRUTH[None], starts[None])[0]
+    measured = measured + NOISE * generator.standard_normal(measured.shape)
+    mask = np.ones(measured.shape, dtype=bool)
+    return Evidence(SPACE, measured, mask, np.array([NOISE]), np.full((WINDOWS, 2), START_SD))
+
+
+def test_what_candidates_are_judged_by_is_what_is_found_there(evidence):
+    solver = CmaEs(evidence, start=SPACE.nominal, seed=1)
+    pairs = []
+    for _ in range(66):
+        trial = solver.ask()
+        before, is_check = solver.best.error, len(np.unique(trial.parameters, axis=0)) == 1
+        solver.tell(outputs(trial.parameters, trial.offsets), np.zeros((len(trial), WINDOWS), dtype=bool))
+        if is_check:
+            pairs.append((before, solver.best.error))
+    claimed, exact = np.array(pairs[1:]).T  # before the first nothing is claimed
+    np.testing.assert_allclose(claimed, exact, rtol=0.01)
+    best = solver.best
+    residual = evidence.residual(outputs(best.parameters[None], best.offsets[None]))
+    assert best.error == pytest.approx(np.sqrt(np.square(residual).sum() / evidence.count), rel=0.01)
+    np.testing.assert_allclose(best.parameters, TRUTH, atol=0.02)
