@@ -97,6 +97,18 @@ def check_amplitude(machine: Task, amplitude: Mapping[str, float]) -> None:
             )
 
 
+def check_band(band: tuple[float, float]) -> None:
+    """Raise OptionError where --band is no range of frequencies in Hz."""
+    low, high = band
+    if not 0 <= low < high < np.inf:
+        raise OptionError(f"--band {low:g} {high:g}", cure="give two frequencies in Hz, the lower one first")
+
+
+def peaks(machine: Task, amplitude: Mapping[str, float]) -> np.ndarray:
+    """How far from 0 each input is driven, (input,), as of `peak`."""
+    return np.array([peak(machine.model, channel, amplitude) for channel in machine.inputs])
+
+
 def peak(model: mujoco.MjModel, channel: Channel, amplitude: Mapping[str, float]) -> float:
     """How far from 0 an input is driven: as `amplitude` (by name) says, otherwise as far as its actuator goes.
 

@@ -9,9 +9,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from capture_cli.effects.base import Effect
+from capture_cli.effects.placed import Placed
 from capture_cli.parameters import ParameterSpace
 from capture_cli.sim.engine import Engine, Force, ModelFields, Rollouts, Starts
-from capture_cli.sim.starts import ReportedMotion, shift
+from capture_cli.sim.reported_motion import ReportedMotion
+from capture_cli.sim.starts import shift
 from capture_cli.sim.windows import Windows, at_times
 from capture_cli.tasks.base import Task
 
@@ -96,7 +98,7 @@ class _Tapes:
 
 
 @dataclass(frozen=True)
-class _Placed:
+class _Slot:
     """An effect with where its parameters stand among all, and its states among the hidden ones."""
 
     effect: Effect
@@ -121,24 +123,22 @@ class Simulator:
         difference_step: float = 0.0,
     ):
         self.task = task
-        self.effects = tuple(effects)
+        self.effects = tuple(Placed(*e) for e in effects)
         self.engine = engine or Engine(task.model, threads)
         self.rollouts = 0
         self.difference_step = max([difference_step, *(effect.difference_step for _, effect in self.effects)])
         longest = max([self.difference_step, *task.space.steps])
         self.space = ParameterSpace([p.with_step_of(self.difference_step) for p in task.space])
-        self._placed: list[_Placed] = []
+        self._placed: list[_Slot] = []
         self.hidden_states = 0
-        for name, effect in self.effects:
+        for placed in self.effects:
+            effect = placed.effect
             parameters = slice(len(self.space), len(self.space) + len(effect.parameters))
             states = slice(self.hidden_states, self.hidden_states + len(effect.states))
-            self._placed.append(_Placed(effect, parameters, states))
+            self._placed.append(_Slot(effect, parameters, states))
             self.hidden_states = states.stop
             self.space = self.space + ParameterSpace(
-                [
-                    replace(p.with_step_of(longest), name=f"{placed_name(name, effect)}.{p.name}")
-                    for p in effect.parameters
-                ]
+                [replace(p.with_step_of(longest), name=f"{placed.name}.{p.name}") for p in effect.parameters]
             )
         self._sensors = np.array([c.index for c in task.outputs])
         self._own_states = 2 * task.model.nv + task.model.na
@@ -252,7 +252,7 @@ class Simulator:
         reported: ReportedMotion | None = None,
     ) -> Motion:
         """What happens inside every window at one point (parameter,); the rest is as for `simulate`."""
-        rollouts = self._rollout(_Runs.at(windows, starts, point, offsets, reported), states=True)
+        rollouts = self._rollout(_Runs.at(windows, starts, point, offsets, reported), keep_states=True)
         self.rollouts += len(windows)
         return Motion(rollouts.qpos, rollouts.contacts, rollouts.actuator_force)
 
@@ -284,7 +284,7 @@ class Simulator:
         drift = self._drift(each, windows.elapsed[row]) - early
         return Begun(replace(starts, time=starts.time + drift), hidden, early, drift)
 
-    def _rollout(self, runs: _Runs, states: bool = False) -> Rollouts:
+    def _rollout(self, runs: _Runs, keep_states: bool = False) -> Rollouts:
         """Rollouts whose sensors are the outputs on the grid of the windows."""
         windows, row, each = runs.windows, runs.row, runs.each
         begun = self._begun(runs)
@@ -296,7 +296,7 @@ class Simulator:
             each,
             began=(windows.time - windows.elapsed)[row],
             first=windows.first[row],
-            states=states,
+            keep_states=keep_states,
         )
         return _from(rollouts, begun.early / windows.timestep) if begun.early.any() else rollouts
 
@@ -309,7 +309,7 @@ class Simulator:
         *,
         began: np.ndarray,
         first: np.ndarray | None = None,
-        states: bool = False,
+        keep_states: bool = False,
     ) -> Rollouts:
         """Rollouts whose sensors are the outputs on the grid, from where they begin; each (simulation, parameter).
 
@@ -328,7 +328,7 @@ class Simulator:
             fields=self._fields(each),
             forces=self._forces(each, hidden, began, first),
             columns=None if measures else self._sensors,
-            states=states,
+            states=keep_states,
             substeps=self.substeps,
         )
         if not measures:
@@ -411,11 +411,6 @@ class Simulator:
         """By how much controls before an episode began differed from its first, (simulation, nu)."""
         change = np.zeros((len(hidden), self.task.model.nu))
         return sum((own.effect.before(hidden[:, own.states]) for own in self._placed), change)
-
-
-def placed_name(name: str, effect: Effect) -> str:
-    """EFFECT@SITE, or EFFECT alone where it concerns the model as a whole."""
-    return f"{name}@{effect.site}" if effect.site else name
 
 
 def _from(rollouts: Rollouts, steps: np.ndarray) -> Rollouts:

@@ -324,7 +324,8 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str]]] = {
             "split.test_windows": "how many were held out",
             "rollouts.measured": "episodes of the log",
             "rollouts.simulated": "windows simulated in all",
-            "next_experiment": "null, or what would separate a tie: {band_hz, peaks, separation, duration_s, text}",
+            "next_experiment": "null, or what would separate a tie: {band_hz, peaks, duration_s, seed, "
+            "separation, text}; seed: of the phases, as `capture propose` drives them",
             "expression": "null, or with `--expression` what was found for the force that no effect explains: "
             "{text, terms: [{site, coefficient, sd, unit}], select, test}",
         },
@@ -453,13 +454,14 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str]]] = {
 
 def targets() -> str:
     """Everything a parameter can set."""
-    from capture_cli.sim.target_names import ATTRIBUTES
+    from capture_cli.sim.target_attributes import ATTRIBUTES
 
     lines = ["| target | unit | what it is |", "|---|---|---|"]
     for kind, attributes in ATTRIBUTES.items():
-        for name, (unit, meaning) in attributes.items():
+        for name, attribute in attributes.items():
             form = f"option:{name}" if kind == "option" else f"{kind}:NAME:{name}"
-            lines.append(f"| `{form}` | {unit} | {meaning.replace('|', BAR) or 'likewise'} |")
+            meaning = attribute.meaning.replace("|", BAR) or "likewise"
+            lines.append(f"| `{form}` | {attribute.unit} | {meaning} |")
     return "\n".join(lines)
 
 

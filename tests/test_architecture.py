@@ -26,13 +26,14 @@ ROWS = (
     ("simulator", "worlds", "observation_noise", "multisine"),
     ("tasks", "effects"),
     ("sim", "stores"),
-    ("parameters", "registry", "named_arrays"),
+    ("autocorrelation", "parameters", "registry", "named_arrays"),
     ("errors",),
     ("__init__",),
 )
 ROW = {name: number for number, row in enumerate(ROWS) for name in row}
 # only stages join files and algorithms: these take arrays and return arrays
 ALGORITHMS = (
+    "autocorrelation",
     "identifiers",
     "linearization",
     "policies",

@@ -10,6 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from capture_cli.effects.placed import Placed
 from capture_cli.protocol import attribution
 from capture_cli.protocol.attribution import Accepted, Attribution
 from capture_cli.protocol.candidates import Candidate
@@ -56,7 +57,7 @@ class FakeModels:
 )
 def test_minor_effects_stand_only_where_they_explain(shares, error, explained, kept):
     names = tuple(f"effect{i}@joint" for i in range(len(shares)))
-    placed = [(name.split("@")[0], Named("joint")) for name in names]
+    placed = [Placed(name.split("@")[0], Named("joint")) for name in names]
     selection = Attribution.__new__(Attribution)
     selection.models = FakeModels(explained)
     selection.candidates = [Candidate(p) for p in placed]
@@ -70,7 +71,7 @@ def test_minor_effects_stand_only_where_they_explain(shares, error, explained, k
 @pytest.mark.parametrize("explained", [True, False])
 def test_a_rival_that_is_not_as_good_may_be_enough(explained):
     """A delay and a lag on a model whose steps are too long: the better one is not the only one that explains."""
-    lag, delay = (("lag", Named("drive")), ("delay", Named("drive")))
+    lag, delay = Placed("lag", Named("drive")), Placed("delay", Named("drive"))
     selection = Attribution.__new__(Attribution)
     selection.models = FakeModels(explained)
     selection.models.best = lambda mine, others: (mine, others)
@@ -125,12 +126,12 @@ class SizedFit:
 def test_two_effects_are_exchanged_at_once(are_kin, monkeypatch):
     """A second-order lag and a low-pass stand for a lag and a delay: neither of these is better in the place of one."""
     second, filtered, friction = (
-        ("second", Sized("drive", 2)),
-        ("low-pass", Sized("q")),
-        ("friction", Sized("x")),
+        Placed("second", Sized("drive", 2)),
+        Placed("low-pass", Sized("q")),
+        Placed("friction", Sized("x")),
     )
     lag, delay = (
-        Candidate((name, Sized(site)), start=np.full(1, 5.0))
+        Candidate(Placed(name, Sized(site)), start=np.full(1, 5.0))
         for name, site in (("lag", "drive"), ("delay", "q"))
     )
     selection = Attribution.__new__(Attribution)
@@ -183,7 +184,7 @@ def test_rivals_are_compared_by_what_they_answered_in_one_round(tmp_path, monkey
     few = ("control-delay", "sensor-delay", "control-second-order-lag", "coulomb-friction", "sensor-low-pass")
     catalogue = attribution.all_candidates
     monkeypatch.setattr(
-        attribution, "all_candidates", lambda log: [c for c in catalogue(log) if c.effect[0] in few]
+        attribution, "all_candidates", lambda log: [c for c in catalogue(log) if c.effect.kind in few]
     )
     monkeypatch.setattr(attribution, "score_at_null", tagged)
     monkeypatch.setattr(Attribution, "_forward", begin)
@@ -210,7 +211,7 @@ def test_an_effect_of_all_sensors_is_tried_at_each_that_is_in_the_log(
     monkeypatch.setattr(
         attribution,
         "all_candidates",
-        lambda log: [c for c in catalogue(log) if c.effect[0] == "sensor-delay"],
+        lambda log: [c for c in catalogue(log) if c.effect.kind == "sensor-delay"],
     )
     log, task, out = tmp_path / "log.zarr", str(slider_task), tmp_path / "diagnosis"
     effects = ["sensor-delay@q=0.012", "sensor-delay@v=0.02"]

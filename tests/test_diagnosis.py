@@ -21,11 +21,12 @@ from capture_cli.diagnosis.acceptance import (
     paired_p_value,
     ratio_p_value,
 )
+from capture_cli.diagnosis.folds import ENOUGH_WINDOWS, Folds, select_folds
 from capture_cli.diagnosis.lack_of_fit import LackOfFit, lack_held_out
 from capture_cli.diagnosis.localisation import HALF_WIDTH, accelerations, curve, largest_around
 from capture_cli.diagnosis.noise_floor import from_differences, noise_floor
 from capture_cli.diagnosis.score import score
-from capture_cli.diagnosis.split import ENOUGH_WINDOWS, Folds, select_folds, split_windows
+from capture_cli.diagnosis.split import split_windows
 from capture_cli.errors import LogError, OptionError, OutputError
 from capture_cli.identifiers.base import Best
 from capture_cli.identifiers.intervals import intervals
@@ -374,7 +375,7 @@ def test_what_cannot_show_in_a_log_is_no_candidate(logs, tmp_path):
     assert "sensor-delay@q" in names and "sensor-delay@speed" not in names
     assert "control-gain@drive" in names and "control-reverse-gain@drive" not in names
     encoder = {task.model.sensor("q").adr[0]}
-    assert all(c.effect[1].logged == encoder for c in candidates), "without the speed"
+    assert all(c.effect.effect.logged == encoder for c in candidates), "without the speed"
 
 
 def test_a_covariate_of_few_values_has_a_bin_for_each():

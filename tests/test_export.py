@@ -16,9 +16,10 @@ from plain_loop import imported, looped
 from capture_cli import effects
 from capture_cli.effects.base import Effect
 from capture_cli.effects.companion import companion_module
+from capture_cli.effects.placed import Placed
 from capture_cli.errors import ModelError, OutputError, StoreError
 from capture_cli.sim.windows import MOST_DRIFT, cut
-from capture_cli.simulator import Simulator, placed_name
+from capture_cli.simulator import Simulator
 from capture_cli.stages.effect_option import parse_effects
 from capture_cli.stages.export import Exported, export
 from capture_cli.stores.diagnosis import FORMAT, VERSION, Diagnosis
@@ -167,7 +168,7 @@ def found_at(*names: str, where: str, part: float = 0.4) -> Found:
 def test_exported_it_gives_the_same_trajectory(name, tasks, records, tmp_path):
     first_sites = {where: effect for where, effect in reversed(placed(name))}
     for number, (where, effect) in enumerate(first_sites.items()):
-        found = {placed_name(name, effect): (effect, away(effect, 0.4))}
+        found = {Placed(name, effect).name: (effect, away(effect, 0.4))}
         (records[where] / "diagnosis.json").write_text(json.dumps(document(tasks[where], found)))
         written = export(result=records[where], out=tmp_path / f"{number}.xml")
         assert (written.companion is None) == (effect.place == "model")
@@ -178,7 +179,7 @@ def test_exported_it_gives_the_same_trajectory(name, tasks, records, tmp_path):
 @pytest.mark.parametrize("where", MACHINES)
 def test_all_effects_of_a_machine_fit_in_one_module(where, tmp_path):
     found = {
-        placed_name(name, effect): (effect, away(effect, 0.05))
+        Placed(name, effect).name: (effect, away(effect, 0.05))
         for name in NAMES
         for machine_, effect in placed(name)
         if machine_ == where and effect.place != "model"

@@ -53,7 +53,7 @@ def candidate(prepared: PreparedLog):
 def test_friction_that_builds_up_over_a_distance_is_found_again(tmp_path):
     prepared, truth = prepared_log(tmp_path, *PLANTED)
     effect, fits = candidate(prepared), ModelFits(prepared, 1)
-    begin = np.array([*prepared.task.space.nominal, *effect[1].space.nominal])
+    begin = np.array([*prepared.task.space.nominal, *effect.effect.space.nominal])
     begin[-2] = 1.0
     fit = fits.fit(prepared, [effect], begin)
     assert fit.error < 1.1
@@ -62,10 +62,10 @@ def test_friction_that_builds_up_over_a_distance_is_found_again(tmp_path):
 
 def test_what_was_before_a_window_is_followed_through_what_was_measured(tmp_path):
     prepared, truth = prepared_log(tmp_path, *PLANTED)
-    name, effect = candidate(prepared)
-    followed = ModelFits(prepared, 1).fit(prepared, [(name, effect)], truth).error
-    effect._wound = lambda given, first, _: np.zeros(len(first))
-    assert followed < 1.1 < 2 < ModelFits(prepared, 1).fit(prepared, [(name, effect)], truth).error
+    placed = candidate(prepared)
+    followed = ModelFits(prepared, 1).fit(prepared, [placed], truth).error
+    placed.effect._wound = lambda given, first, _: np.zeros(len(first))
+    assert followed < 1.1 < 2 < ModelFits(prepared, 1).fit(prepared, [placed], truth).error
 
 
 def test_a_joint_that_nothing_measures_has_no_such_friction(tmp_path):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from capture_cli.effects import REGISTRY
+from capture_cli.effects.placed import Placed
 from capture_cli.linearization import Evidence, Linearization
 from capture_cli.parameters import Parameter, ParameterSpace
 from capture_cli.protocol.candidates import Candidate, score_at_null
@@ -57,7 +58,7 @@ def test_what_is_imitated_but_for_a_little_is_tried(fitted, share, is_tried):
     ramp, wave = 1e3 * np.linspace(0, 1, STEPS), np.sin(np.linspace(0, 60, STEPS))
     own = share * wave * np.linalg.norm(ramp) / np.linalg.norm(wave)
     effect = REGISTRY.get("viscous-damping")(MODEL, "x")
-    candidate = Candidate(("viscous-damping", effect))
+    candidate = Candidate(Placed("viscous-damping", effect))
     score_at_null(fitted(effect, left=4 * wave, response=ramp + own), candidate)
     assert (candidate.why_rejected is None) == is_tried
     if not is_tried:
@@ -68,7 +69,7 @@ def test_what_the_smallest_probes_overdo_is_probed_by_less(fitted, monkeypatch):
     """A spring that grows with the cube, on a wheel that turned far: a millionth of a range for one radian."""
     wave = np.sin(np.linspace(0, 60, STEPS))
     effect = REGISTRY.get("viscous-damping")(MODEL, "x")
-    candidate = Candidate(("viscous-damping", effect))
+    candidate = Candidate(Placed("viscous-damping", effect))
     narrow = fitted(effect, left=wave, response=1e6 * wave)
     linear = narrow.fits.probe
 

@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from capture_cli.diagnosis.split import select_folds
+from capture_cli.diagnosis.folds import select_folds
 from capture_cli.effects import REGISTRY
 from capture_cli.effects._transmission import TransmissionEffect
 from capture_cli.effects.base import Effect
+from capture_cli.effects.placed import Placed
 from capture_cli.identifiers.intervals import unit_covariance
 from capture_cli.protocol.model_comparison import ModelComparison
 from capture_cli.protocol.model_fits import EXACT, RETURNED, Fit, ModelFits, PartFit
@@ -53,7 +54,7 @@ def test_what_a_transmission_has_wound_up_before_a_window_is_a_nuisance(tmp_path
     assert effect.states
 
     def error(fits: ModelFits) -> float:
-        return fits.fit(prepared, [(name, effect)], truth).error
+        return fits.fit(prepared, [Placed(name, effect)], truth).error
 
     free = error(ModelFits(prepared, 1))
     _hold_hidden(monkeypatch)
@@ -63,7 +64,7 @@ def test_what_a_transmission_has_wound_up_before_a_window_is_a_nuisance(tmp_path
 
 def test_what_a_filter_reports_when_a_window_begins_is_a_nuisance(tmp_path, monkeypatch):
     prepared, truth = planted(tmp_path, "sensor-low-pass@q.time_constant=0.04")
-    effect = ("sensor-low-pass", REGISTRY.get("sensor-low-pass")(prepared.task.model, "q"))
+    effect = Placed("sensor-low-pass", REGISTRY.get("sensor-low-pass")(prepared.task.model, "q"))
     fits = ModelFits(prepared, 1)
     free = fits.fit(prepared, [effect], truth)
     _hold_hidden(monkeypatch)
@@ -93,9 +94,9 @@ def test_what_an_actuator_was_told_before_an_episode_is_a_nuisance(tmp_path, nam
     effect = REGISTRY.get(name)(prepared.task.model, site)
     if len(effect.parameters) > 1:
         truth = np.append(truth, [1.0] * (len(prepared.task.space) + len(effect.parameters) - len(truth)))
-    free = ModelFits(prepared, 1).fit(prepared, [(name, effect)], truth)
+    free = ModelFits(prepared, 1).fit(prepared, [Placed(name, effect)], truth)
     windows = prepared.windows
-    later = Simulator(prepared.task, [(name, effect)]).hidden_sd(windows)[:, -1] == 0
+    later = Simulator(prepared.task, [Placed(name, effect)]).hidden_sd(windows)[:, -1] == 0
     assert later[windows.elapsed > 0.3 * LEAD].all() and not later[windows.elapsed == 0].any()
     assert (
         later.any()
@@ -103,11 +104,11 @@ def test_what_an_actuator_was_told_before_an_episode_is_a_nuisance(tmp_path, nam
         and np.all(free.offsets[windows.elapsed == 0, -1] != 0)
     )
     assert 0 < free.at.fitted_hidden.sum() <= (~later).sum()
-    without = ModelFits(prepared, 1).fit(prepared.part(later), [(name, effect)], truth)
+    without = ModelFits(prepared, 1).fit(prepared.part(later), [Placed(name, effect)], truth)
     assert without.at.fitted_hidden.sum() == 0
     monkeypatch.setattr(type(effect), "states", ())
     monkeypatch.setattr(type(effect), "before", Effect.before)
-    held = ModelFits(prepared, 1).fit(prepared, [(name, effect)], truth)
+    held = ModelFits(prepared, 1).fit(prepared, [Placed(name, effect)], truth)
     first = [float(np.sqrt(np.square(f.at.residual[~later]).mean())) for f in (free, held)]
     assert free.error < 1.05
     assert first[0] < 0.95 * first[1]
@@ -117,7 +118,7 @@ def test_what_the_logs_clock_shows_does_not_matter(tmp_path, began=1.7e9):
     prepared, truth = planted(tmp_path, "periodic-disturbance@x.sine=20")
     log = replace(prepared.log, time=prepared.log.time + began)
     later = prepare(log, prepared.task, window=None, test=None, seed=0)
-    effect = ("periodic-disturbance", REGISTRY.get("periodic-disturbance")(prepared.task.model, "x"))
+    effect = Placed("periodic-disturbance", REGISTRY.get("periodic-disturbance")(prepared.task.model, "x"))
     fits = [ModelFits(p, 1).fit(p, [effect], truth) for p in (prepared, later)]
     np.testing.assert_allclose(fits[1].at.by_parameter, fits[0].at.by_parameter, rtol=1e-3, atol=0.1)
     assert abs(fits[1].point[-1] - 1.0) < 0.01, "Hz"
@@ -146,7 +147,7 @@ def test_a_window_of_a_late_sensor_begins_with_what_it_saw_before(tmp_path, sens
     prepared, truth = planted(
         tmp_path, f"sensor-delay@{sensor}.delay={delay}".replace("@.", "."), task=CART_POLE
     )
-    effect = ("sensor-delay", REGISTRY.get("sensor-delay")(prepared.task.model, sensor))
+    effect = Placed("sensor-delay", REGISTRY.get("sensor-delay")(prepared.task.model, sensor))
     fit = ModelFits(prepared, 1).fit(prepared, [effect], truth, tolerance=EXACT)
     assert fit.error < 1.05
     assert fit.point[-1] == pytest.approx(delay, abs=5e-4)
@@ -154,7 +155,8 @@ def test_a_window_of_a_late_sensor_begins_with_what_it_saw_before(tmp_path, sens
 
 def test_a_model_is_known_by_its_effects_in_the_order_of_its_parameters(tmp_path):
     prepared, truth = planted(tmp_path, "coulomb-friction@x=2")
-    placed = [(n, REGISTRY.get(n)(prepared.task.model, "x")) for n in ("coulomb-friction", "cubic-stiffness")]
+    names = "coulomb-friction", "cubic-stiffness"
+    placed = [Placed(n, REGISTRY.get(n)(prepared.task.model, "x")) for n in names]
     folds = select_folds(prepared.windows.episode, prepared.split.is_test)
     models = ModelComparison(ModelFits(prepared, 1), folds, seed=0, is_explained=lambda _: True)
     point = np.append(truth, 0.0)
@@ -168,7 +170,7 @@ def test_a_model_is_known_by_its_effects_in_the_order_of_its_parameters(tmp_path
 
 def test_windows_that_begin_on_the_wrong_side_of_a_wide_play_are_begun_elsewhere(tmp_path, monkeypatch):
     prepared, truth = planted(tmp_path, "backlash@x.width=0.06")
-    placed = [("backlash", REGISTRY.get("backlash")(prepared.task.model, "x"))]
+    placed = [Placed("backlash", REGISTRY.get("backlash")(prepared.task.model, "x"))]
 
     def errors() -> tuple[float, float]:
         fits = ModelFits(prepared, 1)
@@ -184,7 +186,7 @@ def test_windows_that_begin_on_the_wrong_side_of_a_wide_play_are_begun_elsewhere
 def test_a_free_number_in_every_window_does_not_make_a_model_the_better_one(tmp_path, monkeypatch):
     """A filter this fast has forgotten what was before within a sample: its states fit the first samples' noise."""
     prepared, truth = planted(tmp_path, "sensor-low-pass@q.time_constant=0.002")
-    effect = ("sensor-low-pass", REGISTRY.get("sensor-low-pass")(prepared.task.model, "q"))
+    effect = Placed("sensor-low-pass", REGISTRY.get("sensor-low-pass")(prepared.task.model, "q"))
     fits, windows = ModelFits(prepared, 1), len(prepared.windows)
 
     def fitted_and_judged() -> tuple[Fit, PartFit]:
@@ -224,19 +226,19 @@ def test_offsets_of_the_machine_are_carried_to_another_model_and_hidden_ones_are
     fits = ModelFits(prepared, 1)
     size = len(prepared.task.space)
     declared = fits.fit(prepared, [], truth[:size], tolerance=EXACT)
-    rich = fits.fit(prepared, [("compliance", effect)], truth, offsets=declared.offsets, rounds=3)
+    rich = fits.fit(prepared, [Placed("compliance", effect)], truth, offsets=declared.offsets, rounds=3)
     assert rich.offsets.shape[1] == declared.offsets.shape[1] + len(effect.states)
     assert np.abs(rich.offsets[:, -2:]).max() > 0
     back = fits.fit(prepared, [], truth[:size], offsets=rich.offsets, tolerance=EXACT)
     assert back.squares == pytest.approx(declared.squares, rel=1e-2)
-    residuals, diverged = fits.probe(prepared, declared, ("compliance", effect), truth[None, size:])
+    residuals, diverged = fits.probe(prepared, declared, Placed("compliance", effect), truth[None, size:])
     assert residuals.shape[0] == 1 and not diverged.any()
 
 
 def test_where_the_error_is_smooth_a_descent_comes_back(tmp_path):
     prepared, _ = planted(tmp_path, "coulomb-friction@x.friction=0.5")
     fits = ModelFits(prepared, 1)
-    effect = ("coulomb-friction", REGISTRY.get("coulomb-friction")(prepared.task.model, "x"))
+    effect = Placed("coulomb-friction", REGISTRY.get("coulomb-friction")(prepared.task.model, "x"))
     fit = fits.fit(prepared, [effect], np.append(prepared.task.space.nominal, 0.3), tolerance=EXACT)
     found = fits.minima(prepared, fit, seed=0)
     assert len(found) == 2

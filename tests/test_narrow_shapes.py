@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 from machines import machine
 
+from capture_cli.diagnosis.folds import select_folds
 from capture_cli.diagnosis.lack_of_fit import lack_of_fit
 from capture_cli.diagnosis.pulses import MOST as MOST_PULSES
 from capture_cli.diagnosis.pulses import PulseResponse, Pulses
 from capture_cli.diagnosis.score import score
-from capture_cli.diagnosis.split import select_folds
 from capture_cli.effects import REGISTRY
 from capture_cli.effects._periodic_force import PeriodicForce
+from capture_cli.effects.placed import Placed
 from capture_cli.protocol.attribution import Attribution
 from capture_cli.protocol.candidates import Candidate
 from capture_cli.protocol.model_fits import ModelFits
@@ -147,7 +148,7 @@ def logs(tmp_path_factory):
 def attribution(prepared, names) -> tuple[Attribution, ModelFits]:
     fits = ModelFits(prepared, 1)
     folds = select_folds(prepared.windows.episode, prepared.split.is_test)
-    candidates = [Candidate((name, on_slider(name, prepared.task.model))) for name in names]
+    candidates = [Candidate(Placed(name, on_slider(name, prepared.task.model))) for name in names]
     return Attribution(
         fits, folds, seed=0, is_explained=lambda fit: not lack_of_fit(fit.at).lacking, candidates=candidates
     ), fits
@@ -185,7 +186,7 @@ def test_what_pulses_promise_is_what_the_simulated_effect_scores(logs):
     pulses, response = narrow._response(effect)
     promised = narrow._gains(effect, points[:1], narrow._path(effect), pulses, response)[0]
     probes = points[[0, 0]] + 1e-3 * effect.space.span * np.eye(3)[:2]
-    residual, _ = fits.probe(search.models.fit_part, fit, ("periodic-disturbance", effect), probes)
+    residual, _ = fits.probe(search.models.fit_part, fit, Placed("periodic-disturbance", effect), probes)
     sensitivity = np.moveaxis((fit.at.residual - residual) / 1e-3, 0, -1)
     found = score(fit.at, sensitivity, np.full(2, -1.0), np.ones(2))
     before = float(fit.at.objectives(fit.at.scatter).sum())

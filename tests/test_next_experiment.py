@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import shutil
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -9,9 +11,12 @@ import numpy as np
 import pytest
 
 from capture_cli.effects import REGISTRY
+from capture_cli.effects.placed import Placed
+from capture_cli.protocol import next_experiment as menu
 from capture_cli.protocol.model_fits import ModelFits
-from capture_cli.protocol.next_experiment import BANDS, SHARES, next_experiment
+from capture_cli.protocol.next_experiment import BANDS, SHARES, driven_window, next_experiment
 from capture_cli.protocol.prepare import prepare
+from capture_cli.stages.propose import propose
 from capture_cli.stages.record import record
 from capture_cli.tasks import load_task
 
@@ -20,15 +25,20 @@ SLIDER = Path(__file__).parents[1] / "benchmarks" / "machines" / "slider" / "tas
 
 @pytest.fixture
 def fits(tmp_path) -> ModelFits:
-    log = record(task=str(SLIDER), out=tmp_path / "log.zarr", noise=5e-4, duration=2.0, rate=250).log
-    return ModelFits(prepare(log, load_task(str(SLIDER)), window=None, test=None, seed=0), 1)
+    return fits_of(SLIDER, tmp_path / "log.zarr")
+
+
+def fits_of(task: Path, out: Path) -> ModelFits:
+    """Fits to a log of the machine of a task.toml."""
+    log = record(task=str(task), out=out, noise=5e-4, duration=2.0, rate=100).log
+    return ModelFits(prepare(log, load_task(str(task)), window=None, test=None, seed=0), 1)
 
 
 def with_effect(fits: ModelFits, name: str, value: float):
     """The nominal model with an effect of one parameter at its joint."""
     effect = REGISTRY.get(name)(fits.prepared.task.model, "x")
     return SimpleNamespace(
-        effects=((name, effect),), point=np.append(fits.prepared.task.space.nominal, value)
+        effects=(Placed(name, effect),), point=np.append(fits.prepared.task.space.nominal, value)
     )
 
 
@@ -45,3 +55,28 @@ def test_nothing_tells_a_model_from_itself(fits):
     same = with_effect(fits, "coulomb-friction", 1.0)
     assert "one and the same" in next_experiment(fits, same, [same], seed=0)["text"]
     assert next_experiment(fits, same, [], seed=0) is None
+
+
+def test_what_is_proposed_is_what_was_judged(tmp_path, monkeypatch):
+    """From rest, with the phases of the diagnosis' seed, and sampled no closer than a machine of long steps."""
+    shutil.copytree(SLIDER.parent, tmp_path / "machine")
+    model = tmp_path / "machine" / "model.xml"
+    model.write_text(model.read_text().replace('timestep="0.002"', 'timestep="0.006"'))
+    task = tmp_path / "machine" / "task.toml"
+    fits = fits_of(task, tmp_path / "log.zarr")
+    judged = []
+    monkeypatch.setattr(menu, "driven_window", lambda *a: judged.append(a[1:]) or driven_window(*a))
+    mine, other = (with_effect(fits, *e) for e in (("coulomb-friction", 1.0), ("cubic-stiffness", 50.0)))
+    found = next_experiment(fits, mine, [other], seed=5)
+    document = {"format": "capture/diagnosis", "version": 1, "verdict": "tied", "log": {"path": "log.zarr"}}
+    (tmp_path / "diagnosis.json").write_text(json.dumps({**document, "next_experiment": found}))
+    provenance = {"inputs": {}, "options": {"task": str(task)}}
+    (tmp_path / "provenance.json").write_text(
+        json.dumps({"format": "capture/provenance", "version": 1, **provenance})
+    )
+    proposal = propose(result=tmp_path, seed=1)
+    choices = [(list(band), share) for band in BANDS for share in SHARES]
+    share = max(found["peaks"]) / np.abs(fits.prepared.log.inputs).max()
+    time, tape = judged[choices.index((found["band_hz"], min(SHARES, key=lambda s: abs(s - share))))]
+    assert np.array_equal(proposal["time_s"], time) and np.diff(time) == pytest.approx(0.006)
+    assert np.array_equal(proposal["inputs"]["drive"], tape[:, 0]) and tape[0, 0] == 0

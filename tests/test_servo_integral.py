@@ -65,7 +65,7 @@ def fitted(log: MeasuredLog, limited: bool = True):
     """The effect, a fit with it that begins at half of its size, and the prepared log."""
     prepared = prepare(log, load_task(str(PAN_TILT)), window=None, test=None, seed=0)
     effect = next(c.effect for c in all_candidates(prepared) if c.name == EFFECT)
-    limit = 1.5 * LIMIT if limited else effect[1].space.high[1]
+    limit = 1.5 * LIMIT if limited else effect.effect.space.high[1]
     begin = np.array([*prepared.task.space.nominal, KI / 2, limit])
     return effect, ModelFits(prepared, 1).fit(prepared, [effect], begin), prepared
 
@@ -99,7 +99,7 @@ def test_what_it_was_after_a_gap_need_not_be_known(tmp_path):
     log, truth = recorded(tmp_path, *PLANTED, duration=3.0)
     prepared = prepare(without(log, 0.9, 1.7), load_task(str(PAN_TILT)), window=None, test=None, seed=0)
     effect = next(c.effect for c in all_candidates(prepared) if c.name == EFFECT)
-    assert len(effect[1].seen.stretches) == 2 * len(log.episodes)
+    assert len(effect.effect.seen.stretches) == 2 * len(log.episodes)
     assert ModelFits(prepared, 1).fit(prepared, [effect], truth).error < 1.1
 
 
@@ -177,11 +177,11 @@ def only_candidate(prepared) -> Candidate:
 
 def test_what_was_before_a_window_is_followed_through_the_errors_measured(tmp_path):
     log, truth = recorded(tmp_path, *PLANTED)
-    (name, effect), fit, prepared = fitted(log)
+    placed, fit, prepared = fitted(log)
     assert fit.error < 1.1
     np.testing.assert_allclose(fit.point[-2:], [KI, LIMIT], rtol=0.05)
-    effect.integral = lambda *, first, **_: np.zeros(len(first))
-    assert ModelFits(prepared, 1).fit(prepared, [(name, effect)], truth).error > 2
+    placed.effect.integral = lambda *, first, **_: np.zeros(len(first))
+    assert ModelFits(prepared, 1).fit(prepared, [placed], truth).error > 2
 
 
 def test_it_sits_at_position_servos_of_joints():

@@ -5,11 +5,11 @@ from __future__ import annotations
 import mujoco
 import pytest
 
+from capture_cli.effects.placed import Placed
 from capture_cli.errors import OptionError
 from capture_cli.protocol import attribution
 from capture_cli.protocol.candidates import Candidate, all_candidates
 from capture_cli.protocol.prepared_log import PreparedLog
-from capture_cli.simulator import placed_name
 from capture_cli.stages import diagnose as diagnose_stage
 from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.effect_option import parse_effects
@@ -67,7 +67,7 @@ def test_joints_may_have_dots_in_their_names(tmp_path, monkeypatch):
 
 
 def coulomb_alone(prepared: PreparedLog) -> list[Candidate]:
-    return [c for c in all_candidates(prepared) if c.effect[0] == "coulomb-friction"]
+    return [c for c in all_candidates(prepared) if c.effect.kind == "coulomb-friction"]
 
 
 @pytest.mark.parametrize(
@@ -94,7 +94,7 @@ def test_an_effect_is_named_where_sites_have_dots(text, name):
     placed, values = parse_effects([text], mujoco.MjModel.from_xml_string(xml))
     [(kind, effect)] = placed
     at = effect.space.names.index(name.rpartition(".")[2])
-    assert f"{placed_name(kind, effect)}.{effect.space.names[at]}" == name and values[at] == 3
+    assert f"{Placed(kind, effect).name}.{effect.space.names[at]}" == name and values[at] == 3
 
 
 @pytest.mark.parametrize(

@@ -14,10 +14,10 @@ import pytest
 from slow_sensors import EVERY, MACHINES, jittered, regular, thinned, with_sparse
 
 from capture_cli import cli
+from capture_cli.autocorrelation import autocorrelation_time, autocovariance
 from capture_cli.diagnosis.acceptance import correlation_samples, correlation_steps
 from capture_cli.diagnosis.noise_floor import noise_floor
 from capture_cli.errors import LogError
-from capture_cli.linearization import autocorrelation_time, autocovariance
 from capture_cli.protocol.prepare import prepare
 from capture_cli.reports.curves import Curves
 from capture_cli.stages import diagnose as diagnose_stage

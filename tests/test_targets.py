@@ -10,7 +10,8 @@ from mujoco import batch
 from capture_cli.errors import ModelError
 from capture_cli.sim.engine import Engine, ModelFields, Starts, model_field
 from capture_cli.sim.mjcf import to_mjcf
-from capture_cli.sim.target_names import ATTRIBUTES, parse_target
+from capture_cli.sim.target_attributes import ATTRIBUTES
+from capture_cli.sim.target_names import parse_target
 from capture_cli.sim.targets import damping_ratio, restitution
 
 # Something of everything that can be set, none of it at a default.

@@ -1,1 +1,1 @@
-"""What is still unexplained: noise floor, split, lack of fit."""
+"""What the judgement of a model rests on, worked out from arrays alone: nothing is simulated here."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from capture_cli.linearization import autocovariance, mean_time
+from capture_cli.autocorrelation import autocovariance, mean_time
 
 LEVEL = 0.01  # chance of accepting anything where nothing is missing, over all candidates together
 SELECT_LEVEL = 0.05  # one-sided, of the paired test on data that was not fitted, with all other effects in

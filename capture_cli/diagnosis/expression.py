@@ -15,6 +15,7 @@ import numpy as np
 
 from capture_cli.effects._scales import HINGE, SLIDE, characteristic_force, characteristic_speed, travel
 from capture_cli.effects.base import Effect
+from capture_cli.effects.placed import Placed
 from capture_cli.parameters import Parameter
 from capture_cli.sim.engine import World
 
@@ -64,10 +65,12 @@ class ExpressionTerm(Effect):
         return push
 
 
-def expression_terms(model: mujoco.MjModel, inputs: Sequence[int]) -> list[tuple[str, Effect]]:
+def expression_terms(model: mujoco.MjModel, inputs: Sequence[int]) -> list[Placed]:
     """Every term at every joint, as placed effects; inputs (input,): the actuator of each."""
     return [
-        (NAME, ExpressionTerm(model, j, term)) for j in _joints(model) for term in _terms(model, j, inputs)
+        Placed(NAME, ExpressionTerm(model, j, term))
+        for j in _joints(model)
+        for term in _terms(model, j, inputs)
     ]
 
 

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from capture_cli.linearization import Evidence, Linearization, autocorrelation_time
+from capture_cli.autocorrelation import autocorrelation_time
+from capture_cli.linearization import Evidence, Linearization
 
 # Error over the noise floor below which nobody would look for a missing effect: of all outputs, and of one of them
 PRACTICAL, PRACTICAL_OF_ONE = 1.1, 1.2

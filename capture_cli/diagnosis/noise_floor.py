@@ -128,7 +128,7 @@ def white_noise(series: Sequence[np.ndarray], times: Sequence[np.ndarray]) -> fl
     return next(_settled(_by_order(series, times)), None)
 
 
-def least(series: Sequence[np.ndarray]) -> float:
+def least_floor(series: Sequence[np.ndarray]) -> float:
     """The least that the floor of such an output can be: the scatter of its steps, and more than nothing."""
     return max(scatter_of_steps(series), SMALLEST * float(np.concatenate(series).std()))
 

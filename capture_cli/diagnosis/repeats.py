@@ -129,10 +129,10 @@ def _same(a: np.ndarray, b: np.ndarray) -> bool:
 
 
 # Of an episode: time (step,), outputs (step, output) and where they have samples
-Begun = tuple[np.ndarray, np.ndarray, np.ndarray]
+_Episode = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
-def _same_start(a: Begun, b: Begun, noise_sd: np.ndarray) -> bool:
+def _same_start(a: _Episode, b: _Episode, noise_sd: np.ndarray) -> bool:
     """Whether the values and slopes of two episodes begin alike, within what noise can do.
 
     By the first samples of each output: those of one that is sparse are later ones, and not of the same steps.
@@ -140,7 +140,7 @@ def _same_start(a: Begun, b: Begun, noise_sd: np.ndarray) -> bool:
     return all(_same_line(*(_first_samples(e, k) for e in (a, b)), sd) for k, sd in enumerate(noise_sd))
 
 
-def _first_samples(episode: Begun, output: int) -> tuple[np.ndarray, np.ndarray]:
+def _first_samples(episode: _Episode, output: int) -> tuple[np.ndarray, np.ndarray]:
     """Times, from the first step on, and values of the first samples of an output, (sample,)."""
     time, outputs, sampled = episode
     steps = np.flatnonzero(sampled[:, output])[:FIRST]

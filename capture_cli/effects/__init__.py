@@ -11,7 +11,9 @@ from capture_cli.effects.base import PLACES, Effect
 from capture_cli.parameters import Parameter
 from capture_cli.registry import Registry
 
-REGISTRY: Registry[Effect] = Registry("capture_cli.effects", "Effect", "effect", not_listed=("companion",))
+REGISTRY: Registry[Effect] = Registry(
+    "capture_cli.effects", "Effect", "effect", not_listed=("companion", "placed")
+)
 EXAMPLE = Path(__file__).with_name("_example_machine.xml")
 
 

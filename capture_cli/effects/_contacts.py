@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Sequence
+from functools import lru_cache
 
 import mujoco
 import numpy as np
@@ -31,7 +32,7 @@ class ContactEffect(Effect):
         self.pair = pairs.index(site) if site in pairs else -1
         if self.pair < 0:
             self.geoms = self._geoms(model)[site]
-            a, b = touching_pairs(model).T
+            a, b = _touching_pairs(model).T
             touched = np.union1d(b[np.isin(a, self.geoms)], a[np.isin(b, self.geoms)])
             others = np.setdiff1d(touched, self.geoms)
             self.partners = others[model.geom_priority[others] == model.geom_priority[self.geoms[0]]]
@@ -42,9 +43,10 @@ class ContactEffect(Effect):
         return [site for site in cls._geoms(model) if site not in pairs] + pairs
 
     @classmethod
+    @lru_cache(maxsize=16)
     def _geoms(cls, model: mujoco.MjModel) -> dict[str, np.ndarray]:
         """Sites and their geoms, (geom,) each: those of one make together, then one by one."""
-        a, b = touching_pairs(model).T
+        a, b = _touching_pairs(model).T
         a, b = np.concatenate([a, b]), np.concatenate([b, a])
         rank = model.geom_priority
         says = (rank[a] > rank[b]) | ((rank[a] == rank[b]) & cls.decides(model, a, b))
@@ -69,6 +71,11 @@ class ContactEffect(Effect):
     @abstractmethod
     def pair_matters(model: mujoco.MjModel, pair: int) -> bool:
         """Whether the effect can change anything in the contacts of an explicit pair."""
+
+
+@lru_cache(maxsize=16)
+def _touching_pairs(model: mujoco.MjModel) -> np.ndarray:
+    return touching_pairs(model)
 
 
 def _make(model: mujoco.MjModel, geom: int) -> tuple:

@@ -13,7 +13,7 @@ import numpy as np
 GRAVITY = 9.81  # m/s^2: friction comes with weight, also where the model, seen from above, has no gravity
 POSITION_ERROR = 0.3  # rad or m: the position error at which a servo is taken to give all it has
 TRUSTED_AUTHORITY = 10.0  # an actuator many times stronger than its load says nothing about friction
-HINGE, SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
+HINGE, SLIDE, FREE = (int(getattr(mujoco.mjtJoint, f"mjJNT_{kind}")) for kind in ("HINGE", "SLIDE", "FREE"))
 
 
 def travel(model: mujoco.MjModel, joint: int) -> float:

@@ -6,12 +6,10 @@ import mujoco
 
 from capture_cli.effects._kernel import Companion, number
 from capture_cli.effects._places import reference, site_id, site_name
-from capture_cli.effects._scales import GRAVITY, HINGE, SLIDE, characteristic_force
+from capture_cli.effects._scales import FREE, GRAVITY, HINGE, SLIDE, characteristic_force
 from capture_cli.effects.base import GLOBAL, Effect
 from capture_cli.parameters import Parameter
 from capture_cli.sim.engine import World
-
-FREE = int(mujoco.mjtJoint.mjJNT_FREE)
 
 
 class ConstantForce(Effect):

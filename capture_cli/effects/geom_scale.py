@@ -5,10 +5,10 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from capture_cli.effects._contacts import touching_pairs
 from capture_cli.effects._places import site_id, site_name
 from capture_cli.effects.base import GLOBAL, Effect
 from capture_cli.parameters import Parameter
+from capture_cli.sim.contacts import touching_pairs
 
 SIZED = [
     int(getattr(mujoco.mjtGeom, f"mjGEOM_{k}")) for k in ("SPHERE", "CAPSULE", "ELLIPSOID", "CYLINDER", "BOX")

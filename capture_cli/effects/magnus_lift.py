@@ -8,11 +8,10 @@ import numpy as np
 from capture_cli.effects._kernel import Companion, call
 from capture_cli.effects._places import reference, site_id, site_name
 from capture_cli.effects._rotation import body_vectors
+from capture_cli.effects._scales import FREE
 from capture_cli.effects.base import GLOBAL, Effect
 from capture_cli.parameters import Parameter
 from capture_cli.sim.engine import World
-
-FREE = int(mujoco.mjtJoint.mjJNT_FREE)
 
 
 def magnus_lift(qpos, qvel, *, lift, centre):

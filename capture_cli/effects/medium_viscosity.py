@@ -24,18 +24,12 @@ class MediumViscosity(Effect):
     @property
     def parameters(self):
         own = float(self.model.opt.viscosity)
-        return (
-            Parameter(
-                "viscosity", "Pa s", min(0.0, -own), 2 * max(self._sinking(b) for b in self._bodies()), 0.0
-            ),
-        )
+        most = 2 * max(self._sinking(b) for b in moving_bodies(self.model))
+        return (Parameter("viscosity", "Pa s", min(0.0, -own), most, 0.0),)
 
     def write(self, fields, values):
         viscosity = fields["opt.viscosity"]
         viscosity[...] = raised(viscosity, values[:, 0])
-
-    def _bodies(self) -> list[int]:
-        return moving_bodies(self.model)
 
     def _sinking(self, body: int) -> float:
         """Pa s: in which a ball of the body's mass and size sinks at the speed it has after falling one

@@ -9,10 +9,11 @@ from itertools import combinations, product, takewhile
 import numpy as np
 
 from capture_cli.diagnosis.acceptance import TINY, Support, bic_gain
+from capture_cli.diagnosis.folds import Folds
 from capture_cli.diagnosis.lack_of_fit import NEAR_FLOOR
 from capture_cli.diagnosis.score import Score, similarity
-from capture_cli.diagnosis.split import Folds
 from capture_cli.effects.base import GLOBAL
+from capture_cli.effects.placed import Placed
 from capture_cli.identifiers.intervals import intervals
 from capture_cli.protocol.candidates import (
     Candidate,
@@ -28,9 +29,8 @@ from capture_cli.protocol.model_comparison import (
     ModelComparison,
     effective_samples,
 )
-from capture_cli.protocol.model_fits import Fit, ModelFits, PartFit, Placed, least
+from capture_cli.protocol.model_fits import Fit, ModelFits, PartFit, least
 from capture_cli.protocol.narrow_shapes import NarrowShapes
-from capture_cli.simulator import placed_name
 
 MOST_EFFECTS = 6
 # Of the squared error above the noise floor: an effect that takes less away corrects a model that is wrong otherwise
@@ -72,7 +72,7 @@ class Accepted:
 
     @property
     def name(self) -> str:
-        return placed_name(*self.effect)
+        return self.effect.name
 
 
 class Attribution:
@@ -156,7 +156,9 @@ class Attribution:
         if together.site != GLOBAL:
             return current
         # those among the candidates: at a sensor that is not in the log it would show nothing
-        places = [c.effect for c in self.candidates if c.effect[0] == name and c.effect[1].site != GLOBAL]
+        places = [
+            c.effect for c in self.candidates if c.effect.kind == name and c.effect.effect.site != GLOBAL
+        ]
         if len(places) < 2 or len(self.accepted) - 1 + len(places) > self.most_effects:
             return current
         size = len(together.parameters)
@@ -172,7 +174,7 @@ class Attribution:
         joint = self.accepted.pop()
         self._candidate(joint.name).why_rejected = "better at each of its places on its own"
         self.accepted += [
-            Accepted(place, self._candidate(placed_name(*place)).score, [], joint.support, joint.share)
+            Accepted(place, self._candidate(place.name).score, [], joint.support, joint.share)
             for place in places
         ]
         return fit
@@ -212,7 +214,7 @@ class Attribution:
         """Fit the model with each of the candidates in it; those that are supported."""
         before, best = self.models.judge(current), None
         # fits with hidden states take long: they come last, and are given up where they stay far behind
-        for number, candidate in enumerate(sorted(candidates, key=lambda c: len(c.effect[1].states))):
+        for number, candidate in enumerate(sorted(candidates, key=lambda c: len(c.effect.effect.states))):
             self._step("refit", number, len(candidates))
             self._refit(current, candidate, before, tried, best)
             best = least([best, candidate.fit])
@@ -233,7 +235,7 @@ class Attribution:
         if fit is None or fit.squares >= current.squares:
             far = fit is not None and not fit.finished
             candidate.why_rejected = (
-                f"fitted jointly it stays far behind {placed_name(*rival.effects[-1])}"
+                f"fitted jointly it stays far behind {rival.effects[-1].name}"
                 if far
                 else "fitted jointly it explains nothing more"
             )
@@ -255,7 +257,7 @@ class Attribution:
         to zero: then it had been standing in for the effect. Nor does it count where the log hardly determines it: then
         it may be anywhere.
         """
-        effect, at_end = candidate.effect[1], _at_end(fit, candidate.effect)
+        effect, at_end = candidate.effect.effect, _at_end(fit, candidate.effect)
         vague = next((at_end[name] for name in effect.vague_at_end if name in at_end), None)
         if vague or self.models.is_explained(fit):
             return vague
@@ -281,7 +283,7 @@ class Attribution:
         """
         best = min(supported, key=self.models.loss)
         as_good = [c for c in supported if c is best or self.models.as_good(best, c)]
-        chosen = min(as_good, key=lambda c: (len(c.effect[1].parameters), c.fit.squares))
+        chosen = min(as_good, key=lambda c: (len(c.effect.effect.parameters), c.fit.squares))
         rivals = sorted((c for c in supported if c is not chosen), key=self.models.loss)
         for candidate in rivals:
             candidate.why_rejected = f"{chosen.name} explains as much with less, or more"
@@ -320,10 +322,12 @@ class Attribution:
             current = without
         return current
 
-    def _support(self, without: Fit, fit: Fit, effect: Placed, before: PartFit | None, tried: int):
+    def _support(
+        self, without: Fit, fit: Fit, placed: Placed, before: PartFit | None, tried: int
+    ) -> tuple[Support, PartFit | None]:
         """As of `ModelComparison`; tried: of how many candidates the effect is the best."""
-        hypotheses = tried * self._candidate(placed_name(*effect)).shapes_tried
-        return self.models.support(without, fit, effect, before, hypotheses)
+        hypotheses = tried * self._candidate(placed.name).shapes_tried
+        return self.models.support(without, fit, placed, before, hypotheses)
 
     def _candidate(self, name: str) -> Candidate:
         return next(c for c in self.candidates if c.name == name)
@@ -367,13 +371,13 @@ class Attribution:
     @staticmethod
     def _no_larger(accepted: Accepted) -> list[Candidate]:
         """Its first rivals that have no more parameters than it."""
-        size = len(accepted.effect[1].parameters)
-        return [r for r in accepted.rivals if len(r.effect[1].parameters) <= size][:PAIRED]
+        size = len(accepted.effect.effect.parameters)
+        return [r for r in accepted.rivals if len(r.effect.effect.parameters) <= size][:PAIRED]
 
     def _exchanged(self, current: Fit, pair: Sequence[Accepted], rivals: Sequence[Candidate]) -> Fit | None:
         """The model with `rivals` in the place of the accepted effects `pair`."""
         out = np.concatenate([np.arange(len(current.point))[current.columns(a.name)] for a in pair])
-        rest = [e for e in current.effects if placed_name(*e) not in {a.name for a in pair}]
+        rest = [e for e in current.effects if e.name not in {a.name for a in pair}]
         start = np.concatenate([np.delete(current.point, out), *(r.start for r in rivals)])
         return self.models.fit([*rest, *(r.effect for r in rivals)], start, current, current)
 
@@ -433,7 +437,7 @@ def _are_kin(one: Accepted, other: Accepted) -> bool:
 
 def _at_end(fit: Fit, placed: Placed) -> dict[str, str]:
     """Parameters of an effect in `fit` that are at the end of their range, other than at null, and how to say so."""
-    effect, own = placed[1], fit.columns(placed_name(*placed))
+    effect, own = placed.effect, fit.columns(placed.name)
     x, space, found = fit.space.to_unit(fit.point), fit.space, {}
     for i, name in zip(range(own.start, own.stop), effect.space.names, strict=True):
         null = (space.nominal[i] - space.low[i]) / space.span[i]

@@ -13,13 +13,13 @@ from capture_cli.diagnosis.acceptance import Support
 from capture_cli.diagnosis.score import STEP, Score, score, similarity
 from capture_cli.effects import REGISTRY
 from capture_cli.effects.base import Effect, JointMotion
+from capture_cli.effects.placed import Placed
 from capture_cli.linearization import Linearization
-from capture_cli.protocol.model_fits import Fit, PartFit, Placed
+from capture_cli.protocol.model_fits import Fit, PartFit
 from capture_cli.protocol.narrow_shapes import NarrowShapes
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.sim.coordinate_sources import sources_of
 from capture_cli.sim.windows import stretches
-from capture_cli.simulator import placed_name
 
 # Best-scoring candidates that are fitted jointly, each time round: so many that differ, with so many like each, no more
 # than so many in all. A force of one direction can be a bias, a preload or a tilt: they must not keep all others out.
@@ -64,19 +64,19 @@ class Candidate:
 
     @property
     def name(self) -> str:
-        return placed_name(*self.effect)
+        return self.effect.name
 
 
 def all_candidates(prepared: PreparedLog) -> list[Candidate]:
     """Every effect at every site of the model that could show in the log."""
     model = _as_driven(prepared)
-    every = [(name, cls(model, site)) for name, cls in REGISTRY.items() for site in cls.sites(model)]
+    every = [Placed(name, cls(model, site)) for name, cls in REGISTRY.items() for site in cls.sites(model)]
     logged = frozenset(c.index for c in prepared.task.outputs)
     seen, windows = _seen(prepared), prepared.windows
     window = float(windows.grid_steps.max() * windows.timestep)
     for _, effect in every:
         effect.look_in(window=window, longest=prepared.log.longest, logged=logged, seen=seen)
-    return [Candidate(e) for e in every if e[1].shows]
+    return [Candidate(e) for e in every if e.effect.shows]
 
 
 def _seen(prepared: PreparedLog) -> dict[int, JointMotion]:
@@ -127,16 +127,14 @@ def thinned(part: PreparedLog, fit: Fit) -> tuple[PreparedLog, Linearization]:
     if count <= most:
         return part, fit.at
     keep = np.unique(np.linspace(0, count - 1, most).astype(int))
-    few, at = part.part(keep), fit.at
-    rows = few.windows.measured.shape[1] * few.windows.measured.shape[2]
-    evidence = replace(at.evidence.rows(keep), measured=few.windows.measured, mask=few.windows.sampled)
+    few, at = part.part(keep), fit.at.windows(keep)
+    rows = few.windows.measured.shape[1] * few.windows.measured.shape[2]  # its longest window may be gone
     return few, replace(
         at,
-        evidence=evidence,
-        offsets=at.offsets[keep],
-        residual=at.residual[keep, :rows],
-        by_parameter=at.by_parameter[keep, :rows],
-        by_start=at.by_start[keep, :rows],
+        evidence=replace(at.evidence, measured=few.windows.measured, mask=few.windows.sampled),
+        residual=at.residual[:, :rows],
+        by_parameter=at.by_parameter[:, :rows],
+        by_start=at.by_start[:, :rows],
     )
 
 
@@ -144,16 +142,16 @@ def score_at_null(narrow: NarrowShapes, candidate: Candidate) -> None:
     """Fill in the candidate's score and where a refit should start, or why it is out."""
     candidate.fit = candidate.select = candidate.support = candidate.score = None
     candidate.why_rejected = candidate.start_elsewhere = candidate.start_doubted = None
-    shapes, tried = _shapes(narrow, candidate.effect[1])
-    candidate.shapes_tried = tried * len(candidate.effect[1].states_scored)
+    shapes, tried = _shapes(narrow, candidate.effect.effect)
+    candidate.shapes_tried = tried * len(candidate.effect.effect.states_scored)
     probed = _probed(narrow, candidate, shapes, PROBES)
-    if candidate.effect[1].has_threshold or not (probed.moves or np.isinf(probed.size)):
+    if candidate.effect.effect.has_threshold or not (probed.moves or np.isinf(probed.size)):
         probed += _probed(narrow, candidate, shapes, FAR_PROBES)
-    elif probed.size > TOO_MUCH and candidate.effect[1].parameters:
+    elif probed.size > TOO_MUCH and candidate.effect.effect.parameters:
         little = PROBES[0] / min(probed.size, MOST_TOO_MUCH)
         probed += _probed(narrow, candidate, shapes, (little, -little))
     if scored := sorted(probed.scored, key=lambda s: -s[0].gain):
-        effect = candidate.effect[1]
+        effect = candidate.effect.effect
         believed = [s for s in scored if not narrow.doubts(effect, s[1])] or scored
         candidate.score, candidate.start = believed[0]
         candidate.start_elsewhere = _at_another_peak(effect, [s for _, s in believed])
@@ -191,7 +189,7 @@ def _probed(
 
     shapes (point, parameter): with null amplitudes. shares: of the amplitudes' ranges, at which each is probed.
     """
-    effect, at = candidate.effect[1], narrow.fit.at
+    effect, at = candidate.effect.effect, narrow.fit.at
     space = effect.space
     amplitudes = [i for i, n in enumerate(space.names) if n not in effect.shapes]
     probes, steps = _probes(effect, amplitudes, shapes, shares)
@@ -286,7 +284,7 @@ def worth_a_refit(ranked: Sequence[Candidate]) -> tuple[list[Candidate], list[Ca
 
 def _alike(a: Candidate, b: Candidate) -> bool:
     """Whether they are one effect at variants of one site, or what they change is the same."""
-    (name, effect), (other_name, other) = a.effect, b.effect
-    if name == other_name and effect.variant_of == other.variant_of:
+    (kind, effect), (other_kind, other) = a.effect, b.effect
+    if kind == other_kind and effect.variant_of == other.variant_of:
         return True
     return abs(similarity(a.score.response, b.score.response)) > ALIKE

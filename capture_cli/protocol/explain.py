@@ -24,7 +24,6 @@ from capture_cli.protocol.next_experiment import next_experiment
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.protocol.repeated_noise import with_noise_of_repeats
 from capture_cli.protocol.residual_noise import with_noise_of_residual
-from capture_cli.simulator import placed_name
 
 # what is tried, its number, of how many, what was found so far
 OnStep = Callable[[str, int, int, Sequence[str]], None]
@@ -58,7 +57,7 @@ def explain(prepared: PreparedLog, nominal: np.ndarray, settings: Settings, on_s
 
 
 @dataclass(frozen=True)
-class _Begun:
+class _Declared:
     """The protocol with its declared model, on the log `prepared` with the noise floor that it stays with.
 
     as_acted: with the starts that the actions say; then `prepared` has them as free as they were.
@@ -81,7 +80,7 @@ def _begin(
     rollouts: int,
     *,
     free: bool = False,
-) -> _Begun:
+) -> _Declared:
     """Declare the model, anew where what it leaves shows less noise than the log, or contacts there need longer
     differences, until neither is so.
 
@@ -93,7 +92,7 @@ def _begin(
         declared = protocol.declare(nominal)
         better = _better_prepared(prepared, protocol, declared)
         if better is prepared:
-            return _Begun(protocol, declared, prepared, acted)
+            return _Declared(protocol, declared, prepared, acted)
         prepared, rollouts = better, protocol.fits.rollouts
 
 
@@ -181,7 +180,7 @@ class _Protocol:
         return models
 
     def _judged(self, compared: ModelComparison, fit: Fit, *, with_minima: bool) -> JudgedModel:
-        name = f"+ {placed_name(*fit.effects[-1])}" if fit.effects else "declared"
+        name = f"+ {fit.effects[-1].name}" if fit.effects else "declared"
         judged, seen = compared.judge(fit), self.parts.windows(FIT, SELECT)
         again = self.fits.fit(
             seen,

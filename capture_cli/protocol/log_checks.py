@@ -120,6 +120,9 @@ def _formula(column: str, scale: float, offset: float, period: float | None = No
 
 
 def check_long_enough(log: MeasuredLog, duration: float | None) -> None:
+    """Raise LogError where episodes, or windows of `duration` s, are too short to tell anything; whole episodes where
+    None. OptionError where `duration` is none.
+    """
     if duration is not None and not 0 < duration < np.inf:
         raise OptionError(f"--window {duration:g}", cure="give a positive number of seconds")
     longest = log.longest

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from capture_cli.diagnosis.split import Folds, select_folds
+from capture_cli.diagnosis.folds import Folds, select_folds
 from capture_cli.protocol.prepared_log import PreparedLog
 
 FIT, SELECT, TEST = 0, 1, 2

@@ -9,6 +9,7 @@ import numpy as np
 
 from capture_cli.diagnosis.noise_floor import NoiseFloor
 from capture_cli.protocol.log_windows import clock, cut_log
+from capture_cli.protocol.nominal_motion import nominal_motion
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.sim.coordinate_sources import measures_every_coordinate
 from capture_cli.sim.engine import Engine, ModelFields, Rollouts
@@ -18,7 +19,6 @@ from capture_cli.sim.starts import (
     estimate_starts,
     from_episodes,
     known_starts,
-    model_starts,
     with_known,
 )
 from capture_cli.sim.windows import Windows
@@ -113,16 +113,8 @@ def _of_whole_episodes(
     """
     model = task.model
     whole = cut_log(log, task, None)
-    own = model_starts(model, len(whole)).starts
-    fields = ModelFields(model, len(whole))
-    task.write(fields, np.repeat(task.space.nominal[None], len(whole), axis=0))
-    rollouts = Engine(model, threads).rollout(
-        starts=own,
-        controls=task.controls(whole.controls),
-        steps=int(whole.grid_steps.max()),
-        fields=fields,
-        states=True,
-    )
+    steps = int(whole.grid_steps.max())
+    rollouts = nominal_motion(task, task.controls(whole.controls), steps=steps, threads=threads)
     number = np.searchsorted(whole.first, windows.first, side="right") - 1
     step = np.round((windows.time - whole.time[number]) / task.timestep).astype(int)
     step = np.minimum(step, rollouts.qpos.shape[1] - 1)

@@ -15,11 +15,11 @@ from capture_cli.diagnosis.acceptance import (
     paired_p_value,
     ratio_p_value,
 )
+from capture_cli.diagnosis.folds import Folds
 from capture_cli.diagnosis.score import similarity
-from capture_cli.diagnosis.split import Folds
+from capture_cli.effects.placed import Placed
 from capture_cli.protocol.candidates import Candidate
-from capture_cli.protocol.model_fits import Fit, ModelFits, PartFit, Placed, least
-from capture_cli.simulator import placed_name
+from capture_cli.protocol.model_fits import Fit, ModelFits, PartFit, least
 
 AGAIN_ROUNDS = 20  # in which a model without an effect is to get where it got with it
 INDISTINCT = 0.05  # two models are tied where the paired test between them is not below this
@@ -128,7 +128,7 @@ class ModelComparison:
 
     def without(self, current: Fit, name: str) -> Fit | None:
         """The fit of `current` less the effect that is called `name` there."""
-        effects = [e for e in current.effects if placed_name(*e) != name]
+        effects = [e for e in current.effects if e.name != name]
         return self.fit(effects, np.delete(current.point, current.columns(name)), current)
 
     def nested(self, last: Fit, count: int) -> Fit:
@@ -162,13 +162,13 @@ class ModelComparison:
         return paired_p_value(before.blocks(length), after.blocks(length), self.seed)
 
     def support(
-        self, before_fit: Fit, fit: Fit, effect: Placed, before: PartFit | None, hypotheses: int
+        self, before_fit: Fit, fit: Fit, placed: Placed, before: PartFit | None, hypotheses: int
     ) -> tuple[Support, PartFit | None]:
-        """Support for `effect` in `fit` over `before_fit`, and how `fit` does on what judges; before: how that does.
+        """Support for `placed` in `fit` over `before_fit`, and how `fit` does on what judges; before: how that does.
 
         hypotheses: how many effects and shapes of them it is the best of.
         """
-        added = max(len(effect[1].parameters), 1)  # to be there or not is a choice, too
+        added = max(len(placed.effect.parameters), 1)  # to be there or not is a choice, too
         samples = effective_samples(fit)
         free = samples - len(fit.space)
         p_fit = ratio_p_value(before_fit.squares, fit.squares, free, added, hypotheses)
@@ -196,7 +196,7 @@ class ModelComparison:
 
     def _more_and_gain(self, mine: Candidate, other: Candidate) -> tuple[int, float]:
         """How many parameters `other` has more than `mine`, and what its fit gains by BIC."""
-        more = len(other.effect[1].parameters) - len(mine.effect[1].parameters)
+        more = len(other.effect.effect.parameters) - len(mine.effect.effect.parameters)
         samples = effective_samples(other.fit)
         return more, bic_gain(mine.fit.squares, other.fit.squares, samples, more)
 
@@ -208,7 +208,7 @@ class ModelComparison:
         return float(np.log(np.maximum(candidate.select.blocks(length), TINY)).mean() - np.log(length))
 
     def _indistinct(self, best: Candidate, other: Candidate) -> bool:
-        has_sizes = best.effect[1].parameters and other.effect[1].parameters
+        has_sizes = best.effect.effect.parameters and other.effect.effect.parameters
         if has_sizes and similarity(best.score.response, other.score.response) > SAME_RESPONSE:
             return True
         if best.select is None:
@@ -256,4 +256,4 @@ def effective_samples(fit: Fit) -> float:
 
 def _key(effects: Sequence[Placed]) -> tuple[str, ...]:
     """What a model is known by: its effects, in the order of its parameters."""
-    return tuple(placed_name(*e) for e in effects)
+    return tuple(e.name for e in effects)

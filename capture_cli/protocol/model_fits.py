@@ -11,7 +11,7 @@ import numpy as np
 
 from capture_cli.diagnosis.acceptance import TINY, block_squares, correlation_steps
 from capture_cli.diagnosis.lack_of_fit import lack_of_fit
-from capture_cli.effects.base import Effect
+from capture_cli.effects.placed import Placed
 from capture_cli.identifiers._window_starts import fit_starts
 from capture_cli.identifiers.base import Best, Evidence, Trial, run
 from capture_cli.identifiers.intervals import unit_covariance
@@ -20,9 +20,7 @@ from capture_cli.linearization import Linearization, best_trials, columns, trial
 from capture_cli.parameters import ParameterSpace
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.sim.engine import Engine
-from capture_cli.simulator import Begun, Motion, Simulator, placed_name
-
-Placed = tuple[str, Effect]
+from capture_cli.simulator import Begun, Motion, Simulator
 
 FIT_ROUNDS = 60
 TOLERANCE = 0.1  # of the objective over k: a third of a standard error is enough to compare models by
@@ -144,9 +142,9 @@ class Fit:
     def columns(self, name: str) -> slice:
         """Which of its parameters are those of the effect that is called `name`."""
         stop = len(self.space)
-        for effect in reversed(self.effects):
-            start = stop - len(effect[1].parameters)
-            if placed_name(*effect) == name:
+        for placed in reversed(self.effects):
+            start = stop - len(placed.effect.parameters)
+            if placed.name == name:
                 return slice(start, stop)
             stop = start
         raise KeyError(name)
@@ -175,12 +173,21 @@ class Fit:
 
 
 class ModelFits:
-    """Fits models of `prepared.task` plus effects. `rollouts` counts what all of them simulated."""
+    """Fits models of `prepared.task` plus effects, on one engine."""
 
     def __init__(self, prepared: PreparedLog, threads: int | None):
         self.prepared = prepared
         self.engine = Engine(prepared.task.model, threads)
-        self.rollouts = 0
+        self._elsewhere = 0
+
+    @property
+    def rollouts(self) -> int:
+        """How many windows were simulated on the engine, and what else was added."""
+        return self.engine.rollouts + self._elsewhere
+
+    @rollouts.setter
+    def rollouts(self, count: int) -> None:
+        self._elsewhere = count - self.engine.rollouts
 
     def fit(
         self,
@@ -209,8 +216,8 @@ class ModelFits:
             self._descended, part, effects, rounds=rounds, tolerance=tolerance, seed=seed, rival=rival
         )
         fit = descend(start, offsets, starts=starts)
-        carried = {placed_name(*e) for e in offsets_with}
-        tried = any(len(e[1].states_tried) and placed_name(*e) not in carried for e in effects)
+        carried = {e.name for e in offsets_with}
+        tried = any(len(e.effect.states_tried) and e.name not in carried for e in effects)
         if tried or (part.difference_step and not effects):
             fit = self._unstuck(part, fit, rival, descend)
         return fit
@@ -258,7 +265,6 @@ class ModelFits:
             patience=LONG_PATIENCE if simpler else PATIENCE,
         )
         best = run(solver, lambda trial: part.evaluate(simulator, trial))
-        self.rollouts += simulator.rollouts
         if not np.isfinite(best.error):
             return None
         fit = self.at(part, effects, best, solver.at)
@@ -303,10 +309,10 @@ class ModelFits:
         A descent stops where the limit is about to matter, and differences that are taken there say that it does.
         """
         shapes = [
-            fit.columns(placed_name(*e)).start + i
+            fit.columns(e.name).start + i
             for e in fit.effects
-            for i, name in enumerate(e[1].space.names)
-            if name in e[1].shapes
+            for i, name in enumerate(e.effect.space.names)
+            if name in e.effect.shapes
         ]
         ends = np.repeat(fit.point[None], 2 * len(shapes), axis=0)
         for row, (shape, end) in zip(ends, product(shapes, (fit.space.low, fit.space.high)), strict=True):
@@ -353,7 +359,6 @@ class ModelFits:
         evidence = part.evidence(simulator)
         x = simulator.space.to_unit(best.parameters)
         outputs, diverged = part.evaluate(simulator, columns(evidence, x, best.offsets))
-        self.rollouts += simulator.rollouts
         at = Linearization.from_columns(evidence, x, best.offsets, outputs, diverged)
         return Fit(tuple(effects), simulator.space, best.parameters, at)
 
@@ -363,7 +368,6 @@ class ModelFits:
         evidence = part.evidence(simulator)
         trial = Trial(points, np.zeros((len(points), *evidence.start_sd.shape)))
         outputs, diverged = part.evaluate(simulator, trial)
-        self.rollouts += simulator.rollouts
         square = np.square(evidence.residual(outputs)).sum(axis=(1, 2)) / evidence.count
         return np.where(diverged.any(axis=1) | ~np.isfinite(square), np.inf, np.sqrt(square))
 
@@ -372,10 +376,8 @@ class ModelFits:
 
         on: the part at the fit, whose starts are left as they are.
         """
-        simulator = self.simulator(fit.effects)
         offsets = np.repeat(on.offsets[None], len(points), axis=0)
-        outputs, diverged = part.evaluate(simulator, Trial(points, offsets))
-        self.rollouts += simulator.rollouts
+        outputs, diverged = part.evaluate(self.simulator(fit.effects), Trial(points, offsets))
         return trial_objectives(on.evidence, offsets, outputs, diverged, fit.at.scatter).sum(axis=1)
 
     def on(
@@ -403,9 +405,7 @@ class ModelFits:
             padding = evidence.measured.shape[1] - outputs.shape[2]
             return np.pad(outputs, ((0, 0), (0, 0), (0, padding), (0, 0))), diverged
 
-        found = fit_starts(evidence, evaluate, offsets, tolerance=tolerance)
-        self.rollouts += simulator.rollouts
-        return found
+        return fit_starts(evidence, evaluate, offsets, tolerance=tolerance)
 
     def probe(
         self,
@@ -429,7 +429,6 @@ class ModelFits:
         if states is not None:
             offsets[:, :, carried : carried + states.shape[1]] = states[:, None]
         outputs, diverged = part.evaluate(simulator, Trial(points, offsets))
-        self.rollouts += simulator.rollouts
         return evidence.residual(outputs), diverged.any(axis=1)
 
     def motion(self, part: PreparedLog, fit: Fit, offsets: np.ndarray | None = None) -> Motion:
@@ -437,9 +436,7 @@ class ModelFits:
         simulator = self.simulator(fit.effects)
         starts = part.starts
         offsets = fit.offsets if offsets is None else offsets
-        motion = simulator.motion(part.windows, starts.starts, fit.point, offsets, starts.reported)
-        self.rollouts += simulator.rollouts
-        return motion
+        return simulator.motion(part.windows, starts.starts, fit.point, offsets, starts.reported)
 
     def begun(self, part: PreparedLog, fit: Fit, offsets: np.ndarray) -> Begun:
         """Where the simulation of every window of the part begins, its starts at `offsets` (window, state)."""
@@ -459,9 +456,9 @@ class ModelFits:
         """
         kept = self.prepared.starts.sd.shape[1]
         for one, other in zip(theirs, effects, strict=False):
-            if placed_name(*one) != placed_name(*other):
+            if one.name != other.name:
                 break
-            kept += len(one[1].states)
+            kept += len(one.effect.states)
         states = self.prepared.starts.sd.shape[1] + sum(len(e.states) for _, e in effects)
         carried = np.zeros((len(offsets), states))
         carried[:, :kept] = offsets[:, :kept]

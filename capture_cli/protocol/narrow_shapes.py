@@ -9,6 +9,7 @@ import numpy as np
 from capture_cli.diagnosis.pulses import NAME, PulseResponse, Pulses
 from capture_cli.effects._periodic_force import PeriodicForce
 from capture_cli.effects.base import Effect
+from capture_cli.effects.placed import Placed
 from capture_cli.protocol.model_fits import Fit, ModelFits
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.simulator import Motion
@@ -73,9 +74,8 @@ class NarrowShapes:
             steps = int(self.part.windows.grid_steps.max())
             pulses = Pulses.over(model, effect.joint_name, steps, effect.shortest_period)
             size = PULSE * pulses.characteristic_force
-            residual, diverged = self.fits.probe(
-                self.part, self.fit, (NAME, pulses), size * np.eye(pulses.count)
-            )
+            placed = Placed(NAME, pulses)
+            residual, diverged = self.fits.probe(self.part, self.fit, placed, size * np.eye(pulses.count))
             change = (self.fit.at.residual - residual) * ~diverged[:, None, None] / size
             response = PulseResponse.of(self.fit.at, np.moveaxis(change, 0, -1))
             self._responses[effect.joint_name] = (pulses, response)

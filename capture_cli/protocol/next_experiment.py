@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,6 @@ from capture_cli.multisine import multisine_tape
 from capture_cli.protocol.model_fits import Fit, ModelFits
 from capture_cli.sim.starts import model_starts
 from capture_cli.sim.windows import Windows, cut
-from capture_cli.simulator import placed_name
 from capture_cli.tasks.base import Task
 
 BANDS = ((0.1, 0.5), (0.5, 3.0), (3.0, 10.0))  # Hz
@@ -32,23 +32,35 @@ def next_experiment(fits: ModelFits, mine: Fit, others: Sequence[Fit], seed: int
     peaks = np.abs(log.inputs).max(axis=0)
     if not task.inputs or not others or not peaks.any():
         return None
-    best, time = None, _times(task)
-    least = CHANCE / np.sqrt(len(time) * len(task.outputs))
-    for band in BANDS:
-        for share in SHARES:
-            tape = multisine_tape(task, time, share * peaks, band, np.random.default_rng(seed))
-            windows = driven_window(task, time, tape)
-            separation = min(_separation(fits, mine, other, windows) for other in others)
-            if np.isfinite(separation) and (best is None or separation > best["separation"]):
-                best = {"band_hz": list(band), "peaks": (share * peaks).tolist(), "separation": separation}
+    best = None
+    for band, share in product(BANDS, SHARES):
+        asked = {
+            "band_hz": list(band),
+            "peaks": (share * peaks).tolist(),
+            "duration_s": DURATION,
+            "seed": seed,
+        }
+        windows = driven_window(task, *experiment_tape(task, asked))
+        separation = min(_separation(fits, mine, other, windows) for other in others)
+        if np.isfinite(separation) and (best is None or separation > best["separation"]):
+            best = {**asked, "separation": separation}
     if best is None:
         return None
-    return {**best, "duration_s": DURATION, "text": _text(task, best, least, mine, others)}
+    return {**best, "text": _text(task, best, mine, others)}
 
 
-def _times(task) -> np.ndarray:
+def experiment_tape(task: Task, asked: Mapping[str, Any]) -> tuple[np.ndarray, np.ndarray]:
+    """The drive of an experiment as a diagnosis has it: time (step,) s and inputs (step, input), from rest."""
+    time = experiment_times(task, asked["duration_s"])
+    generator = np.random.default_rng(asked["seed"])
+    peaks, band = np.array(asked["peaks"]), tuple(asked["band_hz"])
+    return time, multisine_tape(task, time, peaks, band, generator, at_rest=True)
+
+
+def experiment_times(task: Task, duration: float = DURATION) -> np.ndarray:
+    """When an experiment of `duration` s has samples, s, (step,): no closer together than the task's steps."""
     interval = max(task.timestep, 1 / RATE)
-    return interval * np.arange(int(DURATION / interval) + 1)
+    return interval * np.arange(int(duration / interval) + 1)
 
 
 def driven_window(task: Task, time: np.ndarray, tape: np.ndarray) -> Windows:
@@ -69,19 +81,18 @@ def _separation(fits: ModelFits, mine: Fit, other: Fit, windows: Windows) -> flo
     starts = model_starts(fits.prepared.task.model, 1).starts
     outputs = []
     for fit in (mine, other):
-        simulator = fits.simulator(fit.effects)
-        simulated = simulator.simulate(windows, starts, fit.point[None])
-        fits.rollouts += simulator.rollouts
+        simulated = fits.simulator(fit.effects).simulate(windows, starts, fit.point[None])
         if simulated.diverged.any():
             return float("nan")
         outputs.append(simulated.outputs[0][windows.mask] / fits.prepared.noise.sd)
     return float(np.sqrt(np.square(outputs[0] - outputs[1]).mean()))
 
 
-def _text(task, best: dict[str, Any], least: float, mine: Fit, others: Sequence[Fit]) -> str:
+def _text(task: Task, best: Mapping[str, Any], mine: Fit, others: Sequence[Fit]) -> str:
+    least = CHANCE / np.sqrt(len(experiment_times(task)) * len(task.outputs))
     peaks = ", ".join(f"{c.name} {p:.3g} {c.unit}" for c, p in zip(task.inputs, best["peaks"], strict=True))
-    own = {placed_name(*e) for e in mine.effects}
-    rivals = sorted({placed_name(*e) for o in others for e in o.effects} - own)
+    own = {e.name for e in mine.effects}
+    rivals = sorted({e.name for o in others for e in o.effects} - own)
     low, high = best["band_hz"]
     if best["separation"] < least:
         return f"nothing that was tried tells it from {', '.join(rivals)}: here they may be one and the same"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from capture_cli.diagnosis.noise_floor import NoiseFloor, least, shared, shared_source, trimmed_sd
+from capture_cli.diagnosis.noise_floor import NoiseFloor, least_floor, shared, shared_source, trimmed_sd
 from capture_cli.diagnosis.quantisation import scatter_of_steps
 from capture_cli.diagnosis.repeats import FEWEST, pure_error, repeats
 from capture_cli.identifiers.base import Best
@@ -37,7 +37,7 @@ def with_noise_of_repeats(
             sd[k] *= trimmed_sd(deviations[k])
             if sd[k] < scatter_of_steps(samples):
                 source[k] = "resolution"
-            sd[k] = max(sd[k], least(samples))
+            sd[k] = max(sd[k], least_floor(samples))
     quaternions = attitudes(prepared.task)
     noise = NoiseFloor(shared(sd, quaternions), shared_source(source, sd, quaternions))
     return with_noise(prepared, noise, threads), fits.rollouts

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from capture_cli.diagnosis.noise_floor import NoiseFloor, least, shared, white_noise
+from capture_cli.diagnosis.noise_floor import NoiseFloor, least_floor, shared, white_noise
 from capture_cli.linearization import Linearization
 from capture_cli.protocol.model_fits import Fit
 from capture_cli.protocol.prepare import with_noise
@@ -53,5 +53,5 @@ def _noise(part: PreparedLog, at: Linearization) -> np.ndarray:
         ]
         found, share = white_noise(series, times), float(taken[..., k][sampled].mean())
         if found is not None and share < MOST_TAKEN:
-            sd[k] = max(found / np.sqrt(1 - share), least(part.samples(k)))
+            sd[k] = max(found / np.sqrt(1 - share), least_floor(part.samples(k)))
     return sd

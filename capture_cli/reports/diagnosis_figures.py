@@ -17,7 +17,6 @@ from capture_cli.reports.diagnosis_plots import (
     drawn_against,
     drawn_curves,
     localisation_columns,
-    place,
     whiskers,
 )
 from capture_cli.reports.figure_parts import (
@@ -36,7 +35,7 @@ from capture_cli.reports.figure_parts import (
     save,
     title,
 )
-from capture_cli.reports.quantities import significant, with_unit
+from capture_cli.reports.quantities import place, significant, with_unit
 from capture_cli.stores.diagnosis import Diagnosis
 
 BAR = 0.24  # of the distance between two models

@@ -6,8 +6,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from capture_cli.reports.findings import NEAR, NOT_ALIKE, UNTRUSTED, beyond_chance, impossible, left_open
-from capture_cli.reports.quantities import scaled_unit, significant, titled, to_precision_of, with_unit
+from capture_cli.reports.findings import NOT_ALIKE, UNTRUSTED, beyond_chance, impossible, left_open
+from capture_cli.reports.quantities import (
+    floor_unit,
+    scaled_unit,
+    significant,
+    titled,
+    to_precision_of,
+    with_unit,
+)
 from capture_cli.stores.diagnosis import Diagnosis
 
 TITLES = {
@@ -260,8 +267,7 @@ def _change(document: Mapping[str, Any], name: str, unit: str) -> Change:
     part = best_part(document)
     shown, floor = after[part], document["noise_floor"][name]
     factor, label = scaled_unit(unit, shown or floor)
-    near = floor and floor * factor >= NEAR  # then it is easier to compare in one unit
-    floor_factor, floor_label = (factor, label) if near else scaled_unit(unit, floor)
+    floor_factor, floor_label = floor_unit(floor, unit, factor, label)
     return Change(
         name=name,
         unit=label,

@@ -15,14 +15,14 @@ from capture_cli.reports.findings import FLOOR_SOURCES
 from capture_cli.reports.made import header, how_it_was_made, source
 from capture_cli.reports.page import (
     browser,
-    folded,
+    measured_and_simulated,
+    output,
     page,
     plot,
     section,
     table,
     tiles,
     verdict,
-    view_selector,
 )
 from capture_cli.reports.parameter_cells import (
     PARAMETER_HEAD,
@@ -56,7 +56,7 @@ def render(diagnosis: Diagnosis, provenance: Mapping[str, Any] | None) -> str:
         _tiles(diagnosis, provenance),
         _effects(document),
         _errors(diagnosis),
-        _parameters(document, plots),
+        _parameters(document),
         _curves(diagnosis, curves),
         _localisation(diagnosis, plots),
         _candidates(document),
@@ -259,7 +259,7 @@ def _arrow(before: float | None, after: float, unit: str, has_effects: bool) -> 
 # --- the declared parameters ---
 
 
-def _parameters(document: Mapping[str, Any], plots: Mapping[str, Any]) -> str:
+def _parameters(document: Mapping[str, Any]) -> str:
     if not document["parameters"]:
         return ""
     moved = findings.moved(document)
@@ -303,16 +303,12 @@ def _moved_row(row: findings.Moved, p: Mapping[str, Any]) -> list[str]:
 
 def _curves(diagnosis: Diagnosis, curves: Curves) -> str:
     names = [o["name"] for o in diagnosis.attributes["outputs"]]
-    blocks = [
-        plot(f"overlay-{k}", height=480, label=f"{name}: measured and simulated over time, and the residual")
-        for k, name in enumerate(names)
-    ]
-    several = len(curves.slices) > 1
-    lead = "Drag to zoom, double-click to go back, click a name in the legend to hide it."
-    if several:
-        lead = f"The simulation starts afresh at every window. {lead}"
-    shown = [_folded(name, block, k) for k, (name, block) in enumerate(zip(names, blocks, strict=True))]
-    return section("Measured and simulated", view_selector("show") if several else "", *shown, lead=lead)
+    shown = []
+    for k, name in enumerate(names):
+        label = f"{name}: measured and simulated over time, and the residual"
+        block = plot(f"overlay-{k}", height=480, label=label)
+        shown.append(output(name, block, is_open=k < OPEN_OUTPUTS))
+    return measured_and_simulated(shown, views=len(curves.slices))
 
 
 def _localisation(diagnosis: Diagnosis, plots: Mapping[str, Any]) -> str:
@@ -322,7 +318,8 @@ def _localisation(diagnosis: Diagnosis, plots: Mapping[str, Any]) -> str:
         if f"localisation-{k}" in plots:
             label = f"{name}: mean residual acceleration against time, position, velocity and input"
             height = diagnosis_plots.localisation_height(diagnosis, k)
-            shown.append(_folded(name, plot(f"localisation-{k}", height=height, label=label), k))
+            block = plot(f"localisation-{k}", height=height, label=label)
+            shown.append(output(name, block, is_open=k < OPEN_OUTPUTS))
     if not shown:
         return ""
     lead = (
@@ -330,10 +327,6 @@ def _localisation(diagnosis: Diagnosis, plots: Mapping[str, Any]) -> str:
         "The share over each curve is what that quantity alone accounts for in the declared model's residual."
     )
     return section("Where the residual arises", *shown, lead=lead)
-
-
-def _folded(name: str, block: str, k: int) -> str:
-    return f"<h3>{escape(name)}</h3>{block}" if k < OPEN_OUTPUTS else folded(name, block)
 
 
 # --- the candidates ---

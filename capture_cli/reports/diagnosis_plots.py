@@ -9,13 +9,12 @@ import numpy as np
 
 from capture_cli.reports.curves import LONGEST_CLOCK
 from capture_cli.reports.diagnosis_findings import PARTS, Moved, StageErrors, moved, shift, stage_errors
-from capture_cli.reports.plotly_parts import Plot, heading, line, rounded
-from capture_cli.reports.quantities import scaled_unit, significant, titled, with_unit
+from capture_cli.reports.plotly_parts import NO_BUTTONS, Plot, heading, line, rounded
+from capture_cli.reports.quantities import place, scaled_unit, significant, titled, with_unit
 from capture_cli.stores.diagnosis import Diagnosis
 
 COLORS = {"fit": "--measured", "select": "--select", "test": "--test"}
 ABOVE, UNDER, CELL, BETWEEN = 56, 44, 170, 76  # px: of the plots of localisation, and what is around them
-NO_BUTTONS = {"displayModeBar": False}
 LEGEND = {"orientation": "h", "x": 0, "y": 1.02, "xanchor": "left", "yanchor": "bottom"}
 
 
@@ -100,11 +99,6 @@ def absorbed(document: Mapping[str, Any]) -> Plot | None:
 def absorbed_height(document: Mapping[str, Any]) -> int:
     """px that the plot of absorbed parameters needs."""
     return 110 + 44 * len(document["absorbed"])
-
-
-def place(value: float, parameter: Mapping[str, Any]) -> float:
-    """Where in its range a value is: 0 at the lower bound, 1 at the upper."""
-    return (value - parameter["low"]) / (parameter["high"] - parameter["low"])
 
 
 def whiskers(parameter: Mapping[str, Any]) -> list[float]:

@@ -10,7 +10,8 @@ from capture_cli.reports import curve_plots, findings, parameter_plots
 from capture_cli.reports.curves import Curves
 from capture_cli.reports.made import header, how_it_was_made, source
 from capture_cli.reports.page import (
-    folded,
+    measured_and_simulated,
+    output,
     page,
     plot,
     section,
@@ -18,7 +19,6 @@ from capture_cli.reports.page import (
     table,
     tiles,
     verdict,
-    view_selector,
 )
 from capture_cli.reports.parameter_cells import PARAMETER_HEAD, parameter_row
 from capture_cli.reports.quantities import counted, significant, with_unit
@@ -128,17 +128,8 @@ def _error_row(e: findings.OutputError) -> list[str]:
 
 def _curves(estimate: Estimate, curves: Curves) -> str:
     names = [o["name"] for o in estimate.attributes["outputs"]]
-    blocks = [_output(name, k) for k, name in enumerate(names)]
-    blocks = [
-        f"<h3>{escape(name)}</h3>{block}" if k < OPEN_OUTPUTS else folded(name, block)
-        for k, (name, block) in enumerate(zip(names, blocks, strict=True))
-    ]
-    several = len(curves.slices) > 1
-    lead = "Drag to zoom, double-click to go back, click a name in the legend to hide it."
-    if several:
-        lead = f"The simulation starts afresh at every window. {lead}"
-    selector = view_selector("show") if several else ""
-    return section("Measured and simulated", selector, *blocks, lead=lead)
+    shown = [output(name, _output(name, k), is_open=k < OPEN_OUTPUTS) for k, name in enumerate(names)]
+    return measured_and_simulated(shown, views=len(curves.slices))
 
 
 def _output(name: str, k: int) -> str:

@@ -22,7 +22,7 @@ from capture_cli.reports.figure_parts import (
     rows,
     save,
 )
-from capture_cli.reports.quantities import bound, to_precision_of, with_unit
+from capture_cli.reports.quantities import bound, place, to_precision_of, with_unit
 from capture_cli.stores.estimate import Estimate
 
 # More names than these would cover the curves they name.
@@ -63,10 +63,9 @@ def _parameters(estimate: Estimate) -> Figure:
     figure = new_figure(0.7 + 0.52 * len(parameters))
     axis = figure.subplots()
     for row, p in enumerate(parameters.values()):
-        span = p["high"] - p["low"]
         axis.plot([0, 1], [row, row], color=RULE, lw=3, solid_capstyle="butt", zorder=1)
         if p.get("ci95"):
-            ends = (np.clip(p["ci95"], p["low"], p["high"]) - p["low"]) / span
+            ends = place(np.clip(p["ci95"], p["low"], p["high"]), p)
             axis.plot(
                 ends,
                 [row, row],
@@ -77,7 +76,7 @@ def _parameters(estimate: Estimate) -> Figure:
                 zorder=2,
             )
         color = PALETTE["--simulated" if p["at_bound"] or not p["identifiable"] else "--residual"]
-        axis.plot((p["value"] - p["low"]) / span, row, "o", color=color, mec="white", ms=8, zorder=3)
+        axis.plot(place(p["value"], p), row, "o", color=color, mec="white", ms=8, zorder=3)
         for x, text, align in ((0, bound(p["low"]), "left"), (1, bound(p["high"]), "right")):
             axis.annotate(
                 text, (x, row), (0, -9), textcoords="offset points", ha=align, va="top", color=MUTED, size=8
@@ -102,8 +101,8 @@ def _convergence(estimate: Estimate) -> Figure:
     axes[0].set_ylabel("error / noise floor")
     for k, name in enumerate(names):
         p = estimate.document["parameters"][name]
-        place = (np.asarray(estimate.arrays["round/parameters"])[:, k] - p["low"]) / (p["high"] - p["low"])
-        axes[1].plot(place, color=PATHS[k % len(PATHS)], lw=1.2, marker=marker, ms=3, label=name)
+        path = place(np.asarray(estimate.arrays["round/parameters"])[:, k], p)
+        axes[1].plot(path, color=PATHS[k % len(PATHS)], lw=1.2, marker=marker, ms=3, label=name)
     if 0 < len(names) <= MOST_NAMED:
         axes[1].legend(frameon=False, fontsize=8, labelcolor=MUTED)
     if names:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from capture_cli.reports.quantities import bound, scaled_unit, significant, with_unit
+from capture_cli.reports.quantities import bound, floor_unit, scaled_unit, significant, with_unit
 from capture_cli.stores.estimate import Estimate
 
 # Of the motion within a window, and times the noise floor: physics seldom leaves so much
@@ -17,8 +17,6 @@ TOO_GOOD = 0.7  # times the noise floor: no fit gets so far below it
 TITLES = {"explained": "explained", "unexplained": "unexplained", "not-identifiable": "not identifiable"}
 NOT_ALIKE = "The two parts of the log are not alike."
 UNTRUSTED = "Do not trust the intervals: they leave out what the model lacks."
-# In the unit of the errors, a noise floor under this has more zeros than digits.
-NEAR = 0.01
 FLOOR_SOURCES = {
     "declared": "declared in the task",
     "differences": "from high-order differences",
@@ -154,8 +152,7 @@ def _output_error(document, name: str, unit: str, nominal: float | None, source:
     shown = rmse["test"] if rmse["test"] is not None else rmse["fit"]
     factor, label = scaled_unit(unit, shown or floor)
     nominal_factor, nominal_label = scaled_unit(unit, nominal)
-    near = floor and floor * factor >= NEAR  # then it is easier to compare in one unit
-    floor_factor, floor_label = (factor, label) if near else scaled_unit(unit, floor)
+    floor_factor, floor_label = floor_unit(floor, unit, factor, label)
     return OutputError(
         name=name,
         unit=label,

@@ -102,6 +102,20 @@ def folded(title: str, content: str) -> str:
     return f"<details><summary>{escape(title)}</summary>\n{content}\n</details>"
 
 
+def output(name: str, content: str, *, is_open: bool) -> str:
+    """What belongs to one output, under its name; folded where it is not open."""
+    return f"<h3>{escape(name)}</h3>{content}" if is_open else folded(name, content)
+
+
+def measured_and_simulated(outputs: Sequence[str], *, views: int) -> str:
+    """The section of the curves over time, a part per output; views: how many the reader chooses among."""
+    lead = "Drag to zoom, double-click to go back, click a name in the legend to hide it."
+    if views > 1:
+        lead = f"The simulation starts afresh at every window. {lead}"
+    selector = view_selector("show") if views > 1 else ""
+    return section("Measured and simulated", selector, *outputs, lead=lead)
+
+
 def view_selector(label: str) -> str:
     """The control that chooses which of the curves' views all plots show."""
     return (

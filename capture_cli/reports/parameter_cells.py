@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from html import escape
 from typing import Any
 
-from capture_cli.reports.quantities import MISSING, bound, shown_unit, significant, to_precision_of
+from capture_cli.reports.quantities import MISSING, bound, place, shown_unit, significant, to_precision_of
 
 PARAMETER_HEAD = ["parameter", "estimate", "sd", "95 % interval", "within its range", "remarks"]
 
@@ -44,7 +44,7 @@ def range_bar(p: Mapping[str, Any], shown: Callable[[float], str] = bound) -> st
     """The value and its interval on a bar from low to high; `shown` writes those."""
 
     def percent(value: float) -> float:
-        return 100 * min(1.0, max(0.0, (value - p["low"]) / (p["high"] - p["low"])))
+        return 100 * min(1.0, max(0.0, place(value, p)))
 
     shade = ""
     if p["ci95"]:

@@ -8,14 +8,13 @@ from typing import Any
 import numpy as np
 
 from capture_cli.reports.findings import correlation
-from capture_cli.reports.plotly_parts import Plot, band, heading, line, rounded
-from capture_cli.reports.quantities import shown_unit, titled
+from capture_cli.reports.plotly_parts import NO_BUTTONS, Plot, band, heading, line, rounded
+from capture_cli.reports.quantities import place, shown_unit, titled
 from capture_cli.stores.estimate import Estimate
 
 # Past these, markers make a thick line, numbers in the matrix a smudge, and a legend takes the plot's room.
 MOST_MARKERS, MOST_NUMBERED, MOST_NAMED = 60, 10, 8
 # They would lie over the titles of small plots.
-NO_BUTTONS = {"displayModeBar": False}
 # Of one luminance, so that they hold on light and on dark.
 PATHS = ("#2f7fb8", "#d9772b", "#3c9d6b", "#9a6fd0", "#c25573", "#8c7a3d", "#4f9fa5", "#7d8790")
 
@@ -138,10 +137,9 @@ def _path(estimate: Estimate, k: int, rounds: np.ndarray, marks: Plot) -> Plot:
     name = estimate.attributes["parameters"][k]
     parameter = estimate.document["parameters"][name]
     values = np.asarray(estimate.arrays["round/parameters"])[:, k]
-    place = (values - parameter["low"]) / (parameter["high"] - parameter["low"])
     template = f"{name} %{{customdata:.5g}} {shown_unit(parameter['unit'])}<extra></extra>"
     more = {"customdata": rounded(values), "yaxis": "y2", "hovertemplate": template}
-    return line(name, PATHS[k % len(PATHS)], rounds, place, **marks, **more)
+    return line(name, PATHS[k % len(PATHS)], rounds, place(values, parameter), **marks, **more)
 
 
 def _panel(row: int, column: int, rows: int, columns: int, number: str) -> Plot:

@@ -8,6 +8,8 @@ import numpy as np
 
 Plot = dict[str, Any]
 
+NO_BUTTONS = {"displayModeBar": False}
+
 
 def line(name: str, color: str, x=None, y=None, *, width: float = 1.5, axes: str = "", **more) -> Plot:
     """A curve. x, y (n,), or neither where "meta" names one of the page's curves. axes: "", "2", …"""

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping
+from typing import Any
 
 MISSING = "–"
 LOST = 10.0  # times a value: a standard deviation beyond which digits of the value mean nothing
+NEAR = 0.01  # in the unit of the errors: a noise floor under this has more zeros than digits
 LONGEST_TITLE = 26  # characters: more do not fit beside a small plot
 # These symbols take a prefix where they open a unit and carry no exponent: "m/s" does, "m^2" and "kg" do not.
 _PREFIXABLE = re.compile(r"(m|rad|s|N|V|A|W|J|Pa|Hz)(?![\w^²³*])")
@@ -26,6 +29,17 @@ def scaled_unit(unit: str, magnitude: float | None) -> tuple[float, str]:
         if abs(magnitude) * factor >= 0.1:
             return factor, prefix + unit
     return 1.0, unit
+
+
+def floor_unit(floor: float | None, unit: str, factor: float, label: str) -> tuple[float, str]:
+    """(factor, unit to show) of a noise floor in `unit`, beside errors that are shown by `factor` in `label`."""
+    near = floor and floor * factor >= NEAR  # then it is easier to compare in one unit
+    return (factor, label) if near else scaled_unit(unit, floor)
+
+
+def place(value, parameter: Mapping[str, Any]):
+    """Where in its range a value is, or values (...) are: 0 at the lower bound, 1 at the upper."""
+    return (value - parameter["low"]) / (parameter["high"] - parameter["low"])
 
 
 def significant(value: float | None, digits: int = 3) -> str:

@@ -141,12 +141,13 @@ class Rollouts:
 
 
 class Engine:
-    """Steps many simulations of `model` on `threads` threads (all cores where None)."""
+    """Steps many simulations of `model` on `threads` threads (all cores where None); `rollouts`: how many so far."""
 
     def __init__(self, model: mujoco.MjModel, threads: int | None = None):
         silence_mujoco()
         self.model = _without_idle_stages(model)
         self.threads = threads or 0
+        self.rollouts = 0
 
     def rollout(
         self,
@@ -186,6 +187,7 @@ class Engine:
             for name, values in chunk.items():
                 recorded[name].append(values)
             diverged.append(bad | ~np.isfinite(chunk["sensordata"]).all(axis=(1, 2)))
+        self.rollouts += count
         whole = {name: np.concatenate(parts) for name, parts in recorded.items()}
         return Rollouts(
             whole["sensordata"], np.concatenate(diverged), *(whole.get(n) for n in (*STATES, *WORKED_OUT))

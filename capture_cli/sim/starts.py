@@ -124,7 +124,7 @@ def estimate_starts(
     return StartEstimate(starts, sd, reported)
 
 
-def _velocity(fit: LocalMotion, lag: np.ndarray, source: Source) -> tuple[np.ndarray, np.ndarray]:
+def _velocity(fit: LocalMotion, lag: float, source: Source) -> tuple[np.ndarray, np.ndarray]:
     """Of coordinates whose motion is `fit`, as the integrator has it, and how well it is known, (window, dof)."""
     change = lag * fit.curvature
     size = np.linalg.norm(change, axis=1, keepdims=True) if source.kind == "orientation" else change
@@ -242,8 +242,18 @@ class _Knots:
 
 
 def _reported(
-    path, before, sources: list[Source], measured_velocity: set[int], nv: int, lag: float
+    path: np.ndarray,
+    before: np.ndarray,
+    sources: Sequence[Source],
+    measured_velocity: set[int],
+    nv: int,
+    lag: float,
 ) -> ReportedMotion:
+    """The motion that the sensors showed, and which of its columns (`Source.data`) say what of the state.
+
+    path (window, knot, 3, column); before (window, knot): s, before the start. measured_velocity: dofs
+    whose velocity an output measures; of the others it is the slope of the position. lag: s, as of `_velocity_lag`.
+    """
     taken: dict[str, dict[int, list[tuple[int, float]]]] = {"position": {}, "velocity": {}, "slope": {}}
     orientation = []
     for source in sources:
@@ -300,7 +310,9 @@ def model_starts(model: mujoco.MjModel, count: int) -> StartEstimate:
     return StartEstimate(starts, np.zeros((count, 2 * model.nv + model.na)))
 
 
-def known_starts(model: mujoco.MjModel, sensors, starts: Starts, noise_sd: np.ndarray) -> StartEstimate:
+def known_starts(
+    model: mujoco.MjModel, sensors: Sequence[int], starts: Starts, noise_sd: np.ndarray
+) -> StartEstimate:
     """Starts that somebody knows, but for positions that outputs measure: those are as good as a few of their samples.
 
     sensors, noise_sd (output,) as in `estimate_starts`.

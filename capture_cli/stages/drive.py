@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from capture_cli.errors import OptionError, did_you_mean
-from capture_cli.multisine import BAND, check_amplitude, multisine_tape, peak
+from capture_cli.multisine import BAND, check_amplitude, check_band, multisine_tape, peaks
 from capture_cli.sim.engine import Starts
 from capture_cli.sim.starts import model_starts
 from capture_cli.sim.target_names import object_names
@@ -153,28 +153,20 @@ def _multisines(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Multisines in `band` Hz that peak at `amplitude`: time (step,), inputs (step, input), episode ends (episode,)."""
     duration = DURATION if asked.duration is None else asked.duration
-    rate = task.timestep if asked.rate is None else asked.rate
-    low, high = asked.band
     amplitude = asked.amplitude or {}
-    _check_positive(episodes=asked.episodes, duration=duration, rate=rate)
-    if not 0 <= low < high < np.inf:
-        raise OptionError(f"--band {low:g} {high:g}", cure="give two frequencies in Hz, the lower one first")
+    _check_positive(episodes=asked.episodes, duration=duration)
+    if asked.rate is not None:
+        _check_positive(rate=asked.rate)
+    check_band(asked.band)
     check_amplitude(task, amplitude)
-    interval = task.timestep if asked.rate is None else 1.0 / rate
+    interval = task.timestep if asked.rate is None else 1.0 / asked.rate
     steps = round(duration / interval) + 1
     _check_samples(steps, duration, 1.0 / interval)
     _check_rate(1.0 / interval, task)
-    if asked.band != BAND and high > 0.5 / interval:
-        raise OptionError(
-            f"--band {low:g} {high:g}: {1 / interval:g} samples per second tell nothing above {0.5 / interval:g} Hz",
-            cure=f"give {0.5 / interval:g} Hz at most"
-            + (
-                "" if asked.rate is None else f", or a higher --rate (the model allows {1 / task.timestep:g})"
-            ),
-        )
+    _check_sampled(asked, interval, task)
     time = interval * np.arange(steps)
-    peaks = np.array([peak(task.model, channel, amplitude) for channel in task.inputs])
-    tapes = [multisine_tape(task, time, peaks, asked.band, generator) for _ in range(asked.episodes)]
+    farthest = peaks(task, amplitude)
+    tapes = [multisine_tape(task, time, farthest, asked.band, generator) for _ in range(asked.episodes)]
     return np.tile(time, asked.episodes), np.concatenate(tapes), steps * (1 + np.arange(asked.episodes))
 
 
@@ -257,6 +249,18 @@ def _check_rate(rate: float, task: Task) -> None:
             f"--rate {rate:g}: the model makes {1 / task.timestep:g} steps per second, and knows nothing in between",
             cure=f"give {1 / task.timestep:g} at most, or the model a smaller timestep",
         )
+
+
+def _check_sampled(asked: DriveOptions, interval: float, task: Task) -> None:
+    """Raise OptionError where a --band that was given has frequencies that samples every `interval` s cannot have."""
+    (low, high), highest = asked.band, 0.5 / interval
+    if asked.band == BAND or high <= highest:
+        return
+    faster = f", or a higher --rate (the model allows {1 / task.timestep:g})"
+    raise OptionError(
+        f"--band {low:g} {high:g}: {1 / interval:g} samples per second tell nothing above {highest:g} Hz",
+        cure=f"give {highest:g} Hz at most" + ("" if asked.rate is None else faster),
+    )
 
 
 def _check_positive(**numbers: float) -> None:

@@ -10,10 +10,10 @@ import numpy as np
 
 from capture_cli.effects import REGISTRY
 from capture_cli.effects.base import GLOBAL, Effect
+from capture_cli.effects.placed import Placed
 from capture_cli.errors import OptionError, did_you_mean
 from capture_cli.parameters import Parameter
 from capture_cli.sim.engine import ModelFields
-from capture_cli.simulator import placed_name
 from capture_cli.tasks.base import Task
 
 # what stands after @ is a site, or a site and a parameter: names in a model may have dots and more in them
@@ -22,9 +22,9 @@ _EFFECT = re.compile(
 )
 
 
-def parse_effects(texts: Sequence[str], model: mujoco.MjModel) -> tuple[list[tuple[str, Effect]], np.ndarray]:
+def parse_effects(texts: Sequence[str], model: mujoco.MjModel) -> tuple[list[Placed], np.ndarray]:
     """Placed effects and the values of all their parameters (parameter,). Raises OptionError."""
-    placed: dict[str, tuple[str, Effect, np.ndarray]] = {}
+    found: dict[str, tuple[Placed, np.ndarray]] = {}
     for text in texts:
         match = _EFFECT.match(text)
         if match is None:
@@ -37,15 +37,15 @@ def parse_effects(texts: Sequence[str], model: mujoco.MjModel) -> tuple[list[tup
         if site is not None:
             site, parameter = _site_and_parameter(site, cls, model)
         effect = cls(model, _site(match["name"], site, cls.sites(model)))
-        key = placed_name(match["name"], effect)
-        _, effect, values = placed.setdefault(key, (match["name"], effect, effect.space.nominal.copy()))
+        placed = Placed(match["name"], effect)
+        (_, effect), values = found.setdefault(placed.name, (placed, effect.space.nominal.copy()))
         if not effect.parameters and not parameter and not match["value"]:
             continue
         which = _parameter(text, match, parameter, effect.space.names)
         values[which] = _number(match["value"], f"--effect {text!r}")
         refuse_negative(f"--effect {text}", effect.space.parameters[which], values[which])
-    effects = [(name, effect) for name, effect, _ in placed.values()]
-    return effects, np.concatenate([np.zeros(0), *(values for _, _, values in placed.values())])
+    effects = [placed for placed, _ in found.values()]
+    return effects, np.concatenate([np.zeros(0), *(values for _, values in found.values())])
 
 
 def refuse_negative(option: str, parameter: Parameter, value: float) -> None:
@@ -58,7 +58,7 @@ def refuse_negative(option: str, parameter: Parameter, value: float) -> None:
 
 
 def refuse_without_effect(
-    task: Task, point: np.ndarray, placed: Sequence[tuple[str, Effect]], values: np.ndarray
+    task: Task, point: np.ndarray, placed: Sequence[Placed], values: np.ndarray
 ) -> None:
     """Raise OptionError where the model at `point` (parameter,) takes less of an effect than `values` (parameter,) say.
 
@@ -66,7 +66,8 @@ def refuse_without_effect(
     can be less than was asked for, and only beyond its range.
     """
     first = 0
-    for name, effect in placed:
+    for one in placed:
+        effect = one.effect
         own = values[first : first + len(effect.space)]
         first += len(effect.space)
         for k, parameter in enumerate(effect.space.parameters if effect.place == "model" else ()):
@@ -75,7 +76,7 @@ def refuse_without_effect(
             less[k] += 1e-3 * (nearest - own[k])
             if own[k] != nearest and _same_model(task, point, effect, own, less):
                 raise OptionError(
-                    f"--effect {placed_name(name, effect)}.{parameter.name}={own[k]:g}: the model takes no more of it "
+                    f"--effect {one.name}.{parameter.name}={own[k]:g}: the model takes no more of it "
                     f"than of values nearer to its range, {parameter.low:g} to {parameter.high:g} {parameter.unit}",
                     cure="choose one from this range",
                 )

@@ -78,10 +78,8 @@ class Report:
         estimate, (window,).
         """
         points = np.stack([self.best.parameters, self.space.nominal])
-        simulator = self.fits.simulator([])
         trial = Trial(points, np.repeat(offsets[None], 2, axis=0))
-        outputs, diverged = self.prepared.evaluate(simulator, trial)
-        self.fits.rollouts += simulator.rollouts
+        outputs, diverged = self.prepared.evaluate(self.fits.simulator([]), trial)
         return outputs[0], outputs[1], diverged[0]
 
     def _whole(self, offsets: np.ndarray, simulated: np.ndarray) -> PartFit:

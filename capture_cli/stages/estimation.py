@@ -130,7 +130,6 @@ def by_physics(
         evidence, start=start, seed=seed, rounds=rounds, starts=starts, offsets=offsets, known=known
     )
     best = run(solver, lambda trial: part.evaluate(simulator, trial), on_round)
-    fits.rollouts += simulator.rollouts
     if not np.isfinite(best.error):
         raise all_diverged(fits.prepared.task)
     return Found(fits, best, history, solver.at)
@@ -172,7 +171,6 @@ def by_rounds(
         earlier=earlier,
         on_round=lambda number: progress.step(f"round {number + 1} in context"),
     )
-    fits.rollouts += in_context.rollouts
     estimates = in_context.walk.estimates[0]
     points = np.concatenate([start[None], estimates])
     if not logged.noise_sd.all():
@@ -240,9 +238,8 @@ def looked_about(found: Found, progress: Progress, *, seed: int) -> Found:
     if not len(found.best.parameters) or found.lacking:
         return found
     fits, at = found.fits, found.at.at
-    simulator = fits.simulator([])
     covariance, _ = unit_covariance(at)
-    evaluate = partial(found.part.evaluate, simulator)
+    evaluate = partial(found.part.evaluate, fits.simulator([]))
     if is_rough(at, covariance, evaluate):
         sampled = sampled_posterior(at, covariance, evaluate, seed)
         if sampled.gain > TOLERANCE:
@@ -250,7 +247,6 @@ def looked_about(found: Found, progress: Progress, *, seed: int) -> Found:
             history = [*found.history, *better.history]
             found = replace(found, best=better.best, known=better.known, history=history)
         found = replace(found, sampled=sampled)
-    fits.rollouts += simulator.rollouts
     return found
 
 
@@ -299,11 +295,10 @@ def _errors(fits: ModelFits, part: PreparedLog, logged: LoggedRounds, points: np
     """
     if not logged.noise_sd.all():
         return fits.errors(part, points)
-    simulator = Simulator(logged.task, engine=fits.engine)
     some = np.unique(np.linspace(0, len(logged) - 1, JUDGED_BY).astype(int))
     actions = np.tile(logged.actions[some], (len(points), 1))
+    simulator = Simulator(logged.task, engine=fits.engine)
     trajectories, diverged = simulator.trajectories(np.repeat(points, len(some), axis=0), actions)
-    fits.rollouts += simulator.rollouts
     measured = np.tile(logged.measured[some], (len(points), 1, 1))
     square = np.square((measured - finite(trajectories, diverged)) / logged.noise_sd).mean(axis=(1, 2))
     square = np.where(diverged, np.inf, square).reshape(len(points), len(some))

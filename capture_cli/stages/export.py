@@ -15,11 +15,11 @@ import numpy as np
 from capture_cli.effects import REGISTRY
 from capture_cli.effects.base import Effect
 from capture_cli.effects.companion import MADE_BY_EXPORT, companion_module
+from capture_cli.effects.placed import Placed
 from capture_cli.errors import OptionError, StoreError
 from capture_cli.parameters import Parameter, ParameterSpace
 from capture_cli.sim.engine import ModelFields
 from capture_cli.sim.mjcf import to_mjcf
-from capture_cli.simulator import placed_name
 from capture_cli.stages.recorded_task import load_recorded, task_inputs
 from capture_cli.stores.diagnosis import Diagnosis
 from capture_cli.stores.estimate import Estimate
@@ -27,7 +27,7 @@ from capture_cli.stores.output import new_file, refuse_existing, refuse_inputs
 from capture_cli.stores.result import read_provenance
 
 MADE_BY = {"capture/estimate": "identify", "capture/diagnosis": "diagnose"}
-Placed = Mapping[str, tuple[Effect, np.ndarray]]  # {NAME@SITE: (effect, its values (parameter,))}
+WithValues = Mapping[str, tuple[Effect, np.ndarray]]  # {NAME@SITE: (effect, its values (parameter,))}
 
 
 @dataclass(frozen=True)
@@ -114,12 +114,12 @@ def _values(parameters: Mapping[str, Any], space: ParameterSpace, whose: str, co
     return space.to_vector({name: p["value"] for name, p in parameters.items()})
 
 
-def _effects(rows, model, command: str) -> Placed:
+def _effects(rows, model, command: str) -> WithValues:
     """The effects of a diagnosis. Raises CaptureError where the model has no place for one any more."""
     effects = {}
     for row in rows:
         effect = REGISTRY.get(row["name"])(model, row["site"])
-        name = placed_name(row["name"], effect)
+        name = Placed(row["name"], effect).name
         values = _values(row["parameters"], effect.space, name, command)
         effects[name] = (effect, _null_of_here(effect.space, values, row["parameters"]))
     return effects
@@ -134,7 +134,7 @@ def _null_of_here(space: ParameterSpace, values: np.ndarray, recorded: Mapping[s
     return np.where((space.nominal == space.high) & (values == ends), space.nominal, values)
 
 
-def _substeps(effects: Placed) -> int:
+def _substeps(effects: WithValues) -> int:
     """Steps of the exported model in one of the task's own."""
     return math.prod(effect.substeps for effect, _ in effects.values())
 
@@ -146,7 +146,7 @@ def _left_out(found: Mapping[str, Any]) -> str:
 
 
 def _header(
-    found, command: str, space: ParameterSpace, values, effects: Placed, companion: Path | None
+    found, command: str, space: ParameterSpace, values, effects: WithValues, companion: Path | None
 ) -> str:
     """An XML comment that says what the file holds, and what it does not."""
     lines = [f"made by `capture {command}` and `capture export`; verdict: {found['verdict']}"]

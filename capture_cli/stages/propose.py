@@ -9,8 +9,14 @@ from typing import Any
 import numpy as np
 
 from capture_cli.errors import OptionError, StoreError
-from capture_cli.multisine import check_amplitude, multisine_tape, peak
-from capture_cli.protocol.next_experiment import BANDS, DURATION, RATE, SHARES, driven_window
+from capture_cli.multisine import check_amplitude, multisine_tape, peak, peaks
+from capture_cli.protocol.next_experiment import (
+    BANDS,
+    SHARES,
+    driven_window,
+    experiment_tape,
+    experiment_times,
+)
 from capture_cli.sim.starts import model_starts
 from capture_cli.simulator import Simulator
 from capture_cli.stages.policy_checkpoint import load_policy
@@ -51,7 +57,6 @@ def propose(
     machine, log = _machine(Path(result), task, Diagnosis if diagnosed else Estimate)
     if out is not None:
         refuse_inputs(out, [result, log, policy, *task_inputs(machine).values()])
-    generator = np.random.default_rng(seed)
     check_amplitude(machine, amplitude or {})
     _check_above_zero(machine, amplitude or {})
     if diagnosed:
@@ -60,7 +65,7 @@ def propose(
                 f"--policy: {result} is a diagnosis, whose next experiment is proposed",
                 cure="leave it out, or propose from the estimate",
             )
-        return _of_diagnosis(Path(result), machine, amplitude or {}, generator)
+        return _of_diagnosis(Path(result), machine, amplitude or {}, seed)
     estimate = Estimate.read(Path(result))
     if (
         estimate.document["task"] != machine.name
@@ -188,12 +193,11 @@ def _multisine(simulator: Simulator, estimate: Estimate, amplitude, generator) -
     task = simulator.task
     covariance = np.asarray(estimate.arrays["parameter/covariance"])
     points = sigma_points(task.space, np.asarray(estimate.arrays["parameter/estimate"]), covariance)
-    peaks = _peaks(task, estimate, amplitude)
+    farthest = _farthest(task, estimate, amplitude)
     noise = np.array([estimate.document["noise_floor"][c.name] for c in task.outputs])
-    interval = max(task.timestep, 1 / RATE)
-    time = interval * np.arange(int(DURATION / interval) + 1)
+    time = experiment_times(task)
     menu = [
-        (band, multisine_tape(task, time, share * peaks, band, generator, at_rest=True))
+        (band, multisine_tape(task, time, share * farthest, band, generator, at_rest=True))
         for band in BANDS
         for share in SHARES
     ]
@@ -221,7 +225,7 @@ def _multisine(simulator: Simulator, estimate: Estimate, amplitude, generator) -
     }
 
 
-def _of_diagnosis(folder: Path, task: Task, amplitude, generator) -> dict[str, Any]:
+def _of_diagnosis(folder: Path, task: Task, amplitude: Mapping[str, float], seed: int) -> dict[str, Any]:
     found = Diagnosis.read_document(folder)
     experiment = found["next_experiment"]
     if experiment is None:
@@ -230,14 +234,12 @@ def _of_diagnosis(folder: Path, task: Task, amplitude, generator) -> dict[str, A
             "one of its menu would separate",
             cure="propose from the estimate instead: capture propose ESTIMATE",
         )
-    time = np.arange(int(experiment["duration_s"] * RATE) + 1) / RATE
-    peaks = np.array(
-        [
-            peak(task.model, c, amplitude) if c.name in amplitude else p
-            for c, p in zip(task.inputs, experiment["peaks"], strict=True)
-        ]
-    )
-    tape = multisine_tape(task, time, peaks, tuple(experiment["band_hz"]), generator, at_rest=True)
+    farthest = [
+        peak(task.model, c, amplitude) if c.name in amplitude else p
+        for c, p in zip(task.inputs, experiment["peaks"], strict=True)
+    ]
+    # one of before experiments kept their seed is driven by that of the proposal
+    time, tape = experiment_tape(task, {"seed": seed, **experiment, "peaks": farthest})
     return {
         **_head(task, "inputs", experiment["text"]),
         **_tape(task, experiment["band_hz"], time, tape),
@@ -262,7 +264,7 @@ def _tape(task: Task, band, time: np.ndarray, tape: np.ndarray) -> dict[str, Any
     }
 
 
-def _peaks(task: Task, estimate: Estimate, amplitude: Mapping[str, float]) -> np.ndarray:
+def _farthest(task: Task, estimate: Estimate, amplitude: Mapping[str, float]) -> np.ndarray:
     """How far each input may be driven (input,): as told, else as its log did, else as its actuator goes."""
     if not task.inputs:
         raise OptionError(f"task {task.name!r} has no inputs to drive", cure="there is nothing to propose")
@@ -272,4 +274,4 @@ def _peaks(task: Task, estimate: Estimate, amplitude: Mapping[str, float]) -> np
         known = dict(zip(log.input_names, np.abs(log.inputs).max(axis=0).tolist(), strict=True)) | known
     except StoreError:
         pass  # the log was moved: then the model says how far
-    return np.array([peak(task.model, channel, known) for channel in task.inputs])
+    return peaks(task, known)

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from capture_cli.errors import FitError, LogError, OptionError
-from capture_cli.multisine import BAND, check_amplitude, into_range, multisine_tape, peak
+from capture_cli.multisine import BAND, check_amplitude, check_band, into_range, multisine_tape, peaks
 from capture_cli.protocol.log_windows import clock
+from capture_cli.protocol.nominal_motion import nominal_motion
 from capture_cli.protocol.prepare import prepare
 from capture_cli.protocol.prepared_log import PreparedLog
-from capture_cli.sim.engine import Engine, ModelFields, Starts
-from capture_cli.sim.starts import model_starts
+from capture_cli.sim.engine import Starts
 from capture_cli.sim.windows import inputs_at
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.tasks.base import Task
@@ -27,11 +27,10 @@ LONG = 8  # windows that such an episode lasts
 
 @dataclass(frozen=True)
 class Tapes:
-    """actions (window, action), the outputs at the points (window, point, output), and which windows these are."""
+    """actions (window, action), and the outputs at the points (window, point, output)."""
 
     actions: np.ndarray
     outputs: np.ndarray
-    window: np.ndarray
 
 
 def tape_task(
@@ -91,9 +90,9 @@ def log_tapes(prepared: PreparedLog, point_times: np.ndarray) -> Tapes:
         )
     grid = task.timestep * np.arange(round(point_times[-1] / task.timestep) + 1)
     inputs, outputs, whole = [], [], []
-    clocked = clock(log)
+    clocked, episodes = clock(log), log.episodes
     for w, (episode, start) in enumerate(zip(windows.episode, windows.time, strict=True)):
-        steps = log.episodes[int(episode)]
+        steps = episodes[int(episode)]
         time = clocked[steps]
         if time[-1] < start + point_times[-1] - np.median(np.diff(time)):
             continue
@@ -105,7 +104,7 @@ def log_tapes(prepared: PreparedLog, point_times: np.ndarray) -> Tapes:
     if not whole:
         raise LogError(f"{log.path}: no window of {point_times[-1]:g} s", cure="give a shorter --window")
     tapes = resample(np.stack(inputs), task.timestep, point_times)
-    return Tapes(actions_of(prepared.starts.starts.rows(whole), tapes), np.stack(outputs), np.array(whole))
+    return Tapes(actions_of(prepared.starts.starts.rows(whole), tapes), np.stack(outputs))
 
 
 def _multisine_tapes(
@@ -117,16 +116,13 @@ def _multisine_tapes(
 ) -> Tapes:
     """Windows of the nominal machine, driven by multisines from rest; activations of actuators begin at 0."""
     check_amplitude(machine, amplitude)
-    if not 0 <= band[0] < band[1] < np.inf:
-        raise OptionError(
-            f"--band {band[0]:g} {band[1]:g}", cure="give two frequencies in Hz, the lower first"
-        )
+    check_band(band)
     generator = np.random.default_rng(seed)
     steps = round(point_times[-1] / machine.timestep) + 1
     time = machine.timestep * np.arange(LONG * steps)
-    peaks = np.array([peak(machine.model, c, amplitude) for c in machine.inputs])
-    inputs = np.stack([multisine_tape(machine, time, peaks, band, generator) for _ in range(EPISODES)])
-    rollouts = _nominal(machine, inputs)
+    farthest = peaks(machine, amplitude)
+    inputs = np.stack([multisine_tape(machine, time, farthest, band, generator) for _ in range(EPISODES)])
+    rollouts = nominal_motion(machine, machine.controls(inputs))
     sound = np.flatnonzero(~rollouts.diverged)
     if not sound.size:
         raise FitError(
@@ -146,17 +142,4 @@ def _multisine_tapes(
     driven = inputs[episode[:, None], first[:, None] + np.arange(steps)]
     outputs = rollouts.sensors[episode[:, None], points][..., [c.index for c in machine.outputs]]
     tapes = into_range(machine, resample(driven, machine.timestep, point_times))
-    return Tapes(actions_of(starts, tapes), outputs, np.arange(count))
-
-
-def _nominal(machine: Task, inputs: np.ndarray):
-    """Rollouts, with states, of the nominal machine from its own start under inputs (episode, grid, input)."""
-    fields = ModelFields(machine.model, len(inputs))
-    machine.write(fields, np.repeat(machine.space.nominal[None], len(inputs), axis=0))
-    return Engine(machine.model).rollout(
-        starts=model_starts(machine.model, len(inputs)).starts,
-        controls=machine.controls(inputs),
-        steps=inputs.shape[1],
-        fields=fields,
-        states=True,
-    )
+    return Tapes(actions_of(starts, tapes), outputs)

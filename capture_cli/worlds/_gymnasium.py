@@ -7,6 +7,8 @@ from typing import Any
 import gymnasium
 import numpy as np
 
+CAMERA = "frontview"  # of robosuite's arenas
+
 
 class GymnasiumEnvironment(gymnasium.Env):
     """Observations of robot and objects in one vector; robosuite's end of an episode (its horizon) is a truncation.
@@ -17,10 +19,9 @@ class GymnasiumEnvironment(gymnasium.Env):
 
     metadata = {"render_modes": ["rgb_array"]}  # noqa: RUF012
 
-    def __init__(self, environment, render_mode: str | None = None, camera: str = "frontview"):
+    def __init__(self, environment, render_mode: str | None = None):
         self.environment = environment
         self.render_mode = render_mode
-        self.camera = camera
         self._parts = ("object-state", *(f"robot{i}_proprio-state" for i in range(len(environment.robots))))
         low, high = environment.action_spec
         self.action_space = gymnasium.spaces.Box(low.astype(np.float32), high.astype(np.float32))
@@ -42,7 +43,7 @@ class GymnasiumEnvironment(gymnasium.Env):
         if self.render_mode is None:
             return None
         sim = self.environment.sim
-        return sim.render(width=640, height=480, camera_name=self.camera)[::-1]
+        return sim.render(width=640, height=480, camera_name=CAMERA)[::-1]
 
     def close(self):
         self.environment.close()
