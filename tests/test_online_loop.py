@@ -94,6 +94,35 @@ def test_of_a_policy_its_own_action_is_proposed(scooping):
         propose(result=scooping / "e", amplitude={"spatula_x_target": 1.0})
 
 
+def test_a_machine_is_driven_no_further_than_its_log_was_wherever_that_is(slider_task, tmp_path, monkeypatch):
+    """Also by estimates of before they kept the peaks, as long as the log is found as it was."""
+    options = {"task": str(slider_task), "threads": 1}
+    monkeypatch.chdir(tmp_path)
+    Path("a").mkdir()
+    record(out=Path("a/s.zarr"), duration=4, amplitude={"drive": 2}, noise=1e-3, rate=200, **options)
+    identify(real_log=Path("a/s.zarr"), out=Path("a/e"), quiet=True, **options)
+    again = {"result": tmp_path / "a" / "e", "task": str(slider_task), "threads": 1}
+    first = propose(**again)
+    assert first["peaks"]["drive"] == pytest.approx(2)
+    (tmp_path / "b").mkdir()
+    monkeypatch.chdir(tmp_path / "b")
+    assert propose(**again) == first
+    document = json.loads((again["result"] / "estimate.json").read_text())
+    assert document["log"].pop("input_peaks") == {"drive": pytest.approx(2)}
+    (again["result"] / "estimate.json").write_text(json.dumps(document))
+    assert propose(**again) == first
+    (tmp_path / "a" / "s.zarr").rename("moved.zarr")
+    with pytest.raises(
+        OptionError, match=r"log a/s.zarr went, and it is neither here nor beside it"
+    ) as caught:
+        propose(**again)
+    assert "--amplitude INPUT=VALUE" in caught.value.cure
+    assert propose(**again, amplitude={"drive": 2})["peaks"]["drive"] == pytest.approx(2)
+    record(out=tmp_path / "a" / "s.zarr", duration=4, amplitude={"drive": 9}, rate=200, force=True, **options)
+    with pytest.raises(OptionError, match="has changed since"):
+        propose(**again)
+
+
 def test_a_machine_of_ones_own_is_to_be_driven_by_a_multisine(slider_task, tmp_path):
     options = {"task": str(slider_task), "threads": 1}
     record(out=tmp_path / "s.zarr", duration=4, amplitude={"drive": 5}, noise=1e-3, rate=200, **options)
