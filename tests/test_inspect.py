@@ -337,6 +337,7 @@ def test_a_heading_that_begins_anew_after_a_turn_is_found(tmp_path, slider_task)
     model = slider_task.parent / "model.xml"
     sound = sound_log()
     turning = 1.2 * np.tile(np.arange(STEPS) / RATE, 2)[:, None]
+    turning[STEPS:] += 0.01
     wrapped = (turning + np.pi) % (2 * np.pi) - np.pi
     slides = inspected(replace(sound, outputs=wrapped), tmp_path / "slide", slider_task)
     assert not any("turn" in f["message"] for f in slides["findings"])

@@ -12,6 +12,7 @@ import numpy as np
 
 from capture_cli.errors import CaptureError, StoreError
 from capture_cli.sim.windows import usual_interval
+from capture_cli.stages.equal_episodes import equal_episodes
 from capture_cli.stages.file_header import read_header
 from capture_cli.stages.held_outputs import rows_per_sample, sample_rate, slices_within
 from capture_cli.stages.log_findings import finding, log_findings, task_findings
@@ -159,6 +160,7 @@ def _inspect_log(path: Path, document: dict[str, Any], machine: Task | None) -> 
         for r in document["recordings"]
         if r.get("held_repeats")
     ]
+    findings += [_repeated(log, pairs)] if (pairs := equal_episodes(log)) else []
     machine = machine or _own_task(log)
     findings += log_findings(document, machine)
     if machine is not None:
@@ -191,6 +193,19 @@ def _recording(log: MeasuredLog, number: int, episodes: list[dict[str, Any]]) ->
         "duration": sum(e["duration"] or 0.0 for e in own),
         "rate": float(np.median(rates)) if rates else None,
     }
+
+
+def _repeated(log: MeasuredLog, pairs: Sequence[tuple[int, int]]) -> dict[str, str]:
+    """The finding that of each of these pairs of episodes the second holds what the first does."""
+    earlier, later = pairs[0]
+    names = [log.recording_names[int(log.recording[number])] for number in (later, earlier)]
+    more = f", and {len(pairs) - 1} more do likewise" if len(pairs) > 1 else ""
+    return finding(
+        "warning",
+        f"{names[0]}, episode {later}",
+        f"holds the same as episode {earlier} ({names[1]}){more}",
+        "import again and give each recording once: what is held out may be what was fitted, and no test of it",
+    )
 
 
 def _dropped(recording: Mapping[str, Any]) -> dict[str, str]:
