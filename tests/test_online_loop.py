@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 
 from capture_cli.errors import LogError, OptionError, OutputError, StoreError
 from capture_cli.parameters import Parameter, ParameterSpace
+from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.earlier_estimate import EarlierEstimate
 from capture_cli.stages.identify import identify
 from capture_cli.stages.import_log import import_log
@@ -156,6 +157,11 @@ def test_proposed_inputs_are_recorded_appended_and_taken_up(slider_task, tmp_pat
     assert made.time.tolist() == proposal["time_s"] and made.episode_ends.tolist() == [len(made.time)]
     assert made.inputs[:, 0].tolist() == proposal["inputs"]["drive"]
     import_log(files=[episode], task=str(slider_task), out=log, append=True)
+    with pytest.raises(OptionError, match=r"s\.zarr has 1 new episode since .*e was made from it") as caught:
+        diagnose(real_log=log, estimate=estimate, out=tmp_path / "d", quiet=True)
+    assert f"capture identify --real-log {log} --out {estimate} --resume" in caught.value.cure
+    with pytest.raises(OptionError, match="is not that log as it was then"):
+        diagnose(real_log=episode, estimate=estimate, out=tmp_path / "d", quiet=True)
     identify(real_log=log, out=estimate, resume=True, quiet=True, threads=1)
     before, after = proposal["expected_sd"], Estimate.read(estimate).document["parameters"]
     assert Estimate.read(estimate).document["rollouts"]["measured"] == 2

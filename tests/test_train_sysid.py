@@ -397,6 +397,18 @@ def changed(**parts) -> Signature:
     return Signature(**{**vars(SIGNATURE), **parts})
 
 
+def test_of_many_differences_the_first_are_named():
+    actions = [[Parameter(f"{name}{k}", "N", -1, 1, 0) for k in range(22)] for name in "ab"]
+    mine, theirs = (changed(actions=ParameterSpace(a)) for a in actions)
+    (line,) = mine.differences(theirs)
+    assert line.startswith("actions: a0 [-1, 1] N here, b0 [-1, 1] N there; a1") and line.endswith(
+        "; and 19 more"
+    )
+    assert mine.differences(changed(task="other", actions=ParameterSpace(actions[1]))) == [
+        "task: 'toy' here, 'other' there"
+    ]
+
+
 @pytest.mark.parametrize(
     "other, message",
     [
