@@ -18,6 +18,7 @@ from capture_cli.effects.base import Effect
 from capture_cli.effects.placed import Placed
 from capture_cli.parameters import Parameter
 from capture_cli.sim.engine import World
+from capture_cli.sim.object_names import object_name
 
 NAME = "expression"
 ROOM = 30.0  # a motion may use a small part of a joint's travel and speed, and a term must still be able to matter
@@ -46,11 +47,11 @@ class ExpressionTerm(Effect):
         self.joint = joint
         self.term = term
         self.dof = int(model.jnt_dofadr[joint])
-        self.site = f"{_name(model, joint)}: {term.text}"
+        self.site = f"{object_name(model, 'joint', joint)}: {term.text}"
 
     @classmethod
     def sites(cls, model):
-        return [_name(model, j) for j in _joints(model)]
+        return [object_name(model, "joint", j) for j in _joints(model)]
 
     @property
     def parameters(self):
@@ -78,17 +79,13 @@ def formula(effects: Sequence[ExpressionTerm], coefficients: Sequence[float]) ->
     """The expression in words: one line per joint."""
     lines: dict[str, list[str]] = {}
     for effect, coefficient in zip(effects, coefficients, strict=True):
-        joint = _name(effect.model, effect.joint)
+        joint = object_name(effect.model, "joint", effect.joint)
         lines.setdefault(joint, []).append(f"{coefficient:+.4g} {effect.term.text}")
     return "; ".join(f"missing force at {joint} = {' '.join(terms)}" for joint, terms in lines.items())
 
 
 def _joints(model: mujoco.MjModel) -> list[int]:
     return [j for j in range(model.njnt) if int(model.jnt_type[j]) in (HINGE, SLIDE)]
-
-
-def _name(model: mujoco.MjModel, joint: int) -> str:
-    return mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_JOINT, joint) or f"#{joint}"
 
 
 def _terms(model: mujoco.MjModel, joint: int, inputs: Sequence[int]) -> list[Term]:
@@ -148,7 +145,8 @@ def _terms(model: mujoco.MjModel, joint: int, inputs: Sequence[int]) -> list[Ter
 
 def _coupled(model: mujoco.MjModel, other: int, v) -> list[Term]:
     """Terms of another joint's motion."""
-    dof, adr, name = int(model.jnt_dofadr[other]), int(model.jnt_qposadr[other]), _name(model, other)
+    dof, adr = int(model.jnt_dofadr[other]), int(model.jnt_qposadr[other])
+    name = object_name(model, "joint", other)
     far, fast = travel(model, other), characteristic_speed(model, other)
     return [
         Term(f"q_{name}", far, "coordinate", lambda w: w.qpos[:, adr]),

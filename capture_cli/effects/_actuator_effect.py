@@ -9,9 +9,10 @@ import mujoco
 import numpy as np
 
 from capture_cli.effects._kernel import OWN_STEP, Companion, bound, call
-from capture_cli.effects._places import reference, site_id, site_name, with_all_together
+from capture_cli.effects._places import reference, site_id, with_all_together
 from capture_cli.effects._scales import control_scale
 from capture_cli.effects.base import GLOBAL, Effect
+from capture_cli.sim.object_names import object_name
 
 UNIT = "ctrl"  # whatever the control of the actuator is measured in
 
@@ -105,4 +106,6 @@ class ControlTimeEffect(RememberingEffect):
 
 def single_control_actuators(model: mujoco.MjModel) -> list[str]:
     """Names of the actuators that take one control."""
-    return [site_name(model, "actuator", a) for a in range(model.nactuator) if model.actuator_ctrlnum[a] == 1]
+    return [
+        object_name(model, "actuator", a) for a in range(model.nactuator) if model.actuator_ctrlnum[a] == 1
+    ]

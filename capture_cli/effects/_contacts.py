@@ -9,9 +9,9 @@ from functools import lru_cache
 import mujoco
 import numpy as np
 
-from capture_cli.effects._places import site_name
 from capture_cli.effects.base import GLOBAL, Effect
 from capture_cli.sim.contacts import touching_pairs
+from capture_cli.sim.object_names import object_name
 
 
 class ContactEffect(Effect):
@@ -86,7 +86,7 @@ def _make(model: mujoco.MjModel, geom: int) -> tuple:
 
 
 def _name(model: mujoco.MjModel, geoms: Sequence[int]) -> str:
-    return "+".join(site_name(model, "geom", int(g)) for g in geoms)
+    return "+".join(object_name(model, "geom", int(g)) for g in geoms)
 
 
 def _pair_name(model: mujoco.MjModel, pair: int) -> str:

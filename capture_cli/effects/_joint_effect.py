@@ -7,7 +7,7 @@ from abc import abstractmethod
 import mujoco
 import numpy as np
 
-from capture_cli.effects._places import site_id, site_name
+from capture_cli.effects._places import site_id
 from capture_cli.effects._scales import (
     HINGE,
     SLIDE,
@@ -18,6 +18,7 @@ from capture_cli.effects._scales import (
 )
 from capture_cli.effects.base import GLOBAL, Effect, JointMotion
 from capture_cli.parameters import Parameter
+from capture_cli.sim.object_names import object_name
 
 
 class JointEffect(Effect):
@@ -43,7 +44,7 @@ class JointEffect(Effect):
     @classmethod
     def sites(cls, model: mujoco.MjModel) -> list[str]:
         return [
-            site_name(model, "joint", j) for j in range(model.njnt) if model.jnt_type[j] in (HINGE, SLIDE)
+            object_name(model, "joint", j) for j in range(model.njnt) if model.jnt_type[j] in (HINGE, SLIDE)
         ]
 
     @classmethod

@@ -7,19 +7,7 @@ import json
 import mujoco
 
 from capture_cli.effects.base import GLOBAL
-
-_KINDS = {
-    "body": mujoco.mjtObj.mjOBJ_BODY,
-    "joint": mujoco.mjtObj.mjOBJ_JOINT,
-    "geom": mujoco.mjtObj.mjOBJ_GEOM,
-    "actuator": mujoco.mjtObj.mjOBJ_ACTUATOR,
-    "sensor": mujoco.mjtObj.mjOBJ_SENSOR,
-}
-
-
-def site_name(model: mujoco.MjModel, kind: str, number: int) -> str:
-    """The name of a body, joint, geom, actuator or sensor, or "#number" where it has none."""
-    return mujoco.mj_id2name(model, _KINDS[kind], number) or f"#{number}"
+from capture_cli.sim.object_names import KINDS
 
 
 def with_all_together(sites: list[str]) -> list[str]:
@@ -28,12 +16,12 @@ def with_all_together(sites: list[str]) -> list[str]:
 
 
 def site_id(model: mujoco.MjModel, kind: str, site: str) -> int:
-    """The id of the object that `site_name` calls `site`."""
-    number = mujoco.mj_name2id(model, _KINDS[kind], site)
+    """The id of the object that `object_name` calls `site`."""
+    number = mujoco.mj_name2id(model, KINDS[kind], site)
     return number if number >= 0 else int(site.removeprefix("#"))
 
 
 def reference(model: mujoco.MjModel, kind: str, site: str) -> str:
     """Source of what `model.joint(...)` and its like take: the name in quotes, or the number."""
-    named = mujoco.mj_name2id(model, _KINDS[kind], site) >= 0
+    named = mujoco.mj_name2id(model, KINDS[kind], site) >= 0
     return json.dumps(site, ensure_ascii=False) if named else site.removeprefix("#")

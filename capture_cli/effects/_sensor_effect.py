@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from capture_cli.effects._kernel import OWN_STEP, Companion, bound, call
-from capture_cli.effects._places import reference, site_id, site_name, with_all_together
+from capture_cli.effects._places import reference, site_id, with_all_together
 from capture_cli.effects._scales import (
     GRAVITY,
     HINGE,
@@ -23,6 +23,7 @@ from capture_cli.effects._scales import (
 )
 from capture_cli.effects.base import GLOBAL, Effect
 from capture_cli.parameters import Parameter
+from capture_cli.sim.object_names import object_name
 from capture_cli.sim.quaternion_signs import QUATERNIONS, is_quaternion
 
 FAST_TURN = 5.0  # rad/s
@@ -114,7 +115,7 @@ class SensorEffect(Effect):
 
     @classmethod
     def sites(cls, model: mujoco.MjModel) -> list[str]:
-        return [site_name(model, "sensor", s) for s in range(model.nsensor) if quantity(model, s)]
+        return [object_name(model, "sensor", s) for s in range(model.nsensor) if quantity(model, s)]
 
     @property
     def columns(self) -> slice | list[int]:
@@ -184,7 +185,7 @@ class NumberEffect(SensorEffect):
     @classmethod
     def sites(cls, model: mujoco.MjModel) -> list[str]:
         sensors = (s for s in range(model.nsensor) if quantity(model, s) and not is_quaternion(model, s))
-        return [site_name(model, "sensor", s) for s in sensors]
+        return [object_name(model, "sensor", s) for s in sensors]
 
     def for_each(self, name: str, unit: str, high: float) -> tuple[Parameter, ...]:
         """A parameter within `high` of 0 for each of the sensor's numbers: `name`, or x, y and z of several."""

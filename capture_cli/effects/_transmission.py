@@ -13,12 +13,12 @@ import numpy as np
 
 from capture_cli.effects._joint_force import FRICTION, ForceOfKernel, JointForce
 from capture_cli.effects._kernel import INDENT, Companion, kept, number
-from capture_cli.effects._places import site_name
 from capture_cli.effects._scales import driven_joint, driven_joints, free_inertia
 from capture_cli.effects._two_mass import MOST_SHARE
 from capture_cli.effects.base import GLOBAL, spread
 from capture_cli.parameters import Parameter
 from capture_cli.sim.engine import World
+from capture_cli.sim.object_names import object_name
 
 _S = mujoco.mjtSensor
 GEAR = "actuator_gear"
@@ -209,10 +209,10 @@ def _places(model: mujoco.MjModel) -> dict[str, tuple[str, tuple[int, ...]]]:
     """Sites: a joint that an actuator drives, and which of its encoders are the motor's."""
     places = {}
     for j in driven_joints(model):
-        joint, encoders = site_name(model, "joint", j), _encoders(model, j)
+        joint, encoders = object_name(model, "joint", j), _encoders(model, j)
         some = [(e,) for e in encoders] + ([tuple(encoders)] if len(encoders) > 1 else [])
         for sensors in [(), *some]:
-            places["+".join([joint, *(site_name(model, "sensor", s) for s in sensors)])] = (joint, sensors)
+            places["+".join([joint, *(object_name(model, "sensor", s) for s in sensors)])] = (joint, sensors)
     return places
 
 

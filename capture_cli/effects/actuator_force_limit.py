@@ -5,10 +5,11 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from capture_cli.effects._places import site_id, site_name
+from capture_cli.effects._places import site_id
 from capture_cli.effects._scales import GRAVITY, HINGE, actuator_force, driven_joint
 from capture_cli.effects.base import GLOBAL, Effect
 from capture_cli.parameters import Parameter
+from capture_cli.sim.object_names import object_name
 
 UNLIMITED = 1e10  # N or N m
 
@@ -34,7 +35,7 @@ class ActuatorForceLimit(Effect):
     def sites(cls, model):
         affine = model.actuator_biastype == int(mujoco.mjtBias.mjBIAS_AFFINE)
         servos = affine & model.actuator_biasprm[:, 1:3].any(axis=1)
-        return [site_name(model, "actuator", a) for a in np.flatnonzero(servos)]
+        return [object_name(model, "actuator", a) for a in np.flatnonzero(servos)]
 
     @property
     def own(self) -> np.ndarray:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from capture_cli.effects._places import site_id, site_name
+from capture_cli.effects._places import site_id
 from capture_cli.effects._scales import HINGE, SLIDE, box_edges, moving_bodies
 from capture_cli.effects.base import GLOBAL, Effect
 from capture_cli.parameters import Parameter
+from capture_cli.sim.object_names import object_name
 
 PARALLEL = 1 - 1e-6
 
@@ -35,7 +36,7 @@ class ComShift(Effect):
     @classmethod
     def sites(cls, model):
         turned = (b for b in moving_bodies(model) if not model.body_simple[b] and _rotations(model, b))
-        return [site_name(model, "body", b) for b in turned]
+        return [object_name(model, "body", b) for b in turned]
 
     @property
     def parameters(self):

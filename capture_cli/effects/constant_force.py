@@ -5,11 +5,12 @@ from __future__ import annotations
 import mujoco
 
 from capture_cli.effects._kernel import Companion, number
-from capture_cli.effects._places import reference, site_id, site_name
+from capture_cli.effects._places import reference, site_id
 from capture_cli.effects._scales import FREE, GRAVITY, HINGE, SLIDE, characteristic_force
 from capture_cli.effects.base import GLOBAL, Effect
 from capture_cli.parameters import Parameter
 from capture_cli.sim.engine import World
+from capture_cli.sim.object_names import object_name
 
 
 class ConstantForce(Effect):
@@ -31,7 +32,7 @@ class ConstantForce(Effect):
     @classmethod
     def sites(cls, model):
         kinds = (HINGE, SLIDE, FREE)
-        return [site_name(model, "joint", j) for j in range(model.njnt) if model.jnt_type[j] in kinds]
+        return [object_name(model, "joint", j) for j in range(model.njnt) if model.jnt_type[j] in kinds]
 
     @property
     def parameters(self):

@@ -6,10 +6,11 @@ import mujoco
 
 from capture_cli.effects._joint_force import FORCE, JointForce
 from capture_cli.effects._kernel import Companion, call
-from capture_cli.effects._places import reference, site_name
+from capture_cli.effects._places import reference
 from capture_cli.effects._scales import HINGE, SLIDE, characteristic_force, driven_joints
 from capture_cli.effects.base import GLOBAL
 from capture_cli.parameters import Parameter
+from capture_cli.sim.object_names import object_name
 
 MOST = 1.5  # pulleys of joints that follow each other are about as large
 
@@ -36,7 +37,7 @@ class CoupledDrive(JointForce):
 
     @classmethod
     def sites(cls, model):
-        return [site_name(model, "joint", j) for j in driven_joints(model) if _hangs_on(model, j) >= 0]
+        return [object_name(model, "joint", j) for j in driven_joints(model) if _hangs_on(model, j) >= 0]
 
     @property
     def parameters(self):
@@ -53,7 +54,7 @@ class CoupledDrive(JointForce):
     def companion(self, name, values):
         own, before = (
             f"model.joint({reference(self.model, 'joint', site)}).dofadr"
-            for site in (self.joint_name, site_name(self.model, "joint", self.hangs_on))
+            for site in (self.joint_name, object_name(self.model, "joint", self.hangs_on))
         )
         term, _ = call(name, passed_on, [f"data.qfrc_actuator[{own}]"], {"ratio": values[0]})
         return Companion((passed_on,), (f"data.{FORCE}[{before}] += {term}",), changes=(f"data.{FORCE}",))

@@ -5,10 +5,11 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from capture_cli.effects._places import site_id, site_name
+from capture_cli.effects._places import site_id
 from capture_cli.effects.base import GLOBAL, Effect
 from capture_cli.parameters import Parameter
 from capture_cli.sim.contacts import touching_pairs
+from capture_cli.sim.object_names import object_name
 
 SIZED = [
     int(getattr(mujoco.mjtGeom, f"mjGEOM_{k}")) for k in ("SPHERE", "CAPSULE", "ELLIPSOID", "CYLINDER", "BOX")
@@ -30,7 +31,7 @@ class GeomScale(Effect):
     def sites(cls, model):
         named = np.concatenate([model.pair_geom1, model.pair_geom2])
         touching = np.union1d(touching_pairs(model), named).astype(int)
-        return [site_name(model, "geom", int(g)) for g in touching if model.geom_type[g] in SIZED]
+        return [object_name(model, "geom", int(g)) for g in touching if model.geom_type[g] in SIZED]
 
     @property
     def parameters(self):

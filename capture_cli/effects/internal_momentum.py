@@ -8,10 +8,11 @@ import mujoco
 import numpy as np
 
 from capture_cli.effects._kernel import Companion, call
-from capture_cli.effects._places import reference, site_id, site_name
+from capture_cli.effects._places import reference, site_id
 from capture_cli.effects.base import GLOBAL, Effect
 from capture_cli.parameters import Parameter
 from capture_cli.sim.engine import World
+from capture_cli.sim.object_names import object_name
 
 # rad/s: nutation, the momentum inside over the inertia of a free body, or over the largest that a chain turns
 FASTEST = 10.0
@@ -46,7 +47,7 @@ class InternalMomentum(Effect):
 
     @classmethod
     def sites(cls, model):
-        return [site_name(model, "body", body) for body in _turning(model)]
+        return [object_name(model, "body", body) for body in _turning(model)]
 
     @property
     def parameters(self):

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from capture_cli.effects._joint_force import FRICTION, JointForce
-from capture_cli.effects._places import site_name
 from capture_cli.effects._scales import driven_joints
 from capture_cli.parameters import Parameter
+from capture_cli.sim.object_names import object_name
 
 
 def load_friction(qfrc_actuator, qfrc_spring, qfrc_gravcomp, qfrc_fluid, qfrc_bias, *, coefficient, load):
@@ -34,7 +34,7 @@ class LoadDependentFriction(JointForce):
 
     @classmethod
     def sites(cls, model):
-        return [site_name(model, "joint", j) for j in driven_joints(model, by_tendons=True)]
+        return [object_name(model, "joint", j) for j in driven_joints(model, by_tendons=True)]
 
     @property
     def parameters(self):

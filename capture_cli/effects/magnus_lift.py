@@ -6,12 +6,13 @@ import mujoco
 import numpy as np
 
 from capture_cli.effects._kernel import Companion, call
-from capture_cli.effects._places import reference, site_id, site_name
+from capture_cli.effects._places import reference, site_id
 from capture_cli.effects._rotation import body_vectors
 from capture_cli.effects._scales import FREE
 from capture_cli.effects.base import GLOBAL, Effect
 from capture_cli.parameters import Parameter
 from capture_cli.sim.engine import World
+from capture_cli.sim.object_names import object_name
 
 
 def magnus_lift(qpos, qvel, *, lift, centre):
@@ -42,7 +43,7 @@ class MagnusLift(Effect):
 
     @classmethod
     def sites(cls, model):
-        return [site_name(model, "joint", j) for j in range(model.njnt) if model.jnt_type[j] == FREE]
+        return [object_name(model, "joint", j) for j in range(model.njnt) if model.jnt_type[j] == FREE]
 
     @property
     def parameters(self):

@@ -6,10 +6,11 @@ import mujoco
 import numpy as np
 
 from capture_cli.effects._inertia import add_point_mass
-from capture_cli.effects._places import site_id, site_name
+from capture_cli.effects._places import site_id
 from capture_cli.effects._scales import moving_bodies
 from capture_cli.effects.base import GLOBAL, Effect
 from capture_cli.parameters import Parameter
+from capture_cli.sim.object_names import object_name
 
 FARTHEST = 3.0  # times the distance of the centre of mass; the end of a rod is at 2
 
@@ -34,7 +35,7 @@ class Payload(Effect):
 
     @classmethod
     def sites(cls, model):
-        return [site_name(model, "body", b) for b in moving_bodies(model)]
+        return [object_name(model, "body", b) for b in moving_bodies(model)]
 
     @property
     def parameters(self):

@@ -5,10 +5,10 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from capture_cli.effects._places import site_name
 from capture_cli.effects._scales import HINGE
 from capture_cli.effects._sensor_effect import SensorEffect
 from capture_cli.parameters import Parameter
+from capture_cli.sim.object_names import object_name
 
 LARGEST = 0.05  # rad, of each amplitude: the reading still grows with the angle where all four are as large
 INVERSIONS = 20  # fixed-point steps: each leaves at most 0.3 of the error
@@ -32,7 +32,7 @@ class SensorEccentricity(SensorEffect):
 
     @classmethod
     def sites(cls, model: mujoco.MjModel) -> list[str]:
-        return [site_name(model, "sensor", s) for s in range(model.nsensor) if _is_angle(model, s)]
+        return [object_name(model, "sensor", s) for s in range(model.nsensor) if _is_angle(model, s)]
 
     @property
     def parameters(self):

@@ -7,12 +7,13 @@ import itertools
 import mujoco
 import numpy as np
 
-from capture_cli.effects._places import reference, site_id, site_name
+from capture_cli.effects._places import reference, site_id
 from capture_cli.effects._rotation import LARGEST_TURN, rotate, rotate_quaternions
 from capture_cli.effects._scales import SLIDE
 from capture_cli.effects._sensor_effect import SensorEffect, quantity
 from capture_cli.effects.base import GLOBAL
 from capture_cli.parameters import Parameter
+from capture_cli.sim.object_names import object_name
 from capture_cli.sim.quaternion_signs import is_quaternion
 
 PERPENDICULAR = 1e-6
@@ -45,7 +46,7 @@ class SensorFrameRotation(SensorEffect):
     @classmethod
     def sites(cls, model):
         vectors = (s for s in range(model.nsensor) if quantity(model, s) and model.sensor_dim[s] in (3, 4))
-        return [site_name(model, "sensor", s) for s in vectors] + list(_planes(model))
+        return [object_name(model, "sensor", s) for s in vectors] + list(_planes(model))
 
     @property
     def parameters(self):
@@ -73,7 +74,7 @@ class SensorFrameRotation(SensorEffect):
     def columns_source(self):
         if not self.pair:
             return super().columns_source
-        names = (reference(self.model, "sensor", site_name(self.model, "sensor", s)) for s in self.pair)
+        names = (reference(self.model, "sensor", object_name(self.model, "sensor", s)) for s in self.pair)
         return f"[model.sensor(name).adr[0] for name in ({', '.join(names)})]"
 
 
@@ -90,5 +91,5 @@ def _planes(model: mujoco.MjModel) -> dict[str, tuple[int, int]]:
             and model.sensor_type[a] == model.sensor_type[b]
         )
         if same and abs(model.jnt_axis[joints[0]] @ model.jnt_axis[joints[1]]) < PERPENDICULAR:
-            planes[f"{site_name(model, 'sensor', a)}+{site_name(model, 'sensor', b)}"] = (a, b)
+            planes[f"{object_name(model, 'sensor', a)}+{object_name(model, 'sensor', b)}"] = (a, b)
     return planes

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from capture_cli.effects._places import site_name
 from capture_cli.effects._rotation import LARGEST_TURN, rotate_in_own_frame
 from capture_cli.effects._sensor_effect import SensorEffect, quantity
 from capture_cli.parameters import Parameter
+from capture_cli.sim.object_names import object_name
 from capture_cli.sim.quaternion_signs import is_quaternion
 
 
@@ -23,7 +23,7 @@ class SensorMountRotation(SensorEffect):
     @classmethod
     def sites(cls, model):
         attitudes = (s for s in range(model.nsensor) if quantity(model, s) and is_quaternion(model, s))
-        return [site_name(model, "sensor", s) for s in attitudes]
+        return [object_name(model, "sensor", s) for s in attitudes]
 
     @property
     def parameters(self):

@@ -7,11 +7,12 @@ import numpy as np
 
 from capture_cli.effects._joint_force import ForceOfKernel, JointForce
 from capture_cli.effects._kernel import Companion, call
-from capture_cli.effects._places import reference, site_id, site_name
+from capture_cli.effects._places import reference, site_id
 from capture_cli.effects._scales import POSITION_ERROR, driven_joint
 from capture_cli.effects.base import GLOBAL
 from capture_cli.parameters import Parameter
 from capture_cli.sim.engine import World
+from capture_cli.sim.object_names import object_name
 from capture_cli.sim.turning_points import REMEMBERED, WaysBefore
 
 FASTEST = 10.0  # 1/s, of ki over kp: with more, a servo that is damped as usual swings by itself
@@ -76,11 +77,11 @@ class ServoIntegral(JointForce):
 
     @classmethod
     def sites(cls, model):
-        return [site_name(model, "actuator", a) for a in range(model.nactuator) if _is_servo(model, a)]
+        return [object_name(model, "actuator", a) for a in range(model.nactuator) if _is_servo(model, a)]
 
     @classmethod
     def joint_at(cls, model, site):
-        return site_name(model, "joint", driven_joint(model, site_id(model, "actuator", site)))
+        return object_name(model, "joint", driven_joint(model, site_id(model, "actuator", site)))
 
     @property
     def parameters(self):

@@ -7,10 +7,11 @@ import numpy as np
 
 from capture_cli.effects._kernel import Companion, call
 from capture_cli.effects._periodic_force import AlongPosition
-from capture_cli.effects._places import reference, site_id, site_name
+from capture_cli.effects._places import reference, site_id
 from capture_cli.effects._scales import driven_joint
 from capture_cli.effects.base import GLOBAL
 from capture_cli.parameters import Parameter
+from capture_cli.sim.object_names import object_name
 
 MOST = 0.7  # of each amplitude: both together stay below 1, where the force would change its sign
 # Fields of MjModel, (actuator, ...), in all of which the force of an actuator is linear
@@ -42,12 +43,12 @@ class TorqueRipple(AlongPosition):
     def sites(cls, model):
         linear = np.isin(model.actuator_gaintype, GAINS) & np.isin(model.actuator_biastype, BIASES)
         return [
-            site_name(model, "actuator", a) for a in np.flatnonzero(linear) if driven_joint(model, a) >= 0
+            object_name(model, "actuator", a) for a in np.flatnonzero(linear) if driven_joint(model, a) >= 0
         ]
 
     @classmethod
     def joint_at(cls, model, site):
-        return site_name(model, "joint", driven_joint(model, site_id(model, "actuator", site)))
+        return object_name(model, "joint", driven_joint(model, site_id(model, "actuator", site)))
 
     @property
     def parameters(self):

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from capture_cli.sim.object_names import object_name
+
 _S = mujoco.mjtSensor
 _KINDS = {
     _S.mjSENS_ACTUATORPOS: "position",
@@ -69,7 +71,7 @@ def measures_every_coordinate(model: mujoco.MjModel, sensors: Sequence[int]) -> 
 def unmeasured_joints(model: mujoco.MjModel, sensors: Sequence[int]) -> list[str]:
     """Names of the joints whose position no output gives; "#3" is the fourth of those without a name."""
     dofs = _positioned(model, sensors)
-    return [model.joint(j).name or f"#{j}" for j in range(model.njnt) if int(model.jnt_dofadr[j]) not in dofs]
+    return [object_name(model, "joint", j) for j in range(model.njnt) if int(model.jnt_dofadr[j]) not in dofs]
 
 
 def _positioned(model: mujoco.MjModel, sensors: Sequence[int]) -> set[int]:

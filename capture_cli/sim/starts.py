@@ -60,6 +60,26 @@ class _Places:
     episode: np.ndarray
 
 
+@dataclass(frozen=True)
+class _Outputs:
+    """values (step, output), where they were sampled, likewise, and noise_sd (output,)."""
+
+    values: np.ndarray
+    sampled: np.ndarray
+    noise_sd: np.ndarray
+
+    def between_samples(self, places: _Places) -> np.ndarray:
+        """The values with straight lines between samples: near enough to follow a loop by."""
+        if self.sampled.all():
+            return self.values
+        values = self.values.copy()
+        for steps in places.episodes:
+            for k in np.flatnonzero(~self.sampled[steps].all(axis=0)):
+                own = steps.start + np.flatnonzero(self.sampled[steps, k])
+                values[steps, k] = np.interp(places.time[steps], places.time[own], values[own, k])
+        return values
+
+
 def estimate_starts(
     model: mujoco.MjModel,
     sensors: Sequence[int],
@@ -87,6 +107,7 @@ def estimate_starts(
     qpos, qvel, act = (a.copy() for a in (believed.starts.qpos, believed.starts.qvel, believed.starts.act))
     sd = believed.sd.copy()
     sampled = np.ones(outputs.shape, dtype=bool) if sampled is None else sampled
+    measured = _Outputs(outputs, sampled, noise_sd)
     # of two that give a coordinate the last has the say: one that is not sparse
     sources = sorted(sources_of(model, sensors), key=lambda s: bool(sampled[:, list(s.columns)].all()))
     lag = _velocity_lag(model)
@@ -96,11 +117,11 @@ def estimate_starts(
     measured_velocity = {d for s in sources if s.kind == "velocity" for d in s.dofs}
     for source in sources:
         columns, dofs = list(source.columns), np.array(source.dofs)
-        every = _motion(knots, outputs, sampled, columns, noise_sd)
+        every = _motion(knots, measured, columns)
         motion = np.stack([every.value, every.slope, every.curvature], axis=1)
         path[..., list(source.data)] = motion.reshape(count, knots.count, 3, -1)
         if source.kind == "orientation":
-            fit, qpos[:, list(source.qpos)] = _turning(knots, outputs, sampled, source, noise_sd)
+            fit, qpos[:, list(source.qpos)] = _turning(knots, measured, source)
         else:
             fit = every.rows(slice(None, None, knots.count))
             if source.weights is not None:
@@ -116,8 +137,7 @@ def estimate_starts(
         qvel[:, dofs[new]], sd[:, nv + dofs[new]] = velocity[:, new], PRIOR_INFLATION * velocity_sd[:, new]
     starts = Starts(qpos, qvel, act, places.time[window_first].astype(float))
     if model.neq:
-        everywhere = _between_samples(outputs, sampled, places)
-        starts, sd = _closed(LoopClosure(model, slack), starts, sd, sources, everywhere, places, noise_sd)
+        starts, sd = _closed(LoopClosure(model, slack), starts, sd, sources, measured, places)
     reported = _reported(
         extended(path, knots.before, knots.known), knots.before, sources, measured_velocity, nv, lag
     )
@@ -131,39 +151,24 @@ def _velocity(fit: LocalMotion, lag: float, source: Source) -> tuple[np.ndarray,
     return fit.slope - change, np.hypot(fit.slope_sd, LAG_LEFT * size)
 
 
-def _turning(
-    knots: _Knots, outputs: np.ndarray, sampled: np.ndarray, source: Source, noise_sd: np.ndarray
-) -> tuple[LocalMotion, np.ndarray]:
+def _turning(knots: _Knots, measured: _Outputs, source: Source) -> tuple[LocalMotion, np.ndarray]:
     """At the starts, of an orientation: the motion of its rotation vector, and the quaternion, (window, 4)."""
     columns = list(source.columns)
-    at_starts = knots.around(sampled[:, columns[0]]).rows(slice(None, None, knots.count))
-    quaternions = outputs[at_starts.index][..., columns]
+    at_starts = knots.around(measured.sampled[:, columns[0]]).rows(slice(None, None, knots.count))
+    quaternions = measured.values[at_starts.index][..., columns]
     rotation, near = rotations(quaternions, at_starts)
-    fit = local_motion(near, rotation, source.noise(noise_sd))
+    fit = local_motion(near, rotation, source.noise(measured.noise_sd))
     return fit, turned(quaternions[:, HALF_WIDTHS[-1]], fit.value)
 
 
-def _motion(
-    knots: _Knots, outputs: np.ndarray, sampled: np.ndarray, columns: list[int], noise_sd: np.ndarray
-) -> LocalMotion:
+def _motion(knots: _Knots, measured: _Outputs, columns: list[int]) -> LocalMotion:
     """That of output columns at all knots, (window and knot, column)."""
-    if (sampled[:, columns] == sampled[:, columns[:1]]).all():
-        near = knots.around(sampled[:, columns[0]])
-        return local_motion(near, outputs[near.index][..., columns], noise_sd[columns])
-    parts = [vars(_motion(knots, outputs, sampled, [c], noise_sd)) for c in columns]
+    sampled = measured.sampled[:, columns]
+    if (sampled == sampled[:, :1]).all():
+        near = knots.around(sampled[:, 0])
+        return local_motion(near, measured.values[near.index][..., columns], measured.noise_sd[columns])
+    parts = [vars(_motion(knots, measured, [c])) for c in columns]
     return LocalMotion(**{name: np.hstack([p[name] for p in parts]) for name in parts[0]})
-
-
-def _between_samples(outputs: np.ndarray, sampled: np.ndarray, places: _Places) -> np.ndarray:
-    """Outputs (step, output) with straight lines between samples: near enough to follow a loop by."""
-    if sampled.all():
-        return outputs
-    outputs = outputs.copy()
-    for steps in places.episodes:
-        for k in np.flatnonzero(~sampled[steps].all(axis=0)):
-            own = steps.start + np.flatnonzero(sampled[steps, k])
-            outputs[steps, k] = np.interp(places.time[steps], places.time[own], outputs[own, k])
-    return outputs
 
 
 def _closed(
@@ -171,24 +176,23 @@ def _closed(
     starts: Starts,
     sd: np.ndarray,
     sources: Sequence[Source],
-    outputs: np.ndarray,
+    measured: _Outputs,
     places: _Places,
-    noise_sd: np.ndarray,
 ) -> tuple[Starts, np.ndarray]:
     """Starts and their sd (window, state) that satisfy the model's equality constraints."""
     positions = [s for s in sources if s.kind != "velocity"]
     qpos, dofs = (
         np.array([i for s in positions for i in getattr(s, n)], dtype=int) for n in ("qpos", "dofs")
     )
+    outputs = measured.between_samples(places)
     coordinates = np.hstack([outputs[:, :0], *(s.of(outputs[:, list(s.columns)]) for s in positions)])
-    known = np.concatenate([s.noise(noise_sd) for s in positions] or [np.zeros(0)])
+    known = np.concatenate([s.noise(measured.noise_sd) for s in positions] or [np.zeros(0)])
     begin = model_starts(loops.model, 1).starts.qpos[0]
     followed = np.zeros_like(starts.qpos)
     for number, steps in enumerate(places.episodes):
         own = places.episode == number
         at = places.first[own] - steps.start
-        measured = coordinates[steps]
-        followed[own] = loops.follow(places.time[steps], measured, qpos, dofs, known, begin, at)
+        followed[own] = loops.follow(places.time[steps], coordinates[steps], qpos, dofs, known, begin, at)
     return loops.close(starts, sd, followed)
 
 

@@ -5,16 +5,9 @@ from __future__ import annotations
 import mujoco
 
 from capture_cli.errors import ModelError, did_you_mean
+from capture_cli.sim.object_names import KINDS
 from capture_cli.sim.target_attributes import ATTRIBUTES
 from capture_cli.sim.targets import Target
-
-_KINDS = {
-    "body": mujoco.mjtObj.mjOBJ_BODY,
-    "joint": mujoco.mjtObj.mjOBJ_JOINT,
-    "geom": mujoco.mjtObj.mjOBJ_GEOM,
-    "tendon": mujoco.mjtObj.mjOBJ_TENDON,
-    "actuator": mujoco.mjtObj.mjOBJ_ACTUATOR,
-}
 
 
 def parse_target(text: str, model: mujoco.MjModel, where: str) -> Target:
@@ -46,7 +39,7 @@ def split_target(text: str) -> tuple[str, str, str]:
 
 def object_id(model: mujoco.MjModel, kind: str, name: str, where: str) -> int:
     """The id of a body, joint, geom, tendon or actuator. Raises ModelError naming those that exist."""
-    number = mujoco.mj_name2id(model, _KINDS[kind], name)
+    number = mujoco.mj_name2id(model, KINDS[kind], name)
     if number < 0:
         raise ModelError(
             f"{where}: the model has no {kind} {name!r}", cure=did_you_mean(name, object_names(model, kind))
@@ -58,5 +51,5 @@ def object_names(model: mujoco.MjModel, kind: str) -> list[str]:
     """Names of the model's bodies, joints, geoms, tendons or actuators, those that have one."""
     counts = {"body": model.nbody, "joint": model.njnt, "geom": model.ngeom, "tendon": model.ntendon}
     count = counts.get(kind, model.nactuator)
-    names = (mujoco.mj_id2name(model, _KINDS[kind], i) for i in range(count))
+    names = (mujoco.mj_id2name(model, KINDS[kind], i) for i in range(count))
     return [n for n in names if n]
