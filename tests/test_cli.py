@@ -314,7 +314,7 @@ def test_mendable_errors_exit_with_2_and_write_nothing(capture, log, tmp_path, f
         ((*RECORD[:-2], "--out", "r.zarr", "--noise", "-1"), ["--noise q=-1", "0 or more"]),
         ((*RECORD[:-2], "--out", "r.zarr", "--noise", "much"), ["--noise 'much'"]),
         ((*RECORD, "--out", "r.zarr", "--start", "y=1"), ["'y'", "x"]),
-        ((*RECORD, "--out", "r.zarr", "--start", "x=1:0"), ["'x=1:0'", "LOW:HIGH"]),
+        ((*RECORD, "--out", "r.zarr", "--start", "x=1:0"), ["'x=1:0': 1 is above 0", "--start x=0:1"]),
         ((*RECORD, "--out", "r.zarr", "--start", "x=nan"), ["'x=nan'", "LOW:HIGH"]),
         ((*RECORD, "--out", "r.zarr", "--param", "mass=inf"), ["'mass=inf'"]),
         ((*RECORD, "--out", "r.zarr", "--rate", "-5"), ["--rate -5", "positive"]),

@@ -134,9 +134,9 @@ of the effect's sites in it that has the parameter.
 
 ## The laws
 
-What the parameters do. `capture effects NAME --task task.toml` prints one of them with the sites, units and ranges that it has in
-that task. Forces and torques are those on the joint, positive in
-the direction in which its position grows.
+What the parameters do. `capture effects NAME --task task.toml` prints one of them with the sites, units and ranges
+that it has in that task. Forces and torques are those on the joint, positive in the direction in which its position
+grows.
 
 {laws}
 
