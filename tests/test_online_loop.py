@@ -220,7 +220,10 @@ def test_episodes_are_added_to_a_log(scooping, tmp_path):
     assert np.array_equal(again.actions, np.concatenate([log.actions, other.actions]))
     assert again.recording.tolist() == [0, 0, 1]
     assert again.recording_names == ("log", "other") == both.recording_names
-    import_log(files=[scooping / "other.zarr"], task="scooping", out=tmp_path / "log.zarr", append=True)
+    with pytest.raises(LogError, match=r"other.zarr is in .*log.zarr already, as the recording 'other'"):
+        import_log(files=[scooping / "other.zarr"], task="scooping", out=tmp_path / "log.zarr", append=True)
+    record(task="scooping", out=tmp_path / "other.zarr", seed=6, noise=3e-4, threads=1)
+    import_log(files=[tmp_path / "other.zarr"], task="scooping", out=tmp_path / "log.zarr", append=True)
     assert MeasuredLog.read(tmp_path / "log.zarr").recording_names == ("log", "other", "other-2")
 
 
