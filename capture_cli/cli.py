@@ -6,8 +6,10 @@ Exit codes: 0 done; 1 our fault; 2 the user can mend it; 3 it ran, and the verdi
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -98,28 +100,54 @@ def main() -> None:
     os.environ.setdefault("MUJOCO_GL", "disable")
     debug = "--debug" in sys.argv
     arguments = [a for a in sys.argv[1:] if a != "--debug"]
+    for stream in ("stdout", "stderr"):
+        if getattr(sys, stream) is None:  # closed by the shell, `>&-`
+            setattr(sys, stream, Path(os.devnull).open("w"))  # noqa: SIM115
     try:
-        try:
-            app(arguments, prog_name="capture")
-        except _PassedOn as passed:
-            raise passed.__cause__ from None
+        _run(arguments)
     except CaptureError as error:
         _fail(f"error: {error}", 2, debug)
     except KeyboardInterrupt:
         _fail("interrupted: nothing was written\n  cure: run the same command again", 2, debug)
     except BrokenPipeError:
-        # the reader of our pipe went away: nothing is wrong, and the rest of stdout goes nowhere
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _discard_stdout()  # the reader of our pipe went away: nothing is wrong
     except MemoryError:
         _fail(
             "error: out of memory\n  cure: use a shorter --window, fewer --starts, or a shorter log", 2, debug
         )
     except Exception as error:
+        if (
+            isinstance(error, OSError) and error.errno == errno.ENOSPC
+        ):  # those of --out are named by their writers
+            _discard_stdout()
+            _fail(
+                "error: the disk is full: what goes to stdout was not written\n  cure: free some space, or send stdout "
+                "elsewhere",
+                2,
+                debug,
+            )
         _fail(
             f"internal error: {type(error).__name__}: {error}\n  this is a fault of `capture`; --debug shows where",
             1,
             debug,
         )
+
+
+def _run(arguments: list[str]) -> None:
+    """Run the command line. Raises what its commands raise, and SystemExit."""
+    try:
+        app(arguments, prog_name="capture")
+    except _PassedOn as passed:
+        raise passed.__cause__ from None
+    except SystemExit as ended:
+        if isinstance(ended.__context__, BrokenPipeError):  # rich and click make an exit code of 1 of it
+            raise ended.__context__ from None
+        raise
+
+
+def _discard_stdout() -> None:
+    """Let the rest of stdout, also what is in its buffer, go nowhere."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _fail(message: str, code: int, debug: bool) -> None:

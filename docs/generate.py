@@ -188,6 +188,7 @@ NAMES = {  # tables whose keys are names that the user chose
     "identifiers": "LABEL",
     "identifiers.LABEL.parameter_difference": "NAME",
     "inputs": "INPUT",
+    "log.input_peaks": "INPUT",
     "packages": "PACKAGE",
     "options": "OPTION",
     "absorbed": "NAME",
@@ -241,6 +242,7 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str]]] = {
             "task": "name of the task",
             "log.path": "the log, as it was named",
             "log.sha256": "hash of its files",
+            "log.input_peaks.INPUT": "how far from 0 each input went, in its unit: `capture propose` drives no further",
             "identifier": "who searched: least-squares, cma-es, or the learned one that proposed",
             **{f"parameters.NAME.{k}": v for k, v in _PARAMETER.items()},
             **{f"error.fit.{k}": f"{v}; windows that were fitted" for k, v in _ERROR.items()},
@@ -656,6 +658,7 @@ the command (`[identify]`). An output appears whole or not at all, and nothing i
 | 0 | done |
 | 1 | a fault of `capture` |
 | 2 | something you can mend: the message says what was found, what was expected, where, and the cure |
+| 2 | of `inspect`, too, when a finding is an error; `import-log`, which has written its log, ends with 0 |
 | 3 | it ran, and the verdict is one that `--fail-on` names |
 """
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -313,7 +314,7 @@ def test_mendable_errors_exit_with_2_and_write_nothing(capture, log, tmp_path, f
         ((*RECORD[:-2], "--out", "r.zarr", "--noise", "-1"), ["--noise q=-1", "0 or more"]),
         ((*RECORD[:-2], "--out", "r.zarr", "--noise", "much"), ["--noise 'much'"]),
         ((*RECORD, "--out", "r.zarr", "--start", "y=1"), ["'y'", "x"]),
-        ((*RECORD, "--out", "r.zarr", "--start", "x=1:0"), ["'x=1:0'", "LOW:HIGH"]),
+        ((*RECORD, "--out", "r.zarr", "--start", "x=1:0"), ["'x=1:0': 1 is above 0", "--start x=0:1"]),
         ((*RECORD, "--out", "r.zarr", "--start", "x=nan"), ["'x=nan'", "LOW:HIGH"]),
         ((*RECORD, "--out", "r.zarr", "--param", "mass=inf"), ["'mass=inf'"]),
         ((*RECORD, "--out", "r.zarr", "--rate", "-5"), ["--rate -5", "positive"]),
@@ -373,6 +374,15 @@ def test_force_replaces_an_output_and_nothing_else(capture, log, tmp_path, witho
     assert (mine / "thesis.tex").read_text() == "years of work"
 
 
+def test_a_finding_that_is_an_error_ends_inspect_with_2(capture, log, tmp_path):
+    assert capture("inspect", log)[0] == 0
+    damaged = tmp_path / "damaged.zarr"
+    shutil.copytree(log, damaged)
+    shutil.rmtree(damaged / "data")
+    code, out, err = capture("inspect", damaged)
+    assert (code, err) == (2, "") and "is missing" in " ".join(out.split())
+
+
 # --- --config ---
 
 
@@ -399,6 +409,13 @@ def test_a_config_may_hold_sections_for_several_commands(capture, tmp_path):
     assert json.loads(out)["parameters"] == {"mass": 1.5, "damping": 3.0, "stiffness": 60.0}
     options = json.loads((tmp_path / "a.zarr" / PROVENANCE).read_text())["options"]
     assert (options["duration"], options["band"]) == (0.5, [0.5, 2.0])
+
+
+def test_a_config_with_tables_for_other_commands_alone(capture, tmp_path):
+    config = tmp_path / "run.toml"
+    config.write_text(f'task = "{SLIDER}"\nduration = 0.5\n[identify]\nstarts = 1\n[diagnose]\nstarts = 2\n')
+    code, _, err = capture("record", "--config", config, "--out", "a.zarr", "--quiet")
+    assert (code, err) == (0, "")
 
 
 @pytest.mark.parametrize(
@@ -555,16 +572,46 @@ def test_an_out_that_may_not_be_written(capture, log, tmp_path, without_pages):
     (tmp_path / "file").write_text("")
     code, _, err = capture(*identify(log, "--out", "file/e"))
     assert code == 2
-    assert "file/e" in err
+    assert "file/e: file is a file, not a folder" in err
 
 
-@pytest.mark.parametrize("arguments", [("effects", "--json"), ("tasks", "--json", "--task", SLIDER)])
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("effects", "--json"),
+        ("tasks", "--json", "--task", SLIDER),
+        ("effects", "--task", SLIDER),
+        ("--help",),
+    ],
+)
 def test_a_reader_that_goes_away_is_no_error(tmp_path, arguments):
     """As in `capture effects --json | head -1`."""
     run = start(tmp_path, *arguments)
     run.stdout.close()
     assert run.stderr.read() == ""
     assert run.wait() == 0
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no device that is always full")
+@pytest.mark.parametrize("arguments", [("tasks",), ("tasks", "--json"), ("--help",)])
+def test_a_stdout_that_is_full(arguments):
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [*CAPTURE, *arguments],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+            env=ENVIRONMENT,
+        )
+    assert done.returncode == 2
+    assert done.stderr.startswith("error: the disk is full") and "internal" not in done.stderr
+
+
+def test_a_stdout_that_is_closed():
+    command = " ".join([*CAPTURE, "tasks", ">&-"])
+    done = subprocess.run(command, shell=True, capture_output=True, text=True, check=False, env=ENVIRONMENT)
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_commands_are_completed():

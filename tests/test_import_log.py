@@ -15,7 +15,10 @@ from pyarrow import parquet
 
 from capture_cli.errors import CaptureError, LogError, OutputError
 from capture_cli.protocol.log_checks import check_fits
+from capture_cli.stages import import_log as stage
 from capture_cli.stages.import_log import import_log
+from capture_cli.stages.inspect import inspect
+from capture_cli.stages.record import record
 from capture_cli.stages.source_files import open_source
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.tasks import load_task
@@ -119,6 +122,8 @@ def test_times_need_not_begin_at_zero(tmp_path, slider_task):
         "\n".join([HEADER, *ROWS]).replace(",", ";").replace(".", ","),
         "\n".join([HEADER, *ROWS]).replace(",", "\t"),
         "\r\n".join([HEADER, *ROWS, ""]),
+        "sep=;\n" + "\n".join([HEADER, *ROWS]).replace(",", ";").replace(".", ","),
+        "\n".join([HEADER, *('"' + r.replace(",", '","').replace(".", ",") + '"' for r in ROWS)]),
         "\n\n" + "\n\n".join([HEADER, *ROWS]) + "\n\n",
         "\ufeff" + "\n".join([HEADER, *ROWS]),
         "\n".join(['"t_s", u_N ,"q_m"', *ROWS]),
@@ -129,6 +134,8 @@ def test_times_need_not_begin_at_zero(tmp_path, slider_task):
         "decimal-comma",
         "tab",
         "crlf",
+        "excel-separator",
+        "quoted-decimal-comma",
         "blank-lines",
         "byte-order-mark",
         "spaces",
@@ -183,7 +190,8 @@ def test_files_and_logs_stay_in_the_order_they_are_given(tmp_path, slider_task):
 def test_the_episode_column_separates_episodes(tmp_path, slider_task):
     slider_task.write_text(slider_task.read_text() + 'episode = "drop"\n')
     rows = [f"{r},{'first' if i < 7 else 'second'}" for i, r in enumerate([*ROWS[:7], *ROWS])]
-    files = [csv(tmp_path / f"{n}.csv", *rows, header=HEADER + ",drop") for n in "ab"]
+    others = [row.replace(",first", "5,first").replace(",second", "5,second") for row in rows]
+    files = [csv(tmp_path / f"{n}.csv", *r, header=HEADER + ",drop") for n, r in (("a", rows), ("b", others))]
     log = import_log(files=files, task=str(slider_task), out=tmp_path / "run.zarr")
     assert log.episode_ends.tolist() == [7, 19, 26, 38]
     assert log.recording.tolist() == [0, 0, 1, 1]
@@ -259,6 +267,31 @@ def test_real_logs_are_read(tmp_path, slider_task, real_data):
 )
 def test_bad_rows_are_refused_with_their_place(tmp_path, slider_task, rows, words):
     assert words in refusal(csv(tmp_path / "run.csv", *rows), slider_task).message
+
+
+def test_commas_that_part_thousands_are_no_decimal_points(tmp_path, slider_task):
+    rows = [f"{0.1 * i:.1f};0.5;9,99{i % 10}" for i in range(12)]
+    header = HEADER.replace(",", ";")
+    error = refusal(csv(tmp_path / "run.csv", *rows, header=header), slider_task)
+    assert "'q_m' holds '9,990' at line 2, not a number" in error.message
+    assert "other numbers of the file have a decimal point" in error.cure
+    rows = [f"{i};1;9,99{i % 10}" for i in range(12)]
+    error = refusal(csv(tmp_path / "either.csv", *rows, header=header), slider_task)
+    assert "'q_m' holds '9,990' at line 2: nothing in the file tells" in error.message
+    # another column does tell
+    rows = [f"{0.1 * i:.1f};1;9.99{i % 10}".replace(".", ",") for i in range(12)]
+    file = csv(tmp_path / "decimal.csv", *rows, header=header)
+    log = import_log(files=[file], task=str(slider_task), out=tmp_path / "run.zarr")
+    np.testing.assert_allclose(log.outputs[:3, 0], [9.990, 9.991, 9.992])
+
+
+def test_what_delimiters_and_decimals_are_read_is_said(tmp_path, slider_task):
+    rows = [row.replace(".", ",") for row in ROWS[1:]]
+    error = refusal(csv(tmp_path / "comma.csv", *rows), slider_task)
+    assert "the header has 3" in error.message and error.cure.startswith("if its numbers have decimal commas")
+    rows = [row.replace(",", " ") for row in ROWS]
+    error = refusal(csv(tmp_path / "space.csv", *rows, header=HEADER.replace(",", " ")), slider_task)
+    assert "by commas, semicolons or tabs" in error.cure
 
 
 def test_rows_that_are_not_sorted_are_told_from_episodes_that_begin(tmp_path, slider_task):
@@ -510,6 +543,52 @@ def test_a_file_that_the_log_holds_is_not_added_again(tmp_path, slider_task):
             import_log(files=[again], **options)
         assert "leave it out" in caught.value.cure
     assert MeasuredLog.read(out).recording_names == ("a", "b")
+
+
+def test_a_recording_that_is_given_twice_is_refused(tmp_path, slider_task):
+    options = {"task": str(slider_task), "out": tmp_path / "run.zarr"}
+    file, copy = (csv(tmp_path / f"{name}.csv", *ROWS) for name in ("monday", "monday (1)"))
+    with pytest.raises(
+        LogError, match=r"monday \(1\).csv is in .*monday.csv already, as the recording 'monday'"
+    ):
+        import_log(files=[file, copy], **options)
+    # a log that was recorded has no file
+    for name, seed in (("a", 1), ("b", 2)):
+        drive = {"duration": 1.0, "amplitude": {"drive": 3.0}, "noise": 1e-3, "threads": 1}
+        record(task=str(slider_task), out=tmp_path / f"{name}.zarr", seed=seed, **drive)
+    a, b = tmp_path / "a.zarr", tmp_path / "b.zarr"
+    with pytest.raises(LogError, match=r"a.zarr is in .*a.zarr already, as the recording 'a'"):
+        import_log(files=[a, b, a], **options)
+    import_log(files=[a, b], **options)
+    with pytest.raises(LogError, match=r"b.zarr is in .*run.zarr already, as the recording 'b'"):
+        import_log(files=[b], append=True, **options)
+    assert not inspect(options["out"])["findings"] or "holds the same" not in str(inspect(options["out"]))
+    # one of before this was refused
+    MeasuredLog.read(a).followed_by(MeasuredLog.read(a)).write(tmp_path / "twice.zarr")
+    (found,) = [f for f in inspect(tmp_path / "twice.zarr")["findings"] if "holds the same" in f["message"]]
+    assert (found["where"], found["severity"]) == ("a-2, episode 1", "warning")
+
+
+def test_two_that_add_to_a_log_at_once_do_not_lose_a_recording(tmp_path, slider_task, monkeypatch):
+    """The second is refused while the first is at it."""
+    options = {"task": str(slider_task), "out": tmp_path / "run.zarr"}
+    files = [csv(tmp_path / f"{n}.csv", *ROWS[: 8 + n]) for n in range(3)]
+    import_log(files=files[:1], **options)
+    seen = []
+
+    def meanwhile(log, task):
+        if not seen:
+            seen.append(True)
+            with pytest.raises(OutputError, match=r"process \d+ .* is writing .*run.zarr"):
+                import_log(files=files[2:], append=True, **options)
+        check(log, task)
+
+    check = stage._check_task
+    monkeypatch.setattr(stage, "_check_task", meanwhile)
+    import_log(files=files[1:2], append=True, **options)
+    log = import_log(files=files[2:], append=True, **options)
+    assert log.recording_names == ("0", "1", "2")
+    assert not list(tmp_path.glob(".*"))
 
 
 # --- whatever a file holds ---

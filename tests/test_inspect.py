@@ -337,6 +337,7 @@ def test_a_heading_that_begins_anew_after_a_turn_is_found(tmp_path, slider_task)
     model = slider_task.parent / "model.xml"
     sound = sound_log()
     turning = 1.2 * np.tile(np.arange(STEPS) / RATE, 2)[:, None]
+    turning[STEPS:] += 0.01
     wrapped = (turning + np.pi) % (2 * np.pi) - np.pi
     slides = inspected(replace(sound, outputs=wrapped), tmp_path / "slide", slider_task)
     assert not any("turn" in f["message"] for f in slides["findings"])
@@ -637,3 +638,25 @@ def test_visits_count_separate_stays():
     assert found["high"]["neighbours"] == pytest.approx((1 / 7 + 3 / 7) / 2)
     assert found["high"]["visits"] == 2
     assert found["low"]["visits"] == 2
+
+
+def test_single_files_are_known_for_what_they_are(tmp_path):
+    write_json(tmp_path / "run.truth.json", {"format": "capture/truth", "version": 1, "task": "slider"})
+    document = inspect(tmp_path / "run.truth.json")
+    assert (document["kind"], document["store"]["format"]) == ("file", "capture/truth")
+    assert "capture/truth version 1, task slider" in shown(document)
+    folder = tmp_path / "made"
+    folder.mkdir()
+    for name in ("identifier", "provenance"):
+        write_json(folder / f"{name}.json", {"format": f"capture/{name}", "version": 1})
+    document = inspect(folder / "identifier.json")
+    assert (document["kind"], document["path"]) == ("directory", str(folder))
+    for name, cure in (
+        ("task.toml", "capture tasks"),
+        ("run.csv", "capture import-log"),
+        ("a.json", "give a log"),
+    ):
+        (tmp_path / name).write_text("{}")
+        with pytest.raises(StoreError, match="neither a Zarr store nor JSON that `capture` wrote") as caught:
+            inspect(tmp_path / name)
+        assert cure in caught.value.cure

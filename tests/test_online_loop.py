@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 
 from capture_cli.errors import LogError, OptionError, OutputError, StoreError
 from capture_cli.parameters import Parameter, ParameterSpace
+from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.earlier_estimate import EarlierEstimate
 from capture_cli.stages.identify import identify
 from capture_cli.stages.import_log import import_log
@@ -94,6 +95,35 @@ def test_of_a_policy_its_own_action_is_proposed(scooping):
         propose(result=scooping / "e", amplitude={"spatula_x_target": 1.0})
 
 
+def test_a_machine_is_driven_no_further_than_its_log_was_wherever_that_is(slider_task, tmp_path, monkeypatch):
+    """Also by estimates of before they kept the peaks, as long as the log is found as it was."""
+    options = {"task": str(slider_task), "threads": 1}
+    monkeypatch.chdir(tmp_path)
+    Path("a").mkdir()
+    record(out=Path("a/s.zarr"), duration=4, amplitude={"drive": 2}, noise=1e-3, rate=200, **options)
+    identify(real_log=Path("a/s.zarr"), out=Path("a/e"), quiet=True, **options)
+    again = {"result": tmp_path / "a" / "e", "task": str(slider_task), "threads": 1}
+    first = propose(**again)
+    assert first["peaks"]["drive"] == pytest.approx(2)
+    (tmp_path / "b").mkdir()
+    monkeypatch.chdir(tmp_path / "b")
+    assert propose(**again) == first
+    document = json.loads((again["result"] / "estimate.json").read_text())
+    assert document["log"].pop("input_peaks") == {"drive": pytest.approx(2)}
+    (again["result"] / "estimate.json").write_text(json.dumps(document))
+    assert propose(**again) == first
+    (tmp_path / "a" / "s.zarr").rename("moved.zarr")
+    with pytest.raises(
+        OptionError, match=r"log a/s.zarr went, and it is neither here nor beside it"
+    ) as caught:
+        propose(**again)
+    assert "--amplitude INPUT=VALUE" in caught.value.cure
+    assert propose(**again, amplitude={"drive": 2})["peaks"]["drive"] == pytest.approx(2)
+    record(out=tmp_path / "a" / "s.zarr", duration=4, amplitude={"drive": 9}, rate=200, force=True, **options)
+    with pytest.raises(OptionError, match="has changed since"):
+        propose(**again)
+
+
 def test_a_machine_of_ones_own_is_to_be_driven_by_a_multisine(slider_task, tmp_path):
     options = {"task": str(slider_task), "threads": 1}
     record(out=tmp_path / "s.zarr", duration=4, amplitude={"drive": 5}, noise=1e-3, rate=200, **options)
@@ -127,6 +157,11 @@ def test_proposed_inputs_are_recorded_appended_and_taken_up(slider_task, tmp_pat
     assert made.time.tolist() == proposal["time_s"] and made.episode_ends.tolist() == [len(made.time)]
     assert made.inputs[:, 0].tolist() == proposal["inputs"]["drive"]
     import_log(files=[episode], task=str(slider_task), out=log, append=True)
+    with pytest.raises(OptionError, match=r"s\.zarr has 1 new episode since .*e was made from it") as caught:
+        diagnose(real_log=log, estimate=estimate, out=tmp_path / "d", quiet=True)
+    assert f"capture identify --real-log {log} --out {estimate} --resume" in caught.value.cure
+    with pytest.raises(OptionError, match="is not that log as it was then"):
+        diagnose(real_log=episode, estimate=estimate, out=tmp_path / "d", quiet=True)
     identify(real_log=log, out=estimate, resume=True, quiet=True, threads=1)
     before, after = proposal["expected_sd"], Estimate.read(estimate).document["parameters"]
     assert Estimate.read(estimate).document["rollouts"]["measured"] == 2
@@ -185,7 +220,10 @@ def test_episodes_are_added_to_a_log(scooping, tmp_path):
     assert np.array_equal(again.actions, np.concatenate([log.actions, other.actions]))
     assert again.recording.tolist() == [0, 0, 1]
     assert again.recording_names == ("log", "other") == both.recording_names
-    import_log(files=[scooping / "other.zarr"], task="scooping", out=tmp_path / "log.zarr", append=True)
+    with pytest.raises(LogError, match=r"other.zarr is in .*log.zarr already, as the recording 'other'"):
+        import_log(files=[scooping / "other.zarr"], task="scooping", out=tmp_path / "log.zarr", append=True)
+    record(task="scooping", out=tmp_path / "other.zarr", seed=6, noise=3e-4, threads=1)
+    import_log(files=[tmp_path / "other.zarr"], task="scooping", out=tmp_path / "log.zarr", append=True)
     assert MeasuredLog.read(tmp_path / "log.zarr").recording_names == ("log", "other", "other-2")
 
 

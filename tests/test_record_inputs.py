@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from capture_cli.errors import OptionError
+from capture_cli.errors import CaptureError, OptionError
 from capture_cli.multisine import BAND, from_rest, multisine, multisine_tape, peak
 from capture_cli.stages.record import record
 from capture_cli.stages.tapes import tape_task
@@ -234,3 +234,22 @@ def test_what_cannot_be_negative_is_refused_before_anything_is_simulated(
         )
     assert caught.value.cure.startswith("choose one from")
     assert not (tmp_path / "log.zarr").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"rate": 1e6}, r"--rate 1e\+06: the model makes \d+ steps per second"),
+        ({"rate": 50, "band": (1.0, 40.0)}, "--band 1 40: 50 samples per second tell nothing above 25 Hz"),
+        ({"effects": ["viscous-damping@x=-50"]}, r"takes no more of it than .* its range, -2 to"),
+        ({"parameters": {"mass": 0.0}}, "has 0 mass"),
+    ],
+)
+def test_what_a_log_could_not_hold_is_refused(slider_task, tmp_path, options, said):
+    """The slider's own damping is 2 N s/m: -50 would leave a log as of -2, and a truth that says -50."""
+    given = {"duration": 1.0, "amplitude": {"drive": 3.0}, "threads": 1, **options}
+    with pytest.raises(CaptureError, match=said) as caught:
+        record(task=slider_task, out=tmp_path / "log.zarr", **given)
+    if "parameters" in options:
+        assert "choose from their ranges: mass = 0, and its range is" in caught.value.cure
+    assert not list(tmp_path.glob("log*"))

@@ -21,7 +21,14 @@ from hypothesis.extra.numpy import arrays
 from capture_cli.errors import CaptureError, LogError, OutputError, StoreError
 from capture_cli.stages.import_log import import_log
 from capture_cli.stores.measured_log import SCHEMA, MeasuredLog
-from capture_cli.stores.output import PROVENANCE, new_directory, new_file, refuse_existing, sha256
+from capture_cli.stores.output import (
+    PROVENANCE,
+    new_directory,
+    new_file,
+    refuse_existing,
+    resumable_directory,
+    sha256,
+)
 from capture_cli.stores.result import read_result
 from capture_cli.stores.schema import ArraySpec, Schema
 
@@ -332,6 +339,37 @@ def test_a_failure_leaves_nothing_and_what_was_there(tmp_path, new, error):
         fill(partial) if partial.is_dir() else partial.write_text("half")
         raise error
     assert names(tmp_path) == []
+
+
+HOLDING = """
+import sys, time
+from pathlib import Path
+from capture_cli.stores.output import resumable_directory
+
+with resumable_directory(Path(sys.argv[1])):
+    print("writing", flush=True)
+    time.sleep(100)
+"""
+
+
+def test_a_run_that_is_still_at_work_is_neither_resumed_nor_replaced(tmp_path):
+    out = tmp_path / "out"
+    run = subprocess.Popen([sys.executable, "-c", HOLDING, str(out)], stdout=subprocess.PIPE, text=True)
+    assert run.stdout.readline() == "writing\n"
+    for options in ({}, {"resume": True}, {"force": True}):
+        with (
+            pytest.raises(
+                OutputError, match=rf"process {run.pid} on .*, since .*, is writing .*out"
+            ) as caught,
+            resumable_directory(out, **options),
+        ):
+            pytest.fail("the block must not be entered")
+        assert caught.value.cure == "wait until it ends, or stop it"
+    run.kill()
+    run.wait()
+    with resumable_directory(out, resume=True) as folder:
+        fill(folder)
+    assert names(tmp_path) == ["out"]
 
 
 def test_a_failure_with_force_leaves_the_old_result(tmp_path):

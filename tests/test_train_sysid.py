@@ -154,6 +154,15 @@ def test_a_log_from_outside_is_noticed(trained):
     assert (family.share_beyond(curved) < 0.01).mean() > 0.9
 
 
+def test_a_run_interrupted_before_it_evaluated_says_that_nothing_is_kept(small, tmp_path, monkeypatch):
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(stage, "save_state", stop)
+    with pytest.raises(OutputError, match="before the first evaluation: nothing that was learned is kept"):
+        train_sysid(histories=small, out=tmp_path / "a", **TINY)
+
+
 # --- the same bytes ---
 
 
@@ -386,6 +395,18 @@ def checkpoint(small, tmp_path) -> Path:
 
 def changed(**parts) -> Signature:
     return Signature(**{**vars(SIGNATURE), **parts})
+
+
+def test_of_many_differences_the_first_are_named():
+    actions = [[Parameter(f"{name}{k}", "N", -1, 1, 0) for k in range(22)] for name in "ab"]
+    mine, theirs = (changed(actions=ParameterSpace(a)) for a in actions)
+    (line,) = mine.differences(theirs)
+    assert line.startswith("actions: a0 [-1, 1] N here, b0 [-1, 1] N there; a1") and line.endswith(
+        "; and 19 more"
+    )
+    assert mine.differences(changed(task="other", actions=ParameterSpace(actions[1]))) == [
+        "task: 'toy' here, 'other' there"
+    ]
 
 
 @pytest.mark.parametrize(

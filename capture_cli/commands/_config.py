@@ -21,7 +21,7 @@ def _read_config(context: typer.Context, path: Path | None) -> Path | None:
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise OptionError(f"--config {path}: {error}", cure="give a readable TOML file") from error
     section = table.get(context.info_name)
-    table = section if isinstance(section, dict) else table
+    table = section if isinstance(section, dict) else _without_other_commands(table, context)
     known = {p.name: p for p in context.command.params if p.name not in ("config", "help")}
     flags = {option.lstrip("-").replace("-", "_"): name for name, p in known.items() for option in p.opts}
     defaults: dict[str, Any] = {}
@@ -36,6 +36,12 @@ def _read_config(context: typer.Context, path: Path | None) -> Path | None:
         defaults[name] = [str(v) for v in value] if isinstance(value, list) else value
     context.default_map = defaults
     return path
+
+
+def _without_other_commands(table: dict[str, Any], context: typer.Context) -> dict[str, Any]:
+    """The file's keys but for tables that are named after commands: they are for those."""
+    commands = context.parent.command.commands if context.parent is not None else {}
+    return {key: value for key, value in table.items() if not (key in commands and isinstance(value, dict))}
 
 
 Config = Annotated[

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import Any
 
 from capture_cli.commands._results import console, print_json
 
 
-def show_inspection(path: Path, task: str | None, json_: bool, quiet: bool) -> None:
-    """The inspection on stdout; if `quiet`, what must not go unseen on stderr."""
+def show_inspection(path: Path, task: str | None, json_: bool, quiet: bool) -> dict[str, Any]:
+    """The inspection, on stdout; if `quiet`, what must not go unseen on stderr."""
     from capture_cli.stages.inspect import inspect as stage
 
     document = stage(path, task)
@@ -24,3 +25,4 @@ def show_inspection(path: Path, task: str | None, json_: bool, quiet: bool) -> N
         from capture_cli.reports.inspection import render
 
         render(document, console())
+    return document

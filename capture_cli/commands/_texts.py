@@ -31,13 +31,16 @@ def named_ranges(texts: list[str], option: str) -> dict[str, tuple[float, float]
         low, _, high = value.partition(":")
         try:
             result[name] = (_finite(low), _finite(high or low))
-            if result[name][0] > result[name][1]:
-                raise ValueError
         except ValueError:
             raise OptionError(
                 f"{option} {text!r} is not NAME=VALUE or NAME=LOW:HIGH",
                 cure=f"for example {option} x=-0.1:0.1",
             ) from None
+        if result[name][0] > result[name][1]:
+            raise OptionError(
+                f"{option} {text!r}: {low} is above {high}",
+                cure=f"the lower one first: {option} {name}={high}:{low}",
+            )
     return result
 
 

@@ -30,7 +30,10 @@ def diagnose(
     ] = None,
     task: OptionalTask = None,
     out: Annotated[
-        Path | None, typer.Option("--out", help="Diagnosis directory; default LOG.diagnosis.")
+        Path | None,
+        typer.Option(
+            "--out", help="Diagnosis directory; default NAME.diagnosis in the current folder, for NAME.zarr."
+        ),
     ] = None,
     test: Annotated[
         str | None, typer.Option("--test", help="Recordings to hold out; default those of the estimate.")

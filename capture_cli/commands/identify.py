@@ -28,7 +28,10 @@ def identify(
     real_log: RealLog,
     task: OptionalTask = None,
     out: Annotated[
-        Path | None, typer.Option("--out", help="Estimate directory; default LOG.estimate.")
+        Path | None,
+        typer.Option(
+            "--out", help="Estimate directory; default NAME.estimate in the current folder, for NAME.zarr."
+        ),
     ] = None,
     identifier: Annotated[
         str | None,

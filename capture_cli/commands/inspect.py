@@ -22,4 +22,6 @@ def inspect(
 
     Example: capture inspect run.zarr --task task.toml
     """
-    show_inspection(path, task, json_, quiet=False)
+    document = show_inspection(path, task, json_, quiet=False)
+    if any(f["severity"] == "error" for f in document["findings"]):
+        raise typer.Exit(2)

@@ -8,8 +8,9 @@ Methods are judged by the measured rollouts they spend: one a round. What they s
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import zip_longest
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,8 @@ from capture_cli.tasks.base import ActionTask, Feature
 # (parameters (simulation, parameter), actions (simulation, action)) -> trajectories (simulation, point, feature),
 # diverged (simulation,): `Simulator.trajectories`
 Simulate = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+MOST_NAMED = 3  # differences of one kind
 
 
 @dataclass(frozen=True)
@@ -68,20 +71,31 @@ class Signature:
         )
 
     def differences(self, other: Signature) -> list[str]:
-        """How `other` differs, one line each: "task: 'a' here, 'b' there". Nominal values do not matter."""
-        lines = [] if self.task == other.task else [f"task: {self.task!r} here, {other.task!r} there"]
+        """How `other` differs, one line each: "task: 'a' here, 'b' there". Nominal values do not matter.
+
+        Where the tasks differ nothing else needs to be said.
+        """
+        if self.task != other.task:
+            return [f"task: {self.task!r} here, {other.task!r} there"]
+        lines = []
         for what in ("space", "actions"):
             mine, theirs = ([_range(p) for p in getattr(s, what)] for s in (self, other))
-            if mine != theirs:
-                kind = "parameters" if what == "space" else what
-                lines.append(f"{kind}: {', '.join(mine)} here, {', '.join(theirs)} there")
-        if self.features != other.features:
-            mine, theirs = (", ".join(f"{f.name} ({f.unit})" for f in s.features) for s in (self, other))
-            lines.append(f"features: {mine} here, {theirs} there")
+            lines += _unlike("parameters" if what == "space" else what, mine, theirs)
+        mine, theirs = (
+            [f"{f.name} ({f.unit}) of scale {f.scale:g}" for f in s.features] for s in (self, other)
+        )
+        lines += _unlike("features", mine, theirs)
         times = self.point_times, other.point_times
         if len(times[0]) != len(times[1]) or not np.allclose(*times, atol=1e-9):
             lines.append(f"points: {_times(times[0])} here, {_times(times[1])} there")
         return lines
+
+
+def _unlike(what: str, mine: Sequence[str], theirs: Sequence[str]) -> list[str]:
+    """The line that says in what two lists of names differ, the first MOST_NAMED; none where they are alike."""
+    pairs = [f"{a} here, {b} there" for a, b in zip_longest(mine, theirs, fillvalue="none") if a != b]
+    more = f"; and {len(pairs) - MOST_NAMED} more" if len(pairs) > MOST_NAMED else ""
+    return [f"{what}: {'; '.join(pairs[:MOST_NAMED])}{more}"] if pairs else []
 
 
 def _range(p: Parameter) -> str:

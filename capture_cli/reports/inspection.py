@@ -19,6 +19,7 @@ MOST_ROWS = 12
 LEAST_REST = 0.01  # share of the samples
 FINE = 0.01  # of the change from sample to sample: steps below it are how many digits the file has
 _KINDS = {
+    "file": "file",
     "measured-log": "measured log",
     "estimate": "estimate",
     "diagnosis": "diagnosis",

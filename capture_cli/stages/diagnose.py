@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from capture_cli.diagnosis.split import EarlierSplit
-from capture_cli.errors import OptionError, StoreError
+from capture_cli.errors import CaptureError, OptionError, StoreError
 from capture_cli.protocol.attribution import MOST_EFFECTS
 from capture_cli.protocol.explain import Settings, explain
 from capture_cli.protocol.prepare import prepare
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.stages.diagnosis_document import diagnosis_of
+from capture_cli.stages.earlier_estimate import continues
 from capture_cli.stages.progress import Progress
 from capture_cli.stages.recorded_task import find_task, load_recorded, named, task_inputs
 from capture_cli.stores.diagnosis import Diagnosis
@@ -55,7 +56,7 @@ def diagnose(
     log = MeasuredLog.read(real_log)
     begin = None
     if estimate is not None:
-        begin, made = _check_estimate(estimate, real_log)
+        begin, made = _check_estimate(estimate, log, task)
         found = load_recorded(estimate, made, task, str(real_log))
         window = window if window is not None else made["options"]["window"]
         seed = seed if seed is not None else made["options"]["seed"]
@@ -91,15 +92,35 @@ def diagnose_prepared(
     return diagnosis_of(explain(prepared, nominal, settings, tell))
 
 
-def _check_estimate(folder: Path, real_log: Path) -> tuple[Estimate, dict[str, Any]]:
+def _check_estimate(folder: Path, log: MeasuredLog, task: str | None) -> tuple[Estimate, dict[str, Any]]:
+    """The estimate in `folder` and its provenance. Raises OptionError where it is not of the log as it is now."""
     found = Estimate.read(folder)
-    if found.document["log"]["sha256"] != sha256(real_log):
+    made = read_provenance(folder, "make the estimate again with `capture identify`")
+    if found.document["log"]["sha256"] != sha256(log.path):
+        identify = ["capture", "identify", "--real-log", str(log.path)]
+        new = _new_episodes(folder, found, made, log, task)
+        if new:
+            raise OptionError(
+                f"{log.path} has {new} new episode{'s' * (new > 1)} since {folder} was made from it",
+                cure=f"take the estimate up first: {shlex.join([*identify, '--out', str(folder), '--resume'])}",
+            )
         raise OptionError(
-            f"{folder} was made from {found.document['log']['path']}, and {real_log} is not that log",
-            cure=f"identify it first: capture identify --real-log {shlex.quote(str(real_log))}",
+            f"{folder} was made from {found.document['log']['path']}, and {log.path} is not that log as it was then",
+            cure=f"identify it first: {shlex.join(identify)}",
         )
-    again = "make the estimate again with `capture identify`"
-    return found, read_provenance(folder, again)
+    return found, made
+
+
+def _new_episodes(
+    folder: Path, estimate: Estimate, made: Mapping[str, Any], log: MeasuredLog, task: str | None
+) -> int:
+    """How many episodes the log has after those of the estimate; 0 where it does not go on from them."""
+    try:
+        machine = load_recorded(folder, made, task, str(log.path))
+    except CaptureError:
+        return 0
+    new = len(log.episode_ends) - estimate.document["rollouts"]["measured"]
+    return max(new, 0) if continues(log, machine, estimate) else 0
 
 
 def _held_out(estimate: Estimate) -> EarlierSplit:

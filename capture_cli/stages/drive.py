@@ -97,6 +97,7 @@ def _by_actions(task: ActionTask, asked: DriveOptions, generator: np.random.Gene
     driven = task.episodes(actions)
     steps = round(task.point_times[-1] * rate) + 1
     _check_samples(steps, task.point_times[-1], rate)
+    _check_rate(rate, task)
     time = np.arange(steps) / rate
     inputs = np.stack([_sampled(tape, task.timestep, time, task.linear) for tape in driven.inputs])
     return Drive(
@@ -161,6 +162,8 @@ def _multisines(
     interval = task.timestep if asked.rate is None else 1.0 / asked.rate
     steps = round(duration / interval) + 1
     _check_samples(steps, duration, 1.0 / interval)
+    _check_rate(1.0 / interval, task)
+    _check_sampled(asked, interval, task)
     time = interval * np.arange(steps)
     farthest = peaks(task, amplitude)
     tapes = [multisine_tape(task, time, farthest, asked.band, generator) for _ in range(asked.episodes)]
@@ -238,6 +241,26 @@ def _check_samples(steps: int, duration: float, rate: float) -> None:
             f"an episode of {duration:g} s at {rate:g} Hz has a single sample",
             cure=f"give a --rate of {1 / duration:g} Hz or more, or record for longer",
         )
+
+
+def _check_rate(rate: float, task: Task) -> None:
+    if rate * task.timestep > 1 + 1e-6:
+        raise OptionError(
+            f"--rate {rate:g}: the model makes {1 / task.timestep:g} steps per second, and knows nothing in between",
+            cure=f"give {1 / task.timestep:g} at most, or the model a smaller timestep",
+        )
+
+
+def _check_sampled(asked: DriveOptions, interval: float, task: Task) -> None:
+    """Raise OptionError where a --band that was given has frequencies that samples every `interval` s cannot have."""
+    (low, high), highest = asked.band, 0.5 / interval
+    if asked.band == BAND or high <= highest:
+        return
+    faster = f", or a higher --rate (the model allows {1 / task.timestep:g})"
+    raise OptionError(
+        f"--band {low:g} {high:g}: {1 / interval:g} samples per second tell nothing above {highest:g} Hz",
+        cure=f"give {highest:g} Hz at most" + ("" if asked.rate is None else faster),
+    )
 
 
 def _check_positive(**numbers: float) -> None:

@@ -49,7 +49,7 @@ class EarlierEstimate:
                 cure="identify anew: --force, or another --out",
             )
         check_fits(log, task)
-        if not _continues(log, task, self.estimate):
+        if not continues(log, task, self.estimate):
             raise OptionError(
                 f"--resume: {self.path} was made from other episodes than those {log.path} begins with",
                 cure="identify anew: --force, or another --out; "
@@ -115,7 +115,7 @@ def _how(episode: np.ndarray, is_test: np.ndarray) -> str:
     return f"end of the first{more} of {count} episodes held out"
 
 
-def _continues(log: MeasuredLog, task: Task, estimate: Estimate) -> bool:
+def continues(log: MeasuredLog, task: Task, estimate: Estimate) -> bool:
     """Whether the windows of the estimate are in the log, number for number."""
     arrays = estimate.arrays
     window, measured = arrays["step/window"], arrays["step/measured"]

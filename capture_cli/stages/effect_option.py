@@ -13,6 +13,8 @@ from capture_cli.effects.base import GLOBAL, Effect
 from capture_cli.effects.placed import Placed
 from capture_cli.errors import OptionError, did_you_mean
 from capture_cli.parameters import Parameter
+from capture_cli.sim.engine import ModelFields
+from capture_cli.tasks.base import Task
 
 # what stands after @ is a site, or a site and a parameter: names in a model may have dots and more in them
 _EFFECT = re.compile(
@@ -53,6 +55,39 @@ def refuse_negative(option: str, parameter: Parameter, value: float) -> None:
             f"{option}: {parameter.name} = {value:g} {parameter.unit}, and it cannot be negative",
             cure=f"choose one from {parameter.low:g} to {parameter.high:g}",
         )
+
+
+def refuse_without_effect(
+    task: Task, point: np.ndarray, placed: Sequence[Placed], values: np.ndarray
+) -> None:
+    """Raise OptionError where the model at `point` (parameter,) takes less of an effect than `values` (parameter,) say.
+
+    A joint has no less friction than none, and a truth must not say that it had. Only what is written into the model
+    can be less than was asked for, and only beyond its range.
+    """
+    first = 0
+    for one in placed:
+        effect = one.effect
+        own = values[first : first + len(effect.space)]
+        first += len(effect.space)
+        for k, parameter in enumerate(effect.space.parameters if effect.place == "model" else ()):
+            nearest = np.clip(own[k], parameter.low, parameter.high)
+            less = own.copy()
+            less[k] += 1e-3 * (nearest - own[k])
+            if own[k] != nearest and _same_model(task, point, effect, own, less):
+                raise OptionError(
+                    f"--effect {one.name}.{parameter.name}={own[k]:g}: the model takes no more of it "
+                    f"than of values nearer to its range, {parameter.low:g} to {parameter.high:g} {parameter.unit}",
+                    cure="choose one from this range",
+                )
+
+
+def _same_model(task: Task, point: np.ndarray, effect: Effect, *values: np.ndarray) -> bool:
+    """Whether an effect writes the same into the model at two values (parameter,)."""
+    fields = ModelFields(task.model, len(values))
+    task.write(fields, np.repeat(point[None], len(values), axis=0))
+    effect.write(fields, np.stack(values))
+    return all(np.array_equal(field[0], field[1]) for field in fields.values.values())
 
 
 def _site_and_parameter(place: str, cls: type[Effect], model: mujoco.MjModel) -> tuple[str, str | None]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import reduce
 from itertools import groupby
@@ -13,12 +14,14 @@ import numpy as np
 from capture_cli.errors import LogError
 from capture_cli.protocol.log_checks import check_fits
 from capture_cli.sim.windows import SHORTEST_EPISODE
+from capture_cli.stages.equal_episodes import refuse_repeated
 from capture_cli.stages.held_outputs import without_repeats
 from capture_cli.stages.recorded_task import task_inputs
 from capture_cli.stages.source_files import SourceFile, open_source
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.stores.output import new_directory, refuse_existing, refuse_inputs, sha256
 from capture_cli.stores.provenance import Provenance
+from capture_cli.stores.writer_lock import only_writer
 from capture_cli.tasks import load_task
 from capture_cli.tasks.base import ActionTask, Task
 
@@ -50,7 +53,8 @@ def import_log(
     outputs that are sparse may be missing.
     drop_repeats: leave out rows that say the same as the row before, time and all; `repeated_rows` says how many.
     drop_held: empty the repeats of sparse outputs that hold each sample for some rows; `held_repeats` says how many.
-    append: `out` is a log already, and the episodes come after those in it; a file that it holds is refused.
+    append: `out` is a log already, and the episodes come after those in it; nobody else adds to it meanwhile.
+    A recording that is given twice, or that `out` holds already, is refused.
     Raises LogError, TaskError, ModelError, StoreError or OutputError before anything is written.
     """
     options = {**locals(), "files": [str(f) for f in files]}
@@ -58,35 +62,36 @@ def import_log(
     if not files:
         raise LogError("no file is given", cure="name one CSV or Parquet file or more")
     machine = load_task(task)
-    logs = [MeasuredLog.read(out)] if append else []
-    inputs = {"task": machine.path, **{str(f): Path(f) for f in files}}
-    sources = [open_source(Path(f)) for f in files if not _is_store(Path(f))]
-    refuse_inputs(out, [*files, *task_inputs(machine).values()])
-    provenance = Provenance("import-log", options, inputs)
-    names = _recording_names([s.path for s in sources])
-    recordings = {
-        source.path: _read_recording(source, name, machine, drop_nan=drop_nan, drop_repeats=drop_repeats)
-        for source, name in zip(sources, names, strict=True)
-    }
-    for stored, run in groupby(map(Path, files), key=_is_store):
-        paths = list(run)
-        if stored:
-            logs += [MeasuredLog.read(path) for path in paths]
-        else:
-            logs.append(replace(_join([recordings[path] for path in paths], machine), path=paths[0]))
-    for log in logs:
-        _check_task(log, machine)
-    if append:
-        _check_new(logs[0], logs[1:])
-    if drop_held:
-        at_out = 1 if append else 0  # what is at `out` stays as it is
-        logs[at_out:] = [without_repeats(log, machine) for log in logs[at_out:]]
-    log = reduce(MeasuredLog.followed_by, logs).check()
-    _check_long_enough(log, machine)
-    with new_directory(out, force=force or append) as folder:
-        log.write(folder)
-        provenance.write(folder)
-    return replace(log, path=Path(out))
+    # who else adds to the log would put one without these episodes in its place
+    with only_writer(out) if append and Path(out).exists() else nullcontext():
+        logs = [MeasuredLog.read(out)] if append else []
+        inputs = {"task": machine.path, **{str(f): Path(f) for f in files}}
+        sources = [open_source(Path(f)) for f in files if not _is_store(Path(f))]
+        refuse_inputs(out, [*files, *task_inputs(machine).values()])
+        provenance = Provenance("import-log", options, inputs)
+        names = _recording_names([s.path for s in sources])
+        recordings = {
+            source.path: _read_recording(source, name, machine, drop_nan=drop_nan, drop_repeats=drop_repeats)
+            for source, name in zip(sources, names, strict=True)
+        }
+        for stored, run in groupby(map(Path, files), key=_is_store):
+            paths = list(run)
+            if stored:
+                logs += [MeasuredLog.read(path) for path in paths]
+            else:
+                logs.append(replace(_join([recordings[path] for path in paths], machine), path=paths[0]))
+        for log in logs:
+            _check_task(log, machine)
+        if drop_held:
+            at_out = 1 if append else 0  # what is at `out` stays as it is
+            logs[at_out:] = [without_repeats(log, machine) for log in logs[at_out:]]
+        refuse_repeated(logs)
+        log = reduce(MeasuredLog.followed_by, logs).check()
+        _check_long_enough(log, machine)
+        with new_directory(out, force=force or append) as folder:
+            log.write(folder)
+            provenance.write(folder)
+        return replace(log, path=Path(out))
 
 
 def _is_store(path: Path) -> bool:
@@ -100,17 +105,6 @@ def _check_task(log: MeasuredLog, task: Task) -> None:
             cure="give the task it was made with, or another --out",
         )
     check_fits(log, task)
-
-
-def _check_new(log: MeasuredLog, others: Sequence[MeasuredLog]) -> None:
-    """Raise LogError where a recording of `others` was read from a file that `log` holds already, whatever its name."""
-    held = {r["sha256"]: r["name"] for r in log.recordings if r.get("sha256")}
-    for recording in (r for other in others for r in other.recordings):
-        if recording.get("sha256") in held:
-            raise LogError(
-                f"{recording['source']} is in {log.path} already, as the recording {held[recording['sha256']]!r}",
-                cure="leave it out; to read a file in anew, import all files again with --force, without --append",
-            )
 
 
 @dataclass(frozen=True)

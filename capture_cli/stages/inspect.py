@@ -12,6 +12,8 @@ import numpy as np
 
 from capture_cli.errors import CaptureError, StoreError
 from capture_cli.sim.windows import usual_interval
+from capture_cli.stages.equal_episodes import equal_episodes
+from capture_cli.stages.file_header import read_header
 from capture_cli.stages.held_outputs import rows_per_sample, sample_rate, slices_within
 from capture_cli.stages.log_findings import finding, log_findings, task_findings
 from capture_cli.stages.log_health import channel, excitation, quantisation, sampling, spikes, timing
@@ -37,17 +39,20 @@ CHECKED_AT_ONCE = 4096  # histories
 def inspect(path: Path, task: str | None = None) -> dict[str, Any]:
     """What is at `path`, as one JSON-able document.
 
-    Always: format, version (of this document), path, kind ("measured-log", "estimate", "diagnosis", "zarr" or
-    "directory"), store (the format and version found, bytes on disk), provenance, sizes and findings, each
+    Always: format, version (of this document), path, kind ("measured-log", "estimate", "diagnosis", "zarr",
+    "directory" or "file"), store (the format and version found, bytes on disk), provenance, sizes and findings, each
     {severity, where, message, cure}. A measured log has recordings, episodes (timing) and channels (values)
     too, and is checked against `task`, or against its own where that is built in or lies beside it. Damage is a
-    finding rather than an exception.
+    finding rather than an exception. A JSON file of a directory stands for the directory.
 
     Raises StoreError where there is nothing that can be recognised, TaskError or ModelError for a bad task.
     """
     path = Path(path)
     machine = load_task(task) if task is not None else None
-    kind = _kind(path)
+    written = read_header(path) if path.is_file() else None
+    if written is not None and (path.parent / PROVENANCE).is_file():
+        path, written = path.parent, None  # estimate.json stands for the estimate
+    kind = "file" if written is not None else _kind(path)
     document = {
         "format": FORMAT,
         "version": VERSION,
@@ -65,6 +70,9 @@ def inspect(path: Path, task: str | None = None) -> dict[str, Any]:
             _inspect_result(path, document)
         elif kind == "zarr":
             _inspect_zarr(path, document)
+        elif kind == "file":
+            _header(document, written)
+            document["task"] = written.get("task")
     except StoreError as error:
         document["findings"].append(finding("error", "store", error.message, error.cure))
     _inspect_provenance(path, document)
@@ -92,7 +100,8 @@ def _kind(path: Path) -> str:
 
 
 def _bytes(path: Path) -> int:
-    return sum(f.stat().st_size for f in path.rglob("*") if f.is_file())
+    files = [path] if path.is_file() else path.rglob("*")
+    return sum(f.stat().st_size for f in files if f.is_file())
 
 
 # --- measured log ---
@@ -151,6 +160,7 @@ def _inspect_log(path: Path, document: dict[str, Any], machine: Task | None) -> 
         for r in document["recordings"]
         if r.get("held_repeats")
     ]
+    findings += [_repeated(log, pairs)] if (pairs := equal_episodes(log)) else []
     machine = machine or _own_task(log)
     findings += log_findings(document, machine)
     if machine is not None:
@@ -183,6 +193,19 @@ def _recording(log: MeasuredLog, number: int, episodes: list[dict[str, Any]]) ->
         "duration": sum(e["duration"] or 0.0 for e in own),
         "rate": float(np.median(rates)) if rates else None,
     }
+
+
+def _repeated(log: MeasuredLog, pairs: Sequence[tuple[int, int]]) -> dict[str, str]:
+    """The finding that of each of these pairs of episodes the second holds what the first does."""
+    earlier, later = pairs[0]
+    names = [log.recording_names[int(log.recording[number])] for number in (later, earlier)]
+    more = f", and {len(pairs) - 1} more do likewise" if len(pairs) > 1 else ""
+    return finding(
+        "warning",
+        f"{names[0]}, episode {later}",
+        f"holds the same as episode {earlier} ({names[1]}){more}",
+        "import again and give each recording once: what is held out may be what was fitted, and no test of it",
+    )
 
 
 def _dropped(recording: Mapping[str, Any]) -> dict[str, str]:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from capture_cli.errors import OptionError, StoreError
+from capture_cli.errors import OptionError
 from capture_cli.multisine import check_amplitude, multisine_tape, peak, peaks
 from capture_cli.protocol.next_experiment import (
     BANDS,
@@ -20,10 +20,11 @@ from capture_cli.protocol.next_experiment import (
 from capture_cli.sim.starts import model_starts
 from capture_cli.simulator import Simulator
 from capture_cli.stages.policy_checkpoint import load_policy
+from capture_cli.stages.recorded_log import recorded_log
 from capture_cli.stages.recorded_task import load_recorded, task_inputs
 from capture_cli.stores.diagnosis import Diagnosis
 from capture_cli.stores.estimate import Estimate
-from capture_cli.stores.measured_log import MeasuredLog
+from capture_cli.stores.measured_log import input_peaks
 from capture_cli.stores.output import refuse_inputs
 from capture_cli.stores.proposal import FORMAT, VERSION
 from capture_cli.stores.result import Result, read_provenance
@@ -88,7 +89,7 @@ def propose(
         return _action(simulator, estimate, candidates, generator)
     if policy is not None:
         raise OptionError(f"--policy: {machine.name!r} has no actions", cure="leave it out")
-    return _multisine(simulator, estimate, amplitude or {}, generator)
+    return _multisine(Path(result), simulator, estimate, amplitude or {}, generator)
 
 
 def _check_above_zero(machine: Task, amplitude: Mapping[str, float]) -> None:
@@ -189,11 +190,13 @@ def _by_policy(task: ActionTask, policy: str, estimate: Estimate, generator) -> 
     return {**_head(task, "action", f"as the policy {policy} acts"), "action": _values(task, action)}
 
 
-def _multisine(simulator: Simulator, estimate: Estimate, amplitude, generator) -> dict[str, Any]:
+def _multisine(
+    folder: Path, simulator: Simulator, estimate: Estimate, amplitude, generator
+) -> dict[str, Any]:
     task = simulator.task
     covariance = np.asarray(estimate.arrays["parameter/covariance"])
     points = sigma_points(task.space, np.asarray(estimate.arrays["parameter/estimate"]), covariance)
-    farthest = _farthest(task, estimate, amplitude)
+    farthest = _farthest(folder, task, estimate, amplitude)
     noise = np.array([estimate.document["noise_floor"][c.name] for c in task.outputs])
     time = experiment_times(task)
     menu = [
@@ -264,14 +267,12 @@ def _tape(task: Task, band, time: np.ndarray, tape: np.ndarray) -> dict[str, Any
     }
 
 
-def _farthest(task: Task, estimate: Estimate, amplitude: Mapping[str, float]) -> np.ndarray:
-    """How far each input may be driven (input,): as told, else as its log did, else as its actuator goes."""
+def _farthest(folder: Path, task: Task, estimate: Estimate, amplitude: Mapping[str, float]) -> np.ndarray:
+    """How far each input may be driven (input,): as told, else as its log did, which the machine has borne."""
     if not task.inputs:
         raise OptionError(f"task {task.name!r} has no inputs to drive", cure="there is nothing to propose")
-    known = dict(amplitude)
-    try:
-        log = MeasuredLog.read(Path(estimate.document["log"]["path"]))
-        known = dict(zip(log.input_names, np.abs(log.inputs).max(axis=0).tolist(), strict=True)) | known
-    except StoreError:
-        pass  # the log was moved: then the model says how far
-    return peaks(task, known)
+    if {c.name for c in task.inputs} <= set(amplitude):
+        return peaks(task, amplitude)
+    log = estimate.document["log"]
+    # estimates of before the peaks were kept have none
+    return peaks(task, (log.get("input_peaks") or input_peaks(recorded_log(folder, log))) | dict(amplitude))

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from mujoco.batch import SimulationError
 
 from capture_cli.errors import FitError, OptionError, did_you_mean
 from capture_cli.multisine import BAND
@@ -15,7 +16,7 @@ from capture_cli.parameters import ParameterSpace
 from capture_cli.sim.windows import cut
 from capture_cli.simulator import Simulator
 from capture_cli.stages.drive import Drive, DriveOptions, drive
-from capture_cli.stages.effect_option import parse_effects, refuse_negative
+from capture_cli.stages.effect_option import parse_effects, refuse_negative, refuse_without_effect
 from capture_cli.stages.recorded_task import task_inputs
 from capture_cli.stages.white_noise import standard_deviations
 from capture_cli.stores.measured_log import MeasuredLog
@@ -93,6 +94,7 @@ def record(
     noise_sd = standard_deviations("--noise", noise, names, "the task has no output")
     generator = np.random.default_rng(seed)
     point = _point(machine.space, parameters or {}, generator if random_parameters else None)
+    refuse_without_effect(machine, point, placed, effect_values)
     asked = DriveOptions(
         episodes=episodes,
         duration=duration,
@@ -191,13 +193,26 @@ def _simulate(simulator: Simulator, driven: Drive, point: np.ndarray) -> np.ndar
         linear=machine.linear,
         has_gaps=False,
     )
-    simulated = simulator.simulate(windows, replace(driven.starts, time=windows.time), point[None])
+    try:
+        simulated = simulator.simulate(windows, replace(driven.starts, time=windows.time), point[None])
+    except SimulationError as error:
+        raise _not_simulated(simulator, point, f"MuJoCo does not simulate that: {error}") from error
     if simulated.diverged.any():
-        raise FitError(
-            f"the simulation diverged in {int(simulated.diverged.sum())} of {len(windows)} episodes",
-            cure="drive it less (--amplitude), choose tamer parameters or effects, or a smaller model timestep",
+        count = int(simulated.diverged.sum())
+        raise _not_simulated(
+            simulator, point, f"the simulation diverged in {count} of {len(windows)} episodes"
         )
     return simulated.outputs[0][windows.mask]
+
+
+def _not_simulated(simulator: Simulator, point: np.ndarray, found: str) -> FitError:
+    beyond = [
+        f"{p.name} = {value:g}, and its range is {p.low:g} to {p.high:g} {p.unit}"
+        for p, value in zip(simulator.space, point, strict=True)
+        if not p.low <= value <= p.high
+    ]
+    cure = "drive it less (--amplitude), choose tamer parameters or effects, or a smaller model timestep"
+    return FitError(found, cure=f"choose from their ranges: {'; '.join(beyond)}" if beyond else cure)
 
 
 def _log(machine: Task, driven: Drive, outputs: np.ndarray, name: str) -> MeasuredLog:

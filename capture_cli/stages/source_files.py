@@ -5,19 +5,23 @@ from __future__ import annotations
 import csv
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from capture_cli.errors import LogError, did_you_mean
+from capture_cli.stages.decimal_commas import GROUPS, NUMBER, WHOLE, has_decimal_commas
 
 SUFFIXES = (".csv", ".tsv", ".txt", ".parquet", ".pq")
 COMMENTS = ("#", "%", "//")
 DELIMITERS = ",;\t"
 AS_A_NUMBER = "write it as a number; a time in seconds, or in the unit that [log] time_scale gives"
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(inf|infinity|nan)", re.IGNORECASE)
+DECIMAL_COMMAS = (
+    "write decimals with a point; or with a comma, and columns separated by semicolons, throughout the file"
+)
 _DATE_OR_TIME = re.compile(r"\d+([-/.])\d+\1\d+|\d+:\d\d")  # how it begins
+_SEPARATOR = re.compile(r'"?sep=.?"?\s*', re.IGNORECASE)  # a first line for Excel, not of the data
 
 
 class SourceFile(ABC):
@@ -54,6 +58,8 @@ class SourceFile(ABC):
                 cure = "correct the column in the task.toml, or in the first line of the file"
                 if any(c.startswith(COMMENTS) for c in self.columns[:1]):
                     cure = "remove the first line if it is a comment, or the mark at its start if it names the columns"
+                elif len(self.columns) == 1:
+                    cure = self._cure_of_one_column(cure)
                 raise LogError(f"{self.path} has no column {name!r}: {there_are}", cure=cure)
             if self.columns.count(name) > 1:
                 raise LogError(
@@ -61,8 +67,12 @@ class SourceFile(ABC):
                     cure="give each column a name of its own",
                 )
 
+    def _cure_of_one_column(self, cure: str) -> str:
+        """What to do about a file in which a single column was found, where `cure` is what would otherwise be done."""
+        return cure
+
     def _no_header(self) -> str:
-        if all(_NUMBER.fullmatch(c) for c in self.columns):
+        if all(NUMBER.fullmatch(c) for c in self.columns):
             return " (these are numbers: the first line must name the columns)"
         return ""
 
@@ -72,22 +82,46 @@ class SourceFile(ABC):
             cure = "remove the row if it holds units; otherwise correct that cell"
         if _DATE_OR_TIME.match(str(value)):
             cure = AS_A_NUMBER
+        elif GROUPS.fullmatch(str(value)):
+            cure = "write it without commas: other numbers of the file have a decimal point, so these part thousands"
+        elif NUMBER.fullmatch(str(value).replace(",", ".", 1)):
+            cure = DECIMAL_COMMAS
         return LogError(
             f"{self.path}: column {name!r} holds {str(value)!r:.60} at {self.place(row)}, not a number",
             cure=cure,
         )
 
-    def _numbers_of(self, name: str, texts: Sequence[str | None], *, decimal_comma: bool) -> np.ndarray:
-        """Texts as numbers, (row,); with `decimal_comma` a comma is the point, if no text has a point."""
-        texts = [t.strip() if t is not None else "nan" for t in texts]
-        decimal_comma = decimal_comma and not any("." in t for t in texts)
+    def _numbers_of(self, columns: Mapping[str, Sequence[str | None]]) -> dict[str, np.ndarray]:
+        """Columns of texts by name as numbers, (row,) each; a comma is the decimal point where the file says so."""
+        texts = {
+            name: [t.strip() if t is not None else "nan" for t in cells] for name, cells in columns.items()
+        }
+        decimal = has_decimal_commas(texts.values())
+        if decimal is None:
+            raise self._ambiguous(texts)
+        return {name: self._as_numbers(name, cells, decimal_comma=decimal) for name, cells in texts.items()}
+
+    def _as_numbers(self, name: str, texts: Sequence[str], *, decimal_comma: bool) -> np.ndarray:
         values = np.empty(len(texts))
         for row, text in enumerate(texts):
             number = text.replace(",", ".") if decimal_comma else text
-            if not _NUMBER.fullmatch(number):
+            if not NUMBER.fullmatch(number):
                 raise self._not_a_number(name, row, text)
             values[row] = float(number)
         return values
+
+    def _ambiguous(self, columns: Mapping[str, Sequence[str]]) -> LogError:
+        name, row, text = next(
+            (name, row, text)
+            for name, texts in columns.items()
+            for row, text in enumerate(texts)
+            if "," in text
+        )
+        return LogError(
+            f"{self.path}: column {name!r} holds {text!r:.60} at {self.place(row)}: nothing in the file tells whether "
+            "that comma is a decimal point or parts thousands",
+            cure="write the numbers of the file with decimal points and without commas",
+        )
 
 
 def open_source(path: Path) -> SourceFile:
@@ -125,11 +159,11 @@ class CsvFile(SourceFile):
         return tuple(name.strip() for name in next(csv.reader([header], delimiter=self.delimiter)))
 
     def _first_line(self) -> tuple[int, str]:
-        """Number (from 0) and text of the first line that is not blank."""
+        """Number (from 0) and text of the first line that is neither blank nor Excel's `sep=;`."""
         try:
             with self.path.open(encoding="utf-8-sig") as file:
                 for number, line in enumerate(file):
-                    if line.strip():
+                    if line.strip() and not _SEPARATOR.fullmatch(line):
                         return number, line.rstrip("\r\n")
         except UnicodeDecodeError as error:
             raise LogError(
@@ -148,14 +182,9 @@ class CsvFile(SourceFile):
             table = self._read(unique, pa.string())
         if not table.num_rows:
             raise LogError(f"{self.path} has a header and no rows", cure="record it again, or leave it out")
-        columns = {}
-        for name in unique:
-            column = table[str(self.columns.index(name))]
-            if column.type == pa.string():
-                values = self._numbers_of(name, column.to_pylist(), decimal_comma=self.delimiter != ",")
-            else:
-                values = column.to_numpy()
-            columns[name] = values
+        columns = {name: table[str(self.columns.index(name))] for name in unique}
+        if table.schema.types[0] == pa.string():
+            columns = self._numbers_of({name: column.to_pylist() for name, column in columns.items()})
         return np.column_stack([columns[name] for name in names])
 
     def labels(self, name):
@@ -198,11 +227,18 @@ class CsvFile(SourceFile):
 
     def _ragged(self, row) -> LogError:
         where = "" if row.number is None else f" at {self.place(row.number - self._header_line - 2)}"
+        cure = "complete that line, or remove it (the last line of a log that was cut off often needs it)"
+        whole = all(WHOLE.fullmatch(value.strip()) for value in row.text.split(","))
+        if self.delimiter == "," and row.actual_columns > row.expected_columns and whole:
+            cure = f"if its numbers have decimal commas: {DECIMAL_COMMAS}; otherwise correct that line"
         return LogError(
             f"{self.path}: {row.actual_columns} values{where}, and the header has {row.expected_columns}: "
             f"{row.text[:60]!r}",
-            cure="complete that line, or remove it (the last line of a log that was cut off often needs it)",
+            cure=cure,
         )
+
+    def _cure_of_one_column(self, cure):
+        return "separate the columns, in all lines, by commas, semicolons or tabs: the first line has none of these"
 
     def place(self, row):
         """The line, counted from 1 as editors do; blank lines are no rows."""
@@ -257,7 +293,7 @@ class ParquetFile(SourceFile):
         from pyarrow import types
 
         if types.is_string(column.type) or types.is_large_string(column.type):
-            return self._numbers_of(name, column.to_pylist(), decimal_comma=False)
+            return self._numbers_of({name: column.to_pylist()})[name]
         try:
             return column.cast(pa.float64(), safe=False).to_numpy().astype(float)
         except pa.ArrowException as error:

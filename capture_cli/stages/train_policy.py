@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from capture_cli.errors import OptionError, OutputError
+from capture_cli.errors import OptionError
 from capture_cli.policies import REGISTRY
 from capture_cli.policies._evaluation import evaluate
 from capture_cli.policies.base import Policy, Trainer, TrainingSettings
@@ -18,7 +18,14 @@ from capture_cli.simulator import Simulator
 from capture_cli.stages.policy_checkpoint import read_policy, save_policy
 from capture_cli.stages.progress import Progress
 from capture_cli.stages.torch_device import torch_device
-from capture_cli.stages.training_state import STATE, check_recipe, load_state, save_state, write_metrics
+from capture_cli.stages.training_state import (
+    STATE,
+    check_recipe,
+    interrupted,
+    load_state,
+    save_state,
+    write_metrics,
+)
 from capture_cli.stores.output import is_complete, resumable_directory, unfinished
 from capture_cli.stores.provenance import Provenance
 from capture_cli.tasks import load_task
@@ -166,10 +173,7 @@ class _Run:
                     left = (batches - batch) * settings.envs / rate
                     progress.step(self._told(batch * settings.envs, rate, left))
         except KeyboardInterrupt:
-            raise OutputError(
-                f"interrupted after {self.trainer.step} episodes: what was learned up to the last evaluation is kept",
-                cure="go on with the same command and --resume",
-            ) from None
+            raise interrupted(folder, f"{self.trainer.step} episodes") from None
 
     def finish(self, name: str, folder: Path) -> dict[str, Any]:
         """Write the policy, whose kind is `name`, and no state to go on from; returns policy.json."""

@@ -11,14 +11,21 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from capture_cli.errors import OptionError, OutputError, StoreError, did_you_mean
+from capture_cli.errors import OptionError, StoreError, did_you_mean
 from capture_cli.identifiers import REGISTRY, round_identifier
 from capture_cli.identifiers.rounds import Rounds, Signature
 from capture_cli.parameters import Parameter, ParameterSpace
 from capture_cli.stages.identifier_checkpoint import read_document, save_identifier
 from capture_cli.stages.progress import Progress
 from capture_cli.stages.torch_device import torch_device
-from capture_cli.stages.training_state import STATE, check_recipe, load_state, save_state, write_metrics
+from capture_cli.stages.training_state import (
+    STATE,
+    check_recipe,
+    interrupted,
+    load_state,
+    save_state,
+    write_metrics,
+)
 from capture_cli.stores.histories import SCHEMA, Histories, is_url
 from capture_cli.stores.output import is_complete, refuse_inputs, resumable_directory, unfinished
 from capture_cli.stores.provenance import Provenance
@@ -244,10 +251,7 @@ def _train(trainer: Trainer, folder: Path, recipe: Mapping[str, Any], quiet: boo
                     f"{rate:.1f} steps/s, {(steps - step) / rate:.0f} s left at most"
                 )
     except KeyboardInterrupt:
-        raise OutputError(
-            f"interrupted after step {trainer.step}: what was learned up to the last evaluation is kept",
-            cure="go on with the same command and --resume",
-        ) from None
+        raise interrupted(folder, f"step {trainer.step}") from None
 
 
 def _finish(trainer: Trainer, recipe: Mapping[str, Any], folder: Path) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from capture_cli.errors import OptionError, StoreError
+from capture_cli.errors import OptionError, OutputError, StoreError
 from capture_cli.stores.tensors import save_arrays
 
 STATE = "state.safetensors"
@@ -55,6 +55,19 @@ def load_state(
         raise StoreError(f"{path} cannot be read: {error}", cure="begin anew with --force") from error
     check_recipe(begun, recipe)
     return counters, arrays
+
+
+def interrupted(folder: Path, after: str) -> OutputError:
+    """What is said of a training that was interrupted; after: how far it was, "step 7"."""
+    if (folder / STATE).is_file():
+        return OutputError(
+            f"interrupted after {after}: what was learned up to the last evaluation is kept",
+            cure="go on with the same command and --resume",
+        )
+    return OutputError(
+        f"interrupted after {after}, before the first evaluation: nothing that was learned is kept",
+        cure="begin anew with the same command and --force",
+    )
 
 
 def check_recipe(begun: Mapping[str, Any], recipe: Mapping[str, Any]) -> None:

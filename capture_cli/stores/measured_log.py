@@ -287,3 +287,8 @@ def _named(names: Sequence[str], units: Sequence[str]) -> list[dict[str, str]]:
 
 def _listed(value: str | Sequence[str]) -> str:
     return repr(value) if isinstance(value, str) else f"({', '.join(value)})"
+
+
+def input_peaks(log: MeasuredLog) -> dict[str, float]:
+    """How far from 0 each input went, by name, in its own unit: as far as the machine is known to bear."""
+    return dict(zip(log.input_names, np.abs(log.inputs).max(axis=0).tolist(), strict=True))

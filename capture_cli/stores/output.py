@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from capture_cli.errors import OutputError
+from capture_cli.stores.writer_lock import only_writer
 
 PARTIAL = ".partial-"
 REPLACED = ".replaced-"
@@ -50,7 +51,7 @@ def resumable_directory(path: Path, *, force: bool = False, resume: bool = False
     """Like `new_directory`, for long work: what was written stays beside when the block does not end.
 
     The folder yielded, `.NAME.unfinished`, is empty or, with `resume`, what an earlier run left. Raises OutputError
-    where there is such a folder and neither `resume` nor `force` is given.
+    where there is such a folder and neither `resume` nor `force` is given, or another process is at it.
     """
     path = Path(path).resolve()
     refuse_existing(path, force=force)
@@ -59,18 +60,19 @@ def resumable_directory(path: Path, *, force: bool = False, resume: bool = False
     partial = unfinished(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        if partial.exists() and not resume:
-            if not force:
-                raise OutputError(
-                    f"an earlier run left {path} unfinished (in {partial.name})",
-                    cure="go on with it: --resume; or begin anew: --force",
-                )
-            shutil.rmtree(partial)
-        partial.mkdir(exist_ok=True)
-        yield partial
-        _sync(partial)
-        refuse_existing(path, force=force)  # it may have appeared since
-        _move_into_place(partial, path)
+        with only_writer(path):
+            if partial.exists() and not resume:
+                if not force:
+                    raise OutputError(
+                        f"an earlier run left {path} unfinished (in {partial.name})",
+                        cure="go on with it: --resume; or begin anew: --force",
+                    )
+                shutil.rmtree(partial)
+            partial.mkdir(exist_ok=True)
+            yield partial
+            _sync(partial)
+            refuse_existing(path, force=force)  # it may have appeared since
+            _move_into_place(partial, path)
     except OSError as error:
         if error.errno == errno.ENOSPC:
             raise OutputError(
@@ -109,12 +111,17 @@ def new_file(path: Path, *, force: bool = False) -> Iterator[Path]:
 
 
 def refuse_existing(path: Path, *, force: bool) -> None:
-    """Raise OutputError where `path` exists and may not be replaced; call it before any work.
+    """Raise OutputError where `path` exists and may not be replaced, or would lie in a file; call it before any work.
 
     With `force` a folder is replaced if it is empty or holds a provenance.json, as every output of `capture`
     does: a slip of the hand (`--out . --force`) must not cost a user's own files.
     """
     path = Path(path)
+    for folder in path.parents:
+        if folder.is_file():
+            raise OutputError(
+                f"cannot write {path}: {folder} is a file, not a folder", cure="choose another --out"
+            )
     if not path.exists():
         return
     if not force:

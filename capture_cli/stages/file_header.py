@@ -1,0 +1,37 @@
+"""What a single file is that `capture inspect` is given: JSON of `capture`, or what other command reads it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from capture_cli.errors import StoreError
+from capture_cli.stages.source_files import SUFFIXES
+
+_OTHERS = {
+    ".toml": "a task.toml is read by `capture tasks --task {path}`",
+    ".xml": "a model is read with the task.toml that names it: `capture tasks --task task.toml`",
+    **dict.fromkeys(
+        SUFFIXES, "read it in first: `capture import-log {path} --task task.toml --out NAME.zarr`"
+    ),
+}
+
+
+def read_header(path: Path) -> Mapping[str, Any]:
+    """The top of a JSON file that `capture` wrote: format, version, and what else it has.
+
+    Raises StoreError, naming what reads it where something does, for any other file.
+    """
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+        if str(document["format"]).startswith("capture/"):
+            return document
+    except (OSError, ValueError, TypeError, KeyError):
+        pass
+    otherwise = "give a log (.zarr), an estimate, a diagnosis or another output of `capture`"
+    raise StoreError(
+        f"{path} is a file, and neither a Zarr store nor JSON that `capture` wrote",
+        cure=_OTHERS.get(path.suffix.lower(), otherwise).format(path=path),
+    )
