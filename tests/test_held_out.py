@@ -41,6 +41,19 @@ def test_a_rod_that_tips_for_the_first_time_where_it_is_held_out_is_explained(tm
     assert (document["verdict"], document["effects"]) == ("explained", [])
 
 
+def test_parameters_that_the_fit_hardly_minds_need_not_be_within_their_intervals(tmp_path, monkeypatch):
+    """As intervals take the simulator for exact; the same log as above."""
+    monkeypatch.setattr("capture_cli.protocol.held_out._by_chance", lambda *_: False)
+    record(
+        task="scooping", out=tmp_path / "log.zarr", random_parameters=True, noise=2e-3, episodes=10, seed=1
+    )
+    options = {"real_log": tmp_path / "log.zarr", "quiet": True, "threads": 1}
+    found = identify(out=tmp_path / "estimate", **options).document
+    assert (found["verdict"], found["held_out"] is None) == ("explained", False)
+    monkeypatch.setattr("capture_cli.protocol.held_out.NEXT_TO_NOTHING", -1.0)
+    assert identify(out=tmp_path / "minded", **options).document["verdict"] == "unexplained"
+
+
 def test_a_machine_that_changed_before_what_is_held_out_is_not_explained(tmp_path):
     """One mass for both recordings would leave little of either, but not one that the fitted recording allows."""
     kept, changed = (

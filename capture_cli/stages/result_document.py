@@ -76,7 +76,8 @@ def held_out_of(
         "text": (
             f"What was held out tells more of {most.name} than what was fitted: there the error is "
             f"{significant(held.lack.normalized)} times the noise floor, and "
-            f"{significant(error['test']['normalized'])} with {most.name} {value}, which the fit leaves open."
+            f"{significant(error['test']['normalized'])} with {most.name} {value}, and what was fitted is explained "
+            "with it, too."
         ),
     }
 
