@@ -418,9 +418,19 @@ def test_a_config_with_tables_for_other_commands_alone(capture, tmp_path):
     assert (code, err) == (0, "")
 
 
+def test_a_config_has_options_for_all_commands_at_its_top_and_for_one_in_its_table(capture, tmp_path):
+    config = tmp_path / "run.toml"
+    config.write_text(f'task = "{SLIDER}"\nduration = 0.5\nseed = 3\n[record]\nduration = 0.7\n')
+    code, _, err = capture("record", "--config", config, "--out", "a.zarr", "--quiet")
+    assert (code, err) == (0, "")
+    options = json.loads((tmp_path / "a.zarr" / PROVENANCE).read_text())["options"]
+    assert (options["duration"], options["seed"]) == (0.7, 3)
+
+
 @pytest.mark.parametrize(
     ("text", "named"),
     [
+        ("strats = 2\n[identify]\nstarts = 1", ["no option 'strats'"]),
         ("strats = 2", ["no option 'strats'", "did you mean 'starts'"]),
         ("starts = 'many'", ["starts"]),
         ("starts = 0", ["starts"]),

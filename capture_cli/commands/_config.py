@@ -20,8 +20,7 @@ def _read_config(context: typer.Context, path: Path | None) -> Path | None:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise OptionError(f"--config {path}: {error}", cure="give a readable TOML file") from error
-    section = table.get(context.info_name)
-    table = section if isinstance(section, dict) else _without_other_commands(table, context)
+    table = _of_command(table, context)
     known = {p.name: p for p in context.command.params if p.name not in ("config", "help")}
     flags = {option.lstrip("-").replace("-", "_"): name for name, p in known.items() for option in p.opts}
     defaults: dict[str, Any] = {}
@@ -38,10 +37,12 @@ def _read_config(context: typer.Context, path: Path | None) -> Path | None:
     return path
 
 
-def _without_other_commands(table: dict[str, Any], context: typer.Context) -> dict[str, Any]:
-    """The file's keys but for tables that are named after commands: they are for those."""
+def _of_command(table: dict[str, Any], context: typer.Context) -> dict[str, Any]:
+    """The keys at the top of the file, and before them those of this command's table; other tables are for others."""
     commands = context.parent.command.commands if context.parent is not None else {}
-    return {key: value for key, value in table.items() if not (key in commands and isinstance(value, dict))}
+    tables = {key for key, value in table.items() if key in commands and isinstance(value, dict)}
+    own = table[context.info_name] if context.info_name in tables else {}
+    return {key: value for key, value in table.items() if key not in tables} | own
 
 
 Config = Annotated[
