@@ -649,8 +649,9 @@ _COMMANDS = """
 This page is made from the command line itself (`make docs`).
 
 stdout carries results only: tables, or with `--json` exactly one JSON document. Progress and messages go to stderr.
-Every option can also stand in a TOML file given by `--config`, by its name (`starts = 5`): at its top for any command, in a
-table named after a command (`[identify]`) for that one, which goes before. An output appears whole or not at all, and nothing is overwritten without `--force`.
+Every option can also stand in a TOML file given by `--config`, by its name (`starts = 5`): at its top for any command,
+in a table named after a command (`[identify]`) for that one, which goes before. An output appears whole or not at all,
+and nothing is overwritten without `--force`.
 `--debug`, anywhere on the line, adds a traceback to an error.
 
 | exit code | meaning |

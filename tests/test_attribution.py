@@ -11,14 +11,37 @@ import numpy as np
 import pytest
 
 from capture_cli.effects.placed import Placed
-from capture_cli.protocol import attribution
+from capture_cli.protocol import attribution, model_comparison
 from capture_cli.protocol.attribution import Accepted, Attribution
 from capture_cli.protocol.candidates import Candidate
-from capture_cli.protocol.model_comparison import WORSE, ModelComparison
+from capture_cli.protocol.model_comparison import TIED, WORSE, ModelComparison
 from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.record import record
 
 MACHINES = Path(__file__).parents[1] / "benchmarks" / "machines"
+
+
+def judged_by_blocks(parameters: int, squares: float, blocks: np.ndarray) -> SimpleNamespace:
+    """A candidate that leaves `squares` where it was fitted, and `blocks` (block,) where it is judged."""
+    return SimpleNamespace(
+        name=f"with-{parameters}",
+        placed=SimpleNamespace(effect=SimpleNamespace(parameters=range(parameters))),
+        score=SimpleNamespace(response=np.eye(3)[parameters]),
+        fit=SimpleNamespace(squares=squares, at=SimpleNamespace(fitted_hidden=np.zeros(4))),
+        select=SimpleNamespace(correlation_steps=1.0, blocks=lambda length: blocks),
+    )
+
+
+@pytest.mark.parametrize(("less", "said"), [(2e-4, TIED), (2e-2, WORSE)])
+def test_a_difference_that_is_steady_and_next_to_nothing_makes_no_winner(monkeypatch, less, said):
+    """Of an inertia on a joint and a centre of mass that is farther out, with one parameter more, both open masses."""
+    monkeypatch.setattr(model_comparison, "effective_samples", lambda _: 8868.0)
+    blocks = 10 + np.random.default_rng(0).normal(0, 0.5, 60)
+    mine, other = judged_by_blocks(2, 8140.2, (1 - less) * blocks), judged_by_blocks(1, 8140.2, blocks)
+    models = ModelComparison.__new__(ModelComparison)
+    models.seed = 0
+    assert models.compare(mine, other) == said
+    assert models.as_good(mine, other) is (said == TIED)
 
 
 @dataclass

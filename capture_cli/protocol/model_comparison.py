@@ -23,6 +23,9 @@ from capture_cli.protocol.model_fits import Fit, ModelFits, PartFit, least
 
 AGAIN_ROUNDS = 20  # in which a model without an effect is to get where it got with it
 INDISTINCT = 0.05  # two models are tied where the paired test between them is not below this
+AS_LIKELY = (
+    4.0  # of twice the log likelihood, two sd: models that differ by less are tied, however steadily they do
+)
 CLEARLY_BETTER = 10.0  # of BIC: "very strong" (Kass & Raftery 1995)
 STRONG = 6.0  # of BIC, odds of 20 to 1: of less no winner is made, however steadily it comes
 CHANCE = 3.0  # sd of what hidden states of windows take by chance, beyond its mean, which is not counted
@@ -211,9 +214,9 @@ class ModelComparison:
         has_sizes = best.placed.effect.parameters and other.placed.effect.parameters
         if has_sizes and similarity(best.score.response, other.score.response) > SAME_RESPONSE:
             return True
-        if best.select is None:
-            ratio = other.fit.squares / best.fit.squares
-            return bool(effective_samples(best.fit) * abs(np.log(ratio)) < 4.0)
+        as_likely = effective_samples(best.fit) * abs(self.loss(best) - self.loss(other)) < AS_LIKELY
+        if as_likely or best.select is None:
+            return bool(as_likely)
         first, second = (best, other) if self.loss(best) <= self.loss(other) else (other, best)
         return self._paired(second.select, first.select) > INDISTINCT
 
