@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ def append(path: Path, line: dict[str, Any]) -> None:
     """Add a line, on one of its own even where the last was cut off. Raises ValueError for nan and inf."""
     text = json.dumps(line, allow_nan=False)
     path.parent.mkdir(parents=True, exist_ok=True)
-    cut_off = path.is_file() and not path.read_bytes().endswith(b"\n")
-    with path.open("a", encoding="utf-8") as file:
-        file.write("\n" * cut_off + text + "\n")
+    with path.open("a+b") as file:
+        file.seek(max(0, file.seek(0, os.SEEK_END) - 1))
+        cut_off = file.read(1) not in (b"", b"\n")
+        file.write(("\n" * cut_off + text + "\n").encode())

@@ -116,16 +116,11 @@ def main() -> None:
             "error: out of memory\n  cure: use a shorter --window, fewer --starts, or a shorter log", 2, debug
         )
     except Exception as error:
-        if (
-            isinstance(error, OSError) and error.errno == errno.ENOSPC
-        ):  # those of --out are named by their writers
+        # of --out those who write it say so
+        if isinstance(error, OSError) and error.errno == errno.ENOSPC:
             _discard_stdout()
-            _fail(
-                "error: the disk is full: what goes to stdout was not written\n  cure: free some space, or send stdout "
-                "elsewhere",
-                2,
-                debug,
-            )
+            found = "error: the disk is full: what goes to stdout was not written"
+            _fail(f"{found}\n  cure: free some space, or send stdout elsewhere", 2, debug)
         _fail(
             f"internal error: {type(error).__name__}: {error}\n  this is a fault of `capture`; --debug shows where",
             1,

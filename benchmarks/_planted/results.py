@@ -63,9 +63,8 @@ def _try(case: Case, size: float | None) -> Row:
     try:
         return line(case, size)
     except Exception as error:  # a case that fails is a result, and does not stop the others
-        where = traceback.format_exc(limit=-4).replace(
-            f"{ROOT}/", ""
-        )  # a shipped file names no folder of a machine
+        # a shipped file names no folder of a machine
+        where = traceback.format_exc(limit=-4).replace(f"{ROOT}/", "")
         return {"outcome": FAILED, "error": repr(error), "where": where}
 
 

@@ -74,10 +74,7 @@ def noise_floor(
             sd[k], smallest[k], source[k] = known, 0.0, "declared"
             continue
         if _is_constant(np.concatenate(series[k])):
-            sd[k], smallest[k] = (
-                0.0,
-                0.0,
-            )  # the mean of equal numbers is another by a bit, and their deviations are not 0
+            sd[k] = smallest[k] = 0.0  # equal numbers are a bit off their own mean, which is no noise
             continue
         common = [_in_common(outputs[:, k], sampled[:, k], g) for g in groups]
         deviations, degrees = from_repeats(common, max(SHORTEST, round(block * sampled[:, k].mean())))

@@ -23,9 +23,7 @@ from capture_cli.protocol.model_fits import Fit, ModelFits, PartFit, least
 
 AGAIN_ROUNDS = 20  # in which a model without an effect is to get where it got with it
 INDISTINCT = 0.05  # two models are tied where the paired test between them is not below this
-AS_LIKELY = (
-    4.0  # of twice the log likelihood, two sd: models that differ by less are tied, however steadily they do
-)
+AS_LIKELY = 4.0  # of twice the log likelihood, two sd: of less no difference is made, however steady it is
 CLEARLY_BETTER = 10.0  # of BIC: "very strong" (Kass & Raftery 1995)
 STRONG = 6.0  # of BIC, odds of 20 to 1: of less no winner is made, however steadily it comes
 CHANCE = 3.0  # sd of what hidden states of windows take by chance, beyond its mean, which is not counted

@@ -29,7 +29,7 @@ def next_experiment(fits: ModelFits, mine: Fit, others: Sequence[Fit], seed: int
     counted in `fits.rollouts`.
     """
     task, log = fits.prepared.task, fits.prepared.log
-    peaks = np.abs(log.inputs).max(axis=0)
+    peaks = np.array([*log.input_peaks.values()])
     if not task.inputs or not others or not peaks.any():
         return None
     best = None

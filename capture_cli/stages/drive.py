@@ -157,12 +157,12 @@ def _multisines(
     _check_positive(episodes=asked.episodes, duration=duration)
     if asked.rate is not None:
         _check_positive(rate=asked.rate)
+        _check_rate(asked.rate, task)
     check_band(asked.band)
     check_amplitude(task, amplitude)
     interval = task.timestep if asked.rate is None else 1.0 / asked.rate
     steps = round(duration / interval) + 1
     _check_samples(steps, duration, 1.0 / interval)
-    _check_rate(1.0 / interval, task)
     _check_sampled(asked, interval, task)
     time = interval * np.arange(steps)
     farthest = peaks(task, amplitude)

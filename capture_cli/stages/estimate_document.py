@@ -29,7 +29,6 @@ from capture_cli.stages.result_document import (
     start_arrays,
 )
 from capture_cli.stores.estimate import FORMAT, HISTORY, VERSION, Estimate
-from capture_cli.stores.measured_log import input_peaks
 from capture_cli.stores.output import sha256
 from capture_cli.tasks.base import ActionTask, Task
 
@@ -136,7 +135,7 @@ class Report:
             "format": FORMAT,
             "version": VERSION,
             "task": prepared.task.name,
-            "log": {"path": str(log.path), "sha256": sha256(log.path), "input_peaks": input_peaks(log)},
+            "log": {"path": str(log.path), "sha256": sha256(log.path), "input_peaks": log.input_peaks},
             "identifier": self.identifier,
             "parameters": dict(zip(self.space.names, rows, strict=True)),
             "error": error,

@@ -62,36 +62,44 @@ def import_log(
     if not files:
         raise LogError("no file is given", cure="name one CSV or Parquet file or more")
     machine = load_task(task)
+    sources = [open_source(Path(f)) for f in files if not _is_store(Path(f))]
+    refuse_inputs(out, [*files, *task_inputs(machine).values()])
     # who else adds to the log would put one without these episodes in its place
     with only_writer(out) if append and Path(out).exists() else nullcontext():
-        logs = [MeasuredLog.read(out)] if append else []
+        held = [MeasuredLog.read(out)] if append else []
         inputs = {"task": machine.path, **{str(f): Path(f) for f in files}}
-        sources = [open_source(Path(f)) for f in files if not _is_store(Path(f))]
-        refuse_inputs(out, [*files, *task_inputs(machine).values()])
         provenance = Provenance("import-log", options, inputs)
-        names = _recording_names([s.path for s in sources])
-        recordings = {
-            source.path: _read_recording(source, name, machine, drop_nan=drop_nan, drop_repeats=drop_repeats)
-            for source, name in zip(sources, names, strict=True)
-        }
-        for stored, run in groupby(map(Path, files), key=_is_store):
-            paths = list(run)
-            if stored:
-                logs += [MeasuredLog.read(path) for path in paths]
-            else:
-                logs.append(replace(_join([recordings[path] for path in paths], machine), path=paths[0]))
-        for log in logs:
+        logs = _read(files, sources, machine, drop_nan=drop_nan, drop_repeats=drop_repeats)
+        for log in [*held, *logs]:
             _check_task(log, machine)
-        if drop_held:
-            at_out = 1 if append else 0  # what is at `out` stays as it is
-            logs[at_out:] = [without_repeats(log, machine) for log in logs[at_out:]]
-        refuse_repeated(logs)
-        log = reduce(MeasuredLog.followed_by, logs).check()
+        if drop_held:  # what is at `out` stays as it is
+            logs = [without_repeats(log, machine) for log in logs]
+        refuse_repeated([*held, *logs])
+        log = reduce(MeasuredLog.followed_by, [*held, *logs]).check()
         _check_long_enough(log, machine)
         with new_directory(out, force=force or append) as folder:
             log.write(folder)
             provenance.write(folder)
-        return replace(log, path=Path(out))
+    return replace(log, path=Path(out))
+
+
+def _read(
+    files: Sequence[Path], sources: Sequence[SourceFile], task: Task, *, drop_nan: bool, drop_repeats: bool
+) -> list[MeasuredLog]:
+    """The logs among `files` in their order, and one of each run of the others, `sources`, between them."""
+    names = _recording_names([s.path for s in sources])
+    recordings = {
+        source.path: _read_recording(source, name, task, drop_nan=drop_nan, drop_repeats=drop_repeats)
+        for source, name in zip(sources, names, strict=True)
+    }
+    logs = []
+    for stored, run in groupby(map(Path, files), key=_is_store):
+        paths = list(run)
+        if stored:
+            logs += [MeasuredLog.read(path) for path in paths]
+        else:
+            logs.append(replace(_join([recordings[path] for path in paths], task), path=paths[0]))
+    return logs
 
 
 def _is_store(path: Path) -> bool:

@@ -24,7 +24,6 @@ from capture_cli.stages.recorded_log import recorded_log
 from capture_cli.stages.recorded_task import load_recorded, task_inputs
 from capture_cli.stores.diagnosis import Diagnosis
 from capture_cli.stores.estimate import Estimate
-from capture_cli.stores.measured_log import input_peaks
 from capture_cli.stores.output import refuse_inputs
 from capture_cli.stores.proposal import FORMAT, VERSION
 from capture_cli.stores.result import Result, read_provenance
@@ -275,4 +274,4 @@ def _farthest(folder: Path, task: Task, estimate: Estimate, amplitude: Mapping[s
         return peaks(task, amplitude)
     log = estimate.document["log"]
     # estimates of before the peaks were kept have none
-    return peaks(task, (log.get("input_peaks") or input_peaks(recorded_log(folder, log))) | dict(amplitude))
+    return peaks(task, (log.get("input_peaks") or recorded_log(folder, log).input_peaks) | dict(amplitude))

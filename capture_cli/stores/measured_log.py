@@ -102,6 +102,11 @@ class MeasuredLog:
         return float(max(self.time[e.stop - 1] - self.time[e.start] for e in self.episodes))
 
     @property
+    def input_peaks(self) -> dict[str, float]:
+        """How far from 0 each input went, by name, in its own unit: as far as the machine is known to bear."""
+        return dict(zip(self.input_names, np.abs(self.inputs).max(axis=0).tolist(), strict=True))
+
+    @property
     def episodes_cover_steps(self) -> bool:
         """Whether the episodes divide the steps without overlap or rest, as those of a sound log do."""
         ends = np.asarray(self.episode_ends)
@@ -287,8 +292,3 @@ def _named(names: Sequence[str], units: Sequence[str]) -> list[dict[str, str]]:
 
 def _listed(value: str | Sequence[str]) -> str:
     return repr(value) if isinstance(value, str) else f"({', '.join(value)})"
-
-
-def input_peaks(log: MeasuredLog) -> dict[str, float]:
-    """How far from 0 each input went, by name, in its own unit: as far as the machine is known to bear."""
-    return dict(zip(log.input_names, np.abs(log.inputs).max(axis=0).tolist(), strict=True))
