@@ -329,11 +329,15 @@ class Simulator:
             forces=self._forces(each, hidden, began, first),
             columns=None if measures else self._sensors,
             states=keep_states,
+            actuator_forces=any(effect.reads_actuators for _, effect in self.effects),
             substeps=self.substeps,
         )
         if not measures:
             return rollouts
         sensors = rollouts.sensors
+        for own in self._placed:
+            if own.effect.reads_actuators:
+                sensors = own.effect.pick_up(sensors, each[:, own.parameters], rollouts.actuator_force)
         for own in self._placed:
             values, states = each[:, own.parameters], hidden[:, own.states]
             sensors = own.effect.measure(sensors, values, self.task.timestep, states=states, elapsed=elapsed)

@@ -171,9 +171,12 @@ def run(model: mujoco.MjModel, *effect_values, count: int = 1, starts=None, tape
         steps=tape.shape[1],
         fields=fields,
         forces=forces,
+        actuator_forces=True,
         substeps=substeps,
     )
     sensors = rollouts.sensors
+    for effect, values in effect_values:
+        sensors = effect.pick_up(sensors, values, rollouts.actuator_force)
     for effect, values in effect_values:
         sensors = effect.measure(sensors, values, step)
     return sensors, rollouts.diverged

@@ -123,6 +123,19 @@ def _gears(model: mujoco.MjModel) -> np.ndarray:
     return np.abs(moments)
 
 
+def actuator_force_unit(model: mujoco.MjModel, actuator: int) -> str:
+    """Of the force of an actuator."""
+    joint = driven_joint(model, actuator)
+    if joint < 0:
+        return "N or N m"
+    return "N m" if model.jnt_type[joint] == HINGE else "N"
+
+
+def actuator_force_scale(model: mujoco.MjModel, actuator: int) -> float:
+    """N or N m: what the actuator can give; the weight of the machine where nothing says."""
+    return actuator_force(model, actuator, 1.0) or GRAVITY * float(model.body_subtreemass[0])
+
+
 def actuator_force(model: mujoco.MjModel, actuator: int, gear: float) -> float:
     """N or N m: what the actuator can give where a unit of its force gives `gear`; 0 where nothing says."""
     if model.actuator_forcelimited[actuator]:

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from capture_cli.effects._places import site_id
-from capture_cli.effects._scales import GRAVITY, HINGE, actuator_force, driven_joint
+from capture_cli.effects._scales import actuator_force_scale, actuator_force_unit
 from capture_cli.effects.base import GLOBAL, Effect
 from capture_cli.parameters import Parameter
 from capture_cli.sim.object_names import object_name
@@ -45,19 +45,11 @@ class ActuatorForceLimit(Effect):
 
     @property
     def parameters(self):
-        scale = actuator_force(self.model, self.actuator, 1.0) or GRAVITY * float(
-            self.model.body_subtreemass[0]
-        )
+        scale = actuator_force_scale(self.model, self.actuator)
         own = float(np.abs(self.own).max())
         high = own if own < UNLIMITED else 2 * scale
-        return (Parameter("limit", self._unit, 0.02 * scale, high, high),)
-
-    @property
-    def _unit(self) -> str:
-        joint = driven_joint(self.model, self.actuator)
-        if joint < 0:
-            return "N or N m"
-        return "N m" if self.model.jnt_type[joint] == HINGE else "N"
+        unit = actuator_force_unit(self.model, self.actuator)
+        return (Parameter("limit", unit, 0.02 * scale, high, high),)
 
     def write(self, fields, values):
         limit = np.where(values[:, 0] == self.parameters[0].nominal, UNLIMITED, values[:, 0])

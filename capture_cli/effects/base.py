@@ -74,6 +74,7 @@ class Effect(ABC):
     states: names of what the effect keeps from step to step that no sensor shows: how far a spring is wound up. At
         the start of a simulation each is 0 where nothing else is said, and commonly within 1.
     states_before: whether the states are what was before an episode began: known where a simulation begins inside one.
+    reads_actuators: whether it has a `pick_up`, for which a simulation keeps what its actuators give.
     reports_late: whether it has a `lateness`, for which a simulation begins before its window.
     window, longest, logged: of the log that it is looked for in, as `look_in` is given them; None where in no log.
     states_tried: points (point, state) among which those that a simulation began with are looked for, where a descent
@@ -95,6 +96,7 @@ class Effect(ABC):
     states_before: ClassVar[bool] = False
     states_tried: ClassVar[np.ndarray] = np.zeros((0, 0))
     states_scored: ClassVar[np.ndarray] = np.zeros((1, 0))
+    reads_actuators: ClassVar[bool] = False
     reports_late: ClassVar[bool] = False
     substeps: int = 1
     window: float | None = None
@@ -231,6 +233,12 @@ class Effect(ABC):
         (simulation, nu), at `states` (simulation, state); it is taken to have been for ever.
         """
         return 0.0
+
+    def pick_up(self, sensors: np.ndarray, values: np.ndarray, actuator_force: np.ndarray) -> np.ndarray:
+        """Place "measurement": sensordata (simulation, grid, column) with what sensors show of the forces of actuators
+        (simulation, grid, actuator), N or N m, before any effect on what is reported.
+        """
+        return sensors
 
     def measure(
         self,

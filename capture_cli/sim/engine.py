@@ -128,7 +128,7 @@ class Rollouts:
     """sensors (simulation, step, sensordata): at time start + step * dt. diverged (simulation,): do not believe.
 
     qpos, qvel, act (simulation, step, ...): the states, where asked for; with them contacts (simulation, step), how
-    many, and actuator_force (simulation, step, actuator), N or N m at the actuator.
+    many, and actuator_force (simulation, step, actuator), N or N m at the actuator, which may be asked for alone.
     """
 
     sensors: np.ndarray
@@ -160,13 +160,15 @@ class Engine:
         forces: Sequence[Force] = (),
         columns: np.ndarray | None = None,
         states: bool = False,
+        actuator_forces: bool = False,
         substeps: int = 1,
     ) -> Rollouts:
         """Step every simulation `steps` times and record its sensors before each step.
 
         controls: (row, at least `steps`, nu); simulation i is driven by controls[control_row[i]] (row i where None).
         fields: per-simulation model values; constants that derive from them are recomputed.
-        columns: which columns of sensordata to keep (all where None). states: keep states, contacts and forces as well.
+        columns: which columns of sensordata to keep (all where None). states: keep states, contacts and forces as well;
+        actuator_forces: keep those of actuators, whatever `states` says.
         substeps: how many of the simulations' own time steps, which `fields` then say, make one step.
 
         A simulation in which MuJoCo warns of divergence is held from there on and marked.
@@ -174,7 +176,8 @@ class Engine:
         count = len(starts)
         control_row = np.arange(count) if control_row is None else np.asarray(control_row)
         columns = np.arange(self.model.nsensordata) if columns is None else np.asarray(columns)
-        fields_kept = ("sensordata", *STATES, *WORKED_OUT) if states else ("sensordata",)
+        also = (*STATES, *WORKED_OUT) if states else ("actuator_force",) if actuator_forces else ()
+        fields_kept = ("sensordata", *also)
         recorded: dict[str, list[np.ndarray]] = {name: [] for name in fields_kept}
         diverged = []
         size = self._chunk(steps * substeps)
