@@ -1,4 +1,4 @@
-"""`diagnose --expression`: a formula for a force that no effect of the catalogue explains."""
+"""What `diagnose` ends with: a formula for a force that no effect of the catalogue explains."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def diagnosed(tmp_path, monkeypatch, without_pages):
 
 
 def test_a_force_that_the_catalogue_lacks_is_written_as_a_formula(diagnosed, simulators):
-    document = diagnosed(expression=True)
+    document = diagnosed()
     assert (document["verdict"], document["effects"]) == ("unexplained", [])
     found = document["expression"]
     (term,) = found["terms"]
@@ -72,8 +72,8 @@ def test_a_force_that_the_catalogue_lacks_is_written_as_a_formula(diagnosed, sim
     assert document["rollouts"]["simulated"] == sum(s.rollouts for s in simulators)
 
 
-def test_it_is_looked_for_when_asked(diagnosed, simulators):
-    document = diagnosed()
+def test_it_is_not_looked_for_where_nobody_wants_it(diagnosed, simulators):
+    document = diagnosed(expression=False)
     assert (document["verdict"], document["expression"]) == ("unexplained", None)
     assert document["rollouts"]["simulated"] == sum(s.rollouts for s in simulators)
 

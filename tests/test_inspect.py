@@ -573,6 +573,7 @@ def test_result_directories_are_described(tmp_path, kind):
         "verdict": "unexplained",
         "parameters": {"mass": parameter, "gain": {**parameter, "at_bound": True}},
         "effects": [{"name": "coulomb-friction", "site": "x"}] if kind == "diagnosis" else [],
+        "expression": {"text": "missing force at x = -3.2 v", "terms": [{"site": "x: v"}]},
     }
     folder = tmp_path / f"my {kind}"
     folder.mkdir()
@@ -586,7 +587,7 @@ def test_result_directories_are_described(tmp_path, kind):
     assert "has changed since" in messages["log"]
     cure = next(f["cure"] for f in document["findings"] if f["where"] == "verdict")
     command = f"`capture diagnose --real-log {log} --estimate '{folder}'`"
-    assert (command if kind == "estimate" else "--expression") in cure
+    assert (command if kind == "estimate" else "missing force at x = -3.2 v") in cure
     assert "95.1" in shown(document)
     assert ("estimate.zarr does not exist" in messages.get("store", "")) == (kind == "estimate")
 

@@ -44,8 +44,11 @@ def diagnose(
         int, typer.Option("--most-effects", min=1, help="Stop when so many effects are found.")
     ] = 6,
     expression: Annotated[
-        bool, typer.Option("--expression", help="Look for a formula of what no effect explains.")
-    ] = False,
+        bool,
+        typer.Option(
+            "--expression/--no-expression", help="Whether to look for a formula of what no effect explains."
+        ),
+    ] = True,
     fail_on: Annotated[
         str | None, typer.Option("--fail-on", help="Exit with 3 on this verdict: unexplained.")
     ] = None,

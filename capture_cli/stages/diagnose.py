@@ -38,7 +38,7 @@ def diagnose(
     window: float | None = None,
     starts: int = 3,
     most_effects: int = MOST_EFFECTS,
-    expression: bool = False,
+    expression: bool = True,
     seed: int | None = None,
     threads: int | None = None,
     force: bool = False,

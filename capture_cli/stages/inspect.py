@@ -288,7 +288,10 @@ def _inspect_result(path: Path, document: dict[str, Any]) -> None:
 def _verdict(result: Mapping[str, Any], path: Path) -> list[dict[str, str]]:
     found = []
     if result.get("verdict") == "unexplained":
-        cure = "`capture diagnose --expression` looks for a formula of what no effect explains"
+        formula = result.get("expression") or {}
+        cure = "report.html beside it shows where and when the residual is"
+        if formula.get("terms"):
+            cure = f"a formula describes what is left: {formula['text']}"
         if result["format"] == "capture/estimate":
             log = ["--real-log", result["log"]["path"]] if result.get("log") else []
             command = shlex.join(["capture", "diagnose", *log, "--estimate", str(path)])
