@@ -329,7 +329,7 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str]]] = {
             "rollouts.simulated": "windows simulated in all",
             "next_experiment": "null, or what would separate a tie: {band_hz, peaks, duration_s, seed, "
             "separation, text}; seed: of the phases, as `capture propose` drives them",
-            "expression": "null, or, where effects left something, what was found for the force that no effect explains: "
+            "expression": "null, or, where effects left something, the formula of the force that is missing: "
             "{text, terms: [{site, coefficient, sd, unit}], select, test}",
         },
     ),
