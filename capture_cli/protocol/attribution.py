@@ -46,7 +46,7 @@ PAIRED = 3  # rivals of each of two effects that are exchanged at once
 RIVALS = 4  # other candidates that an accepted effect is compared with once everything else is in the model
 # Before it is said that nothing explains the log, so often are the next best fitted, of this share of the best score:
 # where contacts make the error rough, a score at null says little.
-FURTHER, WORTH = 2, 0.2
+FURTHER, WORTH = 3, 0.1
 ALSO_ENOUGH = "; but with it, too, no more is left than chance allows"  # of a rival that is not as good
 SIMILAR = 0.97  # cosine of responses beyond which a candidate that was not fitted may still be a rival
 
