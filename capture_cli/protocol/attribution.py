@@ -44,9 +44,11 @@ MINOR, MOST_MINOR = 0.05, 2
 NEAR_BOUND = 1e-3
 PAIRED = 3  # rivals of each of two effects that are exchanged at once
 RIVALS = 4  # other candidates that an accepted effect is compared with once everything else is in the model
-# Before it is said that nothing explains the log, so often are the next best fitted, of this share of the best score:
-# where contacts make the error rough, a score at null says little.
-FURTHER, WORTH = 3, 0.1
+# Before it is said that nothing explains the log, the next best are fitted, as often as there are pairs here: those of this
+# share of the best score, which have to take this share of what is above the noise floor. Where contacts make the error
+# rough, and where a declared parameter has to make way, a score at null says little; but what begins with so little of it
+# is believed only where it explains nearly all.
+FURTHER = (0.2, MATERIAL), (0.2, MATERIAL), (0.1, 0.9)
 ALSO_ENOUGH = "; but with it, too, no more is left than chance allows"  # of a rival that is not as good
 SIMILAR = 0.97  # cosine of responses beyond which a candidate that was not fitted may still be a rival
 
@@ -195,13 +197,13 @@ class Attribution:
         ranked = sorted((c for c in tried if c.why_rejected is None), key=lambda c: -c.score.gain)
         refitted, others = worth_a_refit(ranked)
         supported = self._refit_all(current, refitted, len(tried))
-        for _ in range(FURTHER):
+        for worth, material in FURTHER:
             if supported or self.accepted or not others:
                 break
-            least_gain = WORTH * ranked[0].score.gain
+            least_gain = worth * ranked[0].score.gain
             refitted, left = worth_a_refit([c for c in others if c.score.gain > least_gain])
             others = [*left, *(c for c in others if c.score.gain <= least_gain)]
-            supported = self._refit_all(current, refitted, len(tried))
+            supported = self._refit_all(current, refitted, len(tried), material)
         for candidate in others:
             candidate.why_rejected = (
                 f"explains less at first sight ({candidate.score.gain:.3g} of {ranked[0].score.gain:.3g})"
@@ -210,14 +212,18 @@ class Attribution:
             return None
         return self._choose(current, supported, others)
 
-    def _refit_all(self, current: Fit, candidates: Sequence[Candidate], tried: int) -> list[Candidate]:
-        """Fit the model with each of the candidates in it; those that are supported."""
+    def _refit_all(
+        self, current: Fit, candidates: Sequence[Candidate], tried: int, material: float = MATERIAL
+    ) -> list[Candidate]:
+        """Fit the model with each of the candidates in it; those that are supported, and take `material`."""
         before, best = self.models.judge(current), None
         # fits with hidden states take long: they come last, and are given up where they stay far behind
         for number, candidate in enumerate(sorted(candidates, key=lambda c: len(c.placed.effect.states))):
             self._step("refit", number, len(candidates))
             self._refit(current, candidate, before, tried, best)
             best = least([best, candidate.fit])
+            if candidate.why_rejected is None:
+                candidate.why_rejected = _slight(current, candidate.fit, material)
         return [c for c in candidates if c.why_rejected is None]
 
     def _refit(
@@ -243,7 +249,7 @@ class Attribution:
         candidate.fit = fit
         candidate.support, candidate.select = self._support(current, fit, candidate.placed, before, tried)
         reason = candidate.support.reason_against_entry()
-        candidate.why_rejected = reason or self._implausible(current, fit, candidate) or _slight(current, fit)
+        candidate.why_rejected = reason or self._implausible(current, fit, candidate)
 
     @staticmethod
     def _nudged(current: Fit, candidate: Candidate) -> np.ndarray:
@@ -448,10 +454,10 @@ def _at_end(fit: Fit, placed: Placed) -> dict[str, str]:
     return found
 
 
-def _slight(current: Fit, fit: Fit) -> str | None:
-    """Why `fit` is no explanation of what `current` leaves above the noise, or None."""
+def _slight(current: Fit, fit: Fit, material: float) -> str | None:
+    """Why `fit`, which has to take this share, is no explanation of what `current` leaves above the noise, or None."""
     excess = current.error**2 - 1
     taken = current.error**2 - fit.error**2
-    if taken >= MATERIAL * excess:
+    if taken >= material * excess:
         return None
     return f"it takes {taken / excess:.1%} of what is above the noise floor: that is no explanation of it"
