@@ -44,10 +44,10 @@ MINOR, MOST_MINOR = 0.05, 2
 NEAR_BOUND = 1e-3
 PAIRED = 3  # rivals of each of two effects that are exchanged at once
 RIVALS = 4  # other candidates that an accepted effect is compared with once everything else is in the model
-# Before it is said that nothing explains the log, the next best are fitted, as often as there are pairs here: those of this
-# share of the best score, which have to take this share of what is above the noise floor. Where contacts make the error
-# rough, and where a declared parameter has to make way, a score at null says little; but what begins with so little of it
-# is believed only where it explains nearly all.
+# Before it is said that nothing explains the log, the next best are fitted, as often as there are pairs here: those of
+# this share of the best score, which have to take this share of what is above the noise floor. Where contacts make the
+# error rough, and where a declared parameter has to make way, a score at null says little; but what begins with next to
+# none of it is believed only where it explains nearly all.
 FURTHER = (0.2, MATERIAL), (0.2, MATERIAL), (0.1, 0.9)
 ALSO_ENOUGH = "; but with it, too, no more is left than chance allows"  # of a rival that is not as good
 SIMILAR = 0.97  # cosine of responses beyond which a candidate that was not fitted may still be a rival
