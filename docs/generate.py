@@ -330,7 +330,8 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str]]] = {
             "next_experiment": "null, or what would separate a tie: {band_hz, peaks, duration_s, seed, "
             "separation, text}; seed: of the phases, as `capture propose` drives them",
             "expression": "null, or, where effects left something, the formula of the force that is missing: "
-            "{text, terms: [{site, coefficient, sd, unit}], select, test}",
+            "{text, terms: [{site, coefficient, sd, unit}], values, select, test}; values: {NAME: value} of every "
+            "parameter of the model with it, effects' and terms' by NAME@SITE.PARAMETER",
         },
     ),
     "identifier.json": (

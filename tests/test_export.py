@@ -14,6 +14,7 @@ from machines import MACHINES, NAMES, away, controls, machine, placed, start
 from plain_loop import imported, looped
 
 from capture_cli import effects
+from capture_cli.diagnosis.expression import expression_terms
 from capture_cli.effects.base import Effect
 from capture_cli.effects.companion import companion_module
 from capture_cli.effects.placed import Placed
@@ -361,7 +362,6 @@ def test_the_header_says_what_is_where(tasks, tmp_path):
     assert "time 0 was 1700000000.000000 s in the log" in header
     assert "coulomb-friction@x\n" in header and "stribeck-friction@x (in m_effects.py)" in header
     assert 'MjModel.from_xml_path("m.xml")' in written.companion.read_text()
-    assert written.left_out == "" and "left out" not in header
 
 
 def test_a_companion_that_is_not_needed_any_more_does_not_stay(tasks, tmp_path):
@@ -379,16 +379,64 @@ def test_a_companion_that_is_not_needed_any_more_does_not_stay(tasks, tmp_path):
     assert companion.read_text() == "my_own = 1"
 
 
-def test_an_expression_is_left_out_and_that_is_said(tasks, tmp_path):
-    source = diagnosis(tmp_path / "d", tasks["slider"], {})
-    changed = document(tasks["slider"], {})
-    changed["expression"] = {"text": "missing force at x = --3.2 v", "terms": [{"site": "x: v"}]}
-    (source / "diagnosis.json").write_text(json.dumps(changed))
+def with_formula(task: Path, found: Found, terms: dict[str, float], values: dict[str, float]) -> dict:
+    """Its diagnosis.json, with a formula and the `values` that all else has with it."""
+    rows = [{"site": site, "coefficient": value, "sd": 0.1, "unit": "SI"} for site, value in terms.items()]
+    return document(task, found) | {"expression": {"text": "...", "terms": rows, "values": values}}
+
+
+@pytest.mark.parametrize("where", ["slider", "cart_pole", "arm"])
+def test_every_term_of_a_formula_gives_the_same_trajectory(where, tasks, tmp_path):
+    machine_ = load_task(str(tasks[where]))
+    terms = expression_terms(machine_.model, [c.index for c in machine_.inputs])
+    found = {p.name: (p.effect, np.array([0.02 / p.effect.term.scale])) for p in terms}
+    source = diagnosis(tmp_path / "d", tasks[where], {})
+    declared = dict(zip(machine_.space.names, [DECLARED[machine_.name][1]], strict=True))
+    sizes = {effect.site: float(value[0]) for effect, value in found.values()}
+    (source / "diagnosis.json").write_text(json.dumps(with_formula(tasks[where], {}, sizes, declared)))
     written = export(result=source, out=tmp_path / "m.xml")
-    assert written.companion is None and written.left_out == "missing force at x = --3.2 v"
-    header = written.model.read_text().split("-->")[0]
-    assert "left out: missing force at x = - -3.2 v\n" in header and "fitted without that" in header
-    mujoco.MjModel.from_xml_path(str(written.model))
+    alone = simulated(tasks[where], found)
+    assert np.abs(played(written, tasks[where]) - alone).max() < EXACT
+    assert np.abs(alone - simulated(tasks[where], {})).max() > 1e-4
+
+
+def test_beside_a_formula_all_has_the_values_that_go_with_it(tasks, tmp_path):
+    found = found_at("coulomb-friction@x", "cogging@x", where="slider")
+    changed = {name: (effect, 0.5 * values) for name, (effect, values) in found.items()}
+    values = {
+        f"{name}.{p.name}": v
+        for name, (effect, own) in changed.items()
+        for p, v in zip(effect.parameters, own.tolist(), strict=True)
+    }
+    machine_ = load_task(str(tasks["slider"]))
+    values[machine_.space.names[0]] = DECLARED[machine_.name][1]
+    source = diagnosis(tmp_path / "d", tasks["slider"], found)
+    (source / "diagnosis.json").write_text(
+        json.dumps(with_formula(tasks["slider"], found, {"x: q^3": -30.0}, values))
+    )
+    written = export(result=source, out=tmp_path / "m.xml")
+    [cubic] = [p for p in expression_terms(machine_.model, []) if p.effect.site == "x: q^3"]
+    all_of_it = changed | {cubic.name: (cubic.effect, np.array([-30.0]))}
+    assert np.abs(played(written, tasks["slider"]) - simulated(tasks["slider"], all_of_it)).max() < EXACT
+    assert written.effects == ("cogging@x", "expression@x: q^3")
+
+
+@pytest.mark.parametrize(
+    ("expression", "why"),
+    [
+        ({"terms": [{"site": "x: q", "coefficient": 1.0}]}, "without the values that go with it"),
+        ({"terms": [{"site": "y: q", "coefficient": 1.0}], "values": {}}, "'y: q', which the model has not"),
+    ],
+)
+def test_a_formula_that_does_not_belong_to_the_model_is_refused(expression, why, tasks, tmp_path):
+    source = diagnosis(tmp_path / "d", tasks["slider"], {})
+    made = document(tasks["slider"], {})
+    if "values" in expression:
+        expression["values"] = {name: p["value"] for name, p in made["parameters"].items()}
+    (source / "diagnosis.json").write_text(json.dumps(made | {"expression": expression}))
+    with pytest.raises(StoreError, match=why):
+        export(result=source, out=tmp_path / "m.xml")
+    assert not (tmp_path / "m.xml").exists()
 
 
 @pytest.mark.parametrize("existing", ["m.xml", "m_effects.py"])

@@ -23,7 +23,7 @@ def export(
 ) -> None:
     """Write the model with its identified values and effects as an MJCF that MuJoCo loads.
 
-    Effects for which MuJoCo has no feature go to a Python module beside it, STEM_effects.py.
+    Effects for which MuJoCo has no feature, and terms of a formula, go to a Python module beside it, STEM_effects.py.
 
     Example: capture export run.estimate --out identified.xml
     """
@@ -39,5 +39,3 @@ def export(
             print(
                 f"{written.companion}: written; it applies {', '.join(written.effects)} (see its first lines)"
             )
-        if written.left_out:
-            print(f"left out: {written.left_out}")

@@ -7,12 +7,13 @@ neither accelerations nor noise-free states are needed.) The time t is that sinc
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 
+from capture_cli.effects._kernel import Companion, number
 from capture_cli.effects._scales import HINGE, SLIDE, characteristic_force, characteristic_speed, travel
 from capture_cli.effects.base import Effect
 from capture_cli.effects.placed import Placed
@@ -27,12 +28,20 @@ REST = 0.02  # of a joint's characteristic speed: where the sign of a velocity i
 
 @dataclass(frozen=True)
 class Term:
-    """A basis function: its text, how large it gets, its unit, and its value (simulation,) in a world."""
+    """A basis function: its text, how large it gets, its unit, and its source.
+
+    source: an expression with {data} for what holds the state, and {all} before an index, of a batch of simulations or
+    of one. A simulation and the module that `capture export` writes evaluate the same text.
+    """
 
     text: str
     scale: float
     unit: str
-    value: Callable[[World], np.ndarray]
+    source: str
+
+    def of(self, data: str, every: str) -> str:
+        """The source for a state of the name `data`, of which `every` ("" or ":, ") comes before an index."""
+        return self.source.replace("{data}", data).replace("{all}", every)
 
 
 class ExpressionTerm(Effect):
@@ -48,6 +57,7 @@ class ExpressionTerm(Effect):
         self.term = term
         self.dof = int(model.jnt_dofadr[joint])
         self.site = f"{object_name(model, 'joint', joint)}: {term.text}"
+        self._value = eval(f"lambda world: {term.of('world', ':, ')}", {"np": np})
 
     @classmethod
     def sites(cls, model):
@@ -61,9 +71,14 @@ class ExpressionTerm(Effect):
 
     def force(self, values, timestep, **_):
         def push(world: World) -> None:
-            world.qfrc_applied[:, self.dof] += values[world.rows, 0] * self.term.value(world)
+            world.qfrc_applied[:, self.dof] += values[world.rows, 0] * self._value(world)
 
         return push
+
+    def companion(self, name, values):
+        force = f"data.qfrc_applied[{self.dof}]"
+        value = self.term.of("data", "")
+        return Companion((), (f"{force} += {number(values[0])} * ({value})",), changes=("data.qfrc_applied",))
 
 
 def expression_terms(model: mujoco.MjModel, inputs: Sequence[int]) -> list[Placed]:
@@ -89,69 +104,62 @@ def _joints(model: mujoco.MjModel) -> list[int]:
 
 
 def _terms(model: mujoco.MjModel, joint: int, inputs: Sequence[int]) -> list[Term]:
-    dof, adr = int(model.jnt_dofadr[joint]), int(model.jnt_qposadr[joint])
-    far, fast = travel(model, joint), characteristic_speed(model, joint)
-    length, speed = ("rad", "rad/s") if int(model.jnt_type[joint]) == HINGE else ("m", "m/s")
-
-    def q(world):
-        return world.qpos[:, adr]
-
-    def v(world):
-        return world.qvel[:, dof]
-
-    def sign(world):
-        return np.tanh(v(world) / (REST * fast))
-
+    q, v, far, fast, length, speed = _motion(model, joint)
+    sign = f"np.tanh({v} / {REST * fast!r})"
     terms = [
-        Term("1", 1.0, "1", lambda w: np.ones(len(w.rows))),
+        Term("1", 1.0, "1", "1.0"),
         Term("q", far, length, q),
-        Term("q^2", far**2, f"{length}^2", lambda w: q(w) ** 2),
-        Term("q^3", far**3, f"{length}^3", lambda w: q(w) ** 3),
-        Term("sin(q)", 1.0, "1", lambda w: np.sin(q(w))),
-        Term("cos(q)", 1.0, "1", lambda w: np.cos(q(w))),
+        Term("q^2", far**2, f"{length}^2", f"{q} ** 2"),
+        Term("q^3", far**3, f"{length}^3", f"{q} ** 3"),
+        Term("sin(q)", 1.0, "1", f"np.sin({q})"),
+        Term("cos(q)", 1.0, "1", f"np.cos({q})"),
         Term("v", fast, speed, v),
-        Term("|v|", fast, speed, lambda w: np.abs(v(w))),
-        Term("v|v|", fast**2, f"({speed})^2", lambda w: v(w) * np.abs(v(w))),
-        Term("v^3", fast**3, f"({speed})^3", lambda w: v(w) ** 3),
+        Term("|v|", fast, speed, f"np.abs({v})"),
+        Term("v|v|", fast**2, f"({speed})^2", f"{v} * np.abs({v})"),
+        Term("v^3", fast**3, f"({speed})^3", f"{v} ** 3"),
         Term("sign(v)", 1.0, "1", sign),
-        Term("q v", far * fast, f"{length} {speed}", lambda w: q(w) * v(w)),
-        Term("q^2 v", far**2 * fast, f"{length}^2 {speed}", lambda w: q(w) ** 2 * v(w)),
-        Term("|q| sign(v)", far, length, lambda w: np.abs(q(w)) * sign(w)),
-        Term("t", 10.0, "s", lambda w: w.time),
+        Term("q v", far * fast, f"{length} {speed}", f"{q} * {v}"),
+        Term("q^2 v", far**2 * fast, f"{length}^2 {speed}", f"{q} ** 2 * {v}"),
+        Term("|q| sign(v)", far, length, f"np.abs({q}) * {sign}"),
+        Term("t", 10.0, "s", "{data}.time"),
     ]
-    for number in inputs:
-        name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_ACTUATOR, number)
-        top = (
-            float(np.abs(model.actuator_ctrlrange[number]).max())
-            if model.actuator_ctrllimited[number]
-            else 1.0
-        )
-
-        def u(world, column=model.actuator_ctrladr[number]):
-            return world.ctrl[:, column]
-
+    for actuator in inputs:
+        name, u = object_name(model, "actuator", actuator), _indexed("ctrl", model.actuator_ctrladr[actuator])
+        limited = model.actuator_ctrllimited[actuator]
+        top = float(np.abs(model.actuator_ctrlrange[actuator]).max()) if limited else 1.0
         terms += [
             Term(name, top, "ctrl", u),
-            Term(f"{name}^3", top**3, "ctrl^3", lambda w, u=u: u(w) ** 3),
-            Term(f"|{name}| sign(v)", top, "ctrl", lambda w, u=u: np.abs(u(w)) * sign(w)),
-            Term(f"{name} q", top * far, f"ctrl {length}", lambda w, u=u: u(w) * q(w)),
-            Term(f"{name} v", top * fast, f"ctrl {speed}", lambda w, u=u: u(w) * v(w)),
+            Term(f"{name}^3", top**3, "ctrl^3", f"{u} ** 3"),
+            Term(f"|{name}| sign(v)", top, "ctrl", f"np.abs({u}) * {sign}"),
+            Term(f"{name} q", top * far, f"ctrl {length}", f"{u} * {q}"),
+            Term(f"{name} v", top * fast, f"ctrl {speed}", f"{u} * {v}"),
         ]
     for other in _joints(model):
         if other != joint:
-            terms += _coupled(model, other, v)
+            terms += _coupled(model, other, v, speed)
     return terms
 
 
-def _coupled(model: mujoco.MjModel, other: int, v) -> list[Term]:
-    """Terms of another joint's motion."""
-    dof, adr = int(model.jnt_dofadr[other]), int(model.jnt_qposadr[other])
+def _coupled(model: mujoco.MjModel, other: int, v: str, speed: str) -> list[Term]:
+    """Terms of another joint's motion, for a joint whose velocity is `v`, in the unit `speed`."""
     name = object_name(model, "joint", other)
-    far, fast = travel(model, other), characteristic_speed(model, other)
+    q_other, v_other, far, fast, length, rate = _motion(model, other)
     return [
-        Term(f"q_{name}", far, "coordinate", lambda w: w.qpos[:, adr]),
-        Term(f"v_{name}", fast, "rate", lambda w: w.qvel[:, dof]),
-        Term(f"v_{name}|v_{name}|", fast**2, "rate^2", lambda w: w.qvel[:, dof] * np.abs(w.qvel[:, dof])),
-        Term(f"v v_{name}", fast**2, "rate^2", lambda w: v(w) * w.qvel[:, dof]),
-        Term(f"sin(q_{name})", 1.0, "1", lambda w: np.sin(w.qpos[:, adr])),
+        Term(f"q_{name}", far, length, q_other),
+        Term(f"v_{name}", fast, rate, v_other),
+        Term(f"v_{name}|v_{name}|", fast**2, f"({rate})^2", f"{v_other} * np.abs({v_other})"),
+        Term(f"v v_{name}", fast**2, f"{speed} {rate}", f"{v} * {v_other}"),
+        Term(f"sin(q_{name})", 1.0, "1", f"np.sin({q_other})"),
     ]
+
+
+def _motion(model: mujoco.MjModel, joint: int) -> tuple[str, str, float, float, str, str]:
+    """Of a joint: the source of its position and velocity, how far and fast it goes, and their units."""
+    q, v = _indexed("qpos", model.jnt_qposadr[joint]), _indexed("qvel", model.jnt_dofadr[joint])
+    hinge = int(model.jnt_type[joint]) == HINGE
+    units = ("rad", "rad/s") if hinge else ("m", "m/s")
+    return q, v, travel(model, joint), characteristic_speed(model, joint), *units
+
+
+def _indexed(field: str, index: int) -> str:
+    return f"{{data}}.{field}[{{all}}{int(index)}]"

@@ -15,5 +15,9 @@ class Placed(NamedTuple):
 
     @property
     def name(self) -> str:
-        """EFFECT@SITE, or EFFECT alone where it concerns the model as a whole."""
-        return f"{self.kind}@{self.effect.site}" if self.effect.site else self.kind
+        return placed_name(self.kind, self.effect.site)
+
+
+def placed_name(kind: str, site: str) -> str:
+    """EFFECT@SITE, or EFFECT alone where it concerns the model as a whole."""
+    return f"{kind}@{site}" if site else kind

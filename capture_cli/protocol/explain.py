@@ -220,6 +220,7 @@ class _Protocol:
             [effect for _, effect in chosen],
             again.point[-len(chosen) :],
             intervals(again.at).sd[-len(chosen) :],
+            dict(zip(again.space.names, again.point.tolist(), strict=True)),
             judged=search.models.judge(found),
             held_out=None if test is None else self.fits.on(test, again),
         )

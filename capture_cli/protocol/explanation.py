@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -48,12 +48,14 @@ class JudgedModel:
 class Expression:
     """A sparse expression for the force that is still missing; no terms where none holds.
 
-    coefficients, sd (term,). judged, held_out: the model with it on what it did not see, and on the test part.
+    coefficients, sd (term,). values: of every parameter of the model with it, by name. judged, held_out: that model on
+    what it did not see, and on the test part.
     """
 
     terms: Sequence[ExpressionTerm] = ()
     coefficients: Sequence[float] = ()
     sd: Sequence[float] = ()
+    values: Mapping[str, float] = field(default_factory=dict)
     judged: PartFit | None = None
     held_out: PartFit | None = None
 

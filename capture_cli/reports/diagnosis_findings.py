@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from capture_cli.effects.placed import placed_name
 from capture_cli.reports.findings import NOT_ALIKE, UNTRUSTED, beyond_chance, impossible, left_open
 from capture_cli.reports.quantities import (
     floor_unit,
@@ -65,8 +66,7 @@ class Moved:
 
 def placed(effect: Mapping[str, Any]) -> str:
     """EFFECT@SITE of an effect or a candidate."""
-    name = effect.get("name") or effect["effect"]
-    return f"{name}@{effect['site']}" if effect["site"] else name
+    return placed_name(effect.get("name") or effect["effect"], effect["site"])
 
 
 def listed(names: Sequence[str]) -> str:
@@ -156,7 +156,7 @@ def summary(document: Mapping[str, Any]) -> str:
     if not effects:
         return (
             f"None of these: the {where} error is {significant(last)} times the noise floor{_of_one(left)}, and no "
-            "effect of the catalogue explains it."
+            f"effect of the catalogue explains it.{_with_formula(document)}"
         )
     tied = [f" (or {', '.join(e['tied_with'])})" if e["tied_with"] else "" for e in effects]
     found = _found(document, [f"{placed(e)}{rivals}" for e, rivals in zip(effects, tied, strict=True)])
@@ -169,6 +169,12 @@ def summary(document: Mapping[str, Any]) -> str:
         size, on = (left["normalized"], " on what was fitted") if left["normalized"] > last else (last, "")
         text += f" What is left{on} is still {significant(size)} times the noise floor{_of_one(left)}: this is not all."
     return text
+
+
+def _with_formula(document: Mapping[str, Any]) -> str:
+    """What a formula of the missing force makes of the error; "" where there is none."""
+    error = expression_error(document)
+    return f" With a formula of the missing force it is {error}." if error else ""
 
 
 def _of_one(left: Mapping[str, Any]) -> str:

@@ -162,6 +162,7 @@ def _expression(prepared: PreparedLog, found: Expression) -> dict[str, Any]:
             {"site": e.site, "coefficient": float(c), "sd": float(s), "unit": e.parameters[0].unit}
             for e, c, s in terms
         ],
+        "values": dict(found.values),
         "select": None if found.judged is None else error_of(prepared, found.judged),
         "test": None if found.held_out is None else error_of(prepared, found.held_out),
     }

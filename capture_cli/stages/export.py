@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,10 +12,11 @@ from typing import Any
 
 import numpy as np
 
+from capture_cli.diagnosis.expression import expression_terms
 from capture_cli.effects import REGISTRY
 from capture_cli.effects.base import Effect
 from capture_cli.effects.companion import MADE_BY_EXPORT, companion_module
-from capture_cli.effects.placed import Placed
+from capture_cli.effects.placed import Placed, placed_name
 from capture_cli.errors import OptionError, StoreError
 from capture_cli.parameters import Parameter, ParameterSpace
 from capture_cli.sim.engine import ModelFields
@@ -25,6 +26,7 @@ from capture_cli.stores.diagnosis import Diagnosis
 from capture_cli.stores.estimate import Estimate
 from capture_cli.stores.output import new_file, refuse_existing, refuse_inputs
 from capture_cli.stores.result import read_provenance
+from capture_cli.tasks.base import Task
 
 MADE_BY = {"capture/estimate": "identify", "capture/diagnosis": "diagnose"}
 WithValues = Mapping[str, tuple[Effect, np.ndarray]]  # {NAME@SITE: (effect, its values (parameter,))}
@@ -32,24 +34,20 @@ WithValues = Mapping[str, tuple[Effect, np.ndarray]]  # {NAME@SITE: (effect, its
 
 @dataclass(frozen=True)
 class Exported:
-    """model: the MJCF. companion: the Python module beside it, None where nothing needs one; effects: those in it.
-
-    left_out: the expression of the diagnosis, which is in neither; "" where there is none.
-    """
+    """model: the MJCF. companion: the Python module beside it, None where nothing needs one; effects: those in it."""
 
     model: Path
     companion: Path | None
     effects: tuple[str, ...]
-    left_out: str
 
 
 def export(*, result: Path, out: Path, task: str | None = None, force: bool = False) -> Exported:
     """Write the task's model with the values of `result`, an estimate or diagnosis directory, to the file `out`.
 
-    Effects that MuJoCo has a feature for are in it; the others go to STEM_effects.py, beside `out`. task: where
-    the task is now, if it was moved since. A STEM_effects.py of an earlier export that is not needed any more is in
-    the way like an `out` that exists, and removed with `force`. Raises CaptureError for whatever the user can mend;
-    then nothing is written.
+    Effects that MuJoCo has a feature for are in it; the others, and terms of a formula, go to STEM_effects.py, beside
+    `out`. With a formula all values are those of the model with it. task: where the task is now, if it was moved
+    since. A STEM_effects.py of an earlier export that is not needed any more is in the way like an `out` that exists,
+    and removed with `force`. Raises CaptureError for whatever the user can mend; then nothing is written.
     """
     found = _read(result)
     command = MADE_BY[found["format"]]
@@ -61,8 +59,12 @@ def export(*, result: Path, out: Path, task: str | None = None, force: bool = Fa
             f"{result} belongs to the task {found['task']!r}, and --task is {machine.name!r}",
             cure=f"give the task that {result} was made with",
         )
+    expression = found.get("expression") or {}
+    if expression.get("terms"):
+        found = _with_expression(found, expression, str(result))
     values = _values(found["parameters"], machine.space, str(result), command)
     effects = _effects(found.get("effects", []), machine.model, command)
+    effects |= _terms(expression.get("terms", []), machine, command)
     fields = ModelFields(machine.model, 1)
     machine.write(fields, values[None])
     for effect, own in effects.values():
@@ -83,7 +85,7 @@ def export(*, result: Path, out: Path, task: str | None = None, force: bool = Fa
             files.enter_context(new_file(companion, force=force)).write_text(module, encoding="utf-8")
     if stale:
         module_path.unlink()
-    return Exported(out, companion, tuple(beside), _left_out(found))
+    return Exported(out, companion, tuple(beside))
 
 
 def _is_exported(path: Path) -> bool:
@@ -139,10 +141,39 @@ def _substeps(effects: WithValues) -> int:
     return math.prod(effect.substeps for effect, _ in effects.values())
 
 
-def _left_out(found: Mapping[str, Any]) -> str:
-    """The formula that the diagnosis found for what no effect explains."""
-    expression = found.get("expression") or {}
-    return expression["text"] if expression.get("terms") else ""
+def _with_expression(
+    found: Mapping[str, Any], expression: Mapping[str, Any], whose: str
+) -> Mapping[str, Any]:
+    """The diagnosis with the values that parameters and effects have beside its formula."""
+    if "values" not in expression:
+        raise StoreError(
+            f"{whose} has a formula without the values that go with it", cure="run `capture diagnose` again"
+        )
+
+    def there(parameters: Mapping[str, Any], whose: str = "") -> dict[str, Any]:
+        return {n: {**p, "value": expression["values"][whose + n]} for n, p in parameters.items()}
+
+    effects = [
+        {**row, "parameters": there(row["parameters"], f"{placed_name(row['name'], row['site'])}.")}
+        for row in found["effects"]
+    ]
+    return {**found, "parameters": there(found["parameters"]), "effects": effects}
+
+
+def _terms(rows: Sequence[Mapping[str, Any]], machine: Task, command: str) -> WithValues:
+    """The terms of a formula. Raises StoreError where the model has no place for one any more."""
+    if not rows:
+        return {}
+    terms = expression_terms(machine.model, [c.index for c in machine.inputs])
+    there = {placed.effect.site: placed for placed in terms}
+    for row in rows:
+        if row["site"] not in there:
+            raise StoreError(
+                f"the formula has the term {row['site']!r}, which the model has not",
+                cure=f"run `capture {command}` again with the task as it is now",
+            )
+    chosen = [(there[row["site"]], np.array([row["coefficient"]])) for row in rows]
+    return {placed.name: (placed.effect, value) for placed, value in chosen}
 
 
 def _header(
@@ -164,9 +195,6 @@ def _header(
         lines.append(
             "  sensors are read: hold each control over as many, and take the sensors of the first of them"
         )
-    if _left_out(found):
-        lines.append(f"  left out: {_left_out(found)}")
-        lines.append("  the values above were fitted without that, and may stand in for some of it")
     text = re.sub("-(?=-)", "- ", "\n".join(lines))  # two in a row would end the comment
     return f"<!-- {text}\n-->\n"
 
