@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from episodes_of import episodes_of
+from toy_rounds import SIGNATURE, histories, write
 
 from benchmarks.family import Logs
 from capture_cli.errors import FitError, LogError, OptionError, StoreError
@@ -16,6 +18,7 @@ from capture_cli.identifiers._family import Family
 from capture_cli.identifiers._normalisation import Normalisation
 from capture_cli.identifiers.rounds import Rounds
 from capture_cli.stages.gen_histories import gen_histories
+from capture_cli.stages.identifier_checkpoint import load_identifier
 from capture_cli.stages.identify import identify
 from capture_cli.stages.record import record
 from capture_cli.stages.train_sysid import train_sysid
@@ -224,8 +227,6 @@ def test_logs_as_in_training_are_not_taken_for_others():
 
 def test_noise_that_training_had_not_does_not_put_a_log_outside(scooping):
     """A family of smooth trajectories: noise alone lies off their surface, and is allowed for."""
-    from toy_rounds import SIGNATURE, histories
-
     trained, held_out, seen = (histories(600, seed=seed) for seed in range(3))
     family = Family.fitted(Normalisation.fitted(SIGNATURE, trained), trained, held_out)
     noise = np.array([2e-3, 2e-3])
@@ -235,3 +236,32 @@ def test_noise_that_training_had_not_does_not_put_a_log_outside(scooping):
     assert np.mean(family.with_noise(noise).share_beyond(seen) < 0.01) < 0.05
     moved = Rounds(seen.parameters, seen.actions, seen.simulated, noisy + 0.1)
     assert np.mean(family.with_noise(noise).share_beyond(moved) < 0.01) > 0.9
+
+
+def test_noise_that_training_had_is_not_counted_again(tmp_path):
+    """New histories of the very kind trained on: as many lie beyond any distance as of those held out."""
+    floor = np.array([5e-3, 5e-3])
+
+    def noisy(pairs: int, seed: int) -> Rounds:
+        rounds = histories(pairs, seed=seed)
+        drawn = np.random.default_rng(seed).standard_normal(rounds.measured.shape)
+        return replace(rounds, measured=rounds.measured + floor * drawn)
+
+    store = write(noisy(1000, 0), tmp_path / "h.zarr", noise="none", noise_sd={"x": floor[0], "y": floor[1]})
+    train_sysid(histories=store, out=tmp_path / "c", **{**TINY, "steps": 1}, validation=0.3)
+    checkpoint = load_identifier(tmp_path / "c")
+    share = checkpoint.model.family.with_noise(checkpoint.noise_beyond(floor)).share_beyond(noisy(400, 1))
+    assert 0.3 < np.median(share) < 0.7
+    louder = checkpoint.noise_beyond(3 * floor)
+    assert np.all(2 * floor < louder) and np.all(louder < 3 * floor)
+
+
+def test_noise_by_which_training_was_scaled_grows_with_what_is_measured(scooping):
+    checkpoint = load_identifier(scooping / "c")
+    floor = np.array([1e-3])
+    assert checkpoint.noise_beyond(floor) is floor  # as it was trained without any
+    noisy = {**checkpoint.document["histories"], "noise": "scale"}
+    checkpoint = replace(checkpoint, document={**checkpoint.document, "histories": noisy})
+    had = 0.1 / np.sqrt(3) * checkpoint.model.normalisation.sizes
+    assert checkpoint.noise_beyond(floor) == pytest.approx(np.sqrt(np.maximum(floor**2 - had**2, 0)))
+    assert not checkpoint.noise_beyond(had.min(axis=0)).any()

@@ -7,6 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from capture_cli import observation_noise
 from capture_cli.errors import OptionError, StoreError
 from capture_cli.identifiers import round_identifier
 from capture_cli.identifiers.rounds import RoundIdentifier, Signature
@@ -35,6 +38,18 @@ class IdentifierCheckpoint:
     def name(self) -> str:
         """The identifier's public name."""
         return self.document["identifier"]
+
+    def noise_beyond(self, noise_sd: np.ndarray) -> np.ndarray:
+        """What noise_sd (feature,) adds to the noise that the histories had: (feature,) or (point, feature).
+
+        Variances add up; noise below that of the histories adds nothing.
+        """
+        histories = self.document["histories"]
+        known = histories["noise_sd"] or {}
+        white = np.array([known.get(f.name, 0.0) for f in self.model.signature.features])
+        scaled = observation_noise.white_sd(histories["noise"] or "none", self.model.normalisation.sizes)
+        had = np.hypot(white, scaled)
+        return np.sqrt(np.maximum(np.square(noise_sd) - np.square(had), 0)) if had.any() else noise_sd
 
     def check(self, signature: Signature, where: str | Path) -> None:
         """Raise OptionError where it was trained for another task, or for other parameters, actions or points."""

@@ -220,7 +220,7 @@ def walk_log(
         simulate=simulator.trajectories,
         on_round=on_round,
     )
-    family = checkpoint.model.family.with_noise(logged.noise_sd)
+    family = checkpoint.model.family.with_noise(checkpoint.noise_beyond(logged.noise_sd))
     made = walk.rounds if earlier is None else earlier.followed_by(walk.rounds)
     beyond = float(family.share_beyond(made)[0])
     return InContext(checkpoint, path, walk, used, len(logged), beyond)
