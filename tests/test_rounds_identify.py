@@ -17,13 +17,16 @@ from capture_cli.errors import FitError, LogError, OptionError, StoreError
 from capture_cli.identifiers._family import Family
 from capture_cli.identifiers._normalisation import Normalisation
 from capture_cli.identifiers.rounds import Rounds
+from capture_cli.protocol.prepare import prepare
 from capture_cli.stages.gen_histories import gen_histories
 from capture_cli.stages.identifier_checkpoint import load_identifier
 from capture_cli.stages.identify import identify
 from capture_cli.stages.record import record
+from capture_cli.stages.tapes import log_tapes
 from capture_cli.stages.train_sysid import train_sysid
 from capture_cli.stores.estimate import HISTORY, Estimate
 from capture_cli.stores.measured_log import MeasuredLog
+from capture_cli.tasks import load_task
 
 TINY = {"width": 16, "layers": 1, "heads": 2, "steps": 150, "batch": 32, "warmup": 10}
 
@@ -265,3 +268,53 @@ def test_noise_by_which_training_was_scaled_grows_with_what_is_measured(scooping
     had = 0.1 / np.sqrt(3) * checkpoint.model.normalisation.sizes
     assert checkpoint.noise_beyond(floor) == pytest.approx(np.sqrt(np.maximum(floor**2 - had**2, 0)))
     assert not checkpoint.noise_beyond(had.min(axis=0)).any()
+
+
+def test_rounds_read_no_sample_that_was_held_out(slider_task, tmp_path):
+    """Also where rounds last longer than windows, which then do not all begin one: no two rounds share samples."""
+    task = load_task(str(slider_task))
+    record(
+        task=str(slider_task),
+        out=tmp_path / "log.zarr",
+        duration=4,
+        amplitude={"drive": 8},
+        rate=100,
+        threads=1,
+    )
+    log = MeasuredLog.read(tmp_path / "log.zarr")
+    wide, narrow = (prepare(log, task, window=w, test=None, seed=0) for w in (0.5, 0.25))
+    times = np.linspace(0, 0.5, 6)
+    for prepared, tapes, left_out in ((wide, 6, 0), (narrow, 6, 6)):
+        fitted = prepared.part(~prepared.split.is_test)
+        held = np.arange(len(log.time)) >= (fitted.windows.first + fitted.windows.samples)[-1]
+        found = log_tapes(fitted, times)
+        assert (len(found.outputs), found.left_out) == (tapes, left_out)
+        moved = replace(fitted, log=replace(log, outputs=log.outputs + held[:, None]))
+        assert np.array_equal(log_tapes(moved, times).outputs, found.outputs)
+        # the end of the last is told from the samples before it
+        assert found.outputs[-1, -1] == pytest.approx(log.outputs[np.flatnonzero(held)[0]], abs=5e-4)
+    with pytest.raises(LogError, match=r"nowhere 3\.5 s"):
+        log_tapes(fitted, np.array([0, 3.5]))
+
+
+def test_windows_that_begin_no_round_are_counted(slider_task, tmp_path):
+    record(
+        task=str(slider_task),
+        out=tmp_path / "log.zarr",
+        duration=4,
+        amplitude={"drive": 8},
+        rate=100,
+        threads=1,
+    )
+    options = {"task": str(slider_task), "threads": 1, "quiet": True}
+    gen_histories(**options, out=tmp_path / "h.zarr", pairs=40, rounds=3, amplitude={"drive": 8})
+    train_sysid(histories=tmp_path / "h.zarr", out=tmp_path / "c", **{**TINY, "steps": 1})
+    about = identify(
+        **options,
+        real_log=tmp_path / "log.zarr",
+        window=0.25,
+        identifier=str(tmp_path / "c"),
+        out=tmp_path / "e",
+    ).document["in_context"]
+    assert about["episodes"] == 6
+    assert "6 of 12 fitted windows begin no round, which lasts 0.5 s" in about["text"]

@@ -32,12 +32,14 @@ class LoggedRounds:
     """What a log gives to identify in rounds with: actions (entry, action), measured (entry, point, feature).
 
     An entry is an episode of a task of actions, or a window of any other machine. noise_sd (feature,): of measured.
+    left_out: how many windows are no entry.
     """
 
     task: ActionTask
     actions: np.ndarray
     measured: np.ndarray
     noise_sd: np.ndarray
+    left_out: int = 0
 
     def __len__(self) -> int:
         return len(self.actions)
@@ -54,7 +56,7 @@ def logged_rounds(prepared: PreparedLog, checkpoint: IdentifierCheckpoint, where
     noise_sd = np.array([noise.get(f.name, 0.0) for f in task.features])
     if isinstance(task, TapeTask):
         tapes = log_tapes(prepared, task.point_times)
-        return LoggedRounds(task, tapes.actions, tapes.outputs, noise_sd)
+        return LoggedRounds(task, tapes.actions, tapes.outputs, noise_sd, tapes.left_out)
     if prepared.log.actions is None:
         raise LogError(
             f"{prepared.log.path} has no actions (meta/actions), which an identifier of {task.name!r} needs",
@@ -107,8 +109,13 @@ class InContext:
     path: Path
     walk: Walk
     used: np.ndarray
-    entries: int
+    logged: LoggedRounds
     share_beyond: float
+
+    @property
+    def entries(self) -> int:
+        """Of the log."""
+        return len(self.logged)
 
     @property
     def proposal(self) -> np.ndarray:
@@ -159,6 +166,12 @@ class InContext:
         if len(self.used) > self.entries:
             said.append(
                 f"{len(self.used)} rounds were made with {self.entries} episodes, taken in turn again."
+            )
+        if left_out := self.logged.left_out:
+            said.append(
+                f"{left_out} of {left_out + self.entries} fitted windows begin no round, which lasts "
+                f"{self.logged.task.point_times[-1]:g} s: it would go "
+                "beyond what is fitted, or the one before goes on there."
             )
         if not self.in_family:
             said.append(
@@ -223,7 +236,7 @@ def walk_log(
     family = checkpoint.model.family.with_noise(checkpoint.noise_beyond(logged.noise_sd))
     made = walk.rounds if earlier is None else earlier.followed_by(walk.rounds)
     beyond = float(family.share_beyond(made)[0])
-    return InContext(checkpoint, path, walk, used, len(logged), beyond)
+    return InContext(checkpoint, path, walk, used, logged, beyond)
 
 
 def _check_alike(earlier: Rounds, signature: Signature, path: Path) -> None:
