@@ -22,7 +22,7 @@ from capture_cli.stages.evaluated_identifier import PAPER
 from capture_cli.stages.evaluation_run import evaluate
 from capture_cli.stages.evaluation_suite import SUITES, _members, evaluate_suite
 from capture_cli.stages.gen_histories import gen_histories
-from capture_cli.stages.paired_comparison import paired_comparison
+from capture_cli.stages.paired_comparison import ours_among, paired_comparison
 from capture_cli.stages.sim2sim import Sim2Sim
 from capture_cli.stages.train_sysid import train_sysid
 from capture_cli.stores.evaluation import Evaluation
@@ -185,6 +185,24 @@ def test_pairs_are_compared_one_by_one():
         gained, se = (np.array(compared[label][name]) for name in ("gained", "gained_se"))
         assert (sign * gained > 3 * se).all()
     assert paired_comparison(["better"], better) == {"better": None}
+
+
+def test_pairs_are_compared_with_ours_however_it_was_trained(folder, trained):
+    other = checkpoint(folder / "others", "L5", "capture-refined", rounds=5)
+    identifiers = ["domain-randomization", str(other)]
+    document = evaluate(out=folder / "L5-alone", identifiers=identifiers, **SMALL).document
+    label = "capture-refined (L=5)"
+    assert document["identifiers"][label]["paired"] is None
+    assert document["identifiers"]["domain-randomization"]["paired"]["p"]
+    paired = next(rows for rows in tables(document) if rows.title == "Pair by pair")
+    assert paired.header[0] == f"{label} against" and label in paired.note
+    about = [{"label": name, "identifier": "capture-refined"} for name in (label, "capture-refined [c]")]
+    assert ours_among(about) == label
+    assert (
+        ours_among([*about, {"label": "capture-refined", "identifier": "capture-refined"}])
+        == "capture-refined"
+    )
+    assert ours_among([{"label": "compass", "identifier": "compass"}]) is None
 
 
 def test_noise_that_cannot_be_told_is_refused(folder):
