@@ -20,7 +20,7 @@ from capture_cli.stages import evaluation_run
 from capture_cli.stages.eval_sim2sim import eval_sim2sim
 from capture_cli.stages.evaluated_identifier import PAPER
 from capture_cli.stages.evaluation_run import evaluate
-from capture_cli.stages.evaluation_suite import SUITES, _members, evaluate_suite
+from capture_cli.stages.evaluation_suite import SUITES, _members, _why_not, evaluate_suite
 from capture_cli.stages.gen_histories import gen_histories
 from capture_cli.stages.paired_comparison import ours_among, paired_comparison
 from capture_cli.stages.sim2sim import Sim2Sim
@@ -340,6 +340,20 @@ def test_ablations_vary_one_thing():
     assert members["scooping-k"] == [path[0], path[2]]
     posterior = f"posterior={path[6]}"
     assert members["scooping"] == ["compass", path[5], path[4], path[0], posterior, path[6]]
+
+
+def test_a_suite_names_the_checkpoints_that_it_does_not_use(folder, trained, capsys):
+    L5 = checkpoint(folder / "spare", "L5", "capture", rounds=5)
+    options = {"suite": "paper", "pairs": 2, "seeds": 1, "rounds": 1, "threads": 1, "task": "scooping"}
+    with pytest.raises(OptionError, match=r"L5 \(L 5, in the paper 7; an ablation takes") as caught:
+        evaluate_suite(identifiers=[str(L5)], out=folder / "none", **options)
+    assert "no checkpoint for scooping" in caught.value.message
+    given = [str(trained), str(L5)]
+    done = evaluate_suite(identifiers=given, out=folder / "some", **options, only=["scooping"], quiet=False)
+    assert [text.split(" (")[0] for text in done["not_used"]] == [str(L5)]
+    assert f"not used: {L5} (L 5" in capsys.readouterr().err
+    document = {**_checkpoint("capture")[1], "task": "slider"}
+    assert _why_not(document, SUITES["paper"]) == "of the task 'slider'"
 
 
 def test_an_ablation_spells_out_what_it_varies(folder, trained):

@@ -78,6 +78,8 @@ def print_suite(document: Mapping[str, Any], console: Console, out_path: Path) -
         print_evaluation(evaluation, console, Path(out_path) / name)
     if document["without"]:
         console.print(f"no checkpoints for: {', '.join(document['without'])}", style="yellow")
+    for checkpoint in document.get("not_used", []):
+        console.print(f"not used: {checkpoint}", style="yellow")
 
 
 def markdown(document: Mapping[str, Any], title: str | None = None) -> str:

@@ -23,8 +23,8 @@ def paired_comparison(
     """For each label: after every round, how often `ours` is nearer the truth than it; None where there is no such one.
 
     difference (identifier, seed, pair, entry, parameter): |estimate - truth| over the range, averaged here over
-    parameters. nearer, as_near, further: pairs in which `ours` is; gained: the mean by which it is nearer, gained_se its
-    standard error; p: of the sign test on nearer against further, two-sided.
+    parameters. nearer, as_near, further: pairs in which `ours` is; gained: the mean by which it is nearer, gained_se
+    its standard error; p: of the sign test on nearer against further, two-sided.
     """
     if ours not in labels:
         return dict.fromkeys(labels)
