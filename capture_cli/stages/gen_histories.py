@@ -18,6 +18,7 @@ from capture_cli.parameters import ParameterSpace
 from capture_cli.search import REGISTRY as SEARCHES
 from capture_cli.search.base import ALPHA, Search
 from capture_cli.stages.history_recipe import Recipe
+from capture_cli.stages.moving_parameters import check_parameters_move_trajectories
 from capture_cli.stages.policy_checkpoint import SETTINGS, load_policy
 from capture_cli.stages.progress import Progress
 from capture_cli.stages.recorded_task import task_inputs
@@ -29,6 +30,7 @@ from capture_cli.stores.output import refuse_inputs, sha256
 from capture_cli.stores.provenance import Provenance
 from capture_cli.tasks import load_task
 from capture_cli.tasks.base import ActionTask, Task
+from capture_cli.tasks.tape_task import TapeTask
 
 ROUNDS = 7  # L of the paper
 EXECUTORS = ("local", "ray")
@@ -99,6 +101,8 @@ def gen_histories(
     provenance = Provenance("gen-histories", options, {"task": machine.path, "inputs_from": inputs_from})
     if resume and not force and is_complete(HistoriesWriter(out), attributes):
         return _summary(out, attributes, made=0, seconds=0.0)
+    if isinstance(machine, TapeTask):
+        check_parameters_move_trajectories(machine, seed=seed, threads=threads)
     began = time.monotonic()
     with _shard_maker(executor, address) as make_shards, place(out, force=force, resume=resume) as location:
         writer = HistoriesWriter(location)

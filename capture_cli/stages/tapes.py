@@ -9,7 +9,15 @@ from pathlib import Path
 import numpy as np
 
 from capture_cli.errors import FitError, LogError, OptionError
-from capture_cli.multisine import BAND, check_amplitude, check_band, into_range, multisine_tape, peaks
+from capture_cli.multisine import (
+    BAND,
+    check_above_zero,
+    check_amplitude,
+    check_band,
+    into_range,
+    multisine_tape,
+    peaks,
+)
 from capture_cli.protocol.log_windows import clock
 from capture_cli.protocol.nominal_motion import nominal_motion
 from capture_cli.protocol.prepare import prepare
@@ -152,6 +160,7 @@ def _multisine_tapes(
 ) -> Tapes:
     """Windows of the nominal machine, driven by multisines from rest; activations of actuators begin at 0."""
     check_amplitude(machine, amplitude)
+    check_above_zero(machine, amplitude)
     check_band(band)
     generator = np.random.default_rng(seed)
     steps = round(point_times[-1] / machine.timestep) + 1
