@@ -131,6 +131,19 @@ def test_an_estimate_is_taken_up_with_the_episodes_that_are_new(scooping, tmp_pa
     assert abs(second.document["parameters"]["com"]["value"] - 0.33) < 0.05
 
 
+def test_an_estimate_is_taken_up_with_its_seed_or_the_one_that_is_given(scooping, tmp_path):
+    log = MeasuredLog.read(scooping / "log.zarr")
+    episodes_of(log, range(5)).write(tmp_path / "log.zarr")
+    options = {"real_log": tmp_path / "log.zarr", "threads": 1, "quiet": True}
+    identify(**options, out=tmp_path / "e", identifier="least-squares", seed=4)
+    shutil.rmtree(tmp_path / "log.zarr")
+    log.write(tmp_path / "log.zarr")
+    for given, kept in ((None, 4), (9, 9), (0, 0)):
+        shutil.copytree(tmp_path / "e", out := tmp_path / f"e{given}")
+        identify(**options, out=out, resume=True, seed=given)
+        assert json.loads((out / "provenance.json").read_text())["options"]["seed"] == kept
+
+
 def test_only_the_log_that_was_begun_with_is_gone_on_with(found, scooping, tmp_path):
     shutil.copytree(scooping / "e", tmp_path / "e")
     log = MeasuredLog.read(scooping / "log.zarr")

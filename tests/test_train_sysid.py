@@ -363,6 +363,7 @@ def test_from_the_command_line(small, tmp_path):
         ({"tokens": "word"}, "--tokens 'word'"),
         ({"validation": 1.0}, "--validation"),
         ({"learning_rate": 0.0}, "--lr"),
+        ({"learning_rate": float("inf")}, "--lr inf"),
         ({"device": "gpu"}, "--device 'gpu'"),
         ({"precision": "half"}, "--precision 'half'"),
     ],
