@@ -216,6 +216,7 @@ def test_a_machine_of_ones_own_from_its_log_to_an_identifier_of_its_own(slider_t
         quiet=True,
     ).document
     assert document["verdict"] == "explained"
+    assert "another model" not in (document["in_context"]["text"] or "")
     for name, truth in (("mass", 2.2), ("damping", 3.0)):
         p = document["parameters"][name]
         assert abs(p["value"] - truth) < 4 * p["sd"]
@@ -310,7 +311,7 @@ def test_rounds_read_no_sample_that_was_held_out(slider_task, tmp_path):
         log_tapes(fitted, np.array([0, 3.5]))
 
 
-def test_windows_that_begin_no_round_are_counted(slider_task, tmp_path):
+def test_windows_that_begin_no_round_are_counted_and_another_model_is_noticed(slider_task, tmp_path):
     record(
         task=str(slider_task),
         out=tmp_path / "log.zarr",
@@ -331,3 +332,10 @@ def test_windows_that_begin_no_round_are_counted(slider_task, tmp_path):
     ).document["in_context"]
     assert about["episodes"] == 6
     assert "6 of 12 fitted windows begin no round, which lasts 0.5 s" in about["text"]
+    assert "another model" not in about["text"]
+    model = slider_task.with_name("model.xml")
+    model.write_text(model.read_text().replace('axis="1 0 0"', 'axis="1 0 0" stiffness="3"'))
+    changed = identify(
+        **options, real_log=tmp_path / "log.zarr", identifier=str(tmp_path / "c"), out=tmp_path / "e2"
+    ).document
+    assert "histories of another model" in changed["in_context"]["text"]

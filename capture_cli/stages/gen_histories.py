@@ -18,6 +18,7 @@ from capture_cli.parameters import ParameterSpace
 from capture_cli.search import REGISTRY as SEARCHES
 from capture_cli.search.base import ALPHA, Search
 from capture_cli.stages.history_recipe import Recipe
+from capture_cli.stages.model_hash import model_hash
 from capture_cli.stages.moving_parameters import check_parameters_move_trajectories
 from capture_cli.stages.policy_checkpoint import SETTINGS, load_policy
 from capture_cli.stages.progress import Progress
@@ -164,7 +165,7 @@ def _attributes(recipe: Recipe, policy: str, search: str, pairs: int, shard_pair
     checkpoint = (Path(policy) / SETTINGS).is_file()
     return {
         "task": task.name,
-        "model": _model_hash(task.model),
+        "model": model_hash(task.model),
         "parameters": _box(task.space),
         "actions": _box(task.actions),
         "library": _hash(library) if (library := getattr(task, "library", None)) is not None else None,
@@ -188,12 +189,6 @@ def _attributes(recipe: Recipe, policy: str, search: str, pairs: int, shard_pair
 
 def _box(space: ParameterSpace) -> list[dict[str, Any]]:
     return [{"name": p.name, "unit": p.unit, "low": p.low, "high": p.high} for p in space]
-
-
-def _model_hash(model: mujoco.MjModel) -> str:
-    binary = np.zeros(mujoco.mj_sizeModel(model), dtype=np.uint8)
-    mujoco.mj_saveModel(model, buffer=binary)
-    return _hash(binary)
 
 
 def _hash(array: np.ndarray) -> str:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 
 import capture_cli
@@ -16,6 +17,7 @@ from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.sim.engine import Engine
 from capture_cli.simulator import Simulator
 from capture_cli.stages.identifier_checkpoint import IdentifierCheckpoint
+from capture_cli.stages.model_hash import model_hash
 from capture_cli.stages.tapes import log_tapes
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.stores.output import sha256
@@ -127,6 +129,16 @@ class InContext:
         return self.walk.sd[0, -1] if known else None
 
     @property
+    def other_model(self) -> bool:
+        """Whether the histories were of another model, of a machine of the user's own: built-in ones come with the program.
+
+        Another version of MuJoCo writes models otherwise: then it is not known.
+        """
+        histories, task = self.checkpoint.document["histories"], self.logged.task
+        known = isinstance(task, TapeTask) and histories["mujoco"] == mujoco.__version__
+        return known and histories["model"] != model_hash(task.model)
+
+    @property
     def in_family(self) -> bool:
         return self.share_beyond >= OUTSIDE
 
@@ -172,6 +184,11 @@ class InContext:
                 f"{left_out} of {left_out + self.entries} fitted windows begin no round, which lasts "
                 f"{self.logged.task.point_times[-1]:g} s: it would go "
                 "beyond what is fitted, or the one before goes on there."
+            )
+        if self.other_model:
+            said.append(
+                "The identifier was trained on histories of another model, or of this one before it was changed: what "
+                "it proposes is of that."
             )
         if not self.in_family:
             said.append(
