@@ -17,6 +17,7 @@ from capture_cli.policies.random import Random
 from capture_cli.reports import paper_numbers
 from capture_cli.reports.evaluation_tables import markdown, print_evaluation, tables
 from capture_cli.stages import evaluation_run
+from capture_cli.stages.checkpoint_hash import checkpoint_hash
 from capture_cli.stages.eval_sim2sim import eval_sim2sim
 from capture_cli.stages.evaluated_identifier import PAPER
 from capture_cli.stages.evaluation_run import evaluate
@@ -26,6 +27,7 @@ from capture_cli.stages.paired_comparison import ours_among, paired_comparison
 from capture_cli.stages.sim2sim import Sim2Sim
 from capture_cli.stages.train_sysid import train_sysid
 from capture_cli.stores.evaluation import Evaluation
+from capture_cli.stores.output import sha256
 from capture_cli.tasks import load_task
 
 SMALL = {"task": "scooping", "pairs": 6, "seeds": 2, "rounds": 4, "threads": 1}
@@ -139,6 +141,19 @@ def test_a_run_goes_on_where_it_ended(folder, evaluated, names, monkeypatch):
         np.testing.assert_array_equal(done.arrays[name], values)
     read = evaluate(out=folder / "killed", identifiers=names, resume=True, **SMALL)
     assert read.document == done.document
+
+
+def test_checkpoints_are_known_by_what_matters_of_them_and_by_the_hash_of_all_their_files(folder, trained):
+    options = {"identifiers": [str(trained)], "out": folder / "hashed", **SMALL, "pairs": 1, "rounds": 1}
+    evaluate(**options)
+    (trained / "Thumbs.db").touch()
+    evaluate(**options, resume=True)
+    path = folder / "hashed" / "evaluation.zarr" / "zarr.json"
+    path.write_text(path.read_text().replace(checkpoint_hash(trained), sha256(trained)))
+    evaluate(**options, resume=True)
+    (trained / "Thumbs.db").unlink()
+    with pytest.raises(OptionError, match="other identifiers"):
+        evaluate(**options, resume=True)
 
 
 def test_a_run_that_was_killed_as_it_began_goes_on(folder, monkeypatch):

@@ -24,6 +24,7 @@ from capture_cli.policies.random import Random
 from capture_cli.search import REGISTRY as SEARCHES
 from capture_cli.simulator import Simulator
 from capture_cli.stages import history_recipe, policy_checkpoint
+from capture_cli.stages.checkpoint_hash import checkpoint_hash
 from capture_cli.stages.gen_histories import gen_histories
 from capture_cli.stages.history_recipe import Recipe
 from capture_cli.stages.inspect import inspect
@@ -538,6 +539,25 @@ def test_a_policy_without_its_weights(checkpoint, slider):
     (checkpoint / "policy.safetensors").write_bytes(b"not weights")
     with pytest.raises(StoreError, match=r"policy\.safetensors cannot be read"):
         load_policy(str(checkpoint), slider)
+
+
+def test_what_lies_beside_a_policy_does_not_make_it_another(checkpoint, generate):
+    """Nor does the hash of all files that earlier stores hold; other weights do."""
+    again = {"policy": str(checkpoint), "resume": True}
+    path = Path(generate(policy=str(checkpoint))) / "zarr.json"
+    of_parts, of_all = checkpoint_hash(checkpoint), sha256(checkpoint)
+    (checkpoint / ".DS_Store").write_bytes(b"of a file manager")
+    generate(**again)
+    (checkpoint / ".DS_Store").unlink()
+    (checkpoint / "training.png").write_bytes(b"drawn by another version")
+    generate(**again)
+    (checkpoint / "training.png").unlink()
+    path.write_text(path.read_text().replace(of_parts, of_all))
+    generate(**again)
+    with (checkpoint / "policy.json").open("a") as file:
+        file.write(" ")
+    with pytest.raises(OptionError, match="begun otherwise: policy was"):
+        generate(**again)
 
 
 # --- the command ---

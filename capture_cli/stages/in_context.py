@@ -16,11 +16,11 @@ from capture_cli.identifiers.rounds import Rounds, Signature, Walk, run_rounds
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.sim.engine import Engine
 from capture_cli.simulator import Simulator
+from capture_cli.stages.checkpoint_hash import checkpoint_hash
 from capture_cli.stages.identifier_checkpoint import IdentifierCheckpoint
 from capture_cli.stages.model_hash import model_hash
 from capture_cli.stages.tapes import log_tapes
 from capture_cli.stores.measured_log import MeasuredLog
-from capture_cli.stores.output import sha256
 from capture_cli.tasks.base import ActionTask, Task
 from capture_cli.tasks.tape_task import TapeTask
 
@@ -130,7 +130,7 @@ class InContext:
 
     @property
     def other_model(self) -> bool:
-        """Whether the histories were of another model, of a machine of the user's own: built-in ones come with the program.
+        """Whether the histories were of another model, of a machine of the user's own: others come with the program.
 
         Another version of MuJoCo writes models otherwise: then it is not known.
         """
@@ -161,7 +161,7 @@ class InContext:
         sd = self.sd
         return {
             "checkpoint": named(self.path),
-            "sha256": sha256(self.path),
+            "sha256": checkpoint_hash(self.path),
             "rounds": len(self.used),
             "episodes": self.entries,
             "proposal": dict(zip(names, self.proposal.tolist(), strict=True)),
