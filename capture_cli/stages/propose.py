@@ -58,7 +58,7 @@ def propose(
     if out is not None:
         refuse_inputs(out, [result, log, policy, *task_inputs(machine).values()])
     check_amplitude(machine, amplitude or {})
-    check_above_zero(machine, amplitude or {})
+    check_above_zero(machine, amplitude or {}, "the log did")
     if diagnosed:
         if policy is not None:
             raise OptionError(

@@ -160,7 +160,7 @@ def _multisine_tapes(
 ) -> Tapes:
     """Windows of the nominal machine, driven by multisines from rest; activations of actuators begin at 0."""
     check_amplitude(machine, amplitude)
-    check_above_zero(machine, amplitude)
+    check_above_zero(machine, amplitude, "the actuator does")
     check_band(band)
     generator = np.random.default_rng(seed)
     steps = round(point_times[-1] / machine.timestep) + 1
