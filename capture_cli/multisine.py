@@ -97,6 +97,20 @@ def check_amplitude(machine: Task, amplitude: Mapping[str, float]) -> None:
             )
 
 
+def check_above_zero(machine: Task, amplitude: Mapping[str, float], otherwise: str) -> None:
+    """Raise OptionError where --amplitude is no distance: of -3 nobody knows what is meant, 0 tells nothing.
+
+    otherwise: as far as what the input goes where it is left out.
+    """
+    units = {c.name: c.unit for c in machine.inputs}
+    for name, farthest in amplitude.items():
+        if not farthest > 0:
+            raise OptionError(
+                f"--amplitude {name}={farthest:g}: how far from 0 the input may be driven is a number above 0",
+                cure=f"give a number above 0, in {units[name]}, or leave it out to go as far as {otherwise}",
+            )
+
+
 def check_band(band: tuple[float, float]) -> None:
     """Raise OptionError where --band is no range of frequencies in Hz."""
     low, high = band

@@ -6,6 +6,7 @@ however pairs are grouped, and whether its rounds are made at once or one after 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
@@ -49,6 +50,14 @@ def check(name: str, features: Iterable[str]) -> None:
             f"the noise 'label' is for tasks that observe a label, and this one observes {', '.join(features)}",
             cure="take the noise 'scale', or 'none'",
         )
+
+
+def white_sd(name: str, sizes: np.ndarray) -> np.ndarray:
+    """Standard deviation of the noise `name` on values of these root mean squares, an array of their shape.
+
+    0 for labels: what is wrong there is another label, and no distance.
+    """
+    return sizes * SCALE_SPREAD / math.sqrt(3) if _find(name) is _scale else np.zeros_like(sizes)
 
 
 def _none(measured: np.ndarray, uniform: np.ndarray, first_round: int) -> np.ndarray:

@@ -17,15 +17,17 @@ from capture_cli.policies.random import Random
 from capture_cli.reports import paper_numbers
 from capture_cli.reports.evaluation_tables import markdown, print_evaluation, tables
 from capture_cli.stages import evaluation_run
+from capture_cli.stages.checkpoint_hash import checkpoint_hash
 from capture_cli.stages.eval_sim2sim import eval_sim2sim
 from capture_cli.stages.evaluated_identifier import PAPER
 from capture_cli.stages.evaluation_run import evaluate
-from capture_cli.stages.evaluation_suite import SUITES, _members, evaluate_suite
+from capture_cli.stages.evaluation_suite import SUITES, _members, _why_not, evaluate_suite
 from capture_cli.stages.gen_histories import gen_histories
-from capture_cli.stages.paired_comparison import paired_comparison
+from capture_cli.stages.paired_comparison import ours_among, paired_comparison
 from capture_cli.stages.sim2sim import Sim2Sim
 from capture_cli.stages.train_sysid import train_sysid
 from capture_cli.stores.evaluation import Evaluation
+from capture_cli.stores.output import sha256
 from capture_cli.tasks import load_task
 
 SMALL = {"task": "scooping", "pairs": 6, "seeds": 2, "rounds": 4, "threads": 1}
@@ -141,6 +143,19 @@ def test_a_run_goes_on_where_it_ended(folder, evaluated, names, monkeypatch):
     assert read.document == done.document
 
 
+def test_checkpoints_are_known_by_what_matters_of_them_and_by_the_hash_of_all_their_files(folder, trained):
+    options = {"identifiers": [str(trained)], "out": folder / "hashed", **SMALL, "pairs": 1, "rounds": 1}
+    evaluate(**options)
+    (trained / "Thumbs.db").touch()
+    evaluate(**options, resume=True)
+    path = folder / "hashed" / "evaluation.zarr" / "zarr.json"
+    path.write_text(path.read_text().replace(checkpoint_hash(trained), sha256(trained)))
+    evaluate(**options, resume=True)
+    (trained / "Thumbs.db").unlink()
+    with pytest.raises(OptionError, match="other identifiers"):
+        evaluate(**options, resume=True)
+
+
 def test_a_run_that_was_killed_as_it_began_goes_on(folder, monkeypatch):
     options = {"identifiers": ["domain-randomization"], **SMALL, "pairs": 1}
 
@@ -185,6 +200,24 @@ def test_pairs_are_compared_one_by_one():
         gained, se = (np.array(compared[label][name]) for name in ("gained", "gained_se"))
         assert (sign * gained > 3 * se).all()
     assert paired_comparison(["better"], better) == {"better": None}
+
+
+def test_pairs_are_compared_with_ours_however_it_was_trained(folder, trained):
+    other = checkpoint(folder / "others", "L5", "capture-refined", rounds=5)
+    identifiers = ["domain-randomization", str(other)]
+    document = evaluate(out=folder / "L5-alone", identifiers=identifiers, **SMALL).document
+    label = "capture-refined (L=5)"
+    assert document["identifiers"][label]["paired"] is None
+    assert document["identifiers"]["domain-randomization"]["paired"]["p"]
+    paired = next(rows for rows in tables(document) if rows.title == "Pair by pair")
+    assert paired.header[0] == f"{label} against" and label in paired.note
+    about = [{"label": name, "identifier": "capture-refined"} for name in (label, "capture-refined [c]")]
+    assert ours_among(about) == label
+    assert (
+        ours_among([*about, {"label": "capture-refined", "identifier": "capture-refined"}])
+        == "capture-refined"
+    )
+    assert ours_among([{"label": "compass", "identifier": "compass"}]) is None
 
 
 def test_noise_that_cannot_be_told_is_refused(folder):
@@ -322,6 +355,20 @@ def test_ablations_vary_one_thing():
     assert members["scooping-k"] == [path[0], path[2]]
     posterior = f"posterior={path[6]}"
     assert members["scooping"] == ["compass", path[5], path[4], path[0], posterior, path[6]]
+
+
+def test_a_suite_names_the_checkpoints_that_it_does_not_use(folder, trained, capsys):
+    L5 = checkpoint(folder / "spare", "L5", "capture", rounds=5)
+    options = {"suite": "paper", "pairs": 2, "seeds": 1, "rounds": 1, "threads": 1, "task": "scooping"}
+    with pytest.raises(OptionError, match=r"L5 \(L 5, in the paper 7; an ablation takes") as caught:
+        evaluate_suite(identifiers=[str(L5)], out=folder / "none", **options)
+    assert "no checkpoint for scooping" in caught.value.message
+    given = [str(trained), str(L5)]
+    done = evaluate_suite(identifiers=given, out=folder / "some", **options, only=["scooping"], quiet=False)
+    assert [text.split(" (")[0] for text in done["not_used"]] == [str(L5)]
+    assert f"not used: {L5} (L 5" in capsys.readouterr().err
+    document = {**_checkpoint("capture")[1], "task": "slider"}
+    assert _why_not(document, SUITES["paper"]) == "of the task 'slider'"
 
 
 def test_an_ablation_spells_out_what_it_varies(folder, trained):

@@ -18,15 +18,17 @@ import zarr
 from typer.testing import CliRunner
 
 from capture_cli.cli import app
-from capture_cli.errors import FitError, OptionError, OutputError, StoreError
+from capture_cli.errors import FitError, OptionError, OutputError, StoreError, TaskError
 from capture_cli.policies.base import Policy
 from capture_cli.policies.random import Random
 from capture_cli.search import REGISTRY as SEARCHES
 from capture_cli.simulator import Simulator
 from capture_cli.stages import history_recipe, policy_checkpoint
+from capture_cli.stages.checkpoint_hash import checkpoint_hash
 from capture_cli.stages.gen_histories import gen_histories
 from capture_cli.stages.history_recipe import Recipe
 from capture_cli.stages.inspect import inspect
+from capture_cli.stages.moving_parameters import check_parameters_move_trajectories
 from capture_cli.stages.policy_checkpoint import load_policy, save_policy
 from capture_cli.stages.record import record
 from capture_cli.stages.tapes import tape_task
@@ -414,6 +416,8 @@ def test_a_store_that_another_version_left_half_written_is_not_resumed(
         ({"address": "auto"}, "without --executor ray"),
         ({"policy": "sac"}, "--policy 'sac'"),
         ({"amplitude": None}, "how far to drive"),
+        ({"amplitude": {"drive": 0.0}}, "--amplitude drive=0: .* is a number above 0"),
+        ({"amplitude": {"drive": -3.0}}, "--amplitude drive=-3: .* is a number above 0"),
         ({"inputs_from": "log.zarr"}, "--amplitude means nothing"),
         ({"inputs_from": "log.zarr", "amplitude": None, "band": (0.1, 3.0)}, "--band means nothing"),
         ({"window": -1.0}, "--window -1"),
@@ -424,6 +428,60 @@ def test_bad_options(generate, options, message, tmp_path):
     with pytest.raises(OptionError, match=message):
         generate(**options)
     assert not list(tmp_path.glob("*h.zarr*"))
+
+
+UNSEEN = """\
+    <body name="other" pos="0 0 1">
+      <joint type="slide" axis="1 0 0"/><geom name="other" type="sphere" size="0.1" mass="1"/>
+    </body>
+"""
+MORE = """
+[parameters.other]
+set = "body:other:mass"
+low = 0.5
+high = 4.0
+unit = "kg"
+"""
+
+
+def test_parameters_that_move_no_output_are_refused(generate, slider_task, tmp_path):
+    model = slider_task.with_name("model.xml")
+    model.write_text(model.read_text().replace("</worldbody>", f"{UNSEEN}</worldbody>"))
+    slider_task.write_text(slider_task.read_text() + MORE)
+    with pytest.raises(FitError, match="'slider': other moves no output"):
+        generate()
+    assert not list(tmp_path.glob("*h.zarr*"))
+
+
+def test_a_machine_that_stands_still_is_refused(generate, slider_task):
+    text = slider_task.read_text()
+    slider_task.write_text(text.replace('[inputs.drive]\ncolumn = "u_N"\nunit = "N"\n', ""))
+    with pytest.raises(FitError, match="mass, damping moves no output"):
+        generate(amplitude=None)
+
+
+def test_a_parameter_that_few_actions_show_is_learned(slider_task):
+    """How hard a wall is, which one action in fifty reaches."""
+    model = slider_task.with_name("model.xml")
+    wall = '<geom name="wall" type="box" pos="1.2 0 0" size="0.1 1 1"/>'
+    model.write_text(model.read_text().replace("<worldbody>", f"<worldbody>{wall}"))
+    text = slider_task.read_text().replace("joint:x:damping", "geom:wall:solref_timeconst")
+    slider_task.write_text(text.replace("low = 0.0\nhigh = 8.0", "low = 0.005\nhigh = 0.05"))
+    task = tape_task(load_task(str(slider_task)), **TAPES)
+    task.library = np.repeat(task.library[:1], 1000, axis=0)
+    with pytest.raises(FitError, match="damping moves no output"):
+        check_parameters_move_trajectories(task, seed=0, threads=1)
+    task.library[::50, :2] = 0.99, 1.0  # just before the wall, and on its way
+    task.library[0] = task.library[1]
+    check_parameters_move_trajectories(task, seed=0, threads=1)
+
+
+def test_a_task_without_parameters_is_refused(generate, slider_task):
+    text = slider_task.read_text()
+    slider_task.write_text(text[: text.index("[parameters.mass]")] + text[text.index("[inputs.drive]") :])
+    with pytest.raises(TaskError, match="no parameters") as caught:
+        generate()
+    assert "[parameters.NAME]" in caught.value.cure
 
 
 # --- policies ---
@@ -481,6 +539,25 @@ def test_a_policy_without_its_weights(checkpoint, slider):
     (checkpoint / "policy.safetensors").write_bytes(b"not weights")
     with pytest.raises(StoreError, match=r"policy\.safetensors cannot be read"):
         load_policy(str(checkpoint), slider)
+
+
+def test_what_lies_beside_a_policy_does_not_make_it_another(checkpoint, generate):
+    """Nor does the hash of all files that earlier stores hold; other weights do."""
+    again = {"policy": str(checkpoint), "resume": True}
+    path = Path(generate(policy=str(checkpoint))) / "zarr.json"
+    of_parts, of_all = checkpoint_hash(checkpoint), sha256(checkpoint)
+    (checkpoint / ".DS_Store").write_bytes(b"of a file manager")
+    generate(**again)
+    (checkpoint / ".DS_Store").unlink()
+    (checkpoint / "training.png").write_bytes(b"drawn by another version")
+    generate(**again)
+    (checkpoint / "training.png").unlink()
+    path.write_text(path.read_text().replace(of_parts, of_all))
+    generate(**again)
+    with (checkpoint / "policy.json").open("a") as file:
+        file.write(" ")
+    with pytest.raises(OptionError, match="begun otherwise: policy was"):
+        generate(**again)
 
 
 # --- the command ---

@@ -11,6 +11,7 @@ from toy_rounds import SIGNATURE, draw_actions, histories, simulate, trajectorie
 from capture_cli.errors import OptionError
 from capture_cli.identifiers import REGISTRY, log_identifier, round_identifier
 from capture_cli.identifiers.base import Identifier
+from capture_cli.identifiers.compass import Compass
 from capture_cli.identifiers.domain_randomization import DomainRandomization
 from capture_cli.identifiers.rounds import Rounds, Signature, run_rounds
 
@@ -167,3 +168,26 @@ def test_rounds_are_cut_and_joined():
     assert np.array_equal(begun.measured, rounds.measured) and np.array_equal(begun.actions, rounds.actions)
     assert np.array_equal(begun.last(2).simulated, rounds.simulated[:, 3:])
     assert np.array_equal(rounds.pairs(slice(1, 3)).target, rounds.target[1:3])
+
+
+def test_compass_computes_on_one_thread_and_leaves_the_number_as_it_was(monkeypatch):
+    import torch
+
+    used, descend = [], Compass._descend
+
+    def seen(self):
+        used.append(torch.get_num_threads())
+        return descend(self)
+
+    monkeypatch.setattr(Compass, "_descend", seen)
+    before = torch.get_num_threads()
+    torch.set_num_threads(2)
+    try:
+        compass = Compass(SIGNATURE, SIGNATURE.space.nominal[None], seed=0)
+        actions = draw_actions(np.random.default_rng(0), 1)
+        asked = compass.ask()
+        simulated = trajectories(asked[0], np.repeat(actions, asked.shape[1], axis=0))[None]
+        compass.tell(actions, simulated, trajectories(SIGNATURE.space.low[None], actions))
+        assert (used, torch.get_num_threads()) == ([1], 2)
+    finally:
+        torch.set_num_threads(before)

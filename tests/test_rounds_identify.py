@@ -4,23 +4,29 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from episodes_of import episodes_of
+from toy_rounds import SIGNATURE, histories, write
 
 from benchmarks.family import Logs
 from capture_cli.errors import FitError, LogError, OptionError, StoreError
 from capture_cli.identifiers._family import Family
 from capture_cli.identifiers._normalisation import Normalisation
 from capture_cli.identifiers.rounds import Rounds
+from capture_cli.protocol.prepare import prepare
 from capture_cli.stages.gen_histories import gen_histories
+from capture_cli.stages.identifier_checkpoint import load_identifier
 from capture_cli.stages.identify import identify
 from capture_cli.stages.record import record
+from capture_cli.stages.tapes import log_tapes
 from capture_cli.stages.train_sysid import train_sysid
 from capture_cli.stores.estimate import HISTORY, Estimate
 from capture_cli.stores.measured_log import MeasuredLog
+from capture_cli.tasks import load_task
 
 TINY = {"width": 16, "layers": 1, "heads": 2, "steps": 150, "batch": 32, "warmup": 10}
 
@@ -125,6 +131,19 @@ def test_an_estimate_is_taken_up_with_the_episodes_that_are_new(scooping, tmp_pa
     assert abs(second.document["parameters"]["com"]["value"] - 0.33) < 0.05
 
 
+def test_an_estimate_is_taken_up_with_its_seed_or_the_one_that_is_given(scooping, tmp_path):
+    log = MeasuredLog.read(scooping / "log.zarr")
+    episodes_of(log, range(5)).write(tmp_path / "log.zarr")
+    options = {"real_log": tmp_path / "log.zarr", "threads": 1, "quiet": True}
+    identify(**options, out=tmp_path / "e", identifier="least-squares", seed=4)
+    shutil.rmtree(tmp_path / "log.zarr")
+    log.write(tmp_path / "log.zarr")
+    for given, kept in ((None, 4), (9, 9), (0, 0)):
+        shutil.copytree(tmp_path / "e", out := tmp_path / f"e{given}")
+        identify(**options, out=out, resume=True, seed=given)
+        assert json.loads((out / "provenance.json").read_text())["options"]["seed"] == kept
+
+
 def test_only_the_log_that_was_begun_with_is_gone_on_with(found, scooping, tmp_path):
     shutil.copytree(scooping / "e", tmp_path / "e")
     log = MeasuredLog.read(scooping / "log.zarr")
@@ -197,6 +216,7 @@ def test_a_machine_of_ones_own_from_its_log_to_an_identifier_of_its_own(slider_t
         quiet=True,
     ).document
     assert document["verdict"] == "explained"
+    assert "another model" not in (document["in_context"]["text"] or "")
     for name, truth in (("mass", 2.2), ("damping", 3.0)):
         p = document["parameters"][name]
         assert abs(p["value"] - truth) < 4 * p["sd"]
@@ -224,8 +244,6 @@ def test_logs_as_in_training_are_not_taken_for_others():
 
 def test_noise_that_training_had_not_does_not_put_a_log_outside(scooping):
     """A family of smooth trajectories: noise alone lies off their surface, and is allowed for."""
-    from toy_rounds import SIGNATURE, histories
-
     trained, held_out, seen = (histories(600, seed=seed) for seed in range(3))
     family = Family.fitted(Normalisation.fitted(SIGNATURE, trained), trained, held_out)
     noise = np.array([2e-3, 2e-3])
@@ -235,3 +253,89 @@ def test_noise_that_training_had_not_does_not_put_a_log_outside(scooping):
     assert np.mean(family.with_noise(noise).share_beyond(seen) < 0.01) < 0.05
     moved = Rounds(seen.parameters, seen.actions, seen.simulated, noisy + 0.1)
     assert np.mean(family.with_noise(noise).share_beyond(moved) < 0.01) > 0.9
+
+
+def test_noise_that_training_had_is_not_counted_again(tmp_path):
+    """New histories of the very kind trained on: as many lie beyond any distance as of those held out."""
+    floor = np.array([5e-3, 5e-3])
+
+    def noisy(pairs: int, seed: int) -> Rounds:
+        rounds = histories(pairs, seed=seed)
+        drawn = np.random.default_rng(seed).standard_normal(rounds.measured.shape)
+        return replace(rounds, measured=rounds.measured + floor * drawn)
+
+    store = write(noisy(1000, 0), tmp_path / "h.zarr", noise="none", noise_sd={"x": floor[0], "y": floor[1]})
+    train_sysid(histories=store, out=tmp_path / "c", **{**TINY, "steps": 1}, validation=0.3)
+    checkpoint = load_identifier(tmp_path / "c")
+    share = checkpoint.model.family.with_noise(checkpoint.noise_beyond(floor)).share_beyond(noisy(400, 1))
+    assert 0.3 < np.median(share) < 0.7
+    louder = checkpoint.noise_beyond(3 * floor)
+    assert np.all(2 * floor < louder) and np.all(louder < 3 * floor)
+
+
+def test_noise_by_which_training_was_scaled_grows_with_what_is_measured(scooping):
+    checkpoint = load_identifier(scooping / "c")
+    floor = np.array([1e-3])
+    assert checkpoint.noise_beyond(floor) is floor  # as it was trained without any
+    noisy = {**checkpoint.document["histories"], "noise": "scale"}
+    checkpoint = replace(checkpoint, document={**checkpoint.document, "histories": noisy})
+    had = 0.1 / np.sqrt(3) * checkpoint.model.normalisation.sizes
+    assert checkpoint.noise_beyond(floor) == pytest.approx(np.sqrt(np.maximum(floor**2 - had**2, 0)))
+    assert not checkpoint.noise_beyond(had.min(axis=0)).any()
+
+
+def test_rounds_read_no_sample_that_was_held_out(slider_task, tmp_path):
+    """Also where rounds last longer than windows, which then do not all begin one: no two rounds share samples."""
+    task = load_task(str(slider_task))
+    record(
+        task=str(slider_task),
+        out=tmp_path / "log.zarr",
+        duration=4,
+        amplitude={"drive": 8},
+        rate=100,
+        threads=1,
+    )
+    log = MeasuredLog.read(tmp_path / "log.zarr")
+    wide, narrow = (prepare(log, task, window=w, test=None, seed=0) for w in (0.5, 0.25))
+    times = np.linspace(0, 0.5, 6)
+    for prepared, tapes, left_out in ((wide, 6, 0), (narrow, 6, 6)):
+        fitted = prepared.part(~prepared.split.is_test)
+        held = np.arange(len(log.time)) >= (fitted.windows.first + fitted.windows.samples)[-1]
+        found = log_tapes(fitted, times)
+        assert (len(found.outputs), found.left_out) == (tapes, left_out)
+        moved = replace(fitted, log=replace(log, outputs=log.outputs + held[:, None]))
+        assert np.array_equal(log_tapes(moved, times).outputs, found.outputs)
+        # the end of the last is told from the samples before it
+        assert found.outputs[-1, -1] == pytest.approx(log.outputs[np.flatnonzero(held)[0]], abs=5e-4)
+    with pytest.raises(LogError, match=r"nowhere 3\.5 s"):
+        log_tapes(fitted, np.array([0, 3.5]))
+
+
+def test_windows_that_begin_no_round_are_counted_and_another_model_is_noticed(slider_task, tmp_path):
+    record(
+        task=str(slider_task),
+        out=tmp_path / "log.zarr",
+        duration=4,
+        amplitude={"drive": 8},
+        rate=100,
+        threads=1,
+    )
+    options = {"task": str(slider_task), "threads": 1, "quiet": True}
+    gen_histories(**options, out=tmp_path / "h.zarr", pairs=40, rounds=3, amplitude={"drive": 8})
+    train_sysid(histories=tmp_path / "h.zarr", out=tmp_path / "c", **{**TINY, "steps": 1})
+    about = identify(
+        **options,
+        real_log=tmp_path / "log.zarr",
+        window=0.25,
+        identifier=str(tmp_path / "c"),
+        out=tmp_path / "e",
+    ).document["in_context"]
+    assert about["episodes"] == 6
+    assert "6 of 12 fitted windows begin no round, which lasts 0.5 s" in about["text"]
+    assert "another model" not in about["text"]
+    model = slider_task.with_name("model.xml")
+    model.write_text(model.read_text().replace('axis="1 0 0"', 'axis="1 0 0" stiffness="3"'))
+    changed = identify(
+        **options, real_log=tmp_path / "log.zarr", identifier=str(tmp_path / "c"), out=tmp_path / "e2"
+    ).document
+    assert "histories of another model" in changed["in_context"]["text"]

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import errno
+import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -17,9 +19,14 @@ from episodes_of import episodes_of
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from toy_rounds import histories, write
 
 from capture_cli.errors import CaptureError, LogError, OutputError, StoreError
+from capture_cli.stages.chosen_identifier import SHIPPED
+from capture_cli.stages.identifier_checkpoint import load_identifier
 from capture_cli.stages.import_log import import_log
+from capture_cli.stores.document_shape import BOUNDS, COUNT, NUMBER, POSITIVE, TEXT, check_shape, or_none
+from capture_cli.stores.histories import Histories
 from capture_cli.stores.measured_log import SCHEMA, MeasuredLog
 from capture_cli.stores.output import (
     PROVENANCE,
@@ -540,3 +547,75 @@ def test_the_schema_prints_every_array_and_attribute():
 def test_a_result_that_is_not_there_is_said_to_be_missing(tmp_path):
     with pytest.raises(StoreError, match="nowhere does not exist"):
         read_result(tmp_path / "nowhere", "estimate.json", "capture/estimate", 1, "make it")
+
+
+# --- documents ---
+
+SHAPE = {
+    "task": TEXT,
+    "rounds": COUNT,
+    "bounds": [BOUNDS],
+    "noise": {str: NUMBER},
+    "alpha": or_none(NUMBER),
+    "peaks?": {str: POSITIVE},
+}
+RIGHT = {"task": "a", "rounds": 7, "bounds": [[0, 1]], "noise": {"q": 0.1}, "alpha": None}
+
+
+def test_a_document_of_its_shape_is_taken():
+    check_shape(RIGHT, SHAPE, "a.json", "cure")
+    check_shape({**RIGHT, "alpha": 1.5, "peaks": {"u": 2}, "more": None}, SHAPE, "a.json", "cure")
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ([], r"is \[\]; expected an object"),
+        ({"task": "a"}, "rounds, bounds, noise, alpha missing"),
+        ({**RIGHT, "task": None}, "task is None; expected a text"),
+        ({**RIGHT, "rounds": True}, "rounds is True; expected a whole number above 0"),
+        ({**RIGHT, "rounds": 0}, "rounds is 0; expected a whole number above 0"),
+        ({**RIGHT, "bounds": [[0, 1], [1, 1]]}, r"bounds\[1\] is \[1, 1\]; expected \[low, high\]"),
+        ({**RIGHT, "noise": {"q": "x"}}, "noise.q is 'x'; expected a number"),
+        ({**RIGHT, "noise": []}, r"noise is \[\]; expected an object"),
+        ({**RIGHT, "alpha": "x" * 99}, r"alpha is 'x{36}\.\.\.; expected a number"),
+        ({**RIGHT, "peaks": {"u": 0}}, "peaks.u is 0; expected a number above 0"),
+        ({**RIGHT, "peaks": {"u": float("nan")}}, "peaks.u is nan"),
+    ],
+)
+def test_what_a_document_lacks_or_mistypes_is_named(wrong, said):
+    with pytest.raises(StoreError, match=rf"^a\.json cannot be read: .*{said}") as caught:
+        check_shape(wrong, SHAPE, "a.json", "make it again")
+    assert caught.value.cure == "make it again"
+
+
+@pytest.mark.parametrize(
+    ("name", "path", "value", "said"),
+    [
+        ("air-hockey", ("result",), {}, "result.pairs missing"),
+        ("air-hockey", ("histories", "search"), None, "histories.search is None; expected a text"),
+        ("scooping", ("signature", "features", 0, "scale"), 0, "scale is 0; expected a number above 0"),
+    ],
+)
+def test_a_checkpoint_with_a_mistyped_part_is_refused(tmp_path, name, path, value, said):
+    folder = shutil.copytree(SHIPPED / name, tmp_path / name)
+    _put(folder / "identifier.json", path, value)
+    with pytest.raises(StoreError, match=said) as caught:
+        load_identifier(folder)
+    assert "identifier.json" in caught.value.message and "train-sysid" in caught.value.cure
+
+
+def test_histories_with_a_mistyped_attribute_are_refused(tmp_path):
+    store = write(histories(4), tmp_path / "h.zarr")
+    _put(store / "zarr.json", ("attributes", "shard_pairs"), 0)
+    with pytest.raises(StoreError, match="shard_pairs is 0; expected a whole number above 0"):
+        Histories(store)
+
+
+def _put(file: Path, path: tuple, value) -> None:
+    """Put `value` at `path` of a JSON file."""
+    document = inner = json.loads(file.read_text())
+    for key in path[:-1]:
+        inner = inner[key]
+    inner[path[-1]] = value
+    file.write_text(json.dumps(document))

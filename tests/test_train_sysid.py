@@ -21,6 +21,8 @@ from capture_cli.errors import FitError, OptionError, OutputError, StoreError
 from capture_cli.identifiers import REGISTRY, _batches
 from capture_cli.identifiers._batches import Batches, Place, windows
 from capture_cli.identifiers._learned import LearnedIdentifier
+from capture_cli.identifiers._training import Device, Settings, Trainer
+from capture_cli.identifiers._transformer import Architecture
 from capture_cli.identifiers.rounds import Signature, run_rounds
 from capture_cli.parameters import Parameter, ParameterSpace
 from capture_cli.stages import train_sysid as stage
@@ -273,6 +275,27 @@ def test_a_checkpoint_says_what_it_is(trained, store):
     assert found.name == "capture" and found.model.window == 4
 
 
+@pytest.mark.parametrize("name", ["capture", "posterior"])
+def test_training_and_validation_loss_are_the_same_quantity(name, tmp_path):
+    """Of weights that do not move, over all pairs but those held out, and over all pairs there are."""
+    rounds = histories(64, rounds=4)
+    kind, where = REGISTRY.get(name), Device()
+    architecture = Architecture(2, 2, 6, 2, window=4, width=16, layers=1, heads=2)
+    trainer = Trainer(
+        kind,
+        SIGNATURE,
+        lambda first, last: rounds.pairs(slice(first, last)),
+        64,
+        architecture,
+        Settings(steps=1, batch=32, learning_rate=1e-12, validation=0.5),
+        where,
+    )
+    metrics = next(trainer.run())
+    judged = trainer._judge(rounds.pairs(slice(0, 32)))
+    of_trained = judged.likelihood if kind.likelihood else np.square(judged.error).mean()
+    assert metrics["training_loss"] == pytest.approx(of_trained, rel=1e-3)
+
+
 def test_early_stopping_keeps_the_best(small, tmp_path):
     document = train_sysid(
         histories=small, out=tmp_path / "c", patience=2, **{**TINY, "steps": 200, "learning_rate": 0.3}
@@ -340,6 +363,7 @@ def test_from_the_command_line(small, tmp_path):
         ({"tokens": "word"}, "--tokens 'word'"),
         ({"validation": 1.0}, "--validation"),
         ({"learning_rate": 0.0}, "--lr"),
+        ({"learning_rate": float("inf")}, "--lr inf"),
         ({"device": "gpu"}, "--device 'gpu'"),
         ({"precision": "half"}, "--precision 'half'"),
     ],

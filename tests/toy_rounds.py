@@ -8,7 +8,7 @@ import numpy as np
 
 from capture_cli.identifiers.rounds import Rounds, Signature
 from capture_cli.parameters import Parameter, ParameterSpace
-from capture_cli.stores.histories import SCHEMA, HistoriesWriter
+from capture_cli.stores.histories import HistoriesWriter
 from capture_cli.tasks.base import Feature
 
 SIGNATURE = Signature(
@@ -72,7 +72,9 @@ def write(rounds: Rounds, location: Path, **attributes) -> Path:
     writer = HistoriesWriter(str(location))
     writer.create(
         {
-            **{name: None for name in SCHEMA.attributes if name != "complete"},
+            **{name: "" for name in ("model", "mujoco")},
+            **{"library": None, "search": "randomized-binary", "alpha": 5.0, "seed": 0},
+            **{"noise": "none", "noise_sd": {}, "policy": {"name": "random", "sha256": None}},
             "task": SIGNATURE.task,
             **boxes,
             "features": [vars(f) for f in SIGNATURE.features],

@@ -13,6 +13,15 @@ _TASK = "Built-in task, or path of a task.toml."
 Force = Annotated[bool, typer.Option("--force", help="Replace --out if it exists.")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")]
 Quiet = Annotated[bool, typer.Option("--quiet", help="No progress, no tables.")]
+TakenSeed = Annotated[
+    int | None,
+    typer.Option(
+        "--seed",
+        min=0,
+        max=LARGEST_SEED,
+        help="Seed of every random choice; default that of the estimate, or 0.",
+    ),
+]
 Seed = Annotated[int, typer.Option("--seed", min=0, max=LARGEST_SEED, help="Seed of every random choice.")]
 Threads = Annotated[int | None, typer.Option("--threads", min=1, help="Threads; all cores by default.")]
 Task = Annotated[str, typer.Option("--task", help=_TASK)]

@@ -9,13 +9,13 @@ import typer
 
 from capture_cli.commands._config import Config
 from capture_cli.commands._options import (
-    LARGEST_SEED,
     Force,
     Json,
     OptionalTask,
     Quiet,
     RealLog,
     Starts,
+    TakenSeed,
     Threads,
     Window,
 )
@@ -52,15 +52,7 @@ def diagnose(
     fail_on: Annotated[
         str | None, typer.Option("--fail-on", help="Exit with 3 on this verdict: unexplained.")
     ] = None,
-    seed: Annotated[
-        int | None,
-        typer.Option(
-            "--seed",
-            min=0,
-            max=LARGEST_SEED,
-            help="Seed of every random choice; default that of the estimate, or 0.",
-        ),
-    ] = None,
+    seed: TakenSeed = None,
     threads: Threads = None,
     force: Force = False,
     json_: Json = False,

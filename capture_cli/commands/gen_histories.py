@@ -52,7 +52,7 @@ def gen_histories(
         int | None, typer.Option("--points", help="For a task.toml: points of a trajectory; 20 by default.")
     ] = None,
     amplitude: Annotated[
-        list[str], typer.Option("--amplitude", help="For a task.toml: INPUT=PEAK of the multisines.")
+        list[str], typer.Option("--amplitude", help="For a task.toml: INPUT=PEAK of the multisines, above 0.")
     ] = [],  # noqa: B006
     band: Annotated[
         tuple[float, float] | None,

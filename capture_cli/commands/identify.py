@@ -14,8 +14,8 @@ from capture_cli.commands._options import (
     OptionalTask,
     Quiet,
     RealLog,
-    Seed,
     Starts,
+    TakenSeed,
     Test,
     Threads,
     Window,
@@ -55,7 +55,7 @@ def identify(
         str | None,
         typer.Option("--fail-on", help="Exit with 3 on these verdicts: unexplained, not-identifiable."),
     ] = None,
-    seed: Seed = 0,
+    seed: TakenSeed = None,
     threads: Threads = None,
     force: Force = False,
     resume: Annotated[

@@ -48,7 +48,8 @@ class Family:
         return cls(normalisation, mean, family.whitening, np.quantile(averages, QUANTILES, axis=0).T)
 
     def with_noise(self, noise_sd: np.ndarray) -> Family:
-        """The same where what is measured has noise_sd (feature,), in the features' units, which training had not.
+        """The same where what is measured has noise_sd (feature,) or (point, feature), in the features' units, which
+        training had not.
 
         Directions in which training varied by less than the noise weigh no more than the noise allows, and what it adds
         to a distance on average is usual.

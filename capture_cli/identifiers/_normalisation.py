@@ -34,6 +34,11 @@ class Normalisation:
             *(np.maximum(s, SMALLEST_SPREAD * scale) for s in spreads),
         )
 
+    @property
+    def sizes(self) -> np.ndarray:
+        """Root mean square of the trajectories (point, feature), in the units of the features."""
+        return np.hypot(self.centre, self.spread)
+
     def inputs(self, rounds: Rounds) -> dict[str, np.ndarray]:
         """float32 arrays by the names of `_transformer.Inputs`."""
         residual = (rounds.measured - rounds.simulated) / self.residual_spread

@@ -161,12 +161,12 @@ class Trainer:
             group["lr"] = self.settings.rate(self.step)
         self.transformer.train()
         outputs = self._forward(rounds)
-        loss = self._loss(outputs, self._labels(answers)).mean()
+        labels = self._labels(answers)
         self.optimizer.zero_grad(set_to_none=True)
-        loss.backward()
+        self._objective(outputs, labels).mean().backward()
         torch.nn.utils.clip_grad_norm_(self.transformer.parameters(), CLIP)
         self.optimizer.step()
-        self._summed += loss.detach()
+        self._summed += self._loss(outputs, labels)
         self._counted += 1
 
     def _forward(self, rounds: Rounds) -> Outputs:
@@ -180,8 +180,17 @@ class Trainer:
         labels = self.signature.space.to_unit(answers).astype(np.float32)
         return torch.from_numpy(labels).to(self.device.name)
 
+    @torch.no_grad()
     def _loss(self, outputs: Outputs, labels: torch.Tensor) -> torch.Tensor:
-        """(batch, round): the likelihood; or the squared error, and the likelihood of the spread about that mean."""
+        """What evaluations judge by: the likelihood, or the squared error of the proposal, which is in the ranges."""
+        if self.kind.likelihood:
+            return negative_log_likelihood(outputs, labels, detach_mean=False).mean()
+        return (outputs.mean.clamp(0, 1) - labels).square().mean()
+
+    def _objective(self, outputs: Outputs, labels: torch.Tensor) -> torch.Tensor:
+        """What is descended (batch, round): the likelihood; or the squared error, and the likelihood of the spread
+        about that mean.
+        """
         if self.kind.likelihood:
             return negative_log_likelihood(outputs, labels, detach_mean=False)
         spread = negative_log_likelihood(outputs, labels, detach_mean=True)

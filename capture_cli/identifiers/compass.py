@@ -8,6 +8,9 @@ estimate, are compared with the one measured rollout of the round.
 
 from __future__ import annotations
 
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from itertools import pairwise
 
 import numpy as np
@@ -51,7 +54,8 @@ class Compass(RoundIdentifier):
         self._inputs = [*self._inputs, np.concatenate([2 * self._candidates - 1, action], -1)][-REMEMBERED:]
         flat = difference.reshape(*difference.shape[:2], -1)
         self._differences = [*self._differences, flat][-REMEMBERED:]
-        self._best = self.space.from_unit(self._descend())
+        with _one_thread():
+            self._best = self.space.from_unit(self._descend())
         self._candidates = self._spread_out()
 
     def _spread_out(self) -> np.ndarray:
@@ -102,6 +106,22 @@ class Compass(RoundIdentifier):
             loss.backward()
             optimizer.step()
         return [layer.detach() for layer in network]
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """torch on one thread, whatever it had before: more of them gain nothing on such small batches, and take time from
+    the simulations beside.
+    """
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+    import torch  # reads that setting
+
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
 
 
 def _forward(network, x):

@@ -78,6 +78,8 @@ def print_suite(document: Mapping[str, Any], console: Console, out_path: Path) -
         print_evaluation(evaluation, console, Path(out_path) / name)
     if document["without"]:
         console.print(f"no checkpoints for: {', '.join(document['without'])}", style="yellow")
+    for checkpoint in document.get("not_used", []):
+        console.print(f"not used: {checkpoint}", style="yellow")
 
 
 def markdown(document: Mapping[str, Any], title: str | None = None) -> str:
@@ -165,16 +167,17 @@ def _success(document: Mapping[str, Any]) -> Rows:
 def _paired(document: Mapping[str, Any]) -> Rows:
     shown = sorted({r for r in (1, 2, 3, *document["table_rounds"]) if r <= document["rounds"]})
     compared = {label: e["paired"] for label, e in document["identifiers"].items() if e.get("paired")}
+    ours = next(label for label in document["identifiers"] if label not in compared)
     cells = []
     for label, c in compared.items():
         counts = [f"{c['nearer'][r]} / {c['as_near'][r]} / {c['further'][r]}" for r in shown]
         gained = [_of_several(c["gained"][r], c["gained_se"][r]) for r in shown]
         cells += [(label, *counts), ("  nearer by", *gained)]
     note = (
-        "Pairs in which capture-refined is nearer / as near (within 0.001 of the range) / further, and the mean "
+        f"Pairs in which {ours} is nearer / as near (within 0.001 of the range) / further, and the mean "
         "by which its parameter difference is smaller ± its standard error"
     )
-    return Rows("Pair by pair", note, ("capture-refined against", *map(str, shown)), cells)
+    return Rows("Pair by pair", note, (f"{ours} against", *map(str, shown)), cells)
 
 
 def _cost(document: Mapping[str, Any]) -> Rows:

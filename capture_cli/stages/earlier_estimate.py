@@ -16,10 +16,20 @@ from capture_cli.protocol.log_checks import check_fits
 from capture_cli.protocol.prepared_log import attitudes
 from capture_cli.sim.quaternion_signs import continuous
 from capture_cli.sim.windows import Windows
+from capture_cli.stores.document_shape import NUMBER, TEXT, WHOLE, check_shape, or_none
 from capture_cli.stores.estimate import HISTORY, Estimate
 from capture_cli.stores.measured_log import MeasuredLog
+from capture_cli.stores.output import PROVENANCE
 from capture_cli.stores.result import read_provenance
 from capture_cli.tasks.base import Task
+
+OPTIONS = {  # that are taken over
+    "task": or_none(TEXT),
+    "identifier": or_none(TEXT),
+    "test": or_none(TEXT),
+    "window": or_none(NUMBER),
+    "seed": WHOLE,
+}
 
 
 @dataclass(frozen=True)
@@ -37,6 +47,7 @@ class EarlierEstimate:
         estimate = Estimate.read(path)
         again = "make the estimate again with `capture identify`"
         options = read_provenance(path, again)["options"]
+        check_shape(options, OPTIONS, f"{path / PROVENANCE}: options", again)
         return cls(path, estimate, options, estimate.document["rollouts"]["measured"])
 
     def check(self, task: Task, log: MeasuredLog) -> None:

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 from capture_cli.errors import OptionError
 from capture_cli.identifiers import REGISTRY, round_identifier
 from capture_cli.identifiers.rounds import RoundIdentifier, Signature
+from capture_cli.stages.checkpoint_hash import checkpoint_hash
 from capture_cli.stages.identifier_checkpoint import DOCUMENT, load_identifier
-from capture_cli.stores.output import sha256
 
 if TYPE_CHECKING:
     from capture_cli.identifiers._learned import TrainedModel
@@ -98,7 +98,7 @@ def _load(text: str, signature: Signature, spelled_out: Sequence[str]) -> Evalua
     facts = {
         "identifier": name,
         "checkpoint": path.name,
-        "sha256": sha256(path),
+        "sha256": checkpoint_hash(path),
         **how_trained(document),
         "history_noise": document["histories"]["noise"],
         "pairs_trained": document["result"]["pairs"]["trained"],

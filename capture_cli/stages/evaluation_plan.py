@@ -10,10 +10,10 @@ from typing import Any
 from capture_cli import observation_noise
 from capture_cli.errors import OptionError, TaskError
 from capture_cli.identifiers.rounds import Signature
+from capture_cli.stages.checkpoint_hash import checkpoint_hash
 from capture_cli.stages.evaluated_identifier import Evaluated, load_evaluated
 from capture_cli.stages.policy_checkpoint import SETTINGS, load_policy
 from capture_cli.stages.sim2sim import Sim2Sim
-from capture_cli.stores.output import sha256
 from capture_cli.tasks import load_task
 from capture_cli.tasks.base import ActionTask
 
@@ -104,7 +104,7 @@ def _attributes(task: ActionTask, policy: str, noise: str, seed: int, evaluated:
         "identifiers": [{"label": e.label, **e.facts} for e in evaluated],
         "policy": {
             "name": Path(policy).name if checkpoint else policy,
-            "sha256": sha256(Path(policy)) if checkpoint else None,
+            "sha256": checkpoint_hash(policy) if checkpoint else None,
         },
         "noise": noise,
         "seed": seed,

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from capture_cli.errors import OptionError, OutputError
+from capture_cli.stages.checkpoint_hash import with_new_hashes
 from capture_cli.stages.evaluated_identifier import Evaluated
 from capture_cli.stages.evaluation_plan import EvaluationPlan, evaluation_plan
 from capture_cli.stages.evaluation_summary import summary
@@ -64,7 +65,7 @@ def completed(out: Path, plan: EvaluationPlan) -> Evaluation:
     evaluation = Evaluation.read(out)
     _, seeds, pairs, entries = evaluation.arrays["trajectory_difference"].shape
     found = {"pairs": pairs, "seeds": seeds, "rounds": entries - 1, **evaluation.attributes}
-    _refuse_other(found, plan.recipe, out)
+    _refuse_other(found, plan, out)
     return evaluation
 
 
@@ -86,7 +87,7 @@ def carry_out(
     """Do what `plan` says and write the evaluation directory at `out`. options: for its provenance."""
     provenance = Provenance("eval-sim2sim", options, {})
     with resumable_directory(out, force=force, resume=resume) as folder:
-        _begin(folder, plan.recipe)
+        _begin(folder, plan)
         _run(plan, folder, quiet)
         arrays = _joined(plan, folder)
         tables = summary(arrays, plan.attributes, plan.task.trainable)
@@ -99,18 +100,19 @@ def carry_out(
     return evaluation
 
 
-def _begin(folder: Path, recipe: dict[str, Any]) -> None:
+def _begin(folder: Path, plan: EvaluationPlan) -> None:
     """Take note of what is run, or see that it is what an earlier run took note of."""
     path, beside = folder / RECIPE, folder / f"{RECIPE}.new"
     (folder / PARTS).mkdir(exist_ok=True)
     if path.is_file():
-        _refuse_other(json.loads(path.read_text(encoding="utf-8")), recipe, folder)
+        _refuse_other(json.loads(path.read_text(encoding="utf-8")), plan, folder)
     else:
-        write_json(beside, recipe)
+        write_json(beside, plan.recipe)
         beside.replace(path)  # whole or not at all: a run that is killed goes on
 
 
-def _refuse_other(found: dict[str, Any], wanted: dict[str, Any], where: Path) -> None:
+def _refuse_other(found: dict[str, Any], plan: EvaluationPlan, where: Path) -> None:
+    found, wanted = with_new_hashes(found, plan.inputs), plan.recipe
     other = [k for k in wanted if found.get(k) != wanted[k]]
     if other:
         raise OptionError(

@@ -30,6 +30,7 @@ WITHOUT_CHECKPOINT = ("domain-randomization", "compass")  # the paper's; others 
 # Rows in the order of the paper's Table II, and within `capture` those of its searches
 ORDER = ("expert-distillation", "tunenet", "capture")
 SEARCHES = ("linear-interpolation", "binary", "randomized-binary")
+FACTS = {"history_rounds": "L", "window": "k", "tokens": "a token per"}  # what those of PAPER are called
 REFINED, UNREFINED = "capture-refined", "posterior"
 
 
@@ -93,9 +94,11 @@ def evaluate_suite(
         if (own := _members(c, names, checkpoints))
     }
     without = [c.name for c in cells if c not in asked]
+    not_used = _not_used(suite, cells, asked, checkpoints)
     if not asked:
+        spare = f" (not used: {'; '.join(not_used)})" if not_used else ""
         raise OptionError(
-            f"--suite {suite}: no checkpoint for {', '.join(sorted({c.task for c in cells}))}",
+            f"--suite {suite}: no checkpoint for {', '.join(sorted({c.task for c in cells}))}{spare}",
             cure="give --identifier a folder with checkpoints that `capture train-sysid` wrote",
         )
     plans = {c: evaluation_plan(**o, spelled_out=[c.varied] if c.varied else []) for c, o in asked.items()}
@@ -105,7 +108,7 @@ def evaluate_suite(
     provenance = Provenance("eval-sim2sim", options, {})
     with resumable_directory(out, force=force, resume=resume) as folder:
         if not quiet:
-            _announce(plans, without, folder)
+            _announce(plans, without, not_used, folder)
         documents = _evaluate_all(plans, asked, Path(out), folder, quiet)
         document = {
             "format": FORMAT,
@@ -113,6 +116,7 @@ def evaluate_suite(
             "suite": suite,
             "cells": documents,
             "without": without,
+            "not_used": not_used,
         }
         write_json(folder / "suite.json", document)
         _write_tables(documents, folder)
@@ -120,8 +124,10 @@ def evaluate_suite(
     return document
 
 
-def _announce(plans: dict[Cell, EvaluationPlan], without: list[str], folder: Path) -> None:
-    """On stderr: what every cell is about, and how long it will all take."""
+def _announce(
+    plans: dict[Cell, EvaluationPlan], without: list[str], not_used: list[str], folder: Path
+) -> None:
+    """On stderr: what every cell is about, what is left out, and how long it will all take."""
     in_all = Expected()
     for cell, plan in plans.items():
         labels = ", ".join(e.label for e in plan.evaluated)
@@ -132,6 +138,8 @@ def _announce(plans: dict[Cell, EvaluationPlan], without: list[str], folder: Pat
             in_all += left
     if without:
         print(f"nothing to run, for want of checkpoints: {', '.join(without)}", file=sys.stderr)
+    for checkpoint in not_used:
+        print(f"not used: {checkpoint}", file=sys.stderr)
     if in_all.rollouts:
         print(f"in all {in_all}", file=sys.stderr, flush=True)
 
@@ -220,6 +228,33 @@ def _members(cell: Cell, names: list[str], checkpoints: list[tuple[Path, Mapping
     unrefined = [] if trained_so else [f"{UNREFINED}={path}" for path in refined[:1]]
     others = [str(p) for p, _ in chosen if str(p) not in refined]
     return [*names, *others, *unrefined, *refined] if chosen else []
+
+
+def _not_used(
+    suite: str,
+    cells: Sequence[Cell],
+    asked: Mapping[Cell, Mapping[str, Any]],
+    checkpoints: list[tuple[Path, Mapping[str, Any]]],
+) -> list[str]:
+    """Checkpoints that no cell takes, and why; not those of tasks of the suite that were not asked for."""
+    taken = {text for options in asked.values() for text in options["identifiers"]}
+    left_alone = {c.task for c in SUITES[suite]} - {c.task for c in cells}
+    return [
+        f"{path} ({_why_not(document, cells)})"
+        for path, document in checkpoints
+        if str(path) not in taken and document["task"] not in left_alone
+    ]
+
+
+def _why_not(document: Mapping[str, Any], cells: Sequence[Cell]) -> str:
+    """Why a checkpoint is in no cell."""
+    if document["task"] not in {c.task for c in cells}:
+        return f"of the task {document['task']!r}"
+    facts, unlike = how_trained(document), _others(document, "search") - _own_window(document)
+    if not unlike:
+        return "the ablations asked for compare several of the identifier 'capture'"
+    said = [f"{FACTS[name]} {facts[name]}, in the paper {PAPER[name]}" for name in PAPER if name in unlike]
+    return f"{'; '.join(said)}; an ablation takes several of 'capture' that differ in one such alone"
 
 
 def _place(document: Mapping[str, Any]) -> tuple[int, int]:

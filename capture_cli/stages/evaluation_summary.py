@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from capture_cli.stages.paired_comparison import paired_comparison, six_digits
+from capture_cli.stages.paired_comparison import ours_among, paired_comparison, six_digits
 
 TABLE_ROUNDS = (5, 10, 15, 20, 30)  # the paper's, Table II
 YARDSTICK = "domain-randomization"
@@ -25,7 +25,7 @@ def summary(
     difference = np.abs(arrays["estimates"] - arrays["target"][None, :, :, None]) / span
     yardstick = _yardstick(arrays, attributes)
     labels = [about["label"] for about in attributes["identifiers"]]
-    paired = paired_comparison(labels, difference)
+    paired = paired_comparison(labels, difference, ours_among(attributes["identifiers"]))
     identifiers = {}
     for k, about in enumerate(attributes["identifiers"]):
         trajectory = arrays["trajectory_difference"][k]

@@ -17,7 +17,10 @@ from capture_cli.errors import OptionError, OutputError, did_you_mean
 from capture_cli.parameters import ParameterSpace
 from capture_cli.search import REGISTRY as SEARCHES
 from capture_cli.search.base import ALPHA, Search
+from capture_cli.stages.checkpoint_hash import checkpoint_hash
 from capture_cli.stages.history_recipe import Recipe
+from capture_cli.stages.model_hash import model_hash
+from capture_cli.stages.moving_parameters import check_parameters_move_trajectories
 from capture_cli.stages.policy_checkpoint import SETTINGS, load_policy
 from capture_cli.stages.progress import Progress
 from capture_cli.stages.recorded_task import task_inputs
@@ -25,10 +28,11 @@ from capture_cli.stages.resumed_histories import is_complete, place, shards_to_m
 from capture_cli.stages.tapes import tape_task
 from capture_cli.stages.white_noise import standard_deviations
 from capture_cli.stores.histories import SHARD_PAIRS, HistoriesWriter, is_url, shard_rows
-from capture_cli.stores.output import refuse_inputs, sha256
+from capture_cli.stores.output import refuse_inputs
 from capture_cli.stores.provenance import Provenance
 from capture_cli.tasks import load_task
 from capture_cli.tasks.base import ActionTask, Task
+from capture_cli.tasks.tape_task import TapeTask
 
 ROUNDS = 7  # L of the paper
 EXECUTORS = ("local", "ray")
@@ -72,9 +76,9 @@ def gen_histories(
     out = str(out).removeprefix("file://")
     _check(pairs, rounds, executor, address)
     machine = load_task(task)
+    checkpoints = [policy] if Path(policy).exists() else []
     if not is_url(out):
-        checkpoint = policy if Path(policy).exists() else None
-        refuse_inputs(Path(out), [inputs_from, checkpoint, *task_inputs(machine).values()])
+        refuse_inputs(Path(out), [inputs_from, *checkpoints, *task_inputs(machine).values()])
     machine = _action_task(
         machine,
         seed,
@@ -97,12 +101,14 @@ def gen_histories(
     )
     attributes = _attributes(recipe, policy, search, pairs, shard_pairs)
     provenance = Provenance("gen-histories", options, {"task": machine.path, "inputs_from": inputs_from})
-    if resume and not force and is_complete(HistoriesWriter(out), attributes):
+    if resume and not force and is_complete(HistoriesWriter(out), attributes, checkpoints):
         return _summary(out, attributes, made=0, seconds=0.0)
+    if isinstance(machine, TapeTask):
+        check_parameters_move_trajectories(machine, seed=seed, threads=threads)
     began = time.monotonic()
     with _shard_maker(executor, address) as make_shards, place(out, force=force, resume=resume) as location:
         writer = HistoriesWriter(location)
-        todo = shards_to_make(writer, attributes)
+        todo = shards_to_make(writer, attributes, checkpoints)
         shards = [(s, range(pairs)[shard_rows(s, shard_pairs, pairs)]) for s in todo]
         _follow(make_shards(recipe, writer, shards, threads), shards, pairs, quiet)
         writer.finish()
@@ -160,7 +166,7 @@ def _attributes(recipe: Recipe, policy: str, search: str, pairs: int, shard_pair
     checkpoint = (Path(policy) / SETTINGS).is_file()
     return {
         "task": task.name,
-        "model": _model_hash(task.model),
+        "model": model_hash(task.model),
         "parameters": _box(task.space),
         "actions": _box(task.actions),
         "library": _hash(library) if (library := getattr(task, "library", None)) is not None else None,
@@ -175,7 +181,7 @@ def _attributes(recipe: Recipe, policy: str, search: str, pairs: int, shard_pair
         "noise_sd": {f.name: s for f, s in zip(task.features, recipe.noise_sd, strict=True)},
         "policy": {
             "name": Path(policy).name if checkpoint else policy,
-            "sha256": sha256(Path(policy)) if checkpoint else None,
+            "sha256": checkpoint_hash(policy) if checkpoint else None,
         },
         "seed": recipe.seed,
         "mujoco": mujoco.__version__,
@@ -184,12 +190,6 @@ def _attributes(recipe: Recipe, policy: str, search: str, pairs: int, shard_pair
 
 def _box(space: ParameterSpace) -> list[dict[str, Any]]:
     return [{"name": p.name, "unit": p.unit, "low": p.low, "high": p.high} for p in space]
-
-
-def _model_hash(model: mujoco.MjModel) -> str:
-    binary = np.zeros(mujoco.mj_sizeModel(model), dtype=np.uint8)
-    mujoco.mj_saveModel(model, buffer=binary)
-    return _hash(binary)
 
 
 def _hash(array: np.ndarray) -> str:

@@ -7,9 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from capture_cli import observation_noise
 from capture_cli.errors import OptionError, StoreError
 from capture_cli.identifiers import round_identifier
 from capture_cli.identifiers.rounds import RoundIdentifier, Signature
+from capture_cli.stores.document_shape import COUNT, FEATURES, NUMBER, PARAMETERS, TEXT, WHOLE
 from capture_cli.stores.provenance import write_json
 from capture_cli.stores.result import read_result
 from capture_cli.stores.tensors import save_arrays
@@ -20,7 +24,27 @@ if TYPE_CHECKING:
 FORMAT, VERSION = "capture/identifier", 1
 DOCUMENT, WEIGHTS = "identifier.json", "identifier.safetensors"
 _AGAIN = "train it again with `capture train-sysid`"
-_PARTS = {"identifier", "task", "architecture", "histories", "result", "signature"}
+SHAPE = {
+    "identifier": TEXT,
+    "task": TEXT,
+    "architecture": {"window": COUNT, "tokens": TEXT},
+    "histories": {
+        "model": TEXT,
+        "rounds": COUNT,
+        "search": TEXT,
+        "noise": TEXT,
+        "noise_sd": {str: NUMBER},
+        "mujoco": TEXT,
+    },
+    "result": {"pairs": {"trained": WHOLE}},
+    "signature": {
+        "task": TEXT,
+        "parameters": PARAMETERS,
+        "actions": PARAMETERS,
+        "features": FEATURES,
+        "point_times": [NUMBER],
+    },
+}
 
 
 @dataclass(frozen=True)
@@ -35,6 +59,18 @@ class IdentifierCheckpoint:
     def name(self) -> str:
         """The identifier's public name."""
         return self.document["identifier"]
+
+    def noise_beyond(self, noise_sd: np.ndarray) -> np.ndarray:
+        """What noise_sd (feature,) adds to the noise that the histories had: (feature,) or (point, feature).
+
+        Variances add up; noise below that of the histories adds nothing.
+        """
+        histories = self.document["histories"]
+        known = histories["noise_sd"]
+        white = np.array([known.get(f.name, 0.0) for f in self.model.signature.features])
+        scaled = observation_noise.white_sd(histories["noise"], self.model.normalisation.sizes)
+        had = np.hypot(white, scaled)
+        return np.sqrt(np.maximum(np.square(noise_sd) - np.square(had), 0)) if had.any() else noise_sd
 
     def check(self, signature: Signature, where: str | Path) -> None:
         """Raise OptionError where it was trained for another task, or for other parameters, actions or points."""
@@ -57,11 +93,7 @@ def save_identifier(model: TrainedModel, document: Mapping[str, Any], folder: Pa
 
 def read_document(path: Path) -> Mapping[str, Any]:
     """identifier.json in the directory `path`. Raises StoreError where it is missing, damaged or of another version."""
-    document = read_result(path, DOCUMENT, FORMAT, VERSION, _AGAIN)
-    missing = _PARTS - set(document)
-    if missing:
-        raise StoreError(f"{path / DOCUMENT}: {', '.join(sorted(missing))} missing", cure=_AGAIN)
-    return document
+    return read_result(path, DOCUMENT, FORMAT, VERSION, _AGAIN, SHAPE)
 
 
 def load_identifier(path: str | Path, signature: Signature | None = None) -> IdentifierCheckpoint:

@@ -51,7 +51,7 @@ def identify(
     window: float | None = None,
     starts: int = 3,
     rounds: int | None = None,
-    seed: int = 0,
+    seed: int | None = None,
     threads: int | None = None,
     resume: bool = False,
     force: bool = False,
@@ -62,7 +62,8 @@ def identify(
     identifier: a name, or the directory of a learned one, which works in rounds over the episodes before physics
     refines it; None takes the one shipped for the task, or least squares. test: recordings to hold out, "none", or None
     for a share of the log. window: s, instead of the task's. rounds: at most so many, over the episodes or of
-    simulations. resume: `out` is an estimate of the log's first episodes, and is taken up with the others.
+    simulations. resume: `out` is an estimate of the log's first episodes, and is taken up with the others; task,
+    identifier, test, window and seed are then the estimate's where None. seed: 0 where None.
     Raises CaptureError for whatever the user can mend, before anything is written.
     """
     options = {k: v for k, v in locals().items() if k not in ("quiet", "force", "resume")}
@@ -71,9 +72,9 @@ def identify(
     earlier = None
     if resume:
         earlier = EarlierEstimate.read(out)
-        for name in ("task", "identifier", "test", "window"):
+        for name in ("task", "identifier", "test", "window", "seed"):
             options[name] = options[name] if options[name] is not None else earlier.options[name]
-        options["seed"] = earlier.options["seed"]
+    options["seed"] = options["seed"] or 0
     found = find_task(options["task"], log)
     if earlier is not None:
         earlier.check(found, log)

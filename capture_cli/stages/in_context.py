@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 
 import capture_cli
@@ -15,10 +16,11 @@ from capture_cli.identifiers.rounds import Rounds, Signature, Walk, run_rounds
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.sim.engine import Engine
 from capture_cli.simulator import Simulator
+from capture_cli.stages.checkpoint_hash import checkpoint_hash
 from capture_cli.stages.identifier_checkpoint import IdentifierCheckpoint
+from capture_cli.stages.model_hash import model_hash
 from capture_cli.stages.tapes import log_tapes
 from capture_cli.stores.measured_log import MeasuredLog
-from capture_cli.stores.output import sha256
 from capture_cli.tasks.base import ActionTask, Task
 from capture_cli.tasks.tape_task import TapeTask
 
@@ -32,12 +34,14 @@ class LoggedRounds:
     """What a log gives to identify in rounds with: actions (entry, action), measured (entry, point, feature).
 
     An entry is an episode of a task of actions, or a window of any other machine. noise_sd (feature,): of measured.
+    left_out: how many windows are no entry.
     """
 
     task: ActionTask
     actions: np.ndarray
     measured: np.ndarray
     noise_sd: np.ndarray
+    left_out: int = 0
 
     def __len__(self) -> int:
         return len(self.actions)
@@ -54,7 +58,7 @@ def logged_rounds(prepared: PreparedLog, checkpoint: IdentifierCheckpoint, where
     noise_sd = np.array([noise.get(f.name, 0.0) for f in task.features])
     if isinstance(task, TapeTask):
         tapes = log_tapes(prepared, task.point_times)
-        return LoggedRounds(task, tapes.actions, tapes.outputs, noise_sd)
+        return LoggedRounds(task, tapes.actions, tapes.outputs, noise_sd, tapes.left_out)
     if prepared.log.actions is None:
         raise LogError(
             f"{prepared.log.path} has no actions (meta/actions), which an identifier of {task.name!r} needs",
@@ -107,8 +111,13 @@ class InContext:
     path: Path
     walk: Walk
     used: np.ndarray
-    entries: int
+    logged: LoggedRounds
     share_beyond: float
+
+    @property
+    def entries(self) -> int:
+        """Of the log."""
+        return len(self.logged)
 
     @property
     def proposal(self) -> np.ndarray:
@@ -118,6 +127,16 @@ class InContext:
     def sd(self) -> np.ndarray | None:
         known = self.walk.sd is not None and self.checkpoint.kind.likelihood
         return self.walk.sd[0, -1] if known else None
+
+    @property
+    def other_model(self) -> bool:
+        """Whether the histories were of another model, of a machine of the user's own: others come with the program.
+
+        Another version of MuJoCo writes models otherwise: then it is not known.
+        """
+        histories, task = self.checkpoint.document["histories"], self.logged.task
+        known = isinstance(task, TapeTask) and histories["mujoco"] == mujoco.__version__
+        return known and histories["model"] != model_hash(task.model)
 
     @property
     def in_family(self) -> bool:
@@ -142,7 +161,7 @@ class InContext:
         sd = self.sd
         return {
             "checkpoint": named(self.path),
-            "sha256": sha256(self.path),
+            "sha256": checkpoint_hash(self.path),
             "rounds": len(self.used),
             "episodes": self.entries,
             "proposal": dict(zip(names, self.proposal.tolist(), strict=True)),
@@ -159,6 +178,17 @@ class InContext:
         if len(self.used) > self.entries:
             said.append(
                 f"{len(self.used)} rounds were made with {self.entries} episodes, taken in turn again."
+            )
+        if left_out := self.logged.left_out:
+            said.append(
+                f"{left_out} of {left_out + self.entries} fitted windows begin no round, which lasts "
+                f"{self.logged.task.point_times[-1]:g} s: it would go "
+                "beyond what is fitted, or the one before goes on there."
+            )
+        if self.other_model:
+            said.append(
+                "The identifier was trained on histories of another model, or of this one before it was changed: what "
+                "it proposes is of that."
             )
         if not self.in_family:
             said.append(
@@ -220,10 +250,10 @@ def walk_log(
         simulate=simulator.trajectories,
         on_round=on_round,
     )
-    family = checkpoint.model.family.with_noise(logged.noise_sd)
+    family = checkpoint.model.family.with_noise(checkpoint.noise_beyond(logged.noise_sd))
     made = walk.rounds if earlier is None else earlier.followed_by(walk.rounds)
     beyond = float(family.share_beyond(made)[0])
-    return InContext(checkpoint, path, walk, used, len(logged), beyond)
+    return InContext(checkpoint, path, walk, used, logged, beyond)
 
 
 def _check_alike(earlier: Rounds, signature: Signature, path: Path) -> None:

@@ -2,25 +2,36 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from typing import Any
+
 import numpy as np
 
 OURS = "capture-refined"
 AS_NEAR = 1e-3  # of the range: differences below this are none
 
 
-def paired_comparison(labels: list[str], difference: np.ndarray) -> dict[str, dict[str, list[float]] | None]:
-    """For each label: after every round, how often OURS is nearer the truth than it; None where there is no OURS.
+def ours_among(identifiers: Sequence[Mapping[str, Any]]) -> str | None:
+    """The label of OURS among {label, identifier, ...}: of several the one as in the paper, else the first."""
+    labels = [about["label"] for about in identifiers if about["identifier"] == OURS]
+    return OURS if OURS in labels else next(iter(labels), None)
+
+
+def paired_comparison(
+    labels: list[str], difference: np.ndarray, ours: str | None = OURS
+) -> dict[str, dict[str, list[float]] | None]:
+    """For each label: after every round, how often `ours` is nearer the truth than it; None where there is no such one.
 
     difference (identifier, seed, pair, entry, parameter): |estimate - truth| over the range, averaged here over
-    parameters. nearer, as_near, further: pairs in which OURS is; gained: the mean by which it is nearer, gained_se its
-    standard error; p: of the sign test on nearer against further, two-sided.
+    parameters. nearer, as_near, further: pairs in which `ours` is; gained: the mean by which it is nearer, gained_se
+    its standard error; p: of the sign test on nearer against further, two-sided.
     """
-    if OURS not in labels:
+    if ours not in labels:
         return dict.fromkeys(labels)
     of_pairs = difference.mean(axis=-1).reshape(len(labels), -1, difference.shape[-2])
-    ours = of_pairs[labels.index(OURS)]
+    own = of_pairs[labels.index(ours)]
     return {
-        label: None if label == OURS else _compared(other - ours)
+        label: None if label == ours else _compared(other - own)
         for label, other in zip(labels, of_pairs, strict=True)
     }
 

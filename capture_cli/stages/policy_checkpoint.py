@@ -10,6 +10,7 @@ from capture_cli.errors import OptionError, StoreError, did_you_mean
 from capture_cli.parameters import ParameterSpace
 from capture_cli.policies import REGISTRY
 from capture_cli.policies.base import Policy
+from capture_cli.stores.document_shape import BOUNDS, OBJECT, TEXT
 from capture_cli.stores.provenance import write_json
 from capture_cli.stores.result import read_result
 from capture_cli.stores.tensors import save_arrays
@@ -17,6 +18,14 @@ from capture_cli.tasks.base import ActionTask
 
 FORMAT, VERSION = "capture/policy", 1
 SETTINGS, WEIGHTS = "policy.json", "policy.safetensors"
+SHAPE = {
+    "policy": TEXT,
+    "task": TEXT,
+    "parameters": [TEXT],
+    "actions": [TEXT],
+    "bounds": {"parameters": [BOUNDS], "actions": [BOUNDS]},
+    "settings": OBJECT,
+}
 _AGAIN = "train the policy again with `train-policy`"
 
 
@@ -91,7 +100,7 @@ def _from_checkpoint(path: Path, task: ActionTask) -> Policy:
     weights = _weights(path)
     try:
         return REGISTRY.get(settings["policy"]).from_state(task, settings["settings"], weights)
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:
         raise StoreError(
             f"{path}: {SETTINGS} and {WEIGHTS} do not belong together: {error}",
             cure=_AGAIN,
@@ -104,10 +113,12 @@ def _bounds(space: ParameterSpace) -> list[list[float]]:
 
 def read_policy(path: Path) -> dict[str, Any]:
     """policy.json in the directory `path`. Raises StoreError where it is missing, damaged or of another version."""
-    found = read_result(path, SETTINGS, FORMAT, VERSION, _AGAIN)
-    missing = {"policy", "task", "parameters", "actions", "bounds", "settings"} - set(found)
-    if missing:
-        raise StoreError(f"{path / SETTINGS}: {', '.join(sorted(missing))} missing", cure=_AGAIN)
+    found = read_result(path, SETTINGS, FORMAT, VERSION, _AGAIN, SHAPE)
+    for kind, bounds in found["bounds"].items():
+        if kind in found and len(bounds) != len(found[kind]):
+            raise StoreError(
+                f"{path / SETTINGS}: {len(bounds)} bounds of {len(found[kind])} {kind}", cure=_AGAIN
+            )
     return found
 
 

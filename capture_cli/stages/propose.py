@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from capture_cli.errors import OptionError
-from capture_cli.multisine import check_amplitude, multisine_tape, peak, peaks
+from capture_cli.multisine import check_above_zero, check_amplitude, multisine_tape, peak, peaks
 from capture_cli.protocol.next_experiment import (
     BANDS,
     SHARES,
@@ -58,7 +58,7 @@ def propose(
     if out is not None:
         refuse_inputs(out, [result, log, policy, *task_inputs(machine).values()])
     check_amplitude(machine, amplitude or {})
-    _check_above_zero(machine, amplitude or {})
+    check_above_zero(machine, amplitude or {}, "the log did")
     if diagnosed:
         if policy is not None:
             raise OptionError(
@@ -89,17 +89,6 @@ def propose(
     if policy is not None:
         raise OptionError(f"--policy: {machine.name!r} has no actions", cure="leave it out")
     return _multisine(Path(result), simulator, estimate, amplitude or {}, generator)
-
-
-def _check_above_zero(machine: Task, amplitude: Mapping[str, float]) -> None:
-    """Raise OptionError where --amplitude is no distance: of -3 nobody knows what is meant, 0 tells nothing."""
-    units = {c.name: c.unit for c in machine.inputs}
-    for name, farthest in amplitude.items():
-        if not farthest > 0:
-            raise OptionError(
-                f"--amplitude {name}={farthest:g}: how far from 0 the input may be driven is a number above 0",
-                cure=f"give a number above 0, in {units[name]}, or leave it out to go as far as the log did",
-            )
 
 
 def _machine(folder: Path, task: str | None, kind: type[Result]) -> tuple[Task, str]:

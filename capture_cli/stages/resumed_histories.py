@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from capture_cli.errors import OptionError, OutputError
+from capture_cli.stages.checkpoint_hash import with_new_hashes
 from capture_cli.stores.histories import HistoriesWriter, is_url
 from capture_cli.stores.output import resumable_directory
 
@@ -40,8 +41,12 @@ def place(out: str, *, force: bool, resume: bool) -> Iterator[str]:
     yield out
 
 
-def shards_to_make(writer: HistoriesWriter, attributes: dict[str, Any]) -> list[int]:
+def shards_to_make(
+    writer: HistoriesWriter, attributes: dict[str, Any], checkpoints: Sequence[str]
+) -> list[int]:
     """Numbers of the shards that are still to be made; the store is created where there is none.
+
+    checkpoints: folders whose hashes are among the attributes.
 
     Raises OptionError where another run was begun.
     """
@@ -49,17 +54,17 @@ def shards_to_make(writer: HistoriesWriter, attributes: dict[str, Any]) -> list[
     if found is None:
         writer.create(attributes)
     else:
-        _refuse_other(found, attributes, writer.location)
+        _refuse_other(with_new_hashes(found, checkpoints), attributes, writer.location)
     marked = writer.is_written()
     return [s for s in range(len(marked)) if not (marked[s] and writer.is_sound(s))]
 
 
-def is_complete(writer: HistoriesWriter, attributes: dict[str, Any]) -> bool:
+def is_complete(writer: HistoriesWriter, attributes: dict[str, Any], checkpoints: Sequence[str]) -> bool:
     """Whether this very run has been completed. Raises OptionError where another was."""
     found = writer.attributes()
     if found is None or not found["complete"]:
         return False
-    _refuse_other(found, attributes, writer.location)
+    _refuse_other(with_new_hashes(found, checkpoints), attributes, writer.location)
     return True
 
 

@@ -9,13 +9,21 @@ from pathlib import Path
 import numpy as np
 
 from capture_cli.errors import FitError, LogError, OptionError
-from capture_cli.multisine import BAND, check_amplitude, check_band, into_range, multisine_tape, peaks
+from capture_cli.multisine import (
+    BAND,
+    check_above_zero,
+    check_amplitude,
+    check_band,
+    into_range,
+    multisine_tape,
+    peaks,
+)
 from capture_cli.protocol.log_windows import clock
 from capture_cli.protocol.nominal_motion import nominal_motion
 from capture_cli.protocol.prepare import prepare
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.sim.engine import Starts
-from capture_cli.sim.windows import inputs_at
+from capture_cli.sim.windows import Windows, inputs_at
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.tasks.base import Task
 from capture_cli.tasks.tape_task import TapeTask, actions_of, resample
@@ -23,14 +31,20 @@ from capture_cli.tasks.tape_task import TapeTask, actions_of, resample
 POINTS = 20
 EPISODES, WINDOWS = 64, 16  # simulated for a library of multisines, and windows taken from each
 LONG = 8  # windows that such an episode lasts
+BEYOND = 1.5  # sampling intervals: so much before its end a tape's last sample may be
+OVERLAP = 0.1  # of a tape: by less than this windows of uneven times may begin before the one before ends
 
 
 @dataclass(frozen=True)
 class Tapes:
-    """actions (window, action), and the outputs at the points (window, point, output)."""
+    """actions (tape, action), and the outputs at the points (tape, point, output).
+
+    left_out: how many windows of a log begin no tape.
+    """
 
     actions: np.ndarray
     outputs: np.ndarray
+    left_out: int = 0
 
 
 def tape_task(
@@ -76,7 +90,11 @@ def tape_task(
 
 
 def log_tapes(prepared: PreparedLog, point_times: np.ndarray) -> Tapes:
-    """The windows of a log that the log covers to their end. Raises LogError where there is none, or samples lack."""
+    """Tapes of a log, from the starts of its windows to the last of `point_times` (point,), s.
+
+    A window begins none where that is beyond the windows there are, one behind the other (what was held out is not
+    read), or where the tape before goes on into it. Raises LogError where there is none, or samples lack.
+    """
     task, log, windows = prepared.task, prepared.log, prepared.windows
     lacking = [
         name for name, every in zip(log.output_names, log.sampled.all(axis=0), strict=True) if not every
@@ -88,23 +106,49 @@ def log_tapes(prepared: PreparedLog, point_times: np.ndarray) -> Tapes:
             cure="identify with --identifier least-squares, which needs no histories; or take that output out of the "
             "task.toml, and import the files and make the histories again",
         )
-    grid = task.timestep * np.arange(round(point_times[-1] / task.timestep) + 1)
+    lasts = point_times[-1]
+    grid = task.timestep * np.arange(round(lasts / task.timestep) + 1)
     inputs, outputs, whole = [], [], []
     clocked, episodes = clock(log), log.episodes
-    for w, (episode, start) in enumerate(zip(windows.episode, windows.time, strict=True)):
+    before, until = -1, -np.inf  # episode and end of the tape before
+    for w, (episode, start, stop) in enumerate(
+        zip(windows.episode, windows.time, _stops(windows), strict=True)
+    ):
         steps = episodes[int(episode)]
-        time = clocked[steps]
-        if time[-1] < start + point_times[-1] - np.median(np.diff(time)):
+        time, read = clocked[steps], slice(steps.start, stop)
+        ends = start + lasts
+        if clocked[stop - 1] < ends - BEYOND * np.median(np.diff(time)):
             continue
+        if episode == before and start < until - OVERLAP * lasts:
+            continue
+        before, until = episode, ends
         inputs.append(inputs_at(start + grid, time, log.inputs[steps], task.timestep, task.linear))
-        outputs.append(
-            np.stack([np.interp(start + point_times, time, y) for y in log.outputs[steps].T], axis=1)
-        )
+        outputs.append(_at(start + point_times, clocked[read], log.outputs[read]))
         whole.append(w)
     if not whole:
-        raise LogError(f"{log.path}: no window of {point_times[-1]:g} s", cure="give a shorter --window")
+        raise LogError(
+            f"{log.path}: nowhere {lasts:g} s that are read without a break",
+            cure="record longer, hold out less (--test), or make histories with a shorter --window",
+        )
     tapes = resample(np.stack(inputs), task.timestep, point_times)
-    return Tapes(actions_of(prepared.starts.starts.rows(whole), tapes), np.stack(outputs))
+    starts = prepared.starts.starts.rows(whole)
+    return Tapes(actions_of(starts, tapes), np.stack(outputs), len(windows) - len(whole))
+
+
+def _stops(windows: Windows) -> np.ndarray:
+    """The step of the log after the windows that lie one behind the other from each on, (window,)."""
+    stops = windows.first + windows.samples
+    for w in reversed(range(len(windows) - 1)):
+        if windows.first[w + 1] == stops[w] and windows.episode[w + 1] == windows.episode[w]:
+            stops[w] = stops[w + 1]
+    return stops
+
+
+def _at(times: np.ndarray, time: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """`values` (step, output), sampled at `time`, at `times`: between samples, and after the last as before it."""
+    before = np.clip(np.searchsorted(time, times, side="right") - 1, 0, len(time) - 2)
+    weight = ((times - time[before]) / (time[before + 1] - time[before]))[:, None]
+    return (1 - weight) * values[before] + weight * values[before + 1]
 
 
 def _multisine_tapes(
@@ -116,6 +160,7 @@ def _multisine_tapes(
 ) -> Tapes:
     """Windows of the nominal machine, driven by multisines from rest; activations of actuators begin at 0."""
     check_amplitude(machine, amplitude)
+    check_above_zero(machine, amplitude, "the actuator does")
     check_band(band)
     generator = np.random.default_rng(seed)
     steps = round(point_times[-1] / machine.timestep) + 1

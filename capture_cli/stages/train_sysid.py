@@ -173,8 +173,8 @@ def _check_sizes(store: Histories, batch: int, steps: int, learning_rate: float,
             cure=f"make at least {SMALLEST_HISTORIES}; thousands are needed to learn anything",
         )
     for option, value in (("--batch", batch), ("--steps", steps), ("--lr", learning_rate)):
-        if not value > 0:
-            raise OptionError(f"{option} {value}", cure="give a positive number")
+        if not 0 < value < np.inf:
+            raise OptionError(f"{option} {value}", cure="give a positive number, and a finite one")
     if not 0 < validation < 1:
         raise OptionError(f"--validation {validation:g}", cure="give a share between 0 and 1, say 0.1")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from capture_cli.stores.document_shape import NUMBER, OBJECT, TEXT, WHOLE, or_none
 from capture_cli.stores.result import Result
 from capture_cli.stores.schema import STARTS, ArraySpec, Schema
 
@@ -73,8 +74,21 @@ SCHEMA = Schema(
 )
 
 
+SHAPE = {  # of what is read of estimate.json
+    "task": TEXT,
+    "log": {"path": TEXT, "sha256": TEXT, "input_peaks?": or_none({str: NUMBER})},
+    "parameters": {str: {"value": NUMBER}},
+    "noise_floor": {str: NUMBER},
+    "rollouts": {"measured": WHOLE},
+    "rounds": [OBJECT],
+    "split": {"how": TEXT},
+    "verdict": TEXT,
+}
+
+
 class Estimate(Result):
     """estimate.json and estimate.zarr."""
 
     NAME, CURE = "estimate", _CURE
     FORMAT, VERSION, SCHEMA = FORMAT, VERSION, SCHEMA
+    SHAPE = SHAPE

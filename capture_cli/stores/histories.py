@@ -15,6 +15,17 @@ from typing import Any
 import numpy as np
 
 from capture_cli.errors import StoreError
+from capture_cli.stores.document_shape import (
+    COUNT,
+    FEATURES,
+    FLAG,
+    NUMBER,
+    PARAMETERS,
+    TEXT,
+    WHOLE,
+    check_shape,
+    or_none,
+)
 from capture_cli.stores.schema import ArraySpec, Schema, open_array, open_group
 
 SHARD_PAIRS = 256  # the unit of work: at most so much is lost when a run is killed
@@ -84,6 +95,26 @@ SCHEMA = Schema(
     },
     cure_for_other_version="make it again with `capture gen-histories`",
 )
+SHAPE = {
+    "complete": FLAG,
+    "task": TEXT,
+    "model": TEXT,
+    "parameters": PARAMETERS,
+    "actions": PARAMETERS,
+    "library": or_none(TEXT),
+    "features": FEATURES,
+    "point_times": [NUMBER],
+    "pairs": COUNT,
+    "shard_pairs": COUNT,
+    "rounds": COUNT,
+    "search": TEXT,
+    "alpha": or_none(NUMBER),
+    "noise": TEXT,
+    "noise_sd": {str: NUMBER},
+    "policy": {"name": TEXT, "sha256": or_none(TEXT)},
+    "seed": WHOLE,
+    "mujoco": TEXT,
+}
 _CHECK_URL = "check the URL, and that the package that opens its scheme is installed (s3fs for s3://)"
 DATA = tuple(a for a in SCHEMA.arrays if a.path != MARKS)
 
@@ -182,6 +213,7 @@ class Histories:
         self._group = _open(self.location)
         self.attributes = dict(self._group.attrs)
         SCHEMA.check_header(self.location, self.attributes)
+        check_shape(self.attributes, SHAPE, self.location, SCHEMA.cure_for_other_version)
         if not self.attributes["complete"]:
             raise StoreError(
                 f"{self.location} is not finished",

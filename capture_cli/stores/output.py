@@ -6,7 +6,7 @@ import errno
 import hashlib
 import os
 import shutil
-from collections.abc import Iterable, Iterator
+from collections.abc import Container, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -159,13 +159,17 @@ def refuse_inputs(path: Path, inputs: Iterable[Path | str | None], *, option: st
         raise OutputError(f"{option} {path} {how} {given}, which is read", cure=f"choose another {option}")
 
 
-def sha256(path: Path) -> str:
-    """Hash of a file, or of a folder's files with their names (but provenance.json, which holds timings)."""
+def sha256(path: Path, only: Container[str] | None = None) -> str:
+    """Hash of a file, or of a folder's files with their names (but provenance.json, which holds timings).
+
+    only: names of those that count, where not all do.
+    """
     path = Path(path)
     if path.is_file():
         return hashlib.sha256(path.read_bytes()).hexdigest()
     digest = hashlib.sha256()
-    for file in sorted(f for f in path.rglob("*") if f.is_file() and f.name != PROVENANCE):
+    counts = [f for f in path.rglob("*") if f.is_file() and f.name != PROVENANCE]
+    for file in sorted(f for f in counts if only is None or f.relative_to(path).as_posix() in only):
         digest.update(file.relative_to(path).as_posix().encode() + b"\0")
         digest.update(hashlib.sha256(file.read_bytes()).digest())
     return digest.hexdigest()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Self
@@ -11,6 +12,7 @@ import numpy as np
 
 from capture_cli.errors import StoreError
 from capture_cli.stores import provenance
+from capture_cli.stores.document_shape import OBJECT, TEXT, check_shape
 from capture_cli.stores.output import PROVENANCE
 from capture_cli.stores.provenance import write_json
 from capture_cli.stores.schema import Schema
@@ -21,6 +23,7 @@ class Result:
     """NAME.json as a dict (`document`) and the arrays of NAME.zarr by path.
 
     FORMAT and VERSION are those of NAME.json, and SCHEMA is that of NAME.zarr. CURE: of one that cannot be read.
+    SHAPE: of what stages read of NAME.json.
     """
 
     NAME: ClassVar[str]
@@ -28,6 +31,7 @@ class Result:
     VERSION: ClassVar[int]
     SCHEMA: ClassVar[Schema]
     CURE: ClassVar[str]
+    SHAPE: ClassVar[Mapping[str, Any]] = {}
 
     document: dict[str, Any]
     arrays: dict[str, np.ndarray]
@@ -46,16 +50,21 @@ class Result:
     @classmethod
     def read_document(cls, folder: Path) -> dict[str, Any]:
         """NAME.json alone. Raises StoreError where there is none, or it is damaged or of another version."""
-        return read_result(Path(folder), f"{cls.NAME}.json", cls.FORMAT, cls.VERSION, cls.CURE)
+        return read_result(Path(folder), f"{cls.NAME}.json", cls.FORMAT, cls.VERSION, cls.CURE, cls.SHAPE)
 
 
 def read_provenance(folder: Path, cure: str) -> dict[str, Any]:
     """The provenance.json of a result directory. Raises StoreError where it is none, damaged or of another version."""
-    return read_result(folder, PROVENANCE, provenance.FORMAT, provenance.VERSION, cure)
+    shape = {"options": OBJECT, "inputs": {str: {"path": TEXT, "sha256": TEXT}}}
+    return read_result(folder, PROVENANCE, provenance.FORMAT, provenance.VERSION, cure, shape)
 
 
-def read_result(folder: Path, name: str, form: str, version: int, cure: str) -> dict[str, Any]:
-    """The JSON document `name` of a result directory. Raises StoreError where it is not one of `form`."""
+def read_result(
+    folder: Path, name: str, form: str, version: int, cure: str, shape: Mapping[str, Any] | None = None
+) -> dict[str, Any]:
+    """The JSON document `name` of a result directory. Raises StoreError where it is not one of `form`, or lacks or
+    mistypes what `shape` says.
+    """
     path = folder / name
     if not folder.exists():
         raise StoreError(f"{folder} does not exist", cure="check the path")
@@ -71,4 +80,5 @@ def read_result(folder: Path, name: str, form: str, version: int, cure: str) -> 
         raise StoreError(
             f"{path}: {form} version {document.get('version')!r}; this program reads {version}", cure=cure
         )
+    check_shape(document, shape or {}, path, cure)
     return document

@@ -1,0 +1,95 @@
+"""What a document has to hold: a shape that it is laid beside, so that what is missing or mistyped is named.
+
+A shape is a Kind; {KEY: shape} for an object with these keys, and others ("KEY?": may be missing); {str: shape} for one
+of any keys; [shape] for a list; or_none(shape).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from capture_cli.errors import StoreError
+
+SHOWN = 40  # characters of what was found
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What a value is, in words, and whether one is."""
+
+    expected: str
+    holds: Callable[[Any], bool]
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _is_whole(value: Any) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool)
+
+
+TEXT = Kind("a text", lambda v: isinstance(v, str))
+FLAG = Kind("true or false", lambda v: isinstance(v, bool))
+NUMBER = Kind("a number", _is_number)
+POSITIVE = Kind("a number above 0", lambda v: _is_number(v) and v > 0)
+WHOLE = Kind("a whole number of 0 or more", lambda v: _is_whole(v) and v >= 0)
+COUNT = Kind("a whole number above 0", lambda v: _is_whole(v) and v > 0)
+BOUNDS = Kind(
+    "[low, high]", lambda v: isinstance(v, list) and len(v) == 2 and all(map(_is_number, v)) and v[0] < v[1]
+)
+OBJECT = Kind("an object", lambda v: isinstance(v, dict))
+# as spaces and features are written
+PARAMETERS = [{"name": TEXT, "unit": TEXT, "low": NUMBER, "high": NUMBER}]
+FEATURES = [{"name": TEXT, "unit": TEXT, "scale": POSITIVE}]
+
+
+def or_none(shape: Any) -> tuple[Any, None]:
+    """The shape, or null."""
+    return shape, None
+
+
+def check_shape(document: Any, shape: Any, where: object, cure: str) -> None:
+    """Raise StoreError, which names the first part of `document`, read from `where`, that is not of `shape`."""
+    for fault in _faults(document, shape, ""):
+        raise StoreError(f"{where} cannot be read: {fault}", cure=cure)
+
+
+def _faults(value: Any, shape: Any, name: str) -> Iterator[str]:
+    if isinstance(shape, tuple):
+        if value is not None:
+            yield from _faults(value, shape[0], name)
+    elif isinstance(shape, Kind):
+        if not shape.holds(value):
+            yield _unlike(value, shape.expected, name)
+    elif isinstance(shape, list):
+        if not isinstance(value, list):
+            yield _unlike(value, "a list", name)
+            return
+        for number, item in enumerate(value):
+            yield from _faults(item, shape[0], f"{name}[{number}]")
+    elif not isinstance(value, dict):
+        yield _unlike(value, OBJECT.expected, name)
+    elif str in shape:
+        for key, item in value.items():
+            yield from _faults(item, shape[str], f"{name}.{key}".lstrip("."))
+    else:
+        yield from _faults_of_keys(value, shape, name)
+
+
+def _faults_of_keys(value: dict[str, Any], shape: dict[str, Any], name: str) -> Iterator[str]:
+    missing = [key for key in shape if not key.endswith("?") and key not in value]
+    if missing:
+        yield f"{', '.join(f'{name}.{key}'.lstrip('.') for key in missing)} missing"
+    for key, inner in shape.items():
+        key = key.removesuffix("?")
+        if key in value:
+            yield from _faults(value[key], inner, f"{name}.{key}".lstrip("."))
+
+
+def _unlike(value: Any, expected: str, name: str) -> str:
+    found = repr(value)
+    return f"{name} is {found if len(found) <= SHOWN else found[: SHOWN - 3] + '...'}; expected {expected}"
