@@ -11,10 +11,8 @@ from capture_cli.simulator import Simulator
 from capture_cli.tasks.base import ActionTask
 from capture_cli.tasks.tape_task import TapeTask
 
-ACTIONS = (
-    8,
-    64,
-)  # tried, the more only with parameters that the fewer do not show: a stop may hardly ever be hit
+# Tried, the more only with parameters that the fewer do not show: a stop may hardly ever be hit
+ACTIONS = (8, 64)
 MOVES_LEAST = 1e-9  # of a feature's scale: less is rounding
 
 

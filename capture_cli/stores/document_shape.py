@@ -1,7 +1,8 @@
 """What a document has to hold: a shape that it is laid beside, so that what is missing or mistyped is named.
 
 A shape is a Kind; {KEY: shape} for an object with these keys, and others ("KEY?": may be missing); {str: shape} for one
-of any keys; [shape] for a list; or_none(shape).
+of any keys; [shape] for a list; or_none(shape). (A library for JSON schemas says what is wrong in the words of its
+schema, not of the user's document, and takes longer to import than `capture inspect` to answer.)
 """
 
 from __future__ import annotations
