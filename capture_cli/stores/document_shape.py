@@ -2,7 +2,7 @@
 
 A shape is a Kind; {KEY: shape} for an object with these keys, and others ("KEY?": may be missing); {str: shape} for one
 of any keys; [shape] for a list; or_none(shape). (A library for JSON schemas says what is wrong in the words of its
-schema, not of the user's document, and takes longer to import than `capture inspect` to answer.)
+schema, not of the user's document.)
 """
 
 from __future__ import annotations
