@@ -524,7 +524,8 @@ def test_a_policy_from_its_checkpoint(checkpoint, generate, slider):
     ("change", "error", "message"),
     [
         ({"task": "air-hockey"}, OptionError, "is for the task 'air-hockey'"),
-        ({"parameters": ["mass"]}, OptionError, r"its parameters are \(mass\)"),
+        ({"parameters": ["mass", "gain"]}, OptionError, r"its parameters are \(mass, gain\)"),
+        ({"parameters": ["mass"]}, StoreError, "2 bounds of 1 parameters"),
         ({"version": 2}, StoreError, "version 2; this program reads"),
     ],
 )

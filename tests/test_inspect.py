@@ -574,6 +574,10 @@ def test_result_directories_are_described(tmp_path, kind):
         "parameters": {"mass": parameter, "gain": {**parameter, "at_bound": True}},
         "effects": [{"name": "coulomb-friction", "site": "x"}] if kind == "diagnosis" else [],
         "expression": {"text": "missing force at x = -3.2 v", "terms": [{"site": "x: v"}]},
+        "noise_floor": {"q": 1e-3},
+        "rollouts": {"measured": 4},
+        "rounds": [],
+        "split": {"how": "1 of 4 episodes held out"},
     }
     folder = tmp_path / f"my {kind}"
     folder.mkdir()

@@ -20,8 +20,7 @@ _S, _O, _T = mujoco.mjtSensor, mujoco.mjtObj, mujoco.mjtTrn
 # Without the actuator of its own joint: there it is a transmission that gives, or the sensor's scale.
 _OF_ACTUATOR = (_S.mjSENS_ACTUATORPOS, _S.mjSENS_ACTUATORVEL, _S.mjSENS_ACTUATORFRC)
 _OF_JOINT = (_S.mjSENS_JOINTPOS, _S.mjSENS_JOINTVEL, _S.mjSENS_JOINTACTFRC)
-
-
+# What an actuator acts on, by its kind of transmission; others act on several bodies
 _DRIVES = {
     int(_T.mjTRN_JOINT): int(_O.mjOBJ_JOINT),
     int(_T.mjTRN_JOINTINPARENT): int(_O.mjOBJ_JOINT),
@@ -128,6 +127,8 @@ def _body(model: mujoco.MjModel, kind: int, which: int) -> int:
             return int(model.site_bodyid[which])
         case _O.mjOBJ_GEOM:
             return int(model.geom_bodyid[which])
+        case _O.mjOBJ_CAMERA:
+            return int(model.cam_bodyid[which])
         case _O.mjOBJ_BODY | _O.mjOBJ_XBODY:
             return which
     return 0
