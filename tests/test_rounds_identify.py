@@ -6,6 +6,7 @@ import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -284,17 +285,15 @@ def test_noise_by_which_training_was_scaled_grows_with_what_is_measured(scooping
     assert not checkpoint.noise_beyond(had.min(axis=0)).any()
 
 
+def driven(slider_task: Path) -> dict[str, Any]:
+    """Options of a log of four seconds of the slider."""
+    return {"task": str(slider_task), "duration": 4, "amplitude": {"drive": 8}, "rate": 100, "threads": 1}
+
+
 def test_rounds_read_no_sample_that_was_held_out(slider_task, tmp_path):
     """Also where rounds last longer than windows, which then do not all begin one: no two rounds share samples."""
     task = load_task(str(slider_task))
-    record(
-        task=str(slider_task),
-        out=tmp_path / "log.zarr",
-        duration=4,
-        amplitude={"drive": 8},
-        rate=100,
-        threads=1,
-    )
+    record(out=tmp_path / "log.zarr", **driven(slider_task))
     log = MeasuredLog.read(tmp_path / "log.zarr")
     wide, narrow = (prepare(log, task, window=w, test=None, seed=0) for w in (0.5, 0.25))
     times = np.linspace(0, 0.5, 6)
@@ -312,14 +311,7 @@ def test_rounds_read_no_sample_that_was_held_out(slider_task, tmp_path):
 
 
 def test_windows_that_begin_no_round_are_counted_and_another_model_is_noticed(slider_task, tmp_path):
-    record(
-        task=str(slider_task),
-        out=tmp_path / "log.zarr",
-        duration=4,
-        amplitude={"drive": 8},
-        rate=100,
-        threads=1,
-    )
+    record(out=tmp_path / "log.zarr", **driven(slider_task))
     options = {"task": str(slider_task), "threads": 1, "quiet": True}
     gen_histories(**options, out=tmp_path / "h.zarr", pairs=40, rounds=3, amplitude={"drive": 8})
     train_sysid(histories=tmp_path / "h.zarr", out=tmp_path / "c", **{**TINY, "steps": 1})

@@ -7,8 +7,9 @@ neither accelerations nor noise-free states are needed.) The time t is that sinc
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import mujoco
 import numpy as np
@@ -57,7 +58,6 @@ class ExpressionTerm(Effect):
         self.term = term
         self.dof = int(model.jnt_dofadr[joint])
         self.site = f"{object_name(model, 'joint', joint)}: {term.text}"
-        self._value = eval(f"lambda world: {term.of('world', ':, ')}", {"np": np})
 
     @classmethod
     def sites(cls, model):
@@ -68,6 +68,11 @@ class ExpressionTerm(Effect):
         force = "N m" if int(self.model.jnt_type[self.joint]) == HINGE else "N"
         most = ROOM * characteristic_force(self.model, self.joint) / self.term.scale
         return (Parameter("coefficient", f"{force} per {self.term.unit}", -most, most, 0.0),)
+
+    @cached_property
+    def _value(self) -> Callable[[World], np.ndarray]:
+        """The term (simulation,) in a world: compiled once it is simulated; few of many are."""
+        return eval(f"lambda world: {self.term.of('world', ':, ')}", {"np": np})
 
     def force(self, values, timestep, **_):
         def push(world: World) -> None:

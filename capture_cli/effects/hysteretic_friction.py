@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from capture_cli.effects._joint_force import ForceOfKernel, JointForce
-from capture_cli.effects._scales import free_inertia
+from capture_cli.effects._followed_force import FollowedForce
+from capture_cli.effects._joint_force import ForceOfKernel
+from capture_cli.effects._scales import STIFFEST, free_inertia
 from capture_cli.parameters import Parameter
 from capture_cli.sim.turning_points import WaysBefore
 
 TURNED = 4.0  # times the noise of what measures the joint: less is no way back
 HIDES = 2.0  # times that noise: of the way, what nobody knows when a window begins
 FORGOTTEN = 5.0  # times the distance that friction takes to build up: then nothing is left of what was before
-STIFFEST = 0.5  # rad a step, of the oscillation of what the joint moves on its bristles
 
 
 class Bristles:
@@ -35,7 +35,7 @@ class Bristles:
         self.wound = side + (self.wound - side) * np.exp(-np.abs(way) / self.distance)
 
 
-class HystereticFriction(JointForce):
+class HystereticFriction(FollowedForce):
     """Dry friction of size `friction` (N or N m) that a joint has to move about `distance` (m or rad) to build up, and
     as far to turn: over less than that it is a spring.
 
@@ -67,17 +67,8 @@ class HystereticFriction(JointForce):
         if self.seen is not None:
             self._ways_before = WaysBefore(self.seen.path, self.seen.stretches, TURNED * self.seen.noise)
 
-    @property
-    def shows(self):
-        return super().shows and self.seen is not None
-
-    def force(self, values, timestep, *, states=None, first=None, **_):
-        given = self.coefficients(values)
-        if first is None or self.seen is None:
-            return ForceOfKernel(self, given, timestep)
-        states = np.zeros((len(values), len(self.states))) if states is None else states
-        given["wound"] = self._wound(given, first, states)
-        return ForceWoundUpToHere(self, given, timestep)
+    def force_since(self, given, timestep, first, states):
+        return ForceWoundUpToHere(self, given | {"wound": self._wound(given, first, states)}, timestep)
 
     def states_matter(self, first):
         if self.seen is None:

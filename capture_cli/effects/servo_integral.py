@@ -5,7 +5,8 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from capture_cli.effects._joint_force import ForceOfKernel, JointForce
+from capture_cli.effects._followed_force import FollowedForce
+from capture_cli.effects._joint_force import ForceOfKernel
 from capture_cli.effects._kernel import Companion, call
 from capture_cli.effects._places import reference, site_id
 from capture_cli.effects._scales import POSITION_ERROR, driven_joint
@@ -46,7 +47,7 @@ class IntegralTerm:
         self.integral = np.clip(self.integral + way, -self.limit, self.limit)
 
 
-class ServoIntegral(JointForce):
+class ServoIntegral(FollowedForce):
     """The actuator gives `ki` z more than its gains on position and speed, within its forcerange together, with ki in
     N/(m s) or N m/(rad s) and z the integral of set point - length, m s or rad s, which stays within +- `limit`: the
     force within ki limit.
@@ -106,14 +107,10 @@ class ServoIntegral(JointForce):
 
     @property
     def shows(self):
-        return super().shows and self.seen is not None and self.actuator in self.seen.controls
+        return super().shows and self.actuator in self.seen.controls
 
-    def force(self, values, timestep, *, states=None, first=None, **_):
-        given = self.coefficients(values)
-        if first is None or self.seen is None:
-            return ForceOfKernel(self, given, timestep)
-        given |= {"first": first, "begun": np.zeros(len(first)) if states is None else states[:, 0]}
-        return ForceSinceBefore(self, given, timestep)
+    def force_since(self, given, timestep, first, states):
+        return ForceSinceBefore(self, given | {"first": first, "begun": states[:, 0]}, timestep)
 
     def gears(self, world: World) -> np.ndarray:
         """(simulation,), which a parameter may have changed."""

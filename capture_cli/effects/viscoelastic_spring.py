@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from scipy.signal import lfilter
 
-from capture_cli.effects._joint_force import ForceOfKernel, JointForce
-from capture_cli.effects._scales import free_inertia
+from capture_cli.effects._followed_force import FollowedForce
+from capture_cli.effects._joint_force import ForceOfKernel
+from capture_cli.effects._scales import STIFFEST, free_inertia
 from capture_cli.parameters import Parameter
 
-STIFFEST = 0.5  # rad a step, of the oscillation of what the joint moves on the spring
 QUICKEST = 4.0  # steps of the log, or of the model, that relaxing takes: what is quicker is a damper
 SLOWEST = 0.5  # of the longest episode: what is slower is an elastic spring
 FORGOTTEN = 5.0  # times the relaxation time: then nothing is left of what was before
@@ -34,7 +34,7 @@ class MaxwellElement:
         return -self.stiffness * self.stretch
 
 
-class ViscoelasticSpring(JointForce):
+class ViscoelasticSpring(FollowedForce):
     """A spring of `stiffness` (N/m or N m/rad) that creeps after the joint, so that its force has fallen to 37 % after
     `relaxation` seconds: one arm of a Maxwell model of rubber, beside the spring that stays, which is linear-stiffness.
 
@@ -73,18 +73,9 @@ class ViscoelasticSpring(JointForce):
                 self._began[steps] = self.seen.time[steps.start]
             self._sampled = float(np.median(np.diff(self.seen.time)))
 
-    @property
-    def shows(self):
-        return super().shows and self.seen is not None
-
-    def force(self, values, timestep, *, states=None, first=None, **_):
-        given = self.coefficients(values)
-        if first is None or self.seen is None:
-            return ForceOfKernel(self, given, timestep)
-        stretched = np.zeros(len(first)) if states is None else states[:, 0]
-        return ForceSinceBefore(
-            self, given | {"rest": self._rest(given["relaxation"], first, stretched)}, timestep
-        )
+    def force_since(self, given, timestep, first, states):
+        rest = self._rest(given["relaxation"], first, states[:, 0])
+        return ForceSinceBefore(self, given | {"rest": rest}, timestep)
 
     def states_matter(self, first):
         if self.seen is None:
