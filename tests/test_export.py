@@ -472,12 +472,28 @@ def test_a_diagnosis_of_another_model_is_refused(tasks, tmp_path):
     (source / "diagnosis.json").write_text(json.dumps(changed))
     with pytest.raises(ModelError, match="Cogging cannot sit at 'rail'"):
         export(result=source, out=tmp_path / "m.xml")
-    changed["effects"][0] |= {"site": "x", "parameters": {"sine": {"value": 1.0}}}
+    changed["effects"][0] |= {"site": "x", "parameters": {"sine": {"value": 1.0, "high": 2.0}}}
     (source / "diagnosis.json").write_text(json.dumps(changed))
     with pytest.raises(StoreError, match=r"cogging@x has the parameters \(sine\)"):
         export(result=source, out=tmp_path / "m.xml")
     with pytest.raises(StoreError, match=r"neither estimate\.json nor diagnosis\.json"):
         export(result=tmp_path, out=tmp_path / "m.xml")
+
+
+@pytest.mark.parametrize(
+    ("changed", "fault"),
+    [
+        ({"effects": [{"name": "cogging"}]}, r"effects\[0\]\.site, effects\[0\]\.parameters missing"),
+        ({"parameters": {"mass": {"value": "2"}}}, "parameters.mass.value is '2'; expected a number"),
+        ({"expression": {"terms": [{"site": "x: v", "coefficient": None}]}}, "coefficient is None; expected"),
+    ],
+)
+def test_a_diagnosis_that_is_mistyped_is_refused(changed, fault, tasks, tmp_path):
+    source = diagnosis(tmp_path / "d", tasks["slider"], {})
+    document_ = json.loads((source / "diagnosis.json").read_text())
+    (source / "diagnosis.json").write_text(json.dumps(document_ | changed))
+    with pytest.raises(StoreError, match=fault):
+        export(result=source, out=tmp_path / "m.xml")
 
 
 def test_the_command_says_what_it_wrote(tasks, tmp_path):

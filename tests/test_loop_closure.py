@@ -245,3 +245,26 @@ def test_a_start_moves_as_the_constraints_let_it(name):
     once = (found.together[0] @ moves.reshape(-1, 2, model.nv, 1)).reshape(-1, 2 * model.nv)
     twice = (found.together[0] @ once.reshape(-1, 2, model.nv, 1)).reshape(-1, 2 * model.nv)
     np.testing.assert_allclose(twice, once, atol=0.02 * 1e-4)  # what they let pass they let pass whole
+
+
+@settings(max_examples=20, deadline=None)
+@given(first=st.integers(0, 600), turns=st.integers(-3, 3))
+def test_an_episode_may_begin_anywhere(first, turns):
+    """The crank's first angle may be far from the model's own, and an encoder counts turns that were before the log."""
+    model, time, outputs, qpos, _ = driven(*MACHINES["press"])
+    outputs = outputs + 2 * np.pi * turns
+    found = estimated(model, time[first:], outputs[first:], np.array([0])).starts
+    assert abs(found.qpos[0, 0] - outputs[first, 0]) < 20 * NOISE
+    np.testing.assert_allclose(np.exp(1j * found.qpos[0, 1]), np.exp(1j * qpos[first, 1]), atol=20 * NOISE)
+    np.testing.assert_allclose(found.qpos[0, 2], qpos[first, 2], atol=20 * NOISE)
+
+
+def test_a_fast_crank_is_followed_through_sparse_samples():
+    model, time, outputs, qpos, _ = driven(*MACHINES["press"])
+    few = slice(None, None, 25)  # up to a radian apart
+    time, outputs, qpos = time[few], outputs[few], qpos[few]
+    assert np.abs(np.diff(outputs[:, 0])).max() > 0.8
+    crank = np.array([0])
+    at = np.arange(len(time))
+    followed = LoopClosure(model).follow(time, outputs, crank, crank, np.full(1, NOISE), model.qpos0, at)
+    np.testing.assert_allclose(followed, qpos, atol=20 * NOISE)

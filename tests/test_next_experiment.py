@@ -69,6 +69,7 @@ def test_what_is_proposed_is_what_was_judged(tmp_path, monkeypatch):
     mine, other = (with_effect(fits, *e) for e in (("coulomb-friction", 1.0), ("cubic-stiffness", 50.0)))
     found = next_experiment(fits, mine, [other], seed=5)
     document = {"format": "capture/diagnosis", "version": 1, "verdict": "tied", "log": {"path": "log.zarr"}}
+    document |= {"task": fits.prepared.task.name, "parameters": {}, "effects": []}
     (tmp_path / "diagnosis.json").write_text(json.dumps({**document, "next_experiment": found}))
     provenance = {"inputs": {}, "options": {"task": str(task)}}
     (tmp_path / "provenance.json").write_text(

@@ -67,6 +67,7 @@ def test_from_another_folder_the_task_is_that_of_the_result(made, tmp_path, monk
 def test_of_a_diagnosis_its_experiment_is_proposed_and_nothing_else(made):
     experiment = {"duration_s": 1.0, "peaks": [2.0], "band_hz": [0.5, 3.0], "text": "drive it"}
     document = {"format": "capture/diagnosis", "version": 1, "log": {"path": "log.zarr"}}
+    document |= {"task": "slider", "parameters": {}, "effects": []}
     (made / "diagnosis").mkdir()
     (made / "diagnosis" / "diagnosis.json").write_text(
         json.dumps({**document, "verdict": "tied", "next_experiment": experiment})

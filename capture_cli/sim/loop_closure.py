@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
+from functools import cached_property
 
 import mujoco
 import numpy as np
@@ -23,6 +24,9 @@ UNLIKE = 3.0  # times what they give way by in a simulation, whose parameters an
 EVERY = 0.01  # s between the samples that a path is followed through
 DETERMINED = 0.1  # share of a coordinate's standard deviation that the constraints leave, at most
 FREE = 1.0  # rad or m: sd of what nothing measures while a path is followed
+# rad, or share of the model's extent: steps in which a machine is led from one measured position to the next. In longer
+# ones a loop may fold over, or its closing may not be found at all.
+LED = 0.1
 
 
 class LoopClosure:
@@ -70,16 +74,35 @@ class LoopClosure:
         stride = max(1, int(EVERY / np.median(np.diff(time)))) if len(time) > 1 else 1
         wanted = {int(step): place for place, step in enumerate(at)}
         found = np.empty((len(at), self.model.nq))
-        qpos = begin.copy()
+        qpos = begin
         for step in range(max(wanted, default=-1) + 1):
             if step % stride and step not in wanted:
                 continue
-            qpos[qpos_columns] = measured[step]
-            mujoco.mj_normalizeQuat(self.model, qpos)
-            qpos, _ = self._closed(qpos, known)
+            qpos = self._led(qpos, measured[step], qpos_columns, known)
             if step in wanted:
                 found[wanted[step]] = qpos
         return found
+
+    def _led(
+        self, begin: np.ndarray, measured: np.ndarray, columns: np.ndarray, sd: np.ndarray
+    ) -> np.ndarray:
+        """Where the constraints hold, (nq,), led from `begin` (nq,) to `measured` (column,), which stand at `columns`.
+
+        sd (dof,): as of `_closed`. A crank may begin an episode at any angle, or turns away from the model's own.
+        """
+        target, apart = begin.copy(), np.zeros(self.model.nv)
+        target[columns] = measured
+        mujoco.mj_normalizeQuat(self.model, target)
+        mujoco.mj_differentiatePos(self.model, apart, 1.0, begin, target)
+        steps = int(np.ceil(np.abs(apart / (LED * self._reach)).max(initial=0.0)))
+        here = begin.copy()
+        for step in range(1, steps):
+            on_the_way = begin.copy()
+            mujoco.mj_integratePos(self.model, on_the_way, apart, step / steps)
+            here[columns] = on_the_way[columns]
+            here, _ = self._closed(here, sd)
+        here[columns] = target[columns]
+        return self._closed(here, sd)[0]
 
     def close(self, starts: Starts, sd: np.ndarray, followed: np.ndarray) -> tuple[Starts, np.ndarray]:
         """Starts that satisfy the constraints, as near to `starts` as their sd (window, state) say, and their new sd.
@@ -136,6 +159,19 @@ class LoopClosure:
         """Work out the constraints at qpos (nq,)."""
         self.data.qpos[:] = qpos
         mujoco.mj_fwdPosition(self.model, self.data)
+
+    @cached_property
+    def _reach(self) -> np.ndarray:
+        """What is far for each coordinate, (dof,): 1 rad, or the model's extent."""
+        model = self.model
+        kinds, within = (
+            model.jnt_type[model.dof_jntid],
+            np.arange(model.nv) - model.jnt_dofadr[model.dof_jntid],
+        )
+        slides = (kinds == mujoco.mjtJoint.mjJNT_SLIDE) | (
+            (kinds == mujoco.mjtJoint.mjJNT_FREE) & (within < 3)
+        )
+        return np.where(slides, model.stat.extent, 1.0)
 
     @property
     def _jacobian(self) -> np.ndarray:

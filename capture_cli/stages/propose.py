@@ -218,7 +218,7 @@ def _multisine(
 
 def _of_diagnosis(folder: Path, task: Task, amplitude: Mapping[str, float], seed: int) -> dict[str, Any]:
     found = Diagnosis.read_document(folder)
-    experiment = found["next_experiment"]
+    experiment = found.get("next_experiment")
     if experiment is None:
         raise OptionError(
             f"{folder} has no next experiment: its verdict is {found['verdict']!r}, and nothing is tied that "

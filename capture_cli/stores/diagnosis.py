@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from capture_cli.stores.document_shape import BOUNDS, NUMBER, POSITIVE, TEXT, WHOLE, or_none
 from capture_cli.stores.result import Result
 from capture_cli.stores.schema import STARTS, ArraySpec, Schema
 
@@ -65,8 +66,22 @@ SCHEMA = Schema(
 )
 
 
+SHAPE = {  # of what is read of diagnosis.json
+    "task": TEXT,
+    "log": {"path": TEXT, "first_time?": NUMBER},
+    "verdict": TEXT,
+    "parameters": {str: {"value": NUMBER}},
+    "effects": [{"name": TEXT, "site": TEXT, "parameters": {str: {"value": NUMBER, "high": NUMBER}}}],
+    "next_experiment?": or_none(
+        {"text": TEXT, "band_hz": BOUNDS, "peaks": [NUMBER], "duration_s": POSITIVE, "seed?": WHOLE}
+    ),
+    "expression?": or_none({"terms": [{"site": TEXT, "coefficient": NUMBER}], "values?": {str: NUMBER}}),
+}
+
+
 class Diagnosis(Result):
     """diagnosis.json and diagnosis.zarr."""
 
     NAME, CURE = "diagnosis", _CURE
     FORMAT, VERSION, SCHEMA = FORMAT, VERSION, SCHEMA
+    SHAPE = SHAPE
