@@ -13,7 +13,7 @@ from capture_cli.diagnosis.noise_floor import from_differences, white_noise
 from capture_cli.protocol.model_fits import Fit, ModelFits
 from capture_cli.protocol.prepare import prepare
 from capture_cli.protocol.prepared_log import PreparedLog
-from capture_cli.protocol.residual_noise import with_noise_of_residual
+from capture_cli.protocol.residual_noise import _of_outliers, with_noise_of_residual
 from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.identify import identify
 from capture_cli.stages.record import record
@@ -43,10 +43,12 @@ def whirling(folder: Path, *effects: str, noise: float = NOISE) -> tuple[Path, P
     return folder / "log.zarr", task
 
 
-def sliding(task: Path, folder: Path) -> PreparedLog:
+def sliding(task: Path, folder: Path, *effects: str, episodes: int = 1) -> PreparedLog:
     """A log that is sampled often enough."""
     options = {"amplitude": {"drive": 8}, "noise": 1e-3, "duration": 4, "rate": 100, "threads": 1}
-    made = record(task=str(task), out=folder / "log.zarr", **options)
+    made = record(
+        task=str(task), out=folder / "log.zarr", episodes=episodes, effects=list(effects), **options
+    )
     return prepare(made.log, load_task(str(task)), window=None, test=None, seed=0, threads=1)
 
 
@@ -113,3 +115,49 @@ def test_leverages_add_up_to_the_numbers_that_starts_amount_to(slider_task, tmp_
     _, fit = fitted(prepared)
     assert fit.at.leverage.sum() == pytest.approx(fit.at.fitted_starts)
     assert (fit.at.leverage >= 0).all() and (fit.at.leverage < 1).all()
+
+
+def disturbed(log: MeasuredLog, share: float, size: float) -> MeasuredLog:
+    """The log with a share of samples that are off by so much, one by one."""
+    random = np.random.default_rng(4)
+    off = size * random.choice([-1.0, 1.0], log.outputs.shape) * (random.random(log.outputs.shape) < share)
+    return replace(log, outputs=log.outputs + off)
+
+
+@pytest.mark.parametrize(("share", "size"), [(0.01, 8.0), (0.03, 5.0)])
+def test_outliers_are_noise_and_nothing_that_a_model_lacks(share, size, slider_task, tmp_path, without_pages):
+    log = sliding(slider_task, tmp_path, episodes=5).log
+    disturbed(log, share, size * 1e-3).write(tmp_path / "outliers.zarr")
+    options = {"real_log": tmp_path / "outliers.zarr", "task": str(slider_task), "threads": 1}
+    found = identify(out=tmp_path / "estimate", quiet=True, **options).document
+    assert list(found["noise_floor_source"].values()) == ["outliers"]
+    assert next(iter(found["noise_floor"].values())) == pytest.approx(
+        1e-3 * np.sqrt(1 + share * size**2), rel=0.1
+    )
+    assert found["verdict"] == "explained"
+    diagnosis = diagnose(out=tmp_path / "diagnosis", quiet=True, **options).document
+    assert diagnosis["verdict"] == "explained" and not diagnosis["effects"]
+
+
+def test_an_effect_is_found_before_outliers(slider_task, tmp_path, without_pages):
+    """While it is missing they cannot be told from what it does, and with it they are all that is left."""
+    log = sliding(slider_task, tmp_path, "coulomb-friction@x=0.5", episodes=5).log
+    disturbed(log, 0.03, 5e-3).write(tmp_path / "outliers.zarr")
+    found = diagnose(
+        real_log=tmp_path / "outliers.zarr", task=str(slider_task), out=tmp_path / "d", threads=1, quiet=True
+    ).document
+    assert [e["name"] for e in found["effects"]] == ["coulomb-friction"]
+    assert found["verdict"] in ("effect-found", "tied")
+    assert list(found["noise_floor_source"].values()) == ["outliers"]
+
+
+def test_what_moves_is_no_outlier():
+    """A peak of a few samples, and a jump."""
+    random = np.random.default_rng(0)
+    peak, jump = random.standard_normal((2, 400))
+    peak[200:205] += [5, 9, 12, 9, 5]
+    jump[200:] += 9.0
+    alone = random.standard_normal(400)
+    assert _of_outliers([peak]) == _of_outliers([jump]) == _of_outliers([alone]) == 0
+    alone[200] += 9.0
+    assert _of_outliers([alone]) == pytest.approx(81 / 400, rel=0.4)

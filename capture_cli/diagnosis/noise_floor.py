@@ -36,7 +36,7 @@ ROUNDING = 1e-12  # of the largest number: an output that changes by less is alw
 @dataclass(frozen=True)
 class NoiseFloor:
     """sd (output,) in the outputs' units, 0 of one that never changes; source (output,): "declared", "repeats",
-    "differences", "resolution" or "residual" (differences of what a fitted model left).
+    "differences", "resolution", "residual" (differences of what a fitted model left) or "outliers" (with those).
     """
 
     sd: np.ndarray

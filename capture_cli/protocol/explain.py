@@ -23,7 +23,7 @@ from capture_cli.protocol.model_fits import EXACT, Fit, ModelFits, PartFit
 from capture_cli.protocol.next_experiment import next_experiment
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.protocol.repeated_noise import with_noise_of_repeats
-from capture_cli.protocol.residual_noise import with_noise_of_residual
+from capture_cli.protocol.residual_noise import with_noise_of_residual, with_outliers
 
 # what is tried, its number, of how many, what was found so far
 OnStep = Callable[[str, int, int, Sequence[str]], None]
@@ -44,15 +44,23 @@ def explain(prepared: PreparedLog, nominal: np.ndarray, settings: Settings, on_s
     """What explains the log, from the values `nominal` (parameter,) of its task. Raises FitError.
 
     With the starts that the actions say, where that explains what was fitted; else with free starts. Where contacts
-    follow, free starts are worse: they make the error rough, and hide what moves them.
+    follow, free starts are worse: they make the error rough, and hide what moves them. With a noise floor that has the
+    outliers in it, where that is what the last model leaves.
     """
     rollouts = prepared.rollouts
     rollouts += check_parameters_move_outputs(prepared, seed=settings.seed, threads=settings.threads)
     prepared, more = with_noise_of_repeats(prepared, nominal, threads=settings.threads, seed=settings.seed)
     begun = _begin(prepared, nominal, settings, on_step, rollouts + more)
     found = begun.explain()
-    if begun.as_acted and found.leaves_something:
-        found = _begin(begun.prepared, nominal, settings, on_step, found.rollouts, free=True).explain()
+    free = begun.as_acted and found.leaves_something
+    if free:
+        begun = _begin(begun.prepared, nominal, settings, on_step, found.rollouts, free=True)
+        found = begun.explain()
+    if found.leaves_something:
+        fitted, after = found.parts.windows(FIT), found.after.fit
+        noisier = with_outliers(begun.prepared, fitted, after, settings.threads)
+        if noisier is not begun.prepared:
+            found = _begin(noisier, nominal, settings, on_step, found.rollouts, free=free).explain()
     return found
 
 

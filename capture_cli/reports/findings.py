@@ -22,6 +22,7 @@ FLOOR_SOURCES = {
     "differences": "from high-order differences",
     "repeats": "from repeats",
     "residual": "from differences of the residual",
+    "outliers": "with the outliers in the residual",
     "resolution": "the sensor's steps",
 }
 
