@@ -225,6 +225,7 @@ _HELD_OUT = (
     "{parameters, error, text}"
 )
 _IMPOSSIBLE = "bodies whose estimated inertia no body has: {body, moments (kg m^2), text}"
+_FLOOR_SOURCE = "declared, repeats, differences, residual, outliers or resolution (docs/concepts.md)"
 _LACK = {
     "normalized": "error of the fit over the noise floor, degrees of freedom allowed for",
     "threshold": "what chance allows",
@@ -248,7 +249,7 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str]]] = {
             **{f"error.fit.{k}": f"{v}; windows that were fitted" for k, v in _ERROR.items()},
             **{f"error.test.{k}": f"{v}; windows held out" for k, v in _ERROR.items()},
             "noise_floor.OUTPUT": "standard deviation of the output's noise",
-            "noise_floor_source.OUTPUT": "declared, repeats, differences, residual, outliers or resolution (docs/concepts.md)",
+            "noise_floor_source.OUTPUT": _FLOOR_SOURCE,
             "verdict": "explained, unexplained or not-identifiable",
             "summary": "the verdict in one sentence",
             "diverged_windows": "in how many windows the simulation runs away at the estimate",
@@ -303,7 +304,7 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str]]] = {
             **{f"before.test.{k}": f"{v}; the declared model, refitted, held out" for k, v in _ERROR.items()},
             **{f"after.test.{k}": f"{v}; with the effects, held out" for k, v in _ERROR.items()},
             "noise_floor.OUTPUT": "standard deviation of the output's noise",
-            "noise_floor_source.OUTPUT": "declared, repeats, differences, residual, outliers or resolution (docs/concepts.md)",
+            "noise_floor_source.OUTPUT": _FLOOR_SOURCE,
             **{f"lack_of_fit.before.{k}": f"{v}; declared model" for k, v in _LACK.items()},
             **{f"lack_of_fit.after.{k}": f"{v}; with the effects" for k, v in _LACK.items()},
             "held_out": _HELD_OUT,
