@@ -27,7 +27,9 @@ TOLERANCE = 0.1  # of the objective over k: a third of a standard error is enoug
 EXACT = 3e-3  # for what is reported
 WAYS_OUT = 5  # that are taken, of minima that contacts make
 BEGUN_ANEW, BEGUN_AWAY = 3, 3.0  # descents to see whether there are other minima, and how far off, in sd
-AS_GOOD = 3.84  # of the objective over k: 95 % of what chance makes of one number
+# Of the objective over k: 95 % of what chance makes of one number. A way out that gains less leads nowhere, and where
+# contacts make the error rough there always is one.
+AS_GOOD = 3.84
 RETURNED = 0.5  # sd: a descent that ends as near as this to where another ended has come back to it
 
 
@@ -289,7 +291,7 @@ class ModelFits:
             there = self._starts_at(part, replace(fit, point=point), TOLERANCE, fit.offsets)
             ways.append((there.objectives(k).sum(), point, there.offsets))
         value, point, offsets = min(ways, key=lambda way: way[0])
-        return (point, offsets) if before.sum() - value > TOLERANCE * k else None
+        return (point, offsets) if before.sum() - value > AS_GOOD * k else None
 
     def minima(self, part: PreparedLog, fit: Fit, seed: int) -> list[Fit]:
         """`fit` and where descents end that begin within its reach, best first.
