@@ -27,6 +27,9 @@ from capture_cli.parameters import ParameterSpace
 START_STEP, ROUGH_START_STEP = 0.1, 1.0
 SHORTEST, LONGEST = 1e-6, 1e-2  # m, rad, m/s, rad/s; the longest is of the sd itself
 STANDS_OUT = 2.0  # times the squared error of the median window
+# Ranges: a parameter that is known to no better than this may show only by what finite differences are wrong by, which
+# would take it to the end of its range.
+UNSEEN = 10.0
 BY_WINDOW = ("offsets", "residual", "by_parameter", "by_start")  # arrays of a linearization, (window, ...)
 
 
@@ -182,13 +185,16 @@ class Linearization:
     def moved(self, x: np.ndarray, offsets: np.ndarray, residual: np.ndarray) -> Linearization:
         """This linearization carried to x (parameter,), offsets (window, state) and the residual (window, row) there.
 
-        The sensitivities get the least change that explains the residual (Broyden 1965).
+        The sensitivities get the least change that explains the residual (Broyden 1965); those of parameters that
+        showed next to nothing get none.
         """
         dx = x - self.x
         dz = scaled_offsets(self.evidence, offsets - self.offsets)[:, self.evidence.movable]
         expected = self.residual - self.by_parameter @ dx - (self.by_start @ dz[..., None])[..., 0]
-        square = float(dx @ dx)
-        change = (expected - residual)[..., None] * (dx / square) if square > 0 else 0.0
+        seen = np.square(self.by_parameter).sum(axis=(0, 1)) > self.scatter / UNSEEN**2
+        along = np.where(seen, dx, 0.0)
+        square = float(along @ along)
+        change = (expected - residual)[..., None] * (along / square) if square > 0 else 0.0
         by_parameter = self.by_parameter + change
         return replace(
             self, x=x, offsets=offsets, residual=residual, by_parameter=by_parameter, carried=self.carried + 1
@@ -277,8 +283,15 @@ class Linearization:
     @property
     def whole_step(self) -> np.ndarray:
         """The parameter step (parameter,), in the unit cube, to where the linearization is lowest within it."""
-        hessian, gradient = self.normal(self.scatter)
-        return box_step(hessian, gradient, -self.x, 1 - self.x)
+        return self.bounded_step(self.scatter, -self.x, 1 - self.x)
+
+    def bounded_step(
+        self, k: float, low: np.ndarray, high: np.ndarray, damping: np.ndarray | float = 0.0
+    ) -> np.ndarray:
+        """Likewise to where it is lowest within low <= step <= high (parameter,). What shows next to nothing stays."""
+        hessian, gradient = self.normal(k, damping)
+        held = k / UNSEEN**2 * np.eye(len(gradient))
+        return box_step(hessian + held, gradient, low, high)
 
     def start_offsets(self, dx: np.ndarray, k: float, damping: np.ndarray | float = 0.0) -> np.ndarray:
         """Offsets (window, state), SI, that belong to the parameter step dx (parameter,)."""

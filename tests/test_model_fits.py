@@ -245,3 +245,40 @@ def test_where_the_error_is_smooth_a_descent_comes_back(tmp_path):
     sd = np.sqrt(np.diag(unit_covariance(fit.at)[0]))
     np.testing.assert_array_less(np.abs(found[0].at.x - found[1].at.x), RETURNED * sd)
     assert found[0].at.objectives(1.0).sum() <= found[1].at.objectives(1.0).sum()
+
+
+SCANNER = """
+<mujoco>
+  <option timestep="0.002" integrator="implicitfast"/>
+  <worldbody><body><joint name="roll" axis="1 0 0" damping=".01"/><geom size=".06" mass=".4" contype="0"/>
+    <body name="head"><joint name="pitch" axis="0 1 0" damping=".01"/>
+      <geom type="cylinder" pos="0 0 -.02" size=".05 .04" mass=".8" contype="0"/></body></body></worldbody>
+  <actuator><motor name="roll" joint="roll" ctrlrange="-.2 .2" ctrllimited="true"/>
+    <motor name="pitch" joint="pitch" ctrlrange="-.2 .2" ctrllimited="true"/></actuator>
+  <sensor><jointpos name="roll" joint="roll"/><jointpos name="pitch" joint="pitch"/></sensor>
+</mujoco>
+"""
+SCANNER_TASK = """
+format = 1
+name = "scanner"
+model = "model.xml"
+parameters.damping = { set = ["joint:roll:damping", "joint:pitch:damping"], low = 0.0, high = 0.1, unit = "N m s/rad" }
+inputs.roll = { column = "drive_roll", unit = "N m" }
+inputs.pitch = { column = "drive_pitch", unit = "N m" }
+outputs.roll = { column = "roll", unit = "rad" }
+outputs.pitch = { column = "pitch", unit = "rad" }
+log = { time = "t", window = 0.5 }
+"""
+
+
+def test_what_nothing_shows_stays_where_it_is(tmp_path):
+    """Momentum along the pitch axis turns neither joint; what rounding shows of it took it to an end of its range."""
+    (tmp_path / "model.xml").write_text(SCANNER)
+    (tmp_path / "task.toml").write_text(SCANNER_TASK)
+    prepared, truth = planted(tmp_path, "internal-momentum@head.z=1e-3", task=tmp_path / "task.toml")
+    effect = REGISTRY.get("internal-momentum")(prepared.task.model, "head")
+    placed, fits = Placed("internal-momentum", effect), ModelFits(prepared, 1)
+    for begin in (0.0, 5e-4, -5e-4):
+        fit = fits.fit(prepared, [placed], np.array([truth[0], 0.0, 0.0, begin]))
+        assert fit.point[3] == pytest.approx(1e-3, rel=0.05) and fit.error < 1.05
+        assert abs(fit.point[2]) < 1e-3 * effect.space.high[1]

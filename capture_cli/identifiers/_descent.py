@@ -13,7 +13,6 @@ from capture_cli.linearization import (
     Linearization,
     Trial,
     best_trials,
-    box_step,
     columns,
     trial_objectives,
 )
@@ -308,5 +307,5 @@ class Descent:
 
     def _step(self, radius: float, damping: np.ndarray) -> np.ndarray:
         """The Gauss-Newton step (parameter,) within the trust region and the unit cube."""
-        hessian, gradient = self._at.normal(self._k, damping)
-        return box_step(hessian, gradient, np.maximum(-radius, -self.x), np.minimum(radius, 1 - self.x))
+        low, high = np.maximum(-radius, -self.x), np.minimum(radius, 1 - self.x)
+        return self._at.bounded_step(self._k, low, high, damping)
