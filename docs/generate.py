@@ -258,6 +258,7 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str]]] = {
             "held_out": _HELD_OUT,
             "impossible_inertia": _IMPOSSIBLE,
             "unmeasured_joints": "list of joints whose position at the start of a window nothing says",
+            "open_loops": "{equality constraint: by how much it stays open, m or rad, where joints are as measured}",
             "correlation[][]": "of the estimates, (parameter, parameter)",
             "recordings": "null, or how the recordings agree: {names, agree, parameters, text}",
             "split.how": "how windows were divided into fit and test, in words",

@@ -128,6 +128,7 @@ def test_every_key_of_a_document_is_documented_and_no_other(written, document):
         "held_out",
         "impossible_inertia",
         "unmeasured_joints",
+        "open_loops",
         "options.OPTION",
         "histories.ATTRIBUTE",
         "identifiers.LABEL.coverage",

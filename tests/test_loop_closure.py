@@ -268,3 +268,27 @@ def test_a_fast_crank_is_followed_through_sparse_samples():
     at = np.arange(len(time))
     followed = LoopClosure(model).follow(time, outputs, crank, crank, np.full(1, NOISE), model.qpos0, at)
     np.testing.assert_allclose(followed, qpos, atol=20 * NOISE)
+
+
+@pytest.mark.parametrize("off", [0.0, 0.3])
+def test_outputs_that_contradict_a_loop_are_named(off):
+    """A crank whose encoder has its zero elsewhere does not go with where the ram is."""
+    xml = PRESS.replace("</sensor>", '<jointpos joint="ram"/></sensor>').replace(
+        "<connect ", '<connect name="pin" '
+    )
+    model, time, _, qpos, _ = driven(xml, MACHINES["press"][1])
+    noise = np.full(2, NOISE)
+    outputs = qpos[:, [0, 2]] + [off, 0] + np.random.default_rng(2).normal(0, NOISE, (len(time), 2))
+    at = np.arange(0, len(time), 100)
+    found = estimate_starts(
+        model,
+        [0, 1],
+        time=time,
+        outputs=outputs,
+        episodes=[slice(0, len(time))],
+        window_first=at,
+        window_episode=np.zeros(len(at), dtype=int),
+        noise_sd=noise,
+    )
+    assert list(found.open_loops) == ["pin"] * bool(off)
+    assert all(0.003 < gap < 0.1 for gap in found.open_loops.values())

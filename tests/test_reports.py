@@ -587,6 +587,9 @@ def test_notes():
     (_, joints) = notes(make().document | {"unmeasured_joints": ["wrist", "#3"]})
     assert "position of wrist, #3" in joints
     assert notes(make().document | {"unmeasured_joints": ["wrist"], "verdict": "explained"}) == []
+    loops, _ = notes(make().document | {"open_loops": {"pin": 0.0312}})
+    assert "stay open: pin by 0.031" in loops
+    assert notes(make().document | {"open_loops": {"pin": 0.0312}, "verdict": "explained"}) == []
     recordings = {"names": ["a", "b"], "agree": False, "text": "the 2 recordings disagree, most about bias"}
     in_context = {"text": "8 rounds were made with 4 episodes, taken in turn again."}
     document = make().document | {"recordings": recordings, "in_context": in_context}

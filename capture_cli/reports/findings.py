@@ -77,7 +77,8 @@ def normalized(document: Mapping[str, Any], part: str) -> float | None:
 
 def notes(document: Mapping[str, Any]) -> list[str]:
     """What a reader has to know before using the numbers, most important first."""
-    found = [UNTRUSTED] if document["verdict"] == "unexplained" and document["parameters"] else []
+    found = open_loops(document)
+    found += [UNTRUSTED] if document["verdict"] == "unexplained" and document["parameters"] else []
     if document["in_context"] and document["in_context"]["text"]:
         found.append(document["in_context"]["text"])
     found += unmeasured(document)
@@ -107,6 +108,18 @@ def unmeasured(document: Mapping[str, Any]) -> list[str]:
         f"No output gives the position of {', '.join(joints)}: windows begin where a simulation of the whole episode "
         "takes it. If it is somewhere else, no effect explains the log: measure it, or give the model the keyframe "
         "in which episodes begin."
+    ]
+
+
+def open_loops(document: Mapping[str, Any]) -> list[str]:
+    """What of an unexplained log may be outputs that contradict the model's loops; earlier versions did not look."""
+    found = document.get("open_loops")
+    if document["verdict"] != "unexplained" or not found:
+        return []
+    gaps = ", ".join(f"{name} by {significant(size, 2)}" for name, size in found.items())
+    return [
+        f"Where joints are as measured, equality constraints stay open: {gaps} (m or rad, where windows begin). "
+        "Check zero, sign and unit of what measures them, and the model's lengths."
     ]
 
 

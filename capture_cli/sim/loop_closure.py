@@ -15,6 +15,7 @@ import mujoco
 import numpy as np
 
 from capture_cli.sim.engine import Starts
+from capture_cli.sim.object_names import object_name
 
 ROUNDS = 20  # of Newton's method at one state
 CLOSED = 1e-9  # m or rad: a step less than that ends them
@@ -27,6 +28,9 @@ FREE = 1.0  # rad or m: sd of what nothing measures while a path is followed
 # rad, or share of the model's extent: steps in which a machine is led from one measured position to the next. In longer
 # ones a loop may fold over, or its closing may not be found at all.
 LED = 0.1
+OPEN = (
+    10.0  # times what noise and softness make of a gap: beyond, what was measured contradicts the constraint
+)
 
 
 class LoopClosure:
@@ -103,6 +107,37 @@ class LoopClosure:
             here, _ = self._closed(here, sd)
         here[columns] = target[columns]
         return self._closed(here, sd)[0]
+
+    def left_open(
+        self,
+        followed: np.ndarray,
+        measured: np.ndarray,
+        qpos_columns: np.ndarray,
+        dofs: np.ndarray,
+        sd: np.ndarray,
+    ) -> dict[str, float]:
+        """By how much (m or rad, root mean square) constraints stay open where coordinates are as measured and
+        the others as near to closing them as they can be; by name, those of which noise and softness are no cause.
+
+        followed (place, nq): from where the others are moved. measured (place, column), qpos_columns, dofs, sd: as of
+        `follow`.
+        """
+        free = np.full(self.model.nv, FREE)
+        free[dofs] = 0.0
+        squares: dict[str, list[tuple[float, float]]] = {}
+        for qpos, values in zip(followed, measured, strict=True):
+            here = qpos.copy()
+            here[qpos_columns] = values
+            mujoco.mj_normalizeQuat(self.model, here)
+            self._go(self._closed(here, free)[0])
+            rows = slice(self.data.ne)
+            by_noise = np.square(self._jacobian[:, dofs] * sd).sum(axis=1)
+            allowed = by_noise + np.square(self._softness(per_second=False))
+            for row, gap, may in zip(self.data.efc_id[rows], self.data.efc_pos[rows], allowed, strict=True):
+                name = object_name(self.model, "equality", int(row))
+                squares.setdefault(name, []).append((gap**2, may))
+        means = {name: np.sqrt(np.mean(pairs, axis=0)) for name, pairs in squares.items()}
+        return {name: float(gap) for name, (gap, may) in means.items() if gap > OPEN * may}
 
     def close(self, starts: Starts, sd: np.ndarray, followed: np.ndarray) -> tuple[Starts, np.ndarray]:
         """Starts that satisfy the constraints, as near to `starts` as their sd (window, state) say, and their new sd.

@@ -9,6 +9,7 @@ KINDS = {
     "joint": mujoco.mjtObj.mjOBJ_JOINT,
     "geom": mujoco.mjtObj.mjOBJ_GEOM,
     "tendon": mujoco.mjtObj.mjOBJ_TENDON,
+    "equality": mujoco.mjtObj.mjOBJ_EQUALITY,
     "actuator": mujoco.mjtObj.mjOBJ_ACTUATOR,
     "sensor": mujoco.mjtObj.mjOBJ_SENSOR,
 }

@@ -7,8 +7,8 @@ moves there: a coordinate that rests stays where it is. Both are then made to sa
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import mujoco
@@ -35,17 +35,18 @@ class StartEstimate:
 
     The state is (positions (nv), velocities (nv), activations (na)); positions are in the tangent space, so that
     quaternions are moved by a rotation vector. reported: the motion that the sensors showed there; None where the
-    starts come from elsewhere.
+    starts come from elsewhere. open_loops: equality constraints that the outputs contradict, as `left_open` has them.
     """
 
     starts: Starts
     sd: np.ndarray
     reported: ReportedMotion | None = None
+    open_loops: Mapping[str, float] = field(default_factory=dict)
 
     def rows(self, keep) -> StartEstimate:
         """Those of the windows at `keep`."""
         reported = None if self.reported is None else self.reported.rows(keep)
-        return StartEstimate(self.starts.rows(keep), self.sd[keep], reported)
+        return StartEstimate(self.starts.rows(keep), self.sd[keep], reported, self.open_loops)
 
 
 @dataclass(frozen=True)
@@ -136,12 +137,13 @@ def estimate_starts(
         velocity, velocity_sd = _velocity(fit, lag, source)
         qvel[:, dofs[new]], sd[:, nv + dofs[new]] = velocity[:, new], PRIOR_INFLATION * velocity_sd[:, new]
     starts = Starts(qpos, qvel, act, places.time[window_first].astype(float))
+    open_loops: Mapping[str, float] = {}
     if model.neq:
-        starts, sd = _closed(LoopClosure(model, slack), starts, sd, sources, measured, places)
+        starts, sd, open_loops = _closed(LoopClosure(model, slack), starts, sd, sources, measured, places)
     reported = _reported(
         extended(path, knots.before, knots.known), knots.before, sources, measured_velocity, nv, lag
     )
-    return StartEstimate(starts, sd, reported)
+    return StartEstimate(starts, sd, reported, open_loops)
 
 
 def _velocity(fit: LocalMotion, lag: float, source: Source) -> tuple[np.ndarray, np.ndarray]:
@@ -178,8 +180,10 @@ def _closed(
     sources: Sequence[Source],
     measured: _Outputs,
     places: _Places,
-) -> tuple[Starts, np.ndarray]:
-    """Starts and their sd (window, state) that satisfy the model's equality constraints."""
+) -> tuple[Starts, np.ndarray, Mapping[str, float]]:
+    """Starts and their sd (window, state) that satisfy the model's equality constraints, and those that outputs
+    contradict.
+    """
     positions = [s for s in sources if s.kind != "velocity"]
     qpos, dofs = (
         np.array([i for s in positions for i in getattr(s, n)], dtype=int) for n in ("qpos", "dofs")
@@ -193,7 +197,8 @@ def _closed(
         own = places.episode == number
         at = places.first[own] - steps.start
         followed[own] = loops.follow(places.time[steps], coordinates[steps], qpos, dofs, known, begin, at)
-    return loops.close(starts, sd, followed)
+    open_loops = loops.left_open(followed, coordinates[places.first], qpos, dofs, known)
+    return *loops.close(starts, sd, followed), open_loops
 
 
 @dataclass(frozen=True)
@@ -338,7 +343,10 @@ def with_known(read: StartEstimate, known: StartEstimate, which: np.ndarray) -> 
     )
     reported = None if read.reported is None else replace(read.reported, read=~which)
     return StartEstimate(
-        replace(read.starts, qpos=qpos, qvel=qvel, act=act), np.where(rows, known.sd, read.sd), reported
+        replace(read.starts, qpos=qpos, qvel=qvel, act=act),
+        np.where(rows, known.sd, read.sd),
+        reported,
+        read.open_loops,
     )
 
 

@@ -148,6 +148,7 @@ class Report:
             "undetermined": undetermined,
             "impossible_inertia": impossible_inertia_of(prepared.task, self.best.parameters),
             "unmeasured_joints": _unmeasured_joints(prepared.task),
+            "open_loops": dict(prepared.starts.open_loops),
             "correlation": _correlation(found.covariance).tolist(),
             "recordings": None if recordings is None else recordings["document"],
             "split": {
