@@ -73,6 +73,30 @@ ARM = """
 </mujoco>
 """
 
+DRONE = """
+<mujoco model="drone">
+  <option timestep="0.001" integrator="implicitfast"/>
+  <default><geom contype="0" conaffinity="0"/></default>
+  <worldbody>
+    <geom name="floor" type="plane" size="3 3 .1"/>
+    <body name="frame" pos="0 0 .08">
+      <joint name="across" type="slide" axis="1 0 0" damping="0.05"/>
+      <joint name="up" type="slide" axis="0 0 1" damping="0.05"/>
+      <joint name="pitch" type="hinge" axis="0 1 0" damping="0.001"/>
+      <geom type="box" size=".15 .03 .02" mass=".35"/><geom type="box" size=".03 .03 .01" pos=".01 0 .02" mass=".05"/>
+      <site name="left" pos="-.1 0 .02"/><site name="right" pos=".1 0 .02"/>
+    </body>
+  </worldbody>
+  <actuator>
+    <motor name="left" site="left" gear="0 0 1 0 0 .02" ctrllimited="true" ctrlrange="0 3.5"/>
+    <motor name="right" site="right" gear="0 0 1 0 0 -.02" ctrllimited="true" ctrlrange="0 3.5"/>
+  </actuator>
+  <sensor>
+    <jointpos name="across" joint="across"/><jointpos name="up" joint="up"/><jointpos name="pitch" joint="pitch"/>
+  </sensor>
+</mujoco>
+"""
+
 PUCK = """
 <mujoco model="puck">
   <option timestep="0.001" cone="elliptic"/>
@@ -115,7 +139,7 @@ BALL = """
 </mujoco>
 """
 
-MACHINES = {"slider": SLIDER, "cart_pole": CART_POLE, "arm": ARM, "puck": PUCK, "ball": BALL}
+MACHINES = {"slider": SLIDER, "cart_pole": CART_POLE, "arm": ARM, "drone": DRONE, "puck": PUCK, "ball": BALL}
 NAMES = effects.REGISTRY.names()
 DURATION = 0.4  # s
 
@@ -137,6 +161,8 @@ def start(model: mujoco.MjModel, count: int) -> Starts:
             qvel[0] = 0.5
         case b"cart_pole":
             qpos[1] = 0.6
+        case b"drone":
+            qvel[:2] = 0.3, 0.5
         case b"puck":
             qvel[:2] = 1.5, 0.4
         case b"ball":

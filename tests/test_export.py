@@ -32,6 +32,7 @@ DECLARED = {
     "slider": ("joint:x:damping", 2.5),
     "cart_pole": ("body:cart:mass", 1.2),
     "arm": ("joint:elbow:damping", 0.15),
+    "drone": ("joint:up:damping", 0.08),
     "puck": ("body:puck:mass", 0.12),
     "ball": ("option:density", 1.5),
 }
