@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from capture_cli.errors import CaptureError, StoreError
+from capture_cli.reports.findings import NOT_ALIKE, is_fit_explained
 from capture_cli.sim.windows import usual_interval
 from capture_cli.stages.equal_episodes import equal_episodes
 from capture_cli.stages.file_header import read_header
@@ -295,7 +296,7 @@ def _verdict(result: Mapping[str, Any], path: Path) -> list[dict[str, str]]:
         if result["format"] == "capture/estimate":
             log = ["--real-log", result["log"]["path"]] if result.get("log") else []
             command = shlex.join(["capture", "diagnose", *log, "--estimate", str(path)])
-            cure = f"`{command}` looks for what the model lacks"
+            cure = NOT_ALIKE if is_fit_explained(result) else f"`{command}` looks for what the model lacks"
         found.append(
             finding("warning", "verdict", "the residual is above the noise floor: unexplained", cure)
         )
