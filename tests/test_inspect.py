@@ -609,6 +609,21 @@ def test_any_folder_with_provenance_is_described_and_no_other(tmp_path):
     assert only(inspect(folder))["severity"] == "warning"
 
 
+def test_a_store_that_lost_its_root_is_damaged(tmp_path):
+    folder = tmp_path / "run"
+    sound_log().write(folder)
+    Provenance("record", {}, {}).write(folder)
+    (folder / "zarr.json").unlink()
+    document = inspect(folder)
+    found = only(document)
+    assert (document["kind"], found["severity"], found["where"]) == ("zarr", "error", "store")
+    assert "has no zarr.json" in found["message"]
+    assert "`capture record`" in found["cure"]
+    (folder / "provenance.json").unlink()
+    renamed = only(inspect(folder.rename(tmp_path / "run.zarr")))
+    assert "has no zarr.json" in renamed["message"] and "make the store again" in renamed["cure"]
+
+
 def test_what_is_not_there_or_is_a_file_is_refused_with_the_cure(tmp_path):
     with pytest.raises(StoreError, match="does not exist"):
         inspect(tmp_path / "nowhere")

@@ -35,6 +35,8 @@ VERSION = 1
 NOTHING_TO_DO = "nothing to do"
 MANY_DROPPED = 0.1  # of a recording's rows
 CHECKED_AT_ONCE = 4096  # histories
+ROOTS = ("zarr.json", ".zgroup", ".zattrs")  # of Zarr, version 3 and 2
+MAKE_STORES = ("import-log", "record", "gen-histories")
 
 
 def inspect(path: Path, task: str | None = None) -> dict[str, Any]:
@@ -86,18 +88,32 @@ def _kind(path: Path) -> str:
     for kind in ("diagnosis", "estimate"):
         if (path / f"{kind}.json").is_file():
             return kind
-    if any((path / name).is_file() for name in ("zarr.json", ".zgroup", ".zattrs")):
+    if _has_root(path):
         try:
             found = open_group(path).attrs.get("format")
         except StoreError:
             return "zarr"
         return "measured-log" if found == LOG_SCHEMA.format else "zarr"
+    if path.suffix == ".zarr" or _made_by(path) in MAKE_STORES:
+        return "zarr"  # that has lost its root
     if (path / PROVENANCE).is_file():
         return "directory"
     raise StoreError(
         f"{path} is a folder without a Zarr store, an estimate.json, a diagnosis.json or a {PROVENANCE}",
         cure="give a path that a `capture` command wrote as its --out",
     )
+
+
+def _has_root(path: Path) -> bool:
+    return any((path / name).is_file() for name in ROOTS)
+
+
+def _made_by(path: Path) -> str | None:
+    """The command that provenance.json in the folder `path` names; None where it cannot be read."""
+    try:
+        return json.loads((path / PROVENANCE).read_text(encoding="utf-8")).get("command")
+    except (OSError, ValueError, AttributeError):
+        return None
 
 
 def _bytes(path: Path) -> int:
@@ -324,6 +340,13 @@ def _log_changed(log: Mapping[str, Any] | None) -> list[dict[str, str]]:
 
 
 def _inspect_zarr(path: Path, document: dict[str, Any]) -> None:
+    if not _has_root(path):
+        command = _made_by(path)
+        raise StoreError(
+            f"{path} has no zarr.json, which every Zarr store has at its root: no command can read it",
+            cure="take zarr.json from a copy that is whole, or make the store again"
+            + (f" with `capture {command}`" if command in MAKE_STORES else ""),
+        )
     group = open_group(path)
     _header(document, dict(group.attrs))
     arrays = {name: group[name] for name in array_paths(group)}
