@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from pathlib import Path
 
 import mujoco
@@ -282,6 +283,50 @@ def test_a_sensor_of_an_angle_reports_no_degrees(write, tmp_path, unit, right):
     ) as caught:
         load_task(str(path))
     assert f'unit = "{right}"' in caught.value.cure and "scale = 0.017453293" in caught.value.cure
+
+
+@pytest.mark.parametrize(
+    ("unit", "sensor", "right", "scale"),
+    [
+        ("mm", 'jointpos name="q" joint="a"', "m", "0.001"),
+        ("µm", 'jointpos name="q" joint="a"', "m", "1e-06"),
+        ("cm/s", 'jointvel name="q" joint="a"', "m/s", "0.01"),
+        ("km/h", 'jointvel name="q" joint="a"', "m/s", "0.27777778"),
+        ("kN", 'jointactuatorfrc name="q" joint="a"', "N", "1000"),
+        ("mrad", 'jointpos name="q" joint="a" hinge', "rad", "0.001"),
+        ("RPM", 'jointvel name="q" joint="a" hinge', "rad/s", "0.10471976"),
+        ("rev/min", 'jointvel name="q" joint="a" hinge', "rad/s", "0.10471976"),
+        ("deg s^-1", 'jointvel name="q" joint="a" hinge', "rad/s", "0.017453293"),
+        ("mN m", 'jointactuatorfrc name="q" joint="a" hinge', "N m", "0.001"),
+        ("N·mm", 'jointactuatorfrc name="q" joint="a" hinge', "N m", "0.001"),
+        ("kgf cm", 'jointactuatorfrc name="q" joint="a" hinge', "N m", "0.0980665"),
+    ],
+)
+def test_a_sensor_reports_its_unit_without_a_prefix(write, tmp_path, unit, sensor, right, scale):
+    path = write(('unit = "m"', f'unit = "{unit}"'))
+    model = MODEL.replace('jointpos name="q" joint="a"', sensor.removesuffix(" hinge"))
+    if sensor.endswith("hinge"):
+        model = model.replace('type="slide"', 'type="hinge"')
+    (tmp_path / "model.xml").write_text(model)
+    with pytest.raises(TaskError, match=rf"outputs\.q\]: unit = .* the sensor reports {right}:") as caught:
+        load_task(str(path))
+    assert caught.value.cure.endswith(f'unit = "{right}"; and if the column is in {unit}, scale = {scale}')
+
+
+@pytest.mark.parametrize(
+    ("unit", "refused"), [("g", True), ("mm/s²", True), ("mm/s/s", True), ("m/s2", False), ("m s^-2", False)]
+)
+def test_an_accelerometer_reports_no_weights(write, tmp_path, unit, refused):
+    path = write(('unit = "m"', f'unit = "{unit}"'), ('column = "q_m"', 'column = ["x", "y", "z"]'))
+    model = MODEL.replace('jointpos name="q" joint="a"', 'accelerometer name="q" site="at"')
+    (tmp_path / "model.xml").write_text(model.replace("</body>", '<site name="at"/></body>', 1))
+    with pytest.raises(TaskError, match="the sensor reports m/s") if refused else nullcontext():
+        load_task(str(path))
+
+
+@pytest.mark.parametrize("unit", ["m", "1", "counts", "ticks", "px", "V", "N m", "mmHg"])
+def test_words_that_are_no_form_of_a_sensors_unit_are_left_alone(write, unit):
+    load_task(str(write(('unit = "m"', f'unit = "{unit}"'))))
 
 
 def test_a_control_goes_to_its_actuator_behind_one_of_many_controls(write, tmp_path):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 import tomllib
 from collections.abc import Collection
 from pathlib import Path
@@ -15,19 +14,11 @@ from capture_cli.errors import ModelError, TaskError, did_you_mean
 from capture_cli.parameters import Parameter, ParameterSpace
 from capture_cli.sim.engine import silence_mujoco
 from capture_cli.sim.mjcf import free_centres
+from capture_cli.sim.sensor_units import refuse_other_units
 from capture_cli.sim.target_names import object_id, parse_target, split_target
 from capture_cli.tasks.base import Channel, LogColumns, Task
 
 FORMAT = 1
-_DEGREES = re.compile(r"(deg(ree)?s?|°)(?![a-z])")
-_S = mujoco.mjtSensor
-_OF_JOINTS = (int(_S.mjSENS_JOINTPOS), int(_S.mjSENS_JOINTVEL))
-_OF_TURNING = (
-    int(_S.mjSENS_BALLANGVEL),
-    int(_S.mjSENS_GYRO),
-    int(_S.mjSENS_FRAMEANGVEL),
-    int(_S.mjSENS_FRAMEANGACC),
-)
 _AXES = {1: ("",), 2: ("_x", "_y"), 3: ("_x", "_y", "_z"), 4: ("_w", "_x", "_y", "_z")}
 
 
@@ -152,7 +143,7 @@ class MjcfFile(Task):
                 if size == 1
                 else f"give a list of {size} columns of the log",
             )
-        _refuse_degrees(entry, _value(entry, "unit", str, where), self.model, number, where)
+        refuse_other_units(entry, _value(entry, "unit", str, where), self.model, number, where)
         noise_sd = _positive(entry, "noise_sd", where, cure="give a positive number, or leave it out")
         period = _positive(
             entry,
@@ -207,28 +198,6 @@ def compile_model(path: Path, moved_centres: Collection[str] = ()) -> mujoco.MjM
         raise ModelError(
             f"{path} does not compile: {error}", cure="correct the MJCF at the place named"
         ) from error
-
-
-def _refuse_degrees(entry: dict[str, Any], unit: str, model: mujoco.MjModel, sensor: int, where: str) -> None:
-    """Raise TaskError where `unit` is one of degrees and the sensor reports radians, as all of MuJoCo's do."""
-    found = _DEGREES.match(unit.strip().lower())
-    if found is None or not _reports_radians(model, sensor):
-        return
-    right, scale = "rad" + unit.strip()[found.end() :], entry.get("scale", 1.0)
-    raise TaskError(
-        f"{where}: unit = {unit!r} with scale = {scale}, and the sensor reports {right}: what the log has is compared "
-        "with that as it is after `scale`",
-        cure=f"write unit = {right!r}; and if the column is in degrees, scale = {math.pi / 180:.9f}".replace(
-            "'", '"'
-        ),
-    )
-
-
-def _reports_radians(model: mujoco.MjModel, sensor: int) -> bool:
-    kind = int(model.sensor_type[sensor])
-    if kind in _OF_JOINTS:
-        return model.jnt_type[model.sensor_objid[sensor]] == mujoco.mjtJoint.mjJNT_HINGE
-    return kind in _OF_TURNING
 
 
 def _positive(entry: dict[str, Any], key: str, where: str, *, cure: str, default: float | None = None):
