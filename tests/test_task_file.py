@@ -163,6 +163,7 @@ def test_a_nominal_outside_the_bounds_is_brought_inside_if_it_is_the_models(writ
 # replaced text, by what; where; what the message and its cure must name
 MISTAKES = {
     "format-missing": ("format = 1\n", "", "task.toml", ["'format' is missing", "`format = 1`"]),
+    "format-true": ("format = 1", "format = true", "task.toml", ["format = True", "reads 1", "`format = 1`"]),
     "format-version": ("format = 1", "format = 2", "task.toml", ["format = 2", "reads 1", "`format = 1`"]),
     "unknown-key": ("name =", "nme =", "task.toml", ["'nme'", "did you mean 'name'"]),
     "unknown-table": ("[inputs.push]", "[input.push]", "task.toml", ["'input'", "'inputs'"]),

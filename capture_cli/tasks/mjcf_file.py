@@ -30,7 +30,7 @@ class MjcfFile(Task):
         table = _read(self.path)
         where = str(self.path)
         _known(table, {"format", "name", "model", "parameters", "inputs", "outputs", "log"}, where)
-        if table.get("format") != FORMAT:
+        if table.get("format") != FORMAT or isinstance(table["format"], bool):
             raise TaskError(
                 f"{where}: {_given(table, 'format')}; this program reads {FORMAT}",
                 cure=f"begin the file with `format = {FORMAT}`",
