@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shlex
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,8 +24,8 @@ from capture_cli.stores.diagnosis import Diagnosis
 from capture_cli.stores.estimate import Estimate
 from capture_cli.stores.histories import SCHEMA as HISTORIES_SCHEMA
 from capture_cli.stores.histories import Histories
+from capture_cli.stores.measured_log import LARGEST, MeasuredLog
 from capture_cli.stores.measured_log import SCHEMA as LOG_SCHEMA
-from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.stores.output import PROVENANCE, sha256
 from capture_cli.stores.schema import array_paths, open_group
 from capture_cli.tasks import load_task
@@ -126,7 +127,7 @@ def _bytes(path: Path) -> int:
 
 def _inspect_log(path: Path, document: dict[str, Any], machine: Task | None) -> None:
     _header(document, dict(open_group(path).attrs))
-    log = MeasuredLog.read_unchecked(path)
+    log = _without_huge(MeasuredLog.read_unchecked(path))
     document["task"] = log.task
     document["sizes"] = {
         "recordings": len(log.recordings),
@@ -182,6 +183,14 @@ def _inspect_log(path: Path, document: dict[str, Any], machine: Task | None) -> 
     findings += log_findings(document, machine)
     if machine is not None:
         findings += task_findings(log, document, machine)
+
+
+def _without_huge(log: MeasuredLog) -> MeasuredLog:
+    """With infinity for what is too large to be measured: their squares would overflow."""
+    inputs, outputs = (
+        np.where(np.abs(v) > LARGEST, np.copysign(np.inf, v), v) for v in (log.inputs, log.outputs)
+    )
+    return replace(log, inputs=inputs, outputs=outputs)
 
 
 def _timing(log: MeasuredLog) -> list[dict[str, Any]]:
