@@ -142,6 +142,26 @@ def test_a_parameter_may_set_several_targets(write):
     assert fields["body_mass"][:, 1:].tolist() == [[2.0, 2.0], [3.0, 3.0]]
 
 
+@pytest.mark.parametrize(
+    ("target", "refused"),
+    [
+        *(
+            (t, True)
+            for t in ("body:left:inertia_x", "geom:l:size", "geom:l:friction", "joint:a:frictionloss")
+        ),
+        *((t, True) for t in ("joint:a:armature", "option:viscosity")),
+        *(
+            (t, False)
+            for t in ("joint:a:damping", "joint:a:stiffness", "body:left:com_x", "actuator:push:gain")
+        ),
+    ],
+)
+def test_what_cannot_be_negative_has_no_bound_below_zero(write, target, refused):
+    path = write(("body:left:mass", target), ("low = 0.5", "low = -0.5"))
+    with pytest.raises(TaskError, match=f"low = -0.5, and '{target}' cannot") if refused else nullcontext():
+        load_task(str(path))
+
+
 def test_a_task_may_have_no_parameters_and_no_inputs(write):
     text = TASK[: TASK.index("[parameters")] + TASK[TASK.index("[outputs") :]
     path = write()
@@ -184,6 +204,9 @@ MISTAKES = {
     "parameter-low-bool": ("low = 0.5", "low = true", PARAMETER, ["low = True", "a number"]),
     "parameter-bounds": ("high = 4.0", "high = 0.25", PARAMETER, ["low = 0.5, high = 0.25", "low < high"]),
     "parameter-bounds-equal": ("high = 4.0", "high = 0.5", PARAMETER, ["low = 0.5, high = 0.5", "low < high"]),
+    "parameter-name-empty": ("[parameters.mass]", '[parameters.""]', "[parameters.]", ["no name", "[parameters.NAME]"]),
+    "parameter-below-zero": ("low = 0.5", "low = -1", PARAMETER, ["'body:left:mass' cannot be below 0", "0 or more"]),
+    "parameter-of-the-world": ("body:left:mass", "body:world:mass", PARAMETER, ["the world does not move", "a body"]),
     "parameter-nominal": ("high = 4.0", "high = 4.0\nnominal = 5", PARAMETER, ["nominal = 5", "[0.5, 4]", "inside"]),
     "parameter-same-target": (
         'unit = "kg"',

@@ -15,7 +15,7 @@ from capture_cli.parameters import Parameter, ParameterSpace
 from capture_cli.sim.engine import silence_mujoco
 from capture_cli.sim.mjcf import free_centres
 from capture_cli.sim.sensor_units import refuse_other_units
-from capture_cli.sim.target_names import object_id, parse_target, split_target
+from capture_cli.sim.target_names import least_value, object_id, parse_target, split_target
 from capture_cli.tasks.base import Channel, LogColumns, Task
 
 FORMAT = 1
@@ -68,12 +68,15 @@ class MjcfFile(Task):
 
     def _parameter(self, name: str, entry: dict[str, Any], set_by: dict[str, str], where: str):
         """The parameter and its targets. set_by: which parameter sets each target so far; `name` is added."""
+        if not name.strip():
+            raise TaskError(f"{where}: the parameter has no name", cure="name it: [parameters.NAME]")
         texts = _set_texts(entry, where)
         targets = [parse_target(text, self.model, where) for text in texts]
         _set_once(texts, name, set_by, where)
         low, high = (_value(entry, key, float, where) for key in ("low", "high"))
         if not low < high:
             raise TaskError(f"{where}: low = {low:g}, high = {high:g}", cure="give bounds with low < high")
+        _check_least(texts, low, where)
         nominal = _value(entry, "nominal", float, where, default=targets[0].read(self.model))
         if "nominal" in entry and not low <= nominal <= high:
             raise TaskError(
@@ -231,6 +234,17 @@ def _set_once(texts: list[str], name: str, set_by: dict[str, str], where: str) -
                 cure="leave it out of one of them: the log could not tell the two apart",
             )
         set_by[text] = name
+
+
+def _check_least(texts: list[str], low: float, where: str) -> None:
+    """Raise TaskError where the bound `low` is below what one of the targets `texts` can be."""
+    for text in texts:
+        least = least_value(text)
+        if low < least:
+            raise TaskError(
+                f"{where}: low = {low:g}, and {text!r} cannot be below {least:g}",
+                cure=f"give low = {least:g} or more",
+            )
 
 
 def _set_texts(entry: Any, where: str) -> list[str]:
