@@ -271,7 +271,8 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str]]] = {
             "in_context": "null, or what a learned identifier's rounds over the episodes gave: {checkpoint, sha256, "
             "rounds, episodes, proposal, proposal_sd, share_beyond (of the training histories that lie as far out), "
             "in_family, contradicted (by the fit), fallback (to a fit with the starts freed), text}",
-            "next_command": "null, or the command to run next",
+            "next_command": "the command to run next; null where there is none, as where only what was held out is not "
+            "explained: `diagnose` finds what is missing in what was fitted",
         },
     ),
     "diagnosis.json": (
@@ -331,9 +332,9 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str]]] = {
             "rollouts.simulated": "windows simulated in all",
             "next_experiment": "null, or what would separate a tie: {band_hz, peaks, duration_s, seed, "
             "separation, text}; seed: of the phases, as `capture propose` drives them",
-            "expression": "null, or, where effects left something, the formula of the force that is missing: "
-            "{text, terms: [{site, coefficient, sd, unit}], values, select, test}; values: {NAME: value} of every "
-            "parameter of the model with it, effects' and terms' by NAME@SITE.PARAMETER",
+            "expression": "null, or, where effects left something of what was fitted, the formula of the force that is "
+            "missing: {text, terms: [{site, coefficient, sd, unit}], values, select, test}; values: {NAME: value} of "
+            "every parameter of the model with it, effects' and terms' by NAME@SITE.PARAMETER",
         },
     ),
     "identifier.json": (

@@ -437,6 +437,9 @@ def test_a_config_has_options_for_all_commands_at_its_top_and_for_one_in_its_tab
         ("starts = ", ["run.toml"]),
         ("help = true", ["no option 'help'"]),
         ("config = 'x.toml'", ["no option 'config'"]),
+        ("window = true", ["run.toml: window = true", "--window is no switch", "give it a value"]),
+        ("[identify]\nseed = false", ["run.toml: seed = false", "--seed is no switch"]),
+        ("real-log = true", ["run.toml: real-log = true", "--real-log is no switch"]),
         ("rounds = 0", ["--config", "run.toml: --rounds 0", "a whole number of 1 or more"]),
         ("threads = 'all'", ["run.toml: --threads all", "a whole number of 1 or more"]),
     ],
@@ -462,6 +465,13 @@ def test_no_output_replaces_the_config(capture, tmp_path):
         assert (code, out) == (2, "")
         assert f"{option} {path}" in err and "which is read" in err
     assert config.read_text().startswith("duration") and not (tmp_path / "r.zarr").exists()
+
+
+def test_an_argument_in_a_config_is_no_switch(capture, tmp_path):
+    config = tmp_path / "run.toml"
+    config.write_text(f'task = "{SLIDER}"\nfiles = [true]\n')
+    code, _, err = capture("import-log", "--config", config, "--out", "a.zarr")
+    assert code == 2 and "files = [true], and files is no switch" in " ".join(err.split())
 
 
 def test_a_config_that_is_missing(capture, log):

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from capture_cli.diagnosis.expression import expression_terms, formula
+from capture_cli.diagnosis.expression import REST, expression_terms, formula
+from capture_cli.effects._scales import characteristic_speed
 from capture_cli.protocol import attribution
 from capture_cli.simulator import Simulator
 from capture_cli.stages.diagnose import diagnose
@@ -92,6 +95,24 @@ def test_the_formula_has_a_line_for_each_joint():
     task = load_task(str(CART_POLE))
     terms = {e.site: e for _, e in expression_terms(task.model, [])}
     first, second = (task.model.joint(j).name for j in range(2))
-    chosen = [terms[f"{first}: q"], terms[f"{second}: sign(v)"], terms[f"{first}: v|v|"]]
-    expected = f"missing force at {first} = -1.5 q +2 v|v|; missing force at {second} = +0.25 sign(v)"
+    chosen = [terms[f"{first}: q"], terms[f"{second}: q v"], terms[f"{first}: v|v|"]]
+    expected = f"missing force at {first} = -1.5 q +2 v|v|; missing force at {second} = +0.25 q v"
     assert formula(chosen, np.array([-1.5, 0.25, 2.0])) == expected
+
+
+def test_the_sign_of_a_velocity_reads_as_it_is_simulated():
+    task = load_task(str(CART_POLE))
+    u = task.inputs[0].name
+    terms = [e for _, e in expression_terms(task.model, [c.index for c in task.inputs])]
+    world = SimpleNamespace(qpos=[-0.3, 0.4], qvel=[0.01, -0.02], ctrl=[-2.0])
+    for joint, (q, v) in enumerate(zip(world.qpos, world.qvel, strict=True)):
+        signs = [t.term for t in terms if t.joint == joint and "tanh" in t.term.text]
+        width = re.search(r"tanh\(v/([\d.e+-]+)\)", signs[0].text)
+        assert float(width[1]) == pytest.approx(REST * characteristic_speed(task.model, joint), rel=0.05)
+        value = np.tanh(v / float(width[1]))
+        simulated = {t.text: eval(t.of("world", ""), {"np": np, "world": world}) for t in signs}
+        assert simulated == {
+            width[0]: value,
+            f"|q| {width[0]}": abs(q) * value,
+            f"|{u}| {width[0]}": 2.0 * value,
+        }

@@ -12,6 +12,7 @@ from capture_cli.reports import findings
 from capture_cli.stages import identify as stage
 from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.identify import identify
+from capture_cli.stages.inspect import inspect
 from capture_cli.stages.record import record
 from capture_cli.stores import output
 
@@ -54,9 +55,10 @@ def test_parameters_that_the_fit_hardly_minds_need_not_be_within_their_intervals
     assert identify(out=tmp_path / "minded", **options).document["verdict"] == "unexplained"
 
 
-def test_a_machine_that_changed_before_what_is_held_out_is_not_explained(tmp_path):
-    """One mass for both recordings would leave little of either, but not one that the fitted recording allows."""
-    kept, changed = (
+@pytest.fixture
+def changed(tmp_path) -> Path:
+    """A log of two recordings, "before" and "after" the slider became a little heavier."""
+    kept, heavier = (
         record(
             task=str(SLIDER),
             out=tmp_path / f"{mass}.zarr",
@@ -72,14 +74,39 @@ def test_a_machine_that_changed_before_what_is_held_out_is_not_explained(tmp_pat
     )
     both = replace(
         kept,
-        **{n: np.concatenate([getattr(kept, n), getattr(changed, n)]) for n in ("inputs", "outputs")},
-        time=np.concatenate([kept.time, kept.time[-1] + 1 + changed.time]),
-        episode_ends=np.concatenate([kept.episode_ends, kept.episode_ends[-1] + changed.episode_ends]),
+        **{n: np.concatenate([getattr(kept, n), getattr(heavier, n)]) for n in ("inputs", "outputs")},
+        time=np.concatenate([kept.time, kept.time[-1] + 1 + heavier.time]),
+        episode_ends=np.concatenate([kept.episode_ends, kept.episode_ends[-1] + heavier.episode_ends]),
         recording=np.array([0, 0, 0, 1, 1, 1]),
         recordings=tuple({"name": name, "source": "", "sha256": ""} for name in ("before", "after")),
     )
     both.write(tmp_path / "log.zarr")
+    return tmp_path / "log.zarr"
+
+
+def test_a_machine_that_changed_before_what_is_held_out_is_not_explained(changed, tmp_path):
+    """One mass for both recordings would leave little of either, but not one that the fitted recording allows."""
     options = {"task": str(SLIDER), "test": "after", "starts": 1, "quiet": True, "threads": 1}
-    found = identify(real_log=tmp_path / "log.zarr", out=tmp_path / "estimate", **options).document
+    found = identify(real_log=changed, out=tmp_path / "estimate", **options).document
     assert found["error"]["fit"]["normalized"] < 1.1
     assert (found["verdict"], found["held_out"]) == ("unexplained", None)
+    assert found["next_command"] is None
+    assert "--test none" in found["summary"]
+    advice = [f["cure"] for f in inspect(tmp_path / "estimate")["findings"] if f["where"] == "verdict"]
+    assert ["--test none" in cure and "capture diagnose" not in cure for cure in advice] == [True]
+
+
+def test_where_what_was_fitted_is_explained_no_formula_is_looked_for(changed):
+    found = diagnose(
+        real_log=changed,
+        task=str(SLIDER),
+        test="after",
+        starts=1,
+        quiet=True,
+        threads=1,
+        out=changed.with_name("d"),
+    )
+    document = found.document
+    assert (document["verdict"], document["effects"]) == ("unexplained", [])
+    assert not document["lack_of_fit"]["after"]["lacking"]
+    assert document["expression"] is None

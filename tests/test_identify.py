@@ -370,8 +370,9 @@ def test_a_parameter_that_moves_nothing_is_named(plant, identify, tmp_path):
 
 def test_that_is_said_before_any_work_whoever_identifies(plant, identify, tmp_path, monkeypatch):
     task = variant(tmp_path, MASS + parameter("idle", "geom:block:friction", 0.1, 1.0))
-    log = plant()
-    learned = ChosenIdentifier("learned", LeastSquares, checkpoint=object(), path=tmp_path)
+    log, checkpoint = plant(), tmp_path / "checkpoint"
+    checkpoint.mkdir()
+    learned = ChosenIdentifier("learned", LeastSquares, checkpoint=object(), path=checkpoint)
     monkeypatch.setattr(stage, "with_noise_of_repeats", lambda *_, **__: pytest.fail("worked before"))
     for chosen in (learned, replace(learned, checkpoint=None)):
         monkeypatch.setattr(stage, "choose_identifier", lambda *_, chosen=chosen: chosen)

@@ -20,7 +20,7 @@ from capture_cli.stages.import_log import import_log
 from capture_cli.stages.inspect import inspect
 from capture_cli.stages.record import record
 from capture_cli.stages.source_files import open_source
-from capture_cli.stores.measured_log import MeasuredLog
+from capture_cli.stores.measured_log import LARGEST, MeasuredLog
 from capture_cli.tasks import load_task
 
 HEADER = "t_s,u_N,q_m"
@@ -256,6 +256,11 @@ def test_real_logs_are_read(tmp_path, slider_task, real_data):
         ([*ROWS[:5], "", "0.5,1 000,0"], "'u_N' holds '1 000' at line 8"),
         ([*ROWS[:5], "0.5,nan,0", "0.6,,0"], "'u_N' is missing or NaN at line 7 (2 of 7 rows"),
         ([*ROWS[:5], "0.5,1,-inf"], "'q_m' is -inf at line 7"),
+        ([*ROWS[:5], "0.5,1,-1e300"], "'q_m' comes to -1e+300 m at line 7 (1 such values), too large"),
+        (
+            [*ROWS[:5], "0.5,1e16,1", "0.6,-2e18,1"],
+            "'u_N' comes to 1e+16 N at line 7 (2 such values), too large",
+        ),
         ([*ROWS[:5], "0.4,1,1"], "'t_s' stands still at line 7: 0.4 s after 0.4 s at line 6"),
         ([*ROWS[:5], "0.39,1,1"], "'t_s' goes back at line 7: 0.39 s after 0.4 s at line 6"),
         ([*ROWS[:5], "0.5,1"], "2 values at line 7, and the header has 3"),
@@ -593,7 +598,7 @@ def test_two_that_add_to_a_log_at_once_do_not_lose_a_recording(tmp_path, slider_
 
 # --- whatever a file holds ---
 
-numbers = st.floats(allow_nan=False, allow_infinity=False)
+numbers = st.floats(-LARGEST, LARGEST)
 increasing_times = st.lists(st.integers(0, 10**9), min_size=2, max_size=30, unique=True).map(
     lambda ticks: [1e-3 * t for t in sorted(ticks)]
 )
@@ -636,6 +641,7 @@ cells = st.one_of(
     st.sampled_from(
         ["", "nan", "inf", "-inf", "1e999", "x", '"', '""', "1,5", "\u00e9", "0x1F", "True", "1_0", "#N/A"]
     ),
+    st.just("1e300"),
     st.text(max_size=4),
 )
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import re
+import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -142,7 +143,9 @@ def test_missing_values_are_found_and_the_log_still_described(tmp_path, slider_t
         ("error", "input drive"),
         ("error", "output q"),
     ]
-    assert "2 values are NaN or infinite: step 5, step 1500" in document["findings"][1]["message"]
+    assert (
+        "2 values are NaN, infinite or beyond 1e+15: step 5, step 1500" in document["findings"][1]["message"]
+    )
     assert "--drop-nan" in document["findings"][1]["cure"]
     assert document["channels"][1]["nan"] == 2
     assert document["channels"][1]["rms"] > 0
@@ -152,6 +155,23 @@ def test_a_channel_without_one_good_value_is_survived(tmp_path):
     document = inspected(changed(sound_log(), inputs=set_to(slice(None), np.nan)), tmp_path)
     assert only(document)["severity"] == "error"
     assert document["channels"][0]["low"] is None
+
+
+@pytest.mark.parametrize(
+    ("large", "said"),
+    [
+        ([(5, 1e300), (9, -1e16)], "2 values are NaN, infinite or beyond 1e+15: step 5, step 9"),
+        ([(slice(None), 1e300)], "values are NaN, infinite or beyond 1e+15: step 0"),
+    ],
+)
+def test_values_that_are_too_large_to_be_measured_are_found_without_a_warning(tmp_path, large, said):
+    log = changed(sound_log(), outputs=lambda v: [set_to(where, x)(v) for where, x in large])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", RuntimeWarning)
+        document = inspected(log, tmp_path)
+    found = only(document)
+    assert found["severity"] == "error"
+    assert said in found["message"]
 
 
 def test_backward_and_repeated_times_are_found(tmp_path):
@@ -607,6 +627,21 @@ def test_any_folder_with_provenance_is_described_and_no_other(tmp_path):
     assert shown(document)
     (folder / "provenance.json").write_text("[]")
     assert only(inspect(folder))["severity"] == "warning"
+
+
+def test_a_store_that_lost_its_root_is_damaged(tmp_path):
+    folder = tmp_path / "run"
+    sound_log().write(folder)
+    Provenance("record", {}, {}).write(folder)
+    (folder / "zarr.json").unlink()
+    document = inspect(folder)
+    found = only(document)
+    assert (document["kind"], found["severity"], found["where"]) == ("zarr", "error", "store")
+    assert "has no zarr.json" in found["message"]
+    assert "`capture record`" in found["cure"]
+    (folder / "provenance.json").unlink()
+    renamed = only(inspect(folder.rename(tmp_path / "run.zarr")))
+    assert "has no zarr.json" in renamed["message"] and "make the store again" in renamed["cure"]
 
 
 def test_what_is_not_there_or_is_a_file_is_refused_with_the_cure(tmp_path):

@@ -22,6 +22,7 @@ from capture_cli.stages.propose import propose
 from capture_cli.stages.record import record
 from capture_cli.stages.recorded_task import recorded_task
 from capture_cli.stores.measured_log import MeasuredLog
+from capture_cli.stores.output import sha256
 from capture_cli.tasks import load_task
 
 SLIDER = Path(__file__).parents[1] / "benchmarks" / "machines" / "slider"
@@ -143,8 +144,34 @@ def test_no_output_is_a_file_in_what_is_read(made):
             record(task="task.toml", out=Path("n.zarr"), truth=mine, inputs_from=mine.parent, force=True)
     with pytest.raises(OutputError, match=r"--out .*estimate\.json is a file of estimate, which is read"):
         export(result=Path("estimate"), out=Path("estimate/estimate.json"), force=True)
-    export(result=Path("estimate"), out=Path("estimate/new.xml"))
     assert all(path.read_bytes() == content for path, content in files.items())
+
+
+@pytest.mark.parametrize("folder", ["estimate", "log.zarr/data", "log.zarr/new"])
+def test_no_output_is_new_inside_what_is_read(made, folder):
+    before = sha256(Path("log.zarr")), sha256(Path("estimate"))
+    out, options = Path(folder, "x"), {"task": "task.toml", "threads": 1, "quiet": True}
+    with pytest.raises(OutputError, match=r"lies inside (estimate|log\.zarr), which is read") as caught:
+        diagnose_stage.diagnose(
+            real_log=Path("log.zarr"), estimate=Path("estimate"), out=out, threads=1, quiet=True
+        )
+    assert "another --out" in caught.value.cure
+    if folder == "estimate":
+        with pytest.raises(OutputError, match="lies inside estimate"):
+            export(result=Path("estimate"), out=out)
+    else:
+        with pytest.raises(OutputError, match=r"lies inside log\.zarr"):
+            identify_stage.identify(real_log=Path("log.zarr"), out=out, **options)
+        with pytest.raises(OutputError, match=r"--truth .*lies inside log\.zarr"):
+            record(task="task.toml", out=Path("n.zarr"), truth=out, inputs_from=Path("log.zarr"), threads=1)
+    assert (sha256(Path("log.zarr")), sha256(Path("estimate"))) == before
+
+
+def test_an_output_may_lie_beside_the_task_and_its_model(made):
+    """Files are read there, not the folder."""
+    beside = made / "results" / "m.xml"
+    export(result=Path("estimate"), out=beside)
+    assert beside.is_file()
 
 
 def test_no_output_is_a_file_of_the_task(made):

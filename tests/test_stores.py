@@ -240,6 +240,7 @@ def test_attributes_that_do_not_fit_the_arrays_are_refused(stored, old, new, wor
     ("change", "words"),
     [
         (dict(time=np.zeros(20)), "time does not increase in episode 0: 0 s at step 0, then 0 s"),
+        (dict(inputs=np.full((20, 2), -1e16)), "input 'u0' is -1e+16 at step 0 (20 such values), too large"),
         (dict(inputs=np.full((20, 2), np.nan)), "input 'u0' is nan at step 0 (20 such values)"),
         (dict(outputs=np.full((20, 1), np.inf)), "output 'q' is inf"),
         (dict(episode_ends=np.array([8, 19])), "do not divide 20 steps"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from pathlib import Path
 
 import mujoco
@@ -141,6 +142,26 @@ def test_a_parameter_may_set_several_targets(write):
     assert fields["body_mass"][:, 1:].tolist() == [[2.0, 2.0], [3.0, 3.0]]
 
 
+@pytest.mark.parametrize(
+    ("target", "refused"),
+    [
+        *(
+            (t, True)
+            for t in ("body:left:inertia_x", "geom:l:size", "geom:l:friction", "joint:a:frictionloss")
+        ),
+        *((t, True) for t in ("joint:a:armature", "option:viscosity")),
+        *(
+            (t, False)
+            for t in ("joint:a:damping", "joint:a:stiffness", "body:left:com_x", "actuator:push:gain")
+        ),
+    ],
+)
+def test_what_cannot_be_negative_has_no_bound_below_zero(write, target, refused):
+    path = write(("body:left:mass", target), ("low = 0.5", "low = -0.5"))
+    with pytest.raises(TaskError, match=f"low = -0.5, and '{target}' cannot") if refused else nullcontext():
+        load_task(str(path))
+
+
 def test_a_task_may_have_no_parameters_and_no_inputs(write):
     text = TASK[: TASK.index("[parameters")] + TASK[TASK.index("[outputs") :]
     path = write()
@@ -162,6 +183,7 @@ def test_a_nominal_outside_the_bounds_is_brought_inside_if_it_is_the_models(writ
 # replaced text, by what; where; what the message and its cure must name
 MISTAKES = {
     "format-missing": ("format = 1\n", "", "task.toml", ["'format' is missing", "`format = 1`"]),
+    "format-true": ("format = 1", "format = true", "task.toml", ["format = True", "reads 1", "`format = 1`"]),
     "format-version": ("format = 1", "format = 2", "task.toml", ["format = 2", "reads 1", "`format = 1`"]),
     "unknown-key": ("name =", "nme =", "task.toml", ["'nme'", "did you mean 'name'"]),
     "unknown-table": ("[inputs.push]", "[input.push]", "task.toml", ["'input'", "'inputs'"]),
@@ -182,6 +204,9 @@ MISTAKES = {
     "parameter-low-bool": ("low = 0.5", "low = true", PARAMETER, ["low = True", "a number"]),
     "parameter-bounds": ("high = 4.0", "high = 0.25", PARAMETER, ["low = 0.5, high = 0.25", "low < high"]),
     "parameter-bounds-equal": ("high = 4.0", "high = 0.5", PARAMETER, ["low = 0.5, high = 0.5", "low < high"]),
+    "parameter-name-empty": ("[parameters.mass]", '[parameters.""]', "[parameters.]", ["no name", "[parameters.NAME]"]),
+    "parameter-below-zero": ("low = 0.5", "low = -1", PARAMETER, ["'body:left:mass' cannot be below 0", "0 or more"]),
+    "parameter-of-the-world": ("body:left:mass", "body:world:mass", PARAMETER, ["the world does not move", "a body"]),
     "parameter-nominal": ("high = 4.0", "high = 4.0\nnominal = 5", PARAMETER, ["nominal = 5", "[0.5, 4]", "inside"]),
     "parameter-same-target": (
         'unit = "kg"',
@@ -282,6 +307,50 @@ def test_a_sensor_of_an_angle_reports_no_degrees(write, tmp_path, unit, right):
     ) as caught:
         load_task(str(path))
     assert f'unit = "{right}"' in caught.value.cure and "scale = 0.017453293" in caught.value.cure
+
+
+@pytest.mark.parametrize(
+    ("unit", "sensor", "right", "scale"),
+    [
+        ("mm", 'jointpos name="q" joint="a"', "m", "0.001"),
+        ("µm", 'jointpos name="q" joint="a"', "m", "1e-06"),
+        ("cm/s", 'jointvel name="q" joint="a"', "m/s", "0.01"),
+        ("km/h", 'jointvel name="q" joint="a"', "m/s", "0.27777778"),
+        ("kN", 'jointactuatorfrc name="q" joint="a"', "N", "1000"),
+        ("mrad", 'jointpos name="q" joint="a" hinge', "rad", "0.001"),
+        ("RPM", 'jointvel name="q" joint="a" hinge', "rad/s", "0.10471976"),
+        ("rev/min", 'jointvel name="q" joint="a" hinge', "rad/s", "0.10471976"),
+        ("deg s^-1", 'jointvel name="q" joint="a" hinge', "rad/s", "0.017453293"),
+        ("mN m", 'jointactuatorfrc name="q" joint="a" hinge', "N m", "0.001"),
+        ("N·mm", 'jointactuatorfrc name="q" joint="a" hinge', "N m", "0.001"),
+        ("kgf cm", 'jointactuatorfrc name="q" joint="a" hinge', "N m", "0.0980665"),
+    ],
+)
+def test_a_sensor_reports_its_unit_without_a_prefix(write, tmp_path, unit, sensor, right, scale):
+    path = write(('unit = "m"', f'unit = "{unit}"'))
+    model = MODEL.replace('jointpos name="q" joint="a"', sensor.removesuffix(" hinge"))
+    if sensor.endswith("hinge"):
+        model = model.replace('type="slide"', 'type="hinge"')
+    (tmp_path / "model.xml").write_text(model)
+    with pytest.raises(TaskError, match=rf"outputs\.q\]: unit = .* the sensor reports {right}:") as caught:
+        load_task(str(path))
+    assert caught.value.cure.endswith(f'unit = "{right}"; and if the column is in {unit}, scale = {scale}')
+
+
+@pytest.mark.parametrize(
+    ("unit", "refused"), [("g", True), ("mm/s²", True), ("mm/s/s", True), ("m/s2", False), ("m s^-2", False)]
+)
+def test_an_accelerometer_reports_no_weights(write, tmp_path, unit, refused):
+    path = write(('unit = "m"', f'unit = "{unit}"'), ('column = "q_m"', 'column = ["x", "y", "z"]'))
+    model = MODEL.replace('jointpos name="q" joint="a"', 'accelerometer name="q" site="at"')
+    (tmp_path / "model.xml").write_text(model.replace("</body>", '<site name="at"/></body>', 1))
+    with pytest.raises(TaskError, match="the sensor reports m/s") if refused else nullcontext():
+        load_task(str(path))
+
+
+@pytest.mark.parametrize("unit", ["m", "1", "counts", "ticks", "px", "V", "N m", "mmHg"])
+def test_words_that_are_no_form_of_a_sensors_unit_are_left_alone(write, unit):
+    load_task(str(write(('unit = "m"', f'unit = "{unit}"'))))
 
 
 def test_a_control_goes_to_its_actuator_behind_one_of_many_controls(write, tmp_path):

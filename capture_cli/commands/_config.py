@@ -32,9 +32,21 @@ def _read_config(context: typer.Context, path: Path | None) -> Path | None:
                 f"--config {path}: `capture {context.info_name}` has no option {key!r}",
                 cure=did_you_mean(key, options),
             )
+        _refuse_switch(known[name], key, value, path)
         defaults[name] = [str(v) for v in value] if isinstance(value, list) else value
     context.default_map = defaults
     return path
+
+
+def _refuse_switch(option: Any, key: str, value: Any, path: Path) -> None:
+    """Raise OptionError where an option that takes a value is given true or false, which would be read as 1 or 0."""
+    given = value if isinstance(value, list) else [value]
+    if getattr(option, "is_flag", False) or not any(isinstance(v, bool) for v in given):
+        return
+    raise OptionError(
+        f"--config {path}: {key} = {str(value).lower()}, and {option.opts[0]} is no switch",
+        cure=f"give it a value, as on the command line, or leave {key} out",
+    )
 
 
 def _of_command(table: dict[str, Any], context: typer.Context) -> dict[str, Any]:

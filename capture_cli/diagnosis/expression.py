@@ -110,7 +110,8 @@ def _joints(model: mujoco.MjModel) -> list[int]:
 
 def _terms(model: mujoco.MjModel, joint: int, inputs: Sequence[int]) -> list[Term]:
     q, v, far, fast, length, speed = _motion(model, joint)
-    sign = f"np.tanh({v} / {REST * fast!r})"
+    sign = f"tanh(v/{_rest(fast)})"
+    sign_source = f"np.tanh({v} / {_rest(fast)})"
     terms = [
         Term("1", 1.0, "1", "1.0"),
         Term("q", far, length, q),
@@ -122,10 +123,10 @@ def _terms(model: mujoco.MjModel, joint: int, inputs: Sequence[int]) -> list[Ter
         Term("|v|", fast, speed, f"np.abs({v})"),
         Term("v|v|", fast**2, f"({speed})^2", f"{v} * np.abs({v})"),
         Term("v^3", fast**3, f"({speed})^3", f"{v} ** 3"),
-        Term("sign(v)", 1.0, "1", sign),
+        Term(sign, 1.0, "1", sign_source),
         Term("q v", far * fast, f"{length} {speed}", f"{q} * {v}"),
         Term("q^2 v", far**2 * fast, f"{length}^2 {speed}", f"{q} ** 2 * {v}"),
-        Term("|q| sign(v)", far, length, f"np.abs({q}) * {sign}"),
+        Term(f"|q| {sign}", far, length, f"np.abs({q}) * {sign_source}"),
         Term("t", 10.0, "s", "{data}.time"),
     ]
     for actuator in inputs:
@@ -135,7 +136,7 @@ def _terms(model: mujoco.MjModel, joint: int, inputs: Sequence[int]) -> list[Ter
         terms += [
             Term(name, top, "ctrl", u),
             Term(f"{name}^3", top**3, "ctrl^3", f"{u} ** 3"),
-            Term(f"|{name}| sign(v)", top, "ctrl", f"np.abs({u}) * {sign}"),
+            Term(f"|{name}| {sign}", top, "ctrl", f"np.abs({u}) * {sign_source}"),
             Term(f"{name} q", top * far, f"ctrl {length}", f"{u} * {q}"),
             Term(f"{name} v", top * fast, f"ctrl {speed}", f"{u} * {v}"),
         ]
@@ -143,6 +144,11 @@ def _terms(model: mujoco.MjModel, joint: int, inputs: Sequence[int]) -> list[Ter
         if other != joint:
             terms += _coupled(model, other, v, speed)
     return terms
+
+
+def _rest(fast: float) -> str:
+    """The velocity, in the digits of the term's text, at which the sign of one is rounded off; fast: characteristic."""
+    return f"{float(f'{REST * fast:.2g}'):g}"
 
 
 def _coupled(model: mujoco.MjModel, other: int, v: str, speed: str) -> list[Term]:

@@ -139,7 +139,9 @@ class _Protocol:
         return declared
 
     def run(self, declared: Fit, *, last_time: bool = True) -> Explanation:
-        """Attribute what `declared` leaves. last_time: if that fails, look for an expression where one is wanted."""
+        """Attribute what `declared` leaves. last_time: if what was fitted is not explained then, look for an expression
+        where one is wanted.
+        """
         attribution = self._attribution()
         last = attribution.run(declared)
         models = self._models(attribution.models, last)
@@ -161,7 +163,8 @@ class _Protocol:
             ),
             next_experiment=next_experiment(self.fits, after.fit, [c.fit for c in tied], self.settings.seed),
         )
-        if self.settings.expression and last_time and found.verdict == "unexplained":
+        wanted = self.settings.expression and last_time and found.verdict == "unexplained"
+        if wanted and after.lacking.lacking:
             found = replace(found, expression=self._expression(last))
         return replace(found, rollouts=self.fits.rollouts)
 
@@ -213,10 +216,12 @@ class _Protocol:
         order = np.argsort(np.concatenate([np.flatnonzero(seen), np.flatnonzero(~seen)]))
         return PartFit.concatenate(parts).rows(order)
 
-    def _expression(self, last: Fit) -> Expression:
-        """A sparse expression for the force that is missing in `last`."""
+    def _expression(self, last: Fit) -> Expression | None:
+        """A sparse expression for the force that is missing in `last`; None where no joint can have one."""
         task = self.prepared.task
         terms = expression_terms(task.model, [c.index for c in task.inputs])
+        if not terms:
+            return None
         search = self._attribution([Candidate(term) for term in terms])
         found = search.run(last)
         chosen = found.effects[len(last.effects) :]

@@ -15,7 +15,10 @@ from capture_cli.stores.estimate import Estimate
 LEFT, ABOVE = 0.5, 3.0
 TOO_GOOD = 0.7  # times the noise floor: no fit gets so far below it
 TITLES = {"explained": "explained", "unexplained": "unexplained", "not-identifiable": "not identifiable"}
-NOT_ALIKE = "The two parts of the log are not alike."
+NOT_ALIKE = (
+    "The two parts of the log are not alike: see what differs between them, or hold out another with --test. With "
+    "--test none both are fitted, and what cannot be the same in both is left."
+)
 UNTRUSTED = "Do not trust the intervals: they leave out what the model lacks."
 FLOOR_SOURCES = {
     "declared": "declared in the task",
@@ -56,6 +59,15 @@ def beyond_chance(lack: Mapping[str, Any]) -> str:
         worst = max(over, key=over.get)
         size, chance, which = lack["outputs"][worst], lack["output_thresholds"][worst], f" of {worst}"
     return f"error{which} is {significant(size)} times the noise floor (chance allows {significant(chance)})"
+
+
+def is_fit_explained(document: Mapping[str, Any]) -> bool:
+    """Whether nothing is left of what was fitted: then an estimate that is "unexplained" is so by what was held out.
+
+    False where the document does not say.
+    """
+    lack = document.get("lack_of_fit", {"lacking": True})
+    return not lack["lacking"] and not document["diverged_windows"]
 
 
 def output_errors(estimate: Estimate) -> list[OutputError]:

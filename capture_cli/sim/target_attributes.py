@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -35,12 +36,14 @@ Check = Callable[[mujoco.MjModel, int, str], None]
 @dataclass(frozen=True)
 class Attribute:
     """What can be set of an object: in which unit, what it means, and its target in a model: target(model, number of
-    the object, where it was asked for); that raises ModelError where the object has no such number.
+    the object, where it was asked for); that raises ModelError where the object has no such number. least: below it
+    there is no such body or medium, or MuJoCo takes the number for 0.
     """
 
     unit: str
     meaning: str
     target: Making
+    least: float = -math.inf
 
 
 def _unchecked(model: mujoco.MjModel, number: int, where: str) -> None:
@@ -110,6 +113,14 @@ def _size(column: int | None = None) -> Making:
     return make
 
 
+def _check_moves(model: mujoco.MjModel, number: int, where: str) -> None:
+    if number == 0:
+        raise ModelError(
+            f"{where}: the world does not move, so its mass and inertia are no part of the model",
+            cure="name a body that moves",
+        )
+
+
 def _check_scalar(model: mujoco.MjModel, number: int, where: str) -> None:
     kind = mujoco.mjtJoint
     if int(model.jnt_type[number]) not in (kind.mjJNT_HINGE, kind.mjJNT_SLIDE):
@@ -166,15 +177,22 @@ ATTRIBUTES: dict[str, dict[str, Attribute]] = {
         "mass": Attribute(
             "kg",
             "mass of all geoms together; the inertia follows in proportion, the centre of mass stays",
-            _own(BodyMass),
+            _own(BodyMass, _check_moves),
+            least=0.0,
         ),
-        "com_x": Attribute("m", "centre of mass in the body's frame", _field("body_ipos", 0)),
-        "com_y": Attribute("m", "", _field("body_ipos", 1)),
-        "com_z": Attribute("m", "", _field("body_ipos", 2)),
-        "inertia": Attribute("1", "factor on the principal moments of inertia", _own(BodyInertia)),
-        "inertia_x": Attribute("kg m^2", "principal moment of inertia", _field("body_inertia", 0)),
-        "inertia_y": Attribute("kg m^2", "", _field("body_inertia", 1)),
-        "inertia_z": Attribute("kg m^2", "", _field("body_inertia", 2)),
+        "com_x": Attribute(
+            "m", "centre of mass in the body's frame", _field("body_ipos", 0, check=_check_moves)
+        ),
+        "com_y": Attribute("m", "", _field("body_ipos", 1, check=_check_moves)),
+        "com_z": Attribute("m", "", _field("body_ipos", 2, check=_check_moves)),
+        "inertia": Attribute(
+            "1", "factor on the principal moments of inertia", _own(BodyInertia, _check_moves), least=0.0
+        ),
+        "inertia_x": Attribute(
+            "kg m^2", "principal moment of inertia", _field("body_inertia", 0, check=_check_moves), least=0.0
+        ),
+        "inertia_y": Attribute("kg m^2", "", _field("body_inertia", 1, check=_check_moves), least=0.0),
+        "inertia_z": Attribute("kg m^2", "", _field("body_inertia", 2, check=_check_moves), least=0.0),
     },
     "joint": {
         "damping": Attribute("N s/m or N m s/rad", "viscous damping", _dof_field("dof_damping")),
@@ -184,7 +202,7 @@ ATTRIBUTES: dict[str, dict[str, Attribute]] = {
         "damping_cubic": Attribute(
             "N s^3/m^3 or N m s^3/rad^3", "coefficient of v^3", _dof_field("dof_dampingpoly", 1)
         ),
-        "frictionloss": Attribute("N or N m", "Coulomb friction", _dof_field("dof_frictionloss")),
+        "frictionloss": Attribute("N or N m", "Coulomb friction", _dof_field("dof_frictionloss"), least=0.0),
         "stiffness": Attribute("N/m or N m/rad", "spring to springref", _field("jnt_stiffness")),
         "stiffness_quadratic": Attribute(
             "N/m^2 or N m/rad^2", "coefficient of x|x|", _field("jnt_stiffnesspoly", 0)
@@ -193,25 +211,27 @@ ATTRIBUTES: dict[str, dict[str, Attribute]] = {
             "N/m^3 or N m/rad^3", "coefficient of x^3", _field("jnt_stiffnesspoly", 1)
         ),
         "springref": Attribute("m or rad", "where the spring is at rest", _springref),
-        "armature": Attribute("kg or kg m^2", "reflected inertia", _dof_field("dof_armature")),
+        "armature": Attribute("kg or kg m^2", "reflected inertia", _dof_field("dof_armature"), least=0.0),
     },
     "geom": {
-        "size": Attribute("m", "all sizes in proportion; the value is the first one", _size()),
-        "size_x": Attribute("m", "first size", _size(0)),
-        "size_y": Attribute("m", "second size", _size(1)),
-        "size_z": Attribute("m", "third size", _size(2)),
-        "friction": Attribute("1", "sliding friction", _field("geom_friction", 0)),
-        "friction_torsional": Attribute("m", "torsional friction", _field("geom_friction", 1)),
-        "friction_rolling": Attribute("m", "rolling friction", _field("geom_friction", 2)),
+        "size": Attribute("m", "all sizes in proportion; the value is the first one", _size(), least=0.0),
+        "size_x": Attribute("m", "first size", _size(0), least=0.0),
+        "size_y": Attribute("m", "second size", _size(1), least=0.0),
+        "size_z": Attribute("m", "third size", _size(2), least=0.0),
+        "friction": Attribute("1", "sliding friction", _field("geom_friction", 0), least=0.0),
+        "friction_torsional": Attribute("m", "torsional friction", _field("geom_friction", 1), least=0.0),
+        "friction_rolling": Attribute("m", "rolling friction", _field("geom_friction", 2), least=0.0),
         "solref_timeconst": Attribute("s", "contact time constant (or -stiffness)", _field("geom_solref", 0)),
         "solref_dampratio": Attribute("1", "contact damping ratio (or -damping)", _field("geom_solref", 1)),
-        "restitution": Attribute("1", "coefficient of restitution, from 0.14 to 1", _own(Restitution)),
+        "restitution": Attribute(
+            "1", "coefficient of restitution, from 0.14 to 1", _own(Restitution), least=0.0
+        ),
     },
     "tendon": {
         "damping": Attribute(
             "N s/m, or N m s/rad over hinges alone", "viscous damping", _field("tendon_damping")
         ),
-        "frictionloss": Attribute("N or N m", "Coulomb friction", _field("tendon_frictionloss")),
+        "frictionloss": Attribute("N or N m", "Coulomb friction", _field("tendon_frictionloss"), least=0.0),
         "stiffness": Attribute(
             "N/m or N m/rad", "spring to the length at which it is at rest", _field("tendon_stiffness")
         ),
@@ -239,21 +259,23 @@ ATTRIBUTES: dict[str, dict[str, Attribute]] = {
             _field("actuator_gear", 0),
         ),
         "time_constant": Attribute(
-            "s", "of a filter, dynprm[0]", _field("actuator_dynprm", 0, check=_check_filter)
+            "s", "of a filter, dynprm[0]", _field("actuator_dynprm", 0, check=_check_filter), least=0.0
         ),
         "motor_constant": Attribute(
             "N m/A",
             "k of a motor driven by volts: gain k/R, back-EMF -k^2/R",
             _own(MotorConstant, _check_motor),
         ),
-        "resistance": Attribute("ohm", "R of a motor driven by volts", _own(MotorResistance, _check_motor)),
+        "resistance": Attribute(
+            "ohm", "R of a motor driven by volts", _own(MotorResistance, _check_motor), least=0.0
+        ),
     },
     "option": {
         "gravity_x": Attribute("m/s^2", "gravity", _option("gravity", 0)),
         "gravity_y": Attribute("m/s^2", "", _option("gravity", 1)),
         "gravity_z": Attribute("m/s^2", "", _option("gravity", 2)),
-        "density": Attribute("kg/m^3", "of the medium", _option("density")),
-        "viscosity": Attribute("Pa s", "of the medium", _option("viscosity")),
+        "density": Attribute("kg/m^3", "of the medium", _option("density"), least=0.0),
+        "viscosity": Attribute("Pa s", "of the medium", _option("viscosity"), least=0.0),
         "wind_x": Attribute("m/s", "velocity of the medium", _option("wind", 0)),
         "wind_y": Attribute("m/s", "", _option("wind", 1)),
         "wind_z": Attribute("m/s", "", _option("wind", 2)),

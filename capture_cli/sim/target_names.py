@@ -30,6 +30,12 @@ def parse_target(text: str, model: mujoco.MjModel, where: str) -> Target:
     return ATTRIBUTES[kind][attribute].target(model, number, where)
 
 
+def least_value(text: str) -> float:
+    """Below which the number that the target `text` of a model sets is none; -inf where it may be anything."""
+    kind, _, attribute = split_target(text)
+    return ATTRIBUTES[kind][attribute].least
+
+
 def split_target(text: str) -> tuple[str, str, str]:
     """Kind, name and attribute of a target, "" where it lacks one. The name itself may hold colons."""
     kind, _, rest = text.partition(":")

@@ -18,6 +18,7 @@ from capture_cli.protocol.prepare import prepare
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.protocol.repeated_noise import with_noise_of_repeats
 from capture_cli.protocol.residual_noise import with_noise_of_residual
+from capture_cli.reports.findings import is_fit_explained
 from capture_cli.stages.chosen_identifier import ChosenIdentifier, choose_identifier
 from capture_cli.stages.earlier_estimate import EarlierEstimate
 from capture_cli.stages.estimate_document import Report
@@ -92,7 +93,7 @@ def identify(
         search = _Search(prepared, chosen, progress, starts, rounds, options["seed"], threads, earlier)
         result = search.run()
     estimate = Report(result, chosen.name, options["seed"], earlier).estimate()
-    if estimate.document["verdict"] == "unexplained":
+    if estimate.document["verdict"] == "unexplained" and not is_fit_explained(estimate.document):
         estimate.document["next_command"] = shlex.join(
             ["capture", "diagnose", "--real-log", str(real_log), "--estimate", str(out)]
         )

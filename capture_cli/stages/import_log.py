@@ -13,12 +13,13 @@ import numpy as np
 
 from capture_cli.errors import LogError
 from capture_cli.protocol.log_checks import check_fits
+from capture_cli.reports.quantities import with_unit
 from capture_cli.sim.windows import SHORTEST_EPISODE
 from capture_cli.stages.equal_episodes import refuse_repeated
 from capture_cli.stages.held_outputs import without_repeats
 from capture_cli.stages.recorded_task import task_inputs
 from capture_cli.stages.source_files import SourceFile, open_source
-from capture_cli.stores.measured_log import MeasuredLog
+from capture_cli.stores.measured_log import LARGEST, MeasuredLog
 from capture_cli.stores.output import new_directory, refuse_existing, refuse_inputs, sha256
 from capture_cli.stores.provenance import Provenance
 from capture_cli.stores.writer_lock import only_writer
@@ -171,6 +172,7 @@ def _read_recording(
     with np.errstate(over="ignore"):
         data = data * scale + offset
     _check_finite_in_si(source, data, columns, rows)
+    _check_measurable(source, data, ["s", *(c.unit for c in channels)], columns, rows)
     described = {
         "name": name,
         "source": str(source.path),
@@ -403,6 +405,23 @@ def _check_finite_in_si(
             f"{source.path}: scale * column + offset overflows for {columns[k]!r} at {where}",
             cure="correct the value, or scale and offset in the task.toml",
         )
+
+
+def _check_measurable(
+    source: SourceFile, data: np.ndarray, units: Sequence[str], columns: Sequence[str], rows: np.ndarray
+) -> None:
+    """Raise LogError where one of data (step, column) is too large to be measured; the first column is the time."""
+    huge = np.argwhere(np.abs(data[:, 1:]) > LARGEST)
+    if not huge.size:
+        return
+    row, k = huge[0][0], huge[0][1] + 1
+    scaled = with_unit(f"{data[row, k]:.4g}", units[k])
+    raise LogError(
+        f"{source.path}: column {columns[k]!r} comes to {scaled} at {source.place(rows[row])} "
+        f"({len(huge)} such values), too large to be a measurement: {LARGEST:g} is the most",
+        cure="correct the value, or scale and offset in the task.toml; if it marks what was not measured, leave the "
+        "cell empty and add --drop-nan",
+    )
 
 
 def _join(recordings: Sequence[_Recording], task: Task) -> MeasuredLog:

@@ -5,12 +5,14 @@ from __future__ import annotations
 import json
 import shlex
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from capture_cli.errors import CaptureError, StoreError
+from capture_cli.reports.findings import NOT_ALIKE, is_fit_explained
 from capture_cli.sim.windows import usual_interval
 from capture_cli.stages.equal_episodes import equal_episodes
 from capture_cli.stages.file_header import read_header
@@ -22,8 +24,8 @@ from capture_cli.stores.diagnosis import Diagnosis
 from capture_cli.stores.estimate import Estimate
 from capture_cli.stores.histories import SCHEMA as HISTORIES_SCHEMA
 from capture_cli.stores.histories import Histories
+from capture_cli.stores.measured_log import LARGEST, MeasuredLog
 from capture_cli.stores.measured_log import SCHEMA as LOG_SCHEMA
-from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.stores.output import PROVENANCE, sha256
 from capture_cli.stores.schema import array_paths, open_group
 from capture_cli.tasks import load_task
@@ -34,6 +36,8 @@ VERSION = 1
 NOTHING_TO_DO = "nothing to do"
 MANY_DROPPED = 0.1  # of a recording's rows
 CHECKED_AT_ONCE = 4096  # histories
+ROOTS = ("zarr.json", ".zgroup", ".zattrs")  # of Zarr, version 3 and 2
+MAKE_STORES = ("import-log", "record", "gen-histories")
 
 
 def inspect(path: Path, task: str | None = None) -> dict[str, Any]:
@@ -85,18 +89,32 @@ def _kind(path: Path) -> str:
     for kind in ("diagnosis", "estimate"):
         if (path / f"{kind}.json").is_file():
             return kind
-    if any((path / name).is_file() for name in ("zarr.json", ".zgroup", ".zattrs")):
+    if _has_root(path):
         try:
             found = open_group(path).attrs.get("format")
         except StoreError:
             return "zarr"
         return "measured-log" if found == LOG_SCHEMA.format else "zarr"
+    if path.suffix == ".zarr" or _made_by(path) in MAKE_STORES:
+        return "zarr"  # that has lost its root
     if (path / PROVENANCE).is_file():
         return "directory"
     raise StoreError(
         f"{path} is a folder without a Zarr store, an estimate.json, a diagnosis.json or a {PROVENANCE}",
         cure="give a path that a `capture` command wrote as its --out",
     )
+
+
+def _has_root(path: Path) -> bool:
+    return any((path / name).is_file() for name in ROOTS)
+
+
+def _made_by(path: Path) -> str | None:
+    """The command that provenance.json in the folder `path` names; None where it cannot be read."""
+    try:
+        return json.loads((path / PROVENANCE).read_text(encoding="utf-8")).get("command")
+    except (OSError, ValueError, AttributeError):
+        return None
 
 
 def _bytes(path: Path) -> int:
@@ -109,7 +127,7 @@ def _bytes(path: Path) -> int:
 
 def _inspect_log(path: Path, document: dict[str, Any], machine: Task | None) -> None:
     _header(document, dict(open_group(path).attrs))
-    log = MeasuredLog.read_unchecked(path)
+    log = _without_huge(MeasuredLog.read_unchecked(path))
     document["task"] = log.task
     document["sizes"] = {
         "recordings": len(log.recordings),
@@ -165,6 +183,14 @@ def _inspect_log(path: Path, document: dict[str, Any], machine: Task | None) -> 
     findings += log_findings(document, machine)
     if machine is not None:
         findings += task_findings(log, document, machine)
+
+
+def _without_huge(log: MeasuredLog) -> MeasuredLog:
+    """With infinity for what is too large to be measured: their squares would overflow."""
+    inputs, outputs = (
+        np.where(np.abs(v) > LARGEST, np.copysign(np.inf, v), v) for v in (log.inputs, log.outputs)
+    )
+    return replace(log, inputs=inputs, outputs=outputs)
 
 
 def _timing(log: MeasuredLog) -> list[dict[str, Any]]:
@@ -295,7 +321,7 @@ def _verdict(result: Mapping[str, Any], path: Path) -> list[dict[str, str]]:
         if result["format"] == "capture/estimate":
             log = ["--real-log", result["log"]["path"]] if result.get("log") else []
             command = shlex.join(["capture", "diagnose", *log, "--estimate", str(path)])
-            cure = f"`{command}` looks for what the model lacks"
+            cure = NOT_ALIKE if is_fit_explained(result) else f"`{command}` looks for what the model lacks"
         found.append(
             finding("warning", "verdict", "the residual is above the noise floor: unexplained", cure)
         )
@@ -323,6 +349,13 @@ def _log_changed(log: Mapping[str, Any] | None) -> list[dict[str, str]]:
 
 
 def _inspect_zarr(path: Path, document: dict[str, Any]) -> None:
+    if not _has_root(path):
+        command = _made_by(path)
+        raise StoreError(
+            f"{path} has no zarr.json, which every Zarr store has at its root: no command can read it",
+            cure="take zarr.json from a copy that is whole, or make the store again"
+            + (f" with `capture {command}`" if command in MAKE_STORES else ""),
+        )
     group = open_group(path)
     _header(document, dict(group.attrs))
     arrays = {name: group[name] for name in array_paths(group)}

@@ -14,7 +14,7 @@ import numpy as np
 from capture_cli.reports.quantities import percent, with_unit
 from capture_cli.sim.contacts import can_touch
 from capture_cli.sim.windows import SHORTEST_EPISODE
-from capture_cli.stores.measured_log import FEWEST_OF_A_SPARSE, MeasuredLog
+from capture_cli.stores.measured_log import FEWEST_OF_A_SPARSE, LARGEST, MeasuredLog
 from capture_cli.tasks.base import Channel, Task
 
 Finding = dict[str, str]
@@ -139,8 +139,8 @@ def _values(channel: Mapping[str, Any], episodes: int) -> Iterator[Finding]:
         yield finding(
             "error",
             where,
-            f"{bad} values are NaN or infinite: {steps}",
-            "import the files again with --drop-nan, or fill them in the source",
+            f"{bad} values are NaN, infinite or beyond {LARGEST:g}: {steps}",
+            "import the files again with --drop-nan, or correct them in the source",
         )
     sampling = channel.get("sampling")
     if sampling is not None and sampling["fewest"] < FEWEST_OF_A_SPARSE:

@@ -103,7 +103,7 @@ def quantisation(values: np.ndarray) -> dict[str, float | None]:
 
 
 def spikes(values: np.ndarray, time: np.ndarray, episodes: Sequence[slice]) -> dict[str, Any]:
-    """Single samples of an output (step,) that stand out from a curve which goes on without them.
+    """Single finite samples of an output (step,) that stand out from a curve which goes on without them.
 
     count; largest: how far the farthest does; first: the steps of the first few.
     """
@@ -118,10 +118,12 @@ def spikes(values: np.ndarray, time: np.ndarray, episodes: Sequence[slice]) -> d
                 _off_line(values, time, inside - 1, -1, 2),
                 _off_line(values, time, inside + 1, -2, 1),
             )
-            usual = np.nanmedian(np.abs(off[off != 0])) if np.any(off != 0) else np.inf
+            some = off[np.isfinite(off) & (off != 0)]
+            usual = np.median(np.abs(some)) if some.size else np.inf
             beside = np.maximum(np.abs(before), np.abs(after))
             forward = np.all([time[inside + k + 1] > time[inside + k] for k in (-2, -1, 0, 1)], axis=0)
-            out = forward & (np.abs(off) > SPIKE * usual) & (beside < SPIKE_ALONE * np.abs(off))
+            far = np.isfinite(off) & (np.abs(off) > SPIKE * usual)
+            out = forward & far & (beside < SPIKE_ALONE * np.abs(off))
         steps += inside[out].tolist()
         sizes += np.abs(off[out]).tolist()
     return {"count": len(steps), "largest": max(sizes, default=None), "first": steps[:PLACES_LISTED]}

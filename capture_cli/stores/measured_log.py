@@ -46,6 +46,9 @@ SCHEMA = Schema(
     },
     cure_for_other_version="read the source files in again with `capture import-log`",
 )
+LARGEST = (
+    1e15  # in SI: nothing that is commanded or measured is larger, and its square is still far from overflow
+)
 FEWEST_OF_A_SPARSE = 5  # samples of an episode: with fewer nobody can tell how the output moves
 
 
@@ -118,7 +121,9 @@ class MeasuredLog:
         return tuple(r["name"] for r in self.recordings)
 
     def check(self) -> MeasuredLog:
-        """Return self. Raises LogError naming the first fault: no steps, NaN, time that does not increase."""
+        """Return self. Raises LogError naming the first fault: no steps, NaN, values that are too large to be measured,
+        time that does not increase.
+        """
         where = f"{self.path}: " if self.path else ""
         if not len(self.episode_ends) or not len(self.time):
             raise LogError(f"{where}the log is empty", cure="record or import at least one episode")
@@ -134,6 +139,13 @@ class MeasuredLog:
                 raise LogError(
                     f"{where}{name} is {values[bad[0]]} at step {bad[0]} ({bad.size} such values)",
                     cure="drop those rows (`capture import-log --drop-nan`) or fill them in the source file",
+                )
+            huge = np.flatnonzero(np.abs(values) > LARGEST) if name != "time" else bad
+            if huge.size:
+                raise LogError(
+                    f"{where}{name} is {values[huge[0]]:.4g} at step {huge[0]} ({huge.size} such values), too large to "
+                    f"be a measurement: {LARGEST:g} is the most",
+                    cure="correct the value in the source file, or its scale in the task.toml, and import again",
                 )
         for number, steps in enumerate(self.episodes):
             back = np.flatnonzero(np.diff(self.time[steps]) <= 0)

@@ -142,8 +142,8 @@ def is_complete(path: Path, *, force: bool, resume: bool) -> bool:
 
 
 def refuse_inputs(path: Path, inputs: Iterable[Path | str | None], *, option: str = "--out") -> None:
-    """Raise OutputError where `path` is one of the inputs, or holds one, or is a file in one: not even --force may cost
-    what is read.
+    """Raise OutputError where `path` is one of the inputs, or holds one, or lies inside one: not even --force may cost
+    what is read, and a folder with something else in it is another by its hash.
 
     option: the one that says where `path` is.
     """
@@ -152,8 +152,8 @@ def refuse_inputs(path: Path, inputs: Iterable[Path | str | None], *, option: st
         read = given.resolve()
         if path == read or path in read.parents:
             how = "is, or holds,"
-        elif path.is_file() and read in path.parents:
-            how = "is a file of"
+        elif read in path.parents:
+            how = "is a file of" if path.is_file() else "lies inside"
         else:
             continue
         raise OutputError(f"{option} {path} {how} {given}, which is read", cure=f"choose another {option}")

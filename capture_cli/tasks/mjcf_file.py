@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 import tomllib
 from collections.abc import Collection
 from pathlib import Path
@@ -15,19 +14,11 @@ from capture_cli.errors import ModelError, TaskError, did_you_mean
 from capture_cli.parameters import Parameter, ParameterSpace
 from capture_cli.sim.engine import silence_mujoco
 from capture_cli.sim.mjcf import free_centres
-from capture_cli.sim.target_names import object_id, parse_target, split_target
+from capture_cli.sim.sensor_units import refuse_other_units
+from capture_cli.sim.target_names import least_value, object_id, parse_target, split_target
 from capture_cli.tasks.base import Channel, LogColumns, Task
 
 FORMAT = 1
-_DEGREES = re.compile(r"(deg(ree)?s?|°)(?![a-z])")
-_S = mujoco.mjtSensor
-_OF_JOINTS = (int(_S.mjSENS_JOINTPOS), int(_S.mjSENS_JOINTVEL))
-_OF_TURNING = (
-    int(_S.mjSENS_BALLANGVEL),
-    int(_S.mjSENS_GYRO),
-    int(_S.mjSENS_FRAMEANGVEL),
-    int(_S.mjSENS_FRAMEANGACC),
-)
 _AXES = {1: ("",), 2: ("_x", "_y"), 3: ("_x", "_y", "_z"), 4: ("_w", "_x", "_y", "_z")}
 
 
@@ -39,7 +30,7 @@ class MjcfFile(Task):
         table = _read(self.path)
         where = str(self.path)
         _known(table, {"format", "name", "model", "parameters", "inputs", "outputs", "log"}, where)
-        if table.get("format") != FORMAT:
+        if table.get("format") != FORMAT or isinstance(table["format"], bool):
             raise TaskError(
                 f"{where}: {_given(table, 'format')}; this program reads {FORMAT}",
                 cure=f"begin the file with `format = {FORMAT}`",
@@ -77,12 +68,15 @@ class MjcfFile(Task):
 
     def _parameter(self, name: str, entry: dict[str, Any], set_by: dict[str, str], where: str):
         """The parameter and its targets. set_by: which parameter sets each target so far; `name` is added."""
+        if not name.strip():
+            raise TaskError(f"{where}: the parameter has no name", cure="name it: [parameters.NAME]")
         texts = _set_texts(entry, where)
         targets = [parse_target(text, self.model, where) for text in texts]
         _set_once(texts, name, set_by, where)
         low, high = (_value(entry, key, float, where) for key in ("low", "high"))
         if not low < high:
             raise TaskError(f"{where}: low = {low:g}, high = {high:g}", cure="give bounds with low < high")
+        _check_least(texts, low, where)
         nominal = _value(entry, "nominal", float, where, default=targets[0].read(self.model))
         if "nominal" in entry and not low <= nominal <= high:
             raise TaskError(
@@ -152,7 +146,7 @@ class MjcfFile(Task):
                 if size == 1
                 else f"give a list of {size} columns of the log",
             )
-        _refuse_degrees(entry, _value(entry, "unit", str, where), self.model, number, where)
+        refuse_other_units(entry, _value(entry, "unit", str, where), self.model, number, where)
         noise_sd = _positive(entry, "noise_sd", where, cure="give a positive number, or leave it out")
         period = _positive(
             entry,
@@ -209,28 +203,6 @@ def compile_model(path: Path, moved_centres: Collection[str] = ()) -> mujoco.MjM
         ) from error
 
 
-def _refuse_degrees(entry: dict[str, Any], unit: str, model: mujoco.MjModel, sensor: int, where: str) -> None:
-    """Raise TaskError where `unit` is one of degrees and the sensor reports radians, as all of MuJoCo's do."""
-    found = _DEGREES.match(unit.strip().lower())
-    if found is None or not _reports_radians(model, sensor):
-        return
-    right, scale = "rad" + unit.strip()[found.end() :], entry.get("scale", 1.0)
-    raise TaskError(
-        f"{where}: unit = {unit!r} with scale = {scale}, and the sensor reports {right}: what the log has is compared "
-        "with that as it is after `scale`",
-        cure=f"write unit = {right!r}; and if the column is in degrees, scale = {math.pi / 180:.9f}".replace(
-            "'", '"'
-        ),
-    )
-
-
-def _reports_radians(model: mujoco.MjModel, sensor: int) -> bool:
-    kind = int(model.sensor_type[sensor])
-    if kind in _OF_JOINTS:
-        return model.jnt_type[model.sensor_objid[sensor]] == mujoco.mjtJoint.mjJNT_HINGE
-    return kind in _OF_TURNING
-
-
 def _positive(entry: dict[str, Any], key: str, where: str, *, cure: str, default: float | None = None):
     """entry[key], a number above 0, or `default` where it is missing. Raises TaskError, with `cure` where it is not."""
     value = _value(entry, key, float, where, default=default)
@@ -262,6 +234,17 @@ def _set_once(texts: list[str], name: str, set_by: dict[str, str], where: str) -
                 cure="leave it out of one of them: the log could not tell the two apart",
             )
         set_by[text] = name
+
+
+def _check_least(texts: list[str], low: float, where: str) -> None:
+    """Raise TaskError where the bound `low` is below what one of the targets `texts` can be."""
+    for text in texts:
+        least = least_value(text)
+        if low < least:
+            raise TaskError(
+                f"{where}: low = {low:g}, and {text!r} cannot be below {least:g}",
+                cure=f"give low = {least:g} or more",
+            )
 
 
 def _set_texts(entry: Any, where: str) -> list[str]:
