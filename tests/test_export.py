@@ -365,6 +365,17 @@ def test_the_header_says_what_is_where(tasks, tmp_path):
     assert 'MjModel.from_xml_path("m.xml")' in written.companion.read_text()
 
 
+def test_the_header_says_since_when_an_effect_counts_its_time(tasks, tmp_path):
+    """Of several recordings, not the first."""
+    found = found_at("coulomb-friction@x", "periodic-disturbance@x", where="slider")
+    source, rows = diagnosis(tmp_path / "d", tasks["slider"], found), document(tasks["slider"], found)
+    for row, time in zip(rows["effects"], (1.7e9, 1.7e9 + 86_400), strict=True):
+        row["first_time"] = time
+    (source / "diagnosis.json").write_text(json.dumps(rows))
+    header = export(result=source, out=tmp_path / "m.xml").model.read_text().split("-->")[0]
+    assert "time 0 was 1700086400.000000 s in the log" in header
+
+
 def test_a_companion_that_is_not_needed_any_more_does_not_stay(tasks, tmp_path):
     with_one = diagnosis(tmp_path / "d", tasks["slider"], found_at("stribeck-friction@x", where="slider"))
     without = diagnosis(tmp_path / "n", tasks["slider"], found_at("coulomb-friction@x", where="slider"))

@@ -6,7 +6,7 @@ a sum of them, so that hundreds of forces are judged at the price of a few dozen
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -116,11 +116,22 @@ class PulseResponse:
             gradient=gradient,
         )
 
-    def gains(self, forces: np.ndarray) -> np.ndarray:
+    def gains(self, forces: np.ndarray, apart: np.ndarray | None = None) -> np.ndarray:
         """Decrease of the objective by each of `forces` (force, window, pulse, amplitude), amplitudes free, (force,).
 
-        What the parameters can imitate is projected off.
+        What the parameters can imitate is projected off. apart (window,): numbers of the windows, between which the
+        amplitudes differ; alike in all where None.
         """
+        if apart is None or not np.ptp(apart):
+            return self._gains(forces)
+        groups = [np.flatnonzero(apart == number) for number in np.unique(apart)]
+        return sum(self._windows(own)._gains(forces[:, own]) for own in groups)
+
+    def _windows(self, keep: np.ndarray) -> PulseResponse:
+        """Of the windows at `keep` alone, beside the same parameters."""
+        return replace(self, gram=self.gram[keep], across=self.across[keep], pull=self.pull[keep])
+
+    def _gains(self, forces: np.ndarray) -> np.ndarray:
         across = np.einsum("fwka,wkp->fap", forces, self.across)
         gram = np.einsum("fwka,fwkb->fab", forces, self.gram @ forces)
         pull = np.einsum("fwka,wk->fa", forces, self.pull)

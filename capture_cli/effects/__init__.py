@@ -98,8 +98,9 @@ marked *shape* say what the effect looks like; while the others are null they me
 are.
 
 Time counts from the first sample of the log, whatever its clock shows there, and in an exported model from the start of
-the simulation: the phase of `periodic-disturbance` is that at this moment. `log.first_time` of diagnosis.json says when
-it was.
+the simulation: the phase of `periodic-disturbance` is that at this moment. Of a log of several recordings it is the
+first sample of one of them, as phases do not go on from one to the other. `effects[].first_time` of diagnosis.json says
+when it was.
 
 Effects of the place *model* are native MuJoCo features. Those of the place *force* act at every step:
 friction and damping that depend on the state change MuJoCo's own `frictionloss` and `damping` step by

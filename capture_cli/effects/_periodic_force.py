@@ -57,6 +57,16 @@ class PeriodicForce(JointForce):
         )
         return points
 
+    def recording(self, first: np.ndarray) -> np.ndarray:
+        """Numbers (window,) of windows that begin at the steps `first` of the log: alike where the phase goes on from
+        one to the other.
+        """
+        return np.zeros(len(first), dtype=int)
+
+    def began(self, first: np.ndarray) -> np.ndarray | float:
+        """s, by the clock of simulations, (window,): when a path along time begins for these windows."""
+        return 0.0
+
     def carrier(self, actuator_force: np.ndarray) -> np.ndarray:
         """What the kernel is multiplied by, (...), where actuators give actuator_force (..., actuator): 1."""
         return np.ones(actuator_force.shape[:-1])

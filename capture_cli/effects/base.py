@@ -16,6 +16,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from inspect import cleandoc
 from typing import ClassVar
 
@@ -55,6 +56,28 @@ class JointMotion:
         return (self.high - self.low) / 2
 
 
+@dataclass(frozen=True)
+class Recordings:
+    """Which of a log's recordings each of its steps is of, (step,), and when it was, time (step,), s, by the clock of
+    simulations. reference: the recording that most of what is fitted is of.
+    """
+
+    of_step: np.ndarray
+    time: np.ndarray
+    reference: int
+
+    @cached_property
+    def several(self) -> bool:
+        """Whether there is more than one."""
+        return bool(np.ptp(self.of_step))
+
+    @cached_property
+    def began(self) -> np.ndarray:
+        """s: when the recording that each step is of did, (step,)."""
+        _, first, which = np.unique(self.of_step, return_index=True, return_inverse=True)
+        return self.time[first][which]
+
+
 class Effect(ABC):
     """An effect at `site` of `model`. Class attributes:
 
@@ -79,6 +102,8 @@ class Effect(ABC):
     window, longest, logged: of the log that it is looked for in, as `look_in` is given them; None where in no log.
     states_tried: points (point, state) among which those that a simulation began with are looked for, where a descent
         from 0 can miss them; none where it finds them.
+    states_anywhere: whether 0 is no better a guess of its states than any other: a fit begins with the best of those
+        tried.
     states_scored: points (point, state), alike in all windows, at which a score at null is taken: what an integral held
         before the log began shows more than what it did since.
     """
@@ -94,7 +119,8 @@ class Effect(ABC):
     difference_step: ClassVar[float] = 0.0
     states: tuple[str, ...] = ()
     states_before: ClassVar[bool] = False
-    states_tried: ClassVar[np.ndarray] = np.zeros((0, 0))
+    states_tried: np.ndarray = np.zeros((0, 0))
+    states_anywhere: ClassVar[bool] = False
     states_scored: ClassVar[np.ndarray] = np.zeros((1, 0))
     reads_actuators: ClassVar[bool] = False
     reports_late: ClassVar[bool] = False
@@ -120,12 +146,19 @@ class Effect(ABC):
         return cleandoc(cls.__doc__ or "")
 
     def look_in(
-        self, *, window: float, longest: float, logged: frozenset[int], seen: Mapping[int, JointMotion]
+        self,
+        *,
+        window: float,
+        longest: float,
+        logged: frozenset[int],
+        seen: Mapping[int, JointMotion],
+        recordings: Recordings | None = None,
     ) -> None:
         """What the log that it is looked for in is like, from which ranges of parameters follow.
 
         window: s, for how long it is followed at a time; longest: s, of the longest episode; logged: the columns of
         sensordata that the log has; seen: the motion of each joint, by its number, whose position they say.
+        recordings: of the log; None where all of it is one.
         """
         self.window, self.longest, self.logged = window, longest, logged
 
@@ -208,6 +241,24 @@ class Effect(ABC):
         state).
         """
         return np.ones((len(first), len(self.states)), dtype=bool)
+
+    def fitted_to(self, first: np.ndarray) -> Effect:
+        """The effect with what is known of it where it was fitted to simulations that begin at the steps `first`
+        (simulation,) of the log: itself.
+        """
+        return self
+
+    def first_step(self) -> int:
+        """The step of the log that its time counts from."""
+        return 0
+
+    def by_recording(self, sensitivity: np.ndarray, values: np.ndarray, first: np.ndarray) -> np.ndarray:
+        """What a score at null is taken of, (simulation, row, amplitudes), those of the reference first: `sensitivity`
+        (simulation, row, amplitude), or several times as many where recordings have amplitudes of their own.
+
+        values (parameter,); first (simulation,): the step of the log that each begins at.
+        """
+        return sensitivity
 
     def drive(
         self,

@@ -10,11 +10,13 @@ import mujoco
 import numpy as np
 
 from capture_cli.diagnosis.acceptance import Support
+from capture_cli.diagnosis.folds import select_folds
 from capture_cli.diagnosis.score import STEP, Score, score, similarity
 from capture_cli.effects import REGISTRY
-from capture_cli.effects.base import Effect, JointMotion
+from capture_cli.effects.base import Effect, JointMotion, Recordings
 from capture_cli.effects.placed import Placed
 from capture_cli.linearization import Linearization
+from capture_cli.protocol.log_windows import clock
 from capture_cli.protocol.model_fits import Fit, PartFit
 from capture_cli.protocol.narrow_shapes import NarrowShapes
 from capture_cli.protocol.prepared_log import PreparedLog
@@ -72,10 +74,12 @@ def all_candidates(prepared: PreparedLog) -> list[Candidate]:
     model = _as_driven(prepared)
     every = [Placed(name, cls(model, site)) for name, cls in REGISTRY.items() for site in cls.sites(model)]
     logged = frozenset(c.index for c in prepared.task.outputs)
-    seen, windows = _seen(prepared), prepared.windows
+    seen, windows, recordings = _seen(prepared), prepared.windows, _recordings(prepared)
     window = float(windows.grid_steps.max() * windows.timestep)
     for _, effect in every:
-        effect.look_in(window=window, longest=prepared.log.longest, logged=logged, seen=seen)
+        effect.look_in(
+            window=window, longest=prepared.log.longest, logged=logged, seen=seen, recordings=recordings
+        )
     return [Candidate(e) for e in every if e.effect.shows]
 
 
@@ -104,6 +108,15 @@ def _seen(prepared: PreparedLog) -> dict[int, JointMotion]:
                 float(low), float(high), float(speed), path, known, noise, log.time, controls
             )
     return seen
+
+
+def _recordings(prepared: PreparedLog) -> Recordings:
+    """Of the log; the reference is one of those that are fitted while effects are selected, too."""
+    log, windows, is_test = prepared.log, prepared.windows, prepared.split.is_test
+    fitted = np.isin(prepared.recording, prepared.recording[select_folds(windows.episode, is_test).fit])
+    samples = np.bincount(prepared.recording, weights=windows.samples * (fitted & ~is_test))
+    of_step = np.repeat(log.recording, np.diff(log.episode_ends, prepend=0))
+    return Recordings(of_step, clock(log), int(np.argmax(samples)))
 
 
 def _as_driven(prepared: PreparedLog) -> mujoco.MjModel:
@@ -209,7 +222,8 @@ def _probed(
         if diverged[block].any():
             continue
         sensitivity = np.moveaxis(change[block] / steps[block][:, None, None], 0, -1)
-        found = score(at, sensitivity, low, high)
+        apart = effect.by_recording(sensitivity, probes[first], narrow.part.windows.first)
+        found = _of_reference(at, apart, low, high)
         start = probes[first].copy()
         far = shares is FAR_PROBES and found.amplitudes @ steps[block] > 0
         begin = steps[block] if far else found.amplitudes  # below its threshold an effect has no slope
@@ -220,6 +234,18 @@ def _probed(
     moved[diverged] = np.inf
     smallest = np.abs(steps) == np.abs(steps).min()
     return _Probed(scored, bool(moved[~diverged].any()), float(np.median(moved[smallest])))
+
+
+def _of_reference(at: Linearization, sensitivity: np.ndarray, low: np.ndarray, high: np.ndarray) -> Score:
+    """The score of an effect, with the amplitudes of the reference where recordings have some of their own.
+
+    sensitivity (window, row, amplitudes), those of the reference first; low, high (amplitude,). What more amplitudes
+    explain by chance, each 1, is not counted.
+    """
+    own = len(low)
+    times = sensitivity.shape[-1] // own
+    found = score(at, sensitivity, np.tile(low, times), np.tile(high, times))
+    return replace(found, gain=max(found.gain - (times - 1) * own, 0.0), amplitudes=found.amplitudes[:own])
 
 
 def _at_another_peak(effect: Effect, starts: Sequence[np.ndarray]) -> np.ndarray | None:

@@ -155,6 +155,7 @@ class ModelComparison:
             if len(self.folds.folds) > 1:
                 train = self.fits.prepared.part(fitted)
                 own = self.fits.fit(train, fit.effects, fit.point, seed=self.seed) or fit
+                own = own.known_from(train.windows.first)
             parts.append(self.fits.on(self.fits.prepared.part(judged), own))
         return parts[0] if len(parts) == 1 else PartFit.concatenate(parts)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from itertools import product
+from itertools import product, takewhile
 
 import numpy as np
 
@@ -151,6 +151,11 @@ class Fit:
             stop = start
         raise KeyError(name)
 
+    def known_from(self, first: np.ndarray) -> Fit:
+        """The fit, whose effects know no more than windows that begin at the steps `first` (window,) of the log say."""
+        effects = [placed._replace(effect=placed.effect.fitted_to(first)) for placed in self.effects]
+        return replace(self, effects=tuple(effects))
+
     def is_far_behind(self, rival: Fit | None) -> bool:
         """Whether there is no hope of doing as well as `rival`."""
         return rival is not None and self.error > HOPELESS * rival.error
@@ -212,8 +217,11 @@ class ModelFits:
         rival: a fit of the same part; this one is given up where it stays far behind, later where it has fewer
         parameters: of two that do as well it would be the better.
         """
+        new = effects
         if offsets is not None:
             offsets = self._carried(offsets, offsets_with, effects)
+            new = effects[_in_common(offsets_with, effects) :]
+        offsets = self._with_states_found(part, effects, start, offsets, new)
         descend = partial(
             self._descended, part, effects, rounds=rounds, tolerance=tolerance, seed=seed, rival=rival
         )
@@ -223,6 +231,36 @@ class ModelFits:
         if tried or (part.difference_step and not effects):
             fit = self._unstuck(part, fit, rival, descend)
         return fit
+
+    def _with_states_found(
+        self,
+        part: PreparedLog,
+        effects: Sequence[Placed],
+        point: np.ndarray,
+        offsets: np.ndarray | None,
+        new: Sequence[Placed],
+    ) -> np.ndarray | None:
+        """`offsets` (window, state) with those states of the `new` effects, the last, that may be anywhere where they
+        are best at `point` (parameter,), of the values tried in every window.
+
+        From a phase on the wrong side of the circle a descent would sooner take the force away than turn it.
+        """
+        if not any(effect.states_anywhere and effect.states for _, effect in new):
+            return offsets
+        simulator = self.simulator(effects)
+        evidence = part.evidence(simulator)
+        found = np.zeros(evidence.start_sd.shape) if offsets is None else offsets
+        state = found.shape[1] - sum(len(effect.states) for _, effect in new)
+        for _, effect in new:
+            own = slice(state, state + len(effect.states))
+            state = own.stop
+            if effect.states_anywhere and effect.states:
+                trials = np.repeat(found[None], len(effect.states_tried), axis=0)
+                trials[:, :, own] = effect.states_tried[:, None] * (evidence.start_sd[:, own] > 0)
+                points = np.repeat(point[None], len(trials), axis=0)
+                outputs, diverged = part.evaluate(simulator, Trial(points, trials))
+                found, _ = best_trials(trials, trial_objectives(evidence, trials, outputs, diverged, 1.0))
+        return found
 
     def _unstuck(
         self, part: PreparedLog, fit: Fit | None, rival: Fit | None, descend: Callable[..., Fit | None]
@@ -393,7 +431,10 @@ class ModelFits:
 
         offsets (window, state): where they begin; as the log has them where None.
         """
-        begin = np.zeros((len(part.windows), fit.offsets.shape[1])) if offsets is None else offsets
+        begin = offsets
+        if begin is None:
+            begin = np.zeros((len(part.windows), fit.offsets.shape[1]))
+            begin = self._with_states_found(part, fit.effects, fit.point, begin, fit.effects)
         return PartFit.of(self._starts_at(part, fit, tolerance, begin))
 
     def _starts_at(self, part: PreparedLog, fit: Fit, tolerance: float, offsets: np.ndarray) -> Linearization:
@@ -456,15 +497,18 @@ class ModelFits:
 
         Those of the machine's own states, and of the first effects that are the same.
         """
-        kept = self.prepared.starts.sd.shape[1]
-        for one, other in zip(theirs, effects, strict=False):
-            if one.name != other.name:
-                break
-            kept += len(one.effect.states)
+        same = theirs[: _in_common(theirs, effects)]
+        kept = self.prepared.starts.sd.shape[1] + sum(len(e.states) for _, e in same)
         states = self.prepared.starts.sd.shape[1] + sum(len(e.states) for _, e in effects)
         carried = np.zeros((len(offsets), states))
         carried[:, :kept] = offsets[:, :kept]
         return carried
+
+
+def _in_common(theirs: Sequence[Placed], effects: Sequence[Placed]) -> int:
+    """With how many effects, by their names, both begin."""
+    same = (one.name == other.name for one, other in zip(theirs, effects, strict=False))
+    return sum(takewhile(bool, same))
 
 
 def _may_be_stuck(fit: Fit, rival: Fit | None) -> bool:

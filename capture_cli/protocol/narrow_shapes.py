@@ -32,7 +32,9 @@ class NarrowShapes:
         """Points (point, parameter) with null amplitudes at the best values of the shape, and how many were judged."""
         pulses, response = self._response(effect)
         path = self._path(effect)
-        points = effect.sweep(float(np.ptp(path)), MOST)
+        recording = effect.recording(self.part.windows.first)
+        span = max(float(np.ptp(path[recording == n])) for n in np.unique(recording))
+        points = effect.sweep(span, MOST)
         rest = effect.shape_grid()
         if (
             effect.along == "time"
@@ -62,8 +64,11 @@ class NarrowShapes:
         to_pulses = np.linalg.pinv(pulses.shares(steps))  # (pulse, step)
         carrier = effect.carrier(self._motion.actuator_force[:, steps])[..., None]
         some = max(1, AT_ONCE // (2 * path[:, steps].size))
+        recording = effect.recording(self.part.windows.first)
         gains = [
-            response.gains(to_pulses @ (carrier * effect.waves(points[first : first + some], path[:, steps])))
+            response.gains(
+                to_pulses @ (carrier * effect.waves(points[first : first + some], path[:, steps])), recording
+            )
             for first in range(0, len(points), some)
         ]
         return np.nan_to_num(np.concatenate(gains))  # no number where a simulation went astray
@@ -85,7 +90,8 @@ class NarrowShapes:
         """What the effect repeats along, in every window on the model's grid, (window, grid)."""
         if effect.along == "time":
             windows = self.part.windows
-            return windows.time[:, None] + windows.timestep * np.arange(windows.grid_steps.max())
+            since = windows.time - effect.began(windows.first)
+            return since[:, None] + windows.timestep * np.arange(windows.grid_steps.max())
         return self._motion.qpos[..., effect.model.jnt_qposadr[effect.joint]]
 
     @cached_property

@@ -26,6 +26,7 @@ from capture_cli.stages.result_document import (
     start_arrays,
 )
 from capture_cli.stores.diagnosis import FORMAT, VERSION, Diagnosis
+from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.stores.output import sha256
 
 
@@ -56,7 +57,7 @@ def _document(found: Explanation, curves: list[dict[str, Any]]) -> dict[str, Any
         },
         "verdict": found.verdict,
         "summary": None,  # of what follows
-        "effects": [_effect(a, after.again, sure) for a in found.accepted],
+        "effects": [_effect(a, after.again, sure, log) for a in found.accepted],
         "parameters": dict(zip(task.space.names, declared, strict=True)),
         "stages": stages,
         "before": {"test": stages[0]["test"]},
@@ -117,7 +118,7 @@ def _stage(parts: LogParts, model: JudgedModel) -> dict[str, Any]:
     }
 
 
-def _effect(accepted: Accepted, after: Fit, sure: Intervals) -> dict[str, Any]:
+def _effect(accepted: Accepted, after: Fit, sure: Intervals, log: MeasuredLog) -> dict[str, Any]:
     name, effect = accepted.placed
     own = after.columns(accepted.name)
     parameters = sure.rows(after.space, after.point, range(own.start, own.stop))
@@ -128,6 +129,7 @@ def _effect(accepted: Accepted, after: Fit, sure: Intervals) -> dict[str, Any]:
         "law": effect.law(),
         "parameters": dict(zip(effect.space.names, parameters, strict=True)),
         "states": list(effect.states),
+        "first_time": float(log.time[effect.first_step()]),
         "p_value": accepted.support.p_fit,
         "p_select": accepted.support.p_select,
         "tied_with": accepted.tied_with,

@@ -183,7 +183,7 @@ def _header(
     lines = [f"made by `capture {command}` and `capture export`; verdict: {found['verdict']}"]
     lines += [f"  {_size(p, v)}" for p, v in zip(space, values, strict=True)]
     if effects and "first_time" in found["log"]:
-        lines.append(f"  time 0 was {found['log']['first_time']:.6f} s in the log")
+        lines.append(f"  time 0 was {_first_time(found):.6f} s in the log")
     for name, (effect, own) in effects.items():
         where = "" if effect.place == "model" else f" (in {companion.name})"
         lines.append(f"  {name}{where}")
@@ -197,6 +197,13 @@ def _header(
         )
     text = re.sub("-(?=-)", "- ", "\n".join(lines))  # two in a row would end the comment
     return f"<!-- {text}\n-->\n"
+
+
+def _first_time(found: Mapping[str, Any]) -> float:
+    """s, by the log's clock: since when time counts, of the effect that counts it from elsewhere than the others."""
+    usual = found["log"]["first_time"]
+    own = (row.get("first_time", usual) for row in found.get("effects", []))
+    return next((time for time in own if time != usual), usual)
 
 
 def _size(parameter: Parameter, value: float) -> str:
