@@ -16,12 +16,7 @@ import mujoco
 import numpy as np
 
 from capture_cli.diagnosis.lack_of_fit import PRACTICAL_OF_ONE
-from capture_cli.diagnosis.noise_floor import (
-    NoiseFloor,
-    least_floor,
-    shared,
-    white_noise,
-)
+from capture_cli.diagnosis.noise_floor import NoiseFloor, least_floor, shared, white_noise
 from capture_cli.linearization import Linearization
 from capture_cli.protocol.model_fits import Fit
 from capture_cli.protocol.prepare import with_noise
@@ -59,7 +54,7 @@ def with_outliers(prepared: PreparedLog, part: PreparedLog, fit: Fit, threads: i
     it is where none is clearly higher. Floors that come from a sensor's steps or the task stay.
     """
     noise = prepared.noise
-    sd = shared(noise.sd * _with_outliers(part, fit.at, noise.sd), attitudes(prepared.task))
+    sd = shared(noise.sd * _more_with_outliers(part, fit.at, noise.sd), attitudes(prepared.task))
     trimmed = np.array([source in ("differences", "repeats", "residual") for source in noise.source])
     higher = trimmed & (sd > CLEARLY_HIGHER * noise.sd)
     return _with(prepared, higher, sd, "outliers", threads) if higher.any() else prepared
@@ -91,7 +86,7 @@ def _noise(part: PreparedLog, at: Linearization) -> np.ndarray:
     return sd
 
 
-def _with_outliers(part: PreparedLog, at: Linearization, sd: np.ndarray) -> np.ndarray:
+def _more_with_outliers(part: PreparedLog, at: Linearization, sd: np.ndarray) -> np.ndarray:
     """By how much the noise in the residual is more than `sd` (output,), with its outliers, (output,): 1 or more."""
     more = np.ones(len(sd))
     for k, (channel, series) in enumerate(zip(part.task.outputs, _left(part, at), strict=True)):
