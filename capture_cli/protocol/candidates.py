@@ -12,7 +12,7 @@ import numpy as np
 from capture_cli.diagnosis.acceptance import Support
 from capture_cli.diagnosis.score import STEP, Score, score, similarity
 from capture_cli.effects import REGISTRY
-from capture_cli.effects.base import Effect, JointMotion
+from capture_cli.effects.base import Effect, JointMotion, Reports
 from capture_cli.effects.placed import Placed
 from capture_cli.linearization import Linearization
 from capture_cli.protocol.model_fits import Fit, PartFit
@@ -72,10 +72,10 @@ def all_candidates(prepared: PreparedLog) -> list[Candidate]:
     model = _as_driven(prepared)
     every = [Placed(name, cls(model, site)) for name, cls in REGISTRY.items() for site in cls.sites(model)]
     logged = frozenset(c.index for c in prepared.task.outputs)
-    seen, windows = _seen(prepared), prepared.windows
+    seen, reports, windows = _seen(prepared), _reports(prepared), prepared.windows
     window = float(windows.grid_steps.max() * windows.timestep)
     for _, effect in every:
-        effect.look_in(window=window, longest=prepared.log.longest, logged=logged, seen=seen)
+        effect.look_in(window=window, longest=prepared.log.longest, logged=logged, seen=seen, reports=reports)
     return [Candidate(e) for e in every if e.effect.shows]
 
 
@@ -104,6 +104,14 @@ def _seen(prepared: PreparedLog) -> dict[int, JointMotion]:
                 float(low), float(high), float(speed), path, known, noise, log.time, controls
             )
     return seen
+
+
+def _reports(prepared: PreparedLog) -> Reports:
+    """What outputs of the log say, as columns of sensordata."""
+    log = prepared.log
+    values = np.full((len(log.time), prepared.task.model.nsensordata), np.nan)
+    values[:, [c.index for c in prepared.task.outputs]] = np.where(log.sampled, log.outputs, np.nan)
+    return Reports(log.time, values, stretches(log.time, log.sampled, log.episodes))
 
 
 def _as_driven(prepared: PreparedLog) -> mujoco.MjModel:
