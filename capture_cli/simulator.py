@@ -340,7 +340,9 @@ class Simulator:
                 sensors = own.effect.pick_up(sensors, each[:, own.parameters], rollouts.actuator_force)
         for own in self._placed:
             values, states = each[:, own.parameters], hidden[:, own.states]
-            sensors = own.effect.measure(sensors, values, self.task.timestep, states=states, elapsed=elapsed)
+            sensors = own.effect.measure(
+                sensors, values, self.task.timestep, states=states, elapsed=elapsed, first=first
+            )
         return replace(rollouts, sensors=sensors[..., self._sensors])
 
     def _lateness(self, each: np.ndarray) -> np.ndarray:

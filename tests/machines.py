@@ -36,6 +36,7 @@ CART_POLE = """
       <body name="pole">
         <joint name="pole" type="hinge" axis="0 1 0"/>
         <geom type="capsule" fromto="0 0 0 0 0 -0.5" size=".02" mass="0.3"/>
+        <site name="tip" pos="0 0 -0.5"/>
       </body>
     </body>
   </worldbody>
@@ -43,6 +44,7 @@ CART_POLE = """
   <sensor>
     <jointpos name="cart" joint="cart"/><jointpos name="pole" joint="pole"/>
     <e_potential name="potential"/><e_kinetic name="kinetic"/>
+    <accelerometer name="tip" site="tip"/>
   </sensor>
 </mujoco>
 """

@@ -234,7 +234,7 @@ def test_friction_takes_energy_and_never_gives_any(name):
         null[1] = some[1] = 4.0  # rad/s: as fast as the pole falls
     values = np.clip([null, some, 2 * null - some], effect.space.low, effect.space.high)
     sensors, _ = run(model, (effect, values), count=3, tape=np.zeros((3, 300, 1)))
-    energy = sensors[..., 2:].sum(axis=-1)
+    energy = sensors[..., 2:4].sum(axis=-1)
     assert (np.diff(energy, axis=1) < 1e-6).all()
     assert energy[1:, -1].min() < energy[0, -1] - 0.01
 

@@ -78,6 +78,18 @@ class Recordings:
         return self.time[first][which]
 
 
+@dataclass(frozen=True)
+class Reports:
+    """What a log has of sensors: time (step,), s; values (step, column of sensordata), nan where there is none.
+
+    stretches: as of JointMotion.
+    """
+
+    time: np.ndarray
+    values: np.ndarray
+    stretches: Sequence[slice]
+
+
 class Effect(ABC):
     """An effect at `site` of `model`. Class attributes:
 
@@ -153,12 +165,13 @@ class Effect(ABC):
         logged: frozenset[int],
         seen: Mapping[int, JointMotion],
         recordings: Recordings | None = None,
+        reports: Reports | None = None,
     ) -> None:
         """What the log that it is looked for in is like, from which ranges of parameters follow.
 
         window: s, for how long it is followed at a time; longest: s, of the longest episode; logged: the columns of
-        sensordata that the log has; seen: the motion of each joint, by its number, whose position they say.
-        recordings: of the log; None where all of it is one.
+        sensordata that the log has; seen: the motion of each joint, by its number, whose position they say; reports:
+        what is in those columns. recordings: of the log; None where all of it is one.
         """
         self.window, self.longest, self.logged = window, longest, logged
 
@@ -299,11 +312,13 @@ class Effect(ABC):
         *,
         states: np.ndarray | None = None,
         elapsed: np.ndarray | float = 0.0,
+        first: np.ndarray | None = None,
     ) -> np.ndarray:
         """Place "measurement": sensordata (simulation, grid, column), on that grid, as it is reported.
 
         states (simulation, state): what its own states begin with; 0 where None. elapsed (simulation,): s, since the
-        episode began, at the first point of the grid.
+        episode began, at the first point of the grid. first (simulation,): the step of the log that each begins at;
+        None where there is no log.
         """
         return sensors
 

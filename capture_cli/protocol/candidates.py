@@ -13,7 +13,7 @@ from capture_cli.diagnosis.acceptance import Support
 from capture_cli.diagnosis.folds import select_folds
 from capture_cli.diagnosis.score import STEP, Score, score, similarity
 from capture_cli.effects import REGISTRY
-from capture_cli.effects.base import Effect, JointMotion, Recordings
+from capture_cli.effects.base import Effect, JointMotion, Recordings, Reports
 from capture_cli.effects.placed import Placed
 from capture_cli.linearization import Linearization
 from capture_cli.protocol.log_windows import clock
@@ -73,13 +73,17 @@ def all_candidates(prepared: PreparedLog) -> list[Candidate]:
     """Every effect at every site of the model that could show in the log."""
     model = _as_driven(prepared)
     every = [Placed(name, cls(model, site)) for name, cls in REGISTRY.items() for site in cls.sites(model)]
-    logged = frozenset(c.index for c in prepared.task.outputs)
-    seen, windows, recordings = _seen(prepared), prepared.windows, _recordings(prepared)
-    window = float(windows.grid_steps.max() * windows.timestep)
+    windows = prepared.windows
+    log = {
+        "window": float(windows.grid_steps.max() * windows.timestep),
+        "longest": prepared.log.longest,
+        "logged": frozenset(c.index for c in prepared.task.outputs),
+        "seen": _seen(prepared),
+        "reports": _reports(prepared),
+        "recordings": _recordings(prepared),
+    }
     for _, effect in every:
-        effect.look_in(
-            window=window, longest=prepared.log.longest, logged=logged, seen=seen, recordings=recordings
-        )
+        effect.look_in(**log)
     return [Candidate(e) for e in every if e.effect.shows]
 
 
@@ -117,6 +121,14 @@ def _recordings(prepared: PreparedLog) -> Recordings:
     samples = np.bincount(prepared.recording, weights=windows.samples * (fitted & ~is_test))
     of_step = np.repeat(log.recording, np.diff(log.episode_ends, prepend=0))
     return Recordings(of_step, clock(log), int(np.argmax(samples)))
+
+
+def _reports(prepared: PreparedLog) -> Reports:
+    """What outputs of the log say, as columns of sensordata."""
+    log = prepared.log
+    values = np.full((len(log.time), prepared.task.model.nsensordata), np.nan)
+    values[:, [c.index for c in prepared.task.outputs]] = np.where(log.sampled, log.outputs, np.nan)
+    return Reports(log.time, values, stretches(log.time, log.sampled, log.episodes))
 
 
 def _as_driven(prepared: PreparedLog) -> mujoco.MjModel:
