@@ -11,7 +11,7 @@ import pytest
 from benchmarks import MACHINES as BENCHMARKS
 from capture_cli.identifiers.base import Best
 from capture_cli.identifiers.intervals import intervals, unit_covariance
-from capture_cli.linearization import Linearization
+from capture_cli.linearization import UNSEEN, Linearization
 from capture_cli.protocol.model_fits import ModelFits
 from capture_cli.protocol.prepare import prepare
 from capture_cli.protocol.prepared_log import PreparedLog
@@ -171,7 +171,8 @@ def test_an_interval_is_not_narrow_for_a_window_that_jumps(tmp_path):
 def test_where_contacts_stop_a_descent_the_way_left_to_go_is_in_the_interval(tmp_path):
     ready = pucks(tmp_path, seed=3)
     at, space = linearized(ready, 0.13), ready.task.space
-    short_of = np.abs(at.normal(at.scatter)[1] / at.normal(at.scatter)[0][0])
+    hessian, gradient = at.normal(at.scatter)
+    short_of = np.abs(gradient / (hessian[0] + at.scatter / UNSEEN**2))
     assert intervals(at).sd[0] == pytest.approx(
         space.span[0] * np.hypot(np.sqrt(unit_covariance(at)[0][0, 0]), short_of[0])
     )

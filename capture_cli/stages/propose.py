@@ -22,7 +22,8 @@ from capture_cli.simulator import Simulator
 from capture_cli.stages.policy_checkpoint import load_policy
 from capture_cli.stages.recorded_log import recorded_log
 from capture_cli.stages.recorded_task import load_recorded, task_inputs
-from capture_cli.stores.diagnosis import Diagnosis
+from capture_cli.stores.diagnosis import EXPERIMENT, Diagnosis
+from capture_cli.stores.document_shape import check_shape
 from capture_cli.stores.estimate import Estimate
 from capture_cli.stores.output import refuse_inputs
 from capture_cli.stores.proposal import FORMAT, VERSION
@@ -225,6 +226,7 @@ def _of_diagnosis(folder: Path, task: Task, amplitude: Mapping[str, float], seed
             "one of its menu would separate",
             cure="propose from the estimate instead: capture propose ESTIMATE",
         )
+    check_shape(experiment, EXPERIMENT, f"{folder / 'diagnosis.json'}: next_experiment", Diagnosis.CURE)
     farthest = [
         peak(task.model, c, amplitude) if c.name in amplitude else p
         for c, p in zip(task.inputs, experiment["peaks"], strict=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from capture_cli.stores.document_shape import BOUNDS, NUMBER, POSITIVE, TEXT, WHOLE, or_none
+from capture_cli.stores.document_shape import BOUNDS, NUMBER, OBJECT, POSITIVE, TEXT, WHOLE, or_none
 from capture_cli.stores.result import Result
 from capture_cli.stores.schema import STARTS, ArraySpec, Schema
 
@@ -72,11 +72,11 @@ SHAPE = {  # of what is read of diagnosis.json
     "verdict": TEXT,
     "parameters": {str: {"value": NUMBER}},
     "effects": [{"name": TEXT, "site": TEXT, "parameters": {str: {"value": NUMBER, "high": NUMBER}}}],
-    "next_experiment?": or_none(
-        {"text": TEXT, "band_hz": BOUNDS, "peaks": [NUMBER], "duration_s": POSITIVE, "seed?": WHOLE}
-    ),
+    "next_experiment?": or_none(OBJECT),
     "expression?": or_none({"terms": [{"site": TEXT, "coefficient": NUMBER}], "values?": {str: NUMBER}}),
 }
+# of its next experiment, by what proposes that
+EXPERIMENT = {"text": TEXT, "band_hz": BOUNDS, "peaks": [NUMBER], "duration_s": POSITIVE, "seed?": WHOLE}
 
 
 class Diagnosis(Result):
