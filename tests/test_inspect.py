@@ -592,8 +592,13 @@ def test_result_directories_are_described(tmp_path, kind):
         "log": {"path": str(log), "sha256": "of an earlier log"},
         "verdict": "unexplained",
         "parameters": {"mass": parameter, "gain": {**parameter, "at_bound": True}},
-        "effects": [{"name": "coulomb-friction", "site": "x"}] if kind == "diagnosis" else [],
-        "expression": {"text": "missing force at x = -3.2 v", "terms": [{"site": "x: v"}]},
+        "effects": [{"name": "coulomb-friction", "site": "x", "parameters": {}}]
+        if kind == "diagnosis"
+        else [],
+        "expression": {
+            "text": "missing force at x = -3.2 v",
+            "terms": [{"site": "x: v", "coefficient": -3.2}],
+        },
         "noise_floor": {"q": 1e-3},
         "rollouts": {"measured": 4},
         "rounds": [],
