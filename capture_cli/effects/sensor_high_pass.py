@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
 
 from capture_cli.effects._sensor_effect import SensorEffect, quantity
 from capture_cli.effects.base import Reports
@@ -76,6 +75,8 @@ class SensorHighPass(SensorEffect):
 
 def integrated(reports: Reports, columns: slice) -> np.ndarray:
     """Integrals (step, column) of what was reported over time since each stretch began, straight where it was not."""
+    from scipy.integrate import cumulative_trapezoid
+
     reported = reports.values[:, columns]
     integrals = np.zeros(reported.shape)
     for steps in reports.stretches:
