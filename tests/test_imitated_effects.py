@@ -43,8 +43,9 @@ def fitted():
                 len(probes), dtype=bool
             )
 
+        part = SimpleNamespace(windows=SimpleNamespace(first=np.zeros(1, dtype=int)))
         return SimpleNamespace(
-            fits=SimpleNamespace(probe=probe), fit=SimpleNamespace(at=at), part=None, doubts=lambda *_: False
+            fits=SimpleNamespace(probe=probe), fit=SimpleNamespace(at=at), part=part, doubts=lambda *_: False
         )
 
     return fitted
