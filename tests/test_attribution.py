@@ -44,6 +44,19 @@ def test_a_difference_that_is_steady_and_next_to_nothing_makes_no_winner(monkeyp
     assert models.as_good(mine, other) is (said == TIED)
 
 
+@pytest.mark.parametrize(("less", "as_good"), [(6e-4, True), (5e-3, False)])
+def test_parameters_that_gain_nothing_are_not_taken_for_a_steady_trifle(monkeypatch, less, as_good):
+    """A spring on one side, as stiff on the other, beside a spring: steadily better by 5 of twice the log likelihood,
+    for 2 parameters that 8868 samples would have to gain 18 by.
+    """
+    monkeypatch.setattr(model_comparison, "effective_samples", lambda _: 8868.0)
+    blocks = 10 + np.random.default_rng(0).normal(0, 0.5, 60)
+    one_sided, spring = judged_by_blocks(2, 8140.0, (1 - less) * blocks), judged_by_blocks(0, 8140.2, blocks)
+    models = ModelComparison.__new__(ModelComparison)
+    models.seed = 0
+    assert models.as_good(one_sided, spring) is as_good
+
+
 @dataclass
 class Named:
     site: str

@@ -184,8 +184,12 @@ class ModelComparison:
     # --- compared ---
 
     def as_good(self, best: Candidate, other: Candidate) -> bool:
-        """Whether neither the fitted windows nor those that judge tell `other` from `best`."""
-        _, gain = self._more_and_gain(best, other)
+        """Whether neither the fitted windows nor those that judge tell `other` from `best`; or it has parameters less,
+        by which it is ahead of more than those that judge put it behind.
+        """
+        more, gain = self._more_and_gain(best, other)
+        if more < 0 and gain - self._behind(best, other) > STRONG:
+            return True
         return gain > -CLEARLY_BETTER - _chance(best, other) and self._indistinct(best, other)
 
     def is_better(self, fit: Fit, other: Fit) -> bool:
@@ -213,11 +217,15 @@ class ModelComparison:
         has_sizes = best.placed.effect.parameters and other.placed.effect.parameters
         if has_sizes and similarity(best.score.response, other.score.response) > SAME_RESPONSE:
             return True
-        as_likely = effective_samples(best.fit) * abs(self.loss(best) - self.loss(other)) < AS_LIKELY
+        as_likely = abs(self._behind(best, other)) < AS_LIKELY
         if as_likely or best.select is None:
             return bool(as_likely)
         first, second = (best, other) if self.loss(best) <= self.loss(other) else (other, best)
         return self._paired(second.select, first.select) > INDISTINCT
+
+    def _behind(self, best: Candidate, other: Candidate) -> float:
+        """By how much of twice the log likelihood windows that judge put `other` behind."""
+        return effective_samples(best.fit) * (self.loss(other) - self.loss(best))
 
     def best(self, mine: Candidate, others: list[Candidate]) -> tuple[Candidate, list[Candidate]]:
         """The candidate that no other is better than, and the others. None that was beaten comes back."""
