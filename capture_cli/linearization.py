@@ -289,9 +289,7 @@ class Linearization:
         self, k: float, low: np.ndarray, high: np.ndarray, damping: np.ndarray | float = 0.0
     ) -> np.ndarray:
         """Likewise to where it is lowest within low <= step <= high (parameter,). What shows next to nothing stays."""
-        hessian, gradient = self.normal(k, damping)
-        held = k / UNSEEN**2 * np.eye(len(gradient))
-        return box_step(hessian + held, gradient, low, high)
+        return held_step(*self.normal(k, damping), k, low, high)
 
     def start_offsets(self, dx: np.ndarray, k: float, damping: np.ndarray | float = 0.0) -> np.ndarray:
         """Offsets (window, state), SI, that belong to the parameter step dx (parameter,)."""
@@ -355,6 +353,13 @@ def scatter(evidence: Evidence, residual: np.ndarray) -> float:
     variance = float(np.square(residual).sum() / max(evidence.count, 1))
     shaped = residual.reshape(evidence.measured.shape)
     return max(1.0, variance * autocorrelation_time(shaped, evidence.mask))
+
+
+def held_step(
+    hessian: np.ndarray, gradient: np.ndarray, k: float, low: np.ndarray, high: np.ndarray
+) -> np.ndarray:
+    """As `box_step`, of an objective whose noise has the variance k; what shows next to nothing stays."""
+    return box_step(hessian + k / UNSEEN**2 * np.eye(len(gradient)), gradient, low, high)
 
 
 def box_step(hessian: np.ndarray, gradient: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:

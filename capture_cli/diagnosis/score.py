@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from capture_cli.linearization import Linearization
+from capture_cli.linearization import Linearization, held_step
 from capture_cli.parameters import AT_BOUND
 
 STEP = 0.3  # of each parameter's range: how far the linear step may go
@@ -44,8 +44,8 @@ def score(at: Linearization, sensitivity: np.ndarray, low: np.ndarray, high: np.
     hessian, gradient = both.normal(k)
     bottom = np.concatenate([np.maximum(-STEP, -at.x), np.maximum(-STEP, low)])
     top = np.concatenate([np.minimum(STEP, 1 - at.x), np.minimum(STEP, high)])
-    step = both.bounded_step(k, bottom, top)
-    alone = at.bounded_step(k, bottom[:size], top[:size])
+    step = held_step(hessian, gradient, k, bottom, top)
+    alone = held_step(hessian[:size, :size], gradient[:size], k, bottom[:size], top[:size])
     gain = _decrease(hessian, gradient, step) - _decrease(hessian[:size, :size], gradient[:size], alone)
     free = ~(_held(at.x, step[:size]) | _held(at.x, alone))
     imitation = _imitation(hessian, size, free)

@@ -12,9 +12,8 @@ import numpy as np
 
 GRAVITY = 9.81  # m/s^2: friction comes with weight, also where the model, seen from above, has no gravity
 POSITION_ERROR = 0.3  # rad or m: the position error at which a servo is taken to give all it has
-STIFFEST = (
-    0.5  # rad a step, of the oscillation of what a joint moves on a spring that is simulated as a force
-)
+# rad a step, of the oscillation of what a joint moves on a spring that is simulated as a force
+STIFFEST = 0.5
 TRUSTED_AUTHORITY = 10.0  # an actuator many times stronger than its load says nothing about friction
 HINGE, SLIDE, FREE = (int(getattr(mujoco.mjtJoint, f"mjJNT_{kind}")) for kind in ("HINGE", "SLIDE", "FREE"))
 

@@ -171,7 +171,7 @@ class Effect(ABC):
 
         window: s, for how long it is followed at a time; longest: s, of the longest episode; logged: the columns of
         sensordata that the log has; seen: the motion of each joint, by its number, whose position they say; reports:
-        what is in those columns. recordings: of the log; None where all of it is one.
+        what is in those columns. recordings: those of the log; None where nobody says, as if all were one.
         """
         self.window, self.longest, self.logged = window, longest, logged
 

@@ -28,9 +28,8 @@ FREE = 1.0  # rad or m: sd of what nothing measures while a path is followed
 # rad, or share of the model's extent: steps in which a machine is led from one measured position to the next. In longer
 # ones a loop may fold over, or its closing may not be found at all.
 LED = 0.1
-OPEN = (
-    10.0  # times what noise and softness make of a gap: beyond, what was measured contradicts the constraint
-)
+# Times what noise and softness make of a gap: beyond, what was measured contradicts the constraint.
+OPEN = 10.0
 
 
 class LoopClosure:
@@ -94,19 +93,22 @@ class LoopClosure:
 
         sd (dof,): as of `_closed`. A crank may begin an episode at any angle, or turns away from the model's own.
         """
-        target, apart = begin.copy(), np.zeros(self.model.nv)
-        target[columns] = measured
-        mujoco.mj_normalizeQuat(self.model, target)
+        target, apart = self._with(begin, columns, measured), np.zeros(self.model.nv)
         mujoco.mj_differentiatePos(self.model, apart, 1.0, begin, target)
         steps = int(np.ceil(np.abs(apart / (LED * self._reach)).max(initial=0.0)))
-        here = begin.copy()
+        here = begin
         for step in range(1, steps):
             on_the_way = begin.copy()
             mujoco.mj_integratePos(self.model, on_the_way, apart, step / steps)
-            here[columns] = on_the_way[columns]
-            here, _ = self._closed(here, sd)
-        here[columns] = target[columns]
-        return self._closed(here, sd)[0]
+            here, _ = self._closed(self._with(here, columns, on_the_way[columns]), sd)
+        return self._closed(self._with(here, columns, target[columns]), sd)[0]
+
+    def _with(self, qpos: np.ndarray, columns: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """`qpos` (nq,) with positions that were measured, `values` (column,), at `columns`."""
+        qpos = qpos.copy()
+        qpos[columns] = values
+        mujoco.mj_normalizeQuat(self.model, qpos)
+        return qpos
 
     def left_open(
         self,
@@ -126,10 +128,7 @@ class LoopClosure:
         free[dofs] = 0.0
         squares: dict[str, list[tuple[float, float]]] = {}
         for qpos, values in zip(followed, measured, strict=True):
-            here = qpos.copy()
-            here[qpos_columns] = values
-            mujoco.mj_normalizeQuat(self.model, here)
-            self._go(self._closed(here, free)[0])
+            self._go(self._closed(self._with(qpos, qpos_columns, values), free)[0])
             rows = slice(self.data.ne)
             by_noise = np.square(self._jacobian[:, dofs] * sd).sum(axis=1)
             allowed = by_noise + np.square(self._softness(per_second=False))
@@ -198,14 +197,11 @@ class LoopClosure:
     @cached_property
     def _reach(self) -> np.ndarray:
         """What is far for each coordinate, (dof,): 1 rad, or the model's extent."""
-        model = self.model
-        kinds, within = (
-            model.jnt_type[model.dof_jntid],
-            np.arange(model.nv) - model.jnt_dofadr[model.dof_jntid],
-        )
-        slides = (kinds == mujoco.mjtJoint.mjJNT_SLIDE) | (
-            (kinds == mujoco.mjtJoint.mjJNT_FREE) & (within < 3)
-        )
+        model, joint = self.model, self.model.dof_jntid
+        within = np.arange(model.nv) - model.jnt_dofadr[joint]
+        is_slide = model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE
+        is_free = model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE
+        slides = is_slide | (is_free & (within < 3))
         return np.where(slides, model.stat.extent, 1.0)
 
     @property

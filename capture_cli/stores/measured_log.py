@@ -46,9 +46,8 @@ SCHEMA = Schema(
     },
     cure_for_other_version="read the source files in again with `capture import-log`",
 )
-LARGEST = (
-    1e15  # in SI: nothing that is commanded or measured is larger, and its square is still far from overflow
-)
+# In SI: nothing that is commanded or measured is larger, and its square is still far from overflow.
+LARGEST = 1e15
 FEWEST_OF_A_SPARSE = 5  # samples of an episode: with fewer nobody can tell how the output moves
 
 
