@@ -900,6 +900,28 @@ def test_a_supply_sags_with_what_all_its_actuators_draw():
     assert effect.parameters[0].high == pytest.approx(0.6 / 3.0)  # all at their largest: a mean of 3
 
 
+def test_servos_on_one_supply_are_weaker_the_more_all_of_them_give():
+    """Of joints too heavy to move: what each gives is 1 / (1 + sag load) of what it would."""
+    model = build(TWO_MOTORS)
+    model.dof_armature[:] = 1e9
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+    effect = effects.REGISTRY.get("force-supply-sag")(model)
+    assert effect.servos == [2] and effect.parameters[0].unit == "1/N"
+    told = np.array([1.0, -2.0, 0.7])
+    force, count = effect.force(np.array([[0.4, 0.01]]), model.opt.timestep), 200
+    starts = Starts(np.zeros((1, 2)), np.zeros((1, 2)), np.zeros((1, 0)), np.zeros(1))
+    given = Engine(model, threads=1).rollout(
+        starts=starts,
+        controls=np.tile(told, (1, count, 1)),
+        steps=count,
+        forces=[force],
+        actuator_forces=True,
+    )
+    would = told * [1.0, 1.0, 3.0]
+    steady = would / (1 + 0.4 * np.abs(would).mean())
+    np.testing.assert_allclose(given.actuator_force[0, -1], steady, rtol=1e-5)
+
+
 def test_a_frame_is_turned_in_the_plane_and_in_space():
     effect = effects.REGISTRY.get("sensor-frame-rotation")
     plane = effect(machine("puck"), "px+py").measure(np.array([[[1.0, 0.0]]]), np.array([[0.3]]), 1.0)

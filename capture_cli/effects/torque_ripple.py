@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import mujoco
-import numpy as np
 
 from capture_cli.effects._kernel import Companion, call
+from capture_cli.effects._linear_actuators import SCALED, linear_actuators
 from capture_cli.effects._periodic_force import AlongPosition
 from capture_cli.effects._places import reference, site_id
 from capture_cli.effects._scales import driven_joint
@@ -14,12 +14,6 @@ from capture_cli.parameters import Parameter
 from capture_cli.sim.object_names import object_name
 
 MOST = 0.7  # of each amplitude: both together stay below 1, where the force would change its sign
-# Fields of MjModel, (actuator, ...), in all of which the force of an actuator is linear
-SCALED = ("actuator_gainprm", "actuator_biasprm", "actuator_forcerange")
-GAINS = [
-    int(g) for g in (mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtGain.mjGAIN_AFFINE, mujoco.mjtGain.mjGAIN_PID)
-]
-BIASES = [int(b) for b in (mujoco.mjtBias.mjBIAS_NONE, mujoco.mjtBias.mjBIAS_AFFINE)]
 
 
 class TorqueRipple(AlongPosition):
@@ -41,10 +35,8 @@ class TorqueRipple(AlongPosition):
 
     @classmethod
     def sites(cls, model):
-        linear = np.isin(model.actuator_gaintype, GAINS) & np.isin(model.actuator_biastype, BIASES)
-        return [
-            object_name(model, "actuator", a) for a in np.flatnonzero(linear) if driven_joint(model, a) >= 0
-        ]
+        linear = linear_actuators(model)
+        return [object_name(model, "actuator", a) for a in linear if driven_joint(model, a) >= 0]
 
     @classmethod
     def joint_at(cls, model, site):
