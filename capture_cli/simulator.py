@@ -277,8 +277,8 @@ class Simulator:
         early = np.zeros(len(row))
         if runs.reported is not None and (self._measures or self.substeps > 1):
             here = runs.reported.rows(row)
-            late = self._lateness(each)
-            early = late[:, self._sensors].max(axis=1) * here.read
+            late = self._lateness(each, windows.elapsed[row])
+            early = late[:, self._sensors].max(axis=1, initial=0.0) * here.read
             change = self._start_change(here, early[:, None] - late, each, windows.elapsed[row])
             starts = shift(self.task.model, starts, change)
         drift = self._drift(each, windows.elapsed[row]) - early
@@ -287,8 +287,11 @@ class Simulator:
     def _rollout(self, runs: _Runs, keep_states: bool = False) -> Rollouts:
         """Rollouts whose sensors are the outputs on the grid of the windows."""
         windows, row, each = runs.windows, runs.row, runs.each
-        begun = self._begun(runs)
-        more = begun.early + self._drift(each, np.full(len(row), windows.grid * windows.timestep))
+        begun, length = self._begun(runs), windows.grid * windows.timestep
+        ahead = -self._lateness(each, windows.elapsed[row] + length)[:, self._sensors].min(
+            axis=1, initial=0.0
+        )
+        more = begun.early + ahead + self._drift(each, np.full(len(row), length))
         rollouts = self._step(
             begun,
             _Tapes(self.task.controls(windows.tape), row, windows.lead, windows.known_lead[row]),
@@ -345,10 +348,12 @@ class Simulator:
             )
         return replace(rollouts, sensors=sensors[..., self._sensors])
 
-    def _lateness(self, each: np.ndarray) -> np.ndarray:
-        """How late each column of sensordata is reported, s, (simulation, column)."""
+    def _lateness(self, each: np.ndarray, elapsed: np.ndarray) -> np.ndarray:
+        """How late each column of sensordata is reported, s, (simulation, column), elapsed (simulation,) s after the
+        episode began.
+        """
         none = np.zeros((len(each), self.task.model.nsensordata))
-        return sum((own.effect.lateness(each[:, own.parameters]) for own in self._placed), none)
+        return sum((own.effect.lateness(each[:, own.parameters], elapsed) for own in self._placed), none)
 
     def _start_change(
         self, reported: ReportedMotion, before: np.ndarray, each: np.ndarray, elapsed: np.ndarray

@@ -838,6 +838,7 @@ def test_sensors_report_as_the_effects_say():
     assert np.allclose(measure("sensor-delay", ramp, 1.3), ramp - 1.3)  # before the start, too
     assert np.allclose(measure("sensor-delay", ramp**2, 2.0)[2:], ramp[:-2] ** 2)
     assert np.allclose(measure("sensor-clock-rate", ramp, 0.1), 1.1 * ramp)
+    assert np.allclose(measure("sensor-own-clock", ramp, 0.1), 1.1 * ramp)
     assert np.allclose(measure("sensor-low-pass", ramp, 0.7), ramp - 0.7)
     step = measure("sensor-low-pass", np.array([0.0, 0, 1, 1, 1]), 2.0)
     rise = 1 - 2 * (1 - np.exp(-0.5))  # at the end of a ramp from 0 to 1

@@ -153,6 +153,18 @@ def test_a_window_of_a_late_sensor_begins_with_what_it_saw_before(tmp_path, sens
     assert fit.point[-1] == pytest.approx(delay, abs=5e-4)
 
 
+@pytest.mark.parametrize("error", [-0.012, 0.012])
+@pytest.mark.parametrize("sensor", ["cart", "pole"])
+def test_a_window_of_a_sensor_with_a_clock_of_its_own_reads_what_was_or_comes(tmp_path, sensor, error):
+    """At the end of an episode of three seconds it is ahead of the other one, or behind it, by 36 ms."""
+    name = "sensor-own-clock"
+    prepared, truth = planted(tmp_path, f"{name}@{sensor}.error={error}", task=CART_POLE)
+    effect = Placed(name, REGISTRY.get(name)(prepared.task.model, sensor))
+    fit = ModelFits(prepared, 1).fit(prepared, [effect], truth, tolerance=EXACT)
+    assert fit.error < 1.05
+    assert fit.point[-1] == pytest.approx(error, abs=2e-4)
+
+
 def test_a_model_is_known_by_its_effects_in_the_order_of_its_parameters(tmp_path):
     prepared, truth = planted(tmp_path, "coulomb-friction@x=2")
     names = "coulomb-friction", "cubic-stiffness"

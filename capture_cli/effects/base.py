@@ -334,9 +334,10 @@ class Effect(ABC):
         """
         return np.zeros(len(values))
 
-    def lateness(self, values: np.ndarray) -> np.ndarray | float:
+    def lateness(self, values: np.ndarray, elapsed: np.ndarray | float = 0.0) -> np.ndarray | float:
         """Place "measurement": how late, in s, each column of sensordata is reported, (simulation, column), and no more
-        than MOST_LATE; what else the effect does to the numbers it does not say here.
+        than MOST_LATE either way: below 0 where it is ahead. What else the effect does to the numbers it does not say
+        here. elapsed (simulation,): s, since the episode began.
         """
         return 0.0
 

@@ -4,15 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from capture_cli.effects._clock import off_clock
 from capture_cli.effects._sensor_effect import TimeEffect
 from capture_cli.effects.base import GLOBAL
 from capture_cli.parameters import Parameter
-from capture_cli.sim.windows import LEAD, MOST_DRIFT, at_times
-
-
-def off_clock(series, *, error):
-    """The series at (1 + error) times its time, counted from the first row."""
-    return at_times(series, np.arange(series.shape[-2])[:, None] * (1 + error))
+from capture_cli.sim.windows import LEAD, MOST_DRIFT
 
 
 class SensorClockRate(TimeEffect):

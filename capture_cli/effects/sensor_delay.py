@@ -41,7 +41,7 @@ class SensorDelay(TimeEffect):
     def parameters(self):
         return (Parameter("delay", "s", 0.0, MOST_LATE, 0.0),)
 
-    def lateness(self, values):
+    def lateness(self, values, elapsed=0.0):
         late = np.zeros((len(values), self.model.nsensordata))
         late[:, self.columns] = values
         return late

@@ -1,0 +1,79 @@
+"""A sensor, or a device of several, that stamps what it reports by a clock of its own."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from capture_cli.effects._clock import off_clock
+from capture_cli.effects._places import reference, site_id
+from capture_cli.effects._sensor_effect import SensorEffect, columns_of
+from capture_cli.effects.base import GLOBAL
+from capture_cli.parameters import Parameter
+from capture_cli.sim.object_names import object_name
+from capture_cli.sim.reported_motion import MOST_LATE
+from capture_cli.sim.windows import MOST_DRIFT
+
+SITE = int(mujoco.mjtObj.mjOBJ_SITE)
+
+
+class SensorOwnClock(SensorEffect):
+    """In one second of the sensor's clock (1 + `error`) s went by, counted from the start of the episode, where the
+    other sensors and the controls agree.
+
+    So what it reports comes the later, or the earlier, the longer the episode: a device that counts its own samples.
+    Sensors at one site of the model are one device, SENSOR+SENSOR.
+    """
+
+    summary = "the clock of one sensor, or of one device, runs slow or fast against all others"
+    where = "every sensor, and the sensors of a site together, where there are others"
+    reports_late = True
+    kernel = staticmethod(off_clock)
+
+    def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
+        super().__init__(model, site)
+        self.sensors = _devices(model).get(site) or [site_id(model, "sensor", site)]
+
+    @classmethod
+    def sites(cls, model):
+        single = super().sites(model)
+        devices = [name for name, sensors in _devices(model).items() if len(sensors) < model.nsensor]
+        return [*single, *devices] if model.nsensor > 1 else []
+
+    @property
+    def columns(self):
+        return np.r_[*(columns_of(self.model, s) for s in self.sensors)].tolist()
+
+    @property
+    def columns_source(self):
+        names = (reference(self.model, "sensor", object_name(self.model, "sensor", s)) for s in self.sensors)
+        sensors = [f"model.sensor({name})" for name in names]
+        return f"np.concatenate([{', '.join(f'{s}.adr[0] + np.arange({s}.dim[0])' for s in sensors)}])"
+
+    @property
+    def parameters(self):
+        # what is later than MOST_LATE cannot be simulated
+        most = min(MOST_DRIFT, MOST_LATE / self.longest) if self.longest else MOST_DRIFT
+        return (Parameter("error", "1", -most, most, 0.0),)
+
+    def measure(self, sensors, values, timestep, *, elapsed=0.0, **_):
+        begun = np.broadcast_to(np.asarray(elapsed) / timestep, len(values))
+        return self.measured(sensors, values, timestep, begun=begun[:, None])
+
+    def lateness(self, values, elapsed=0.0):
+        late = np.zeros((len(values), self.model.nsensordata))
+        late[:, self.columns] = -values * np.reshape(elapsed, (-1, 1))
+        return late
+
+    def undone(self, jets, values):
+        rate = 1 + values
+        return np.stack([jets[:, 0], jets[:, 1] / rate, jets[:, 2] / rate**2], axis=1)
+
+
+def _devices(model: mujoco.MjModel) -> dict[str, list[int]]:
+    """Sensors that sit at one site, by the names of all of them, where there are several."""
+    at: dict[int, list[int]] = {}
+    for sensor in np.flatnonzero(model.sensor_objtype == SITE):
+        at.setdefault(int(model.sensor_objid[sensor]), []).append(int(sensor))
+    several = (sensors for sensors in at.values() if len(sensors) > 1)
+    return {"+".join(object_name(model, "sensor", s) for s in sensors): sensors for sensors in several}
