@@ -923,6 +923,35 @@ def test_servos_on_one_supply_are_weaker_the_more_all_of_them_give():
     np.testing.assert_allclose(given.actuator_force[0, -1], steady, rtol=1e-5)
 
 
+def test_a_sensor_at_a_shifted_site_shows_what_is_there():
+    """A marker 2 cm farther out moves that much farther; none at a site that drives, nor along the only axis."""
+    model = machine("arm")
+    effect = effects.REGISTRY.get("site-shift")(model, "hand")
+    assert [p.name for p in effect.parameters] == ["x", "z"], "all turns about y"
+    seen, _ = run(model, (effect, np.array([[0.02, -0.01]])))
+    moved = build(MACHINES["arm"])
+    moved.site_pos[0] += 0.02, 0.0, -0.01
+    np.testing.assert_array_equal(seen, run(moved)[0])
+    effect.look_in(window=1.0, longest=1.0, logged=frozenset({0, 1}), seen={})
+    assert not effect.shows, "the log has the joints alone"
+    effect.look_in(window=1.0, longest=1.0, logged=frozenset({0, 1, 3}), seen={})
+    assert effect.shows
+    assert not effects.REGISTRY.get("site-shift").sites(machine("drone")), "its sites are those of rotors"
+
+
+def test_a_link_may_be_longer_than_modelled():
+    model = machine("arm")
+    effect = effects.REGISTRY.get("body-shift")(model, "fore")
+    assert effect.sites(model) == ["fore"] and not effect.sites(machine("cart_pole")), "no joint turns a cart"
+    seen, _ = run(model, (effect, np.array([[0.03, 0.0]])))
+    longer = build(MACHINES["arm"].replace('name="fore" pos=".4 0 0"', 'name="fore" pos=".43 0 0"'))
+    np.testing.assert_allclose(seen, run(longer)[0], atol=1e-12)
+    loop = MACHINES["arm"].replace(
+        "<actuator>", '<equality><connect body1="fore" anchor=".3 0 0"/></equality><actuator>'
+    )
+    assert not effect.sites(build(loop))
+
+
 def test_a_frame_is_turned_in_the_plane_and_in_space():
     effect = effects.REGISTRY.get("sensor-frame-rotation")
     plane = effect(machine("puck"), "px+py").measure(np.array([[[1.0, 0.0]]]), np.array([[0.3]]), 1.0)

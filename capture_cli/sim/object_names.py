@@ -8,6 +8,7 @@ KINDS = {
     "body": mujoco.mjtObj.mjOBJ_BODY,
     "joint": mujoco.mjtObj.mjOBJ_JOINT,
     "geom": mujoco.mjtObj.mjOBJ_GEOM,
+    "site": mujoco.mjtObj.mjOBJ_SITE,
     "tendon": mujoco.mjtObj.mjOBJ_TENDON,
     "equality": mujoco.mjtObj.mjOBJ_EQUALITY,
     "actuator": mujoco.mjtObj.mjOBJ_ACTUATOR,
