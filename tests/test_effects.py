@@ -901,26 +901,28 @@ def test_a_supply_sags_with_what_all_its_actuators_draw():
     assert effect.parameters[0].high == pytest.approx(0.6 / 3.0)  # all at their largest: a mean of 3
 
 
-def test_servos_on_one_supply_are_weaker_the_more_all_of_them_give():
-    """Of joints too heavy to move: what each gives is 1 / (1 + sag load) of what it would."""
+@pytest.mark.parametrize("time_constant", [0.0, 0.05])
+def test_servos_on_one_supply_are_weaker_the_more_all_of_them_give(time_constant):
+    """Of joints too heavy to move: what each gives is 1 / (1 + sag load) of what it would, at once or after a while."""
     model = build(TWO_MOTORS)
     model.dof_armature[:] = 1e9
     mujoco.mj_setConst(model, mujoco.MjData(model))
     effect = effects.REGISTRY.get("force-supply-sag")(model)
-    assert effect.servos == [2] and effect.parameters[0].unit == "1/N"
-    told = np.array([1.0, -2.0, 0.7])
-    force, count = effect.force(np.array([[0.4, 0.01]]), model.opt.timestep), 200
-    starts = Starts(np.zeros((1, 2)), np.zeros((1, 2)), np.zeros((1, 0)), np.zeros(1))
+    told, count, sag = np.array([1.0, -2.0, 0.7]), 400, 2.4
+    tape = np.repeat(np.stack([0 * told, told]), count // 2, axis=0)[None]
     given = Engine(model, threads=1).rollout(
-        starts=starts,
-        controls=np.tile(told, (1, count, 1)),
+        starts=Starts(np.zeros((1, 2)), np.zeros((1, 2)), np.zeros((1, 0)), np.zeros(1)),
+        controls=tape,
         steps=count,
-        forces=[force],
+        forces=[effect.force(np.array([[sag, time_constant]]), model.opt.timestep)],
         actuator_forces=True,
     )
     would = told * [1.0, 1.0, 3.0]
-    steady = would / (1 + 0.4 * np.abs(would).mean())
-    np.testing.assert_allclose(given.actuator_force[0, -1], steady, rtol=1e-5)
+    size = given.actuator_force[0, count // 2 :] / would
+    since = model.opt.timestep * (np.arange(count // 2) - 0.5)  # the load is that of the step before
+    felt = 1 - np.exp(-since / time_constant) if time_constant else np.ones(count // 2)
+    np.testing.assert_allclose(size[2:, 0], (1 / (1 + sag * np.abs(would).mean() * felt))[2:], rtol=1e-3)
+    np.testing.assert_allclose(size, np.repeat(size[:, :1], 3, axis=1), rtol=1e-4)
 
 
 def test_a_sensor_at_a_shifted_site_shows_what_is_there():

@@ -9,13 +9,23 @@ from capture_cli.effects._actuator_effect import ActuatorEffect, single_control_
 from capture_cli.effects._kernel import OWN_STEP, Companion, bound, call
 from capture_cli.effects._lag import Lag
 from capture_cli.effects._places import site_id
-from capture_cli.effects._sagging import TIME_CONSTANT, Sagging
 from capture_cli.effects._scales import control_scale
 from capture_cli.effects.base import GLOBAL
 from capture_cli.parameters import Parameter
 
 LARGEST = 0.6  # of a control, where all are the largest that they commonly are
 FORGOTTEN = 8.0  # time constants, after which 3e-4 of a load is left in the voltage
+
+
+class Sagging:
+    """How many times its own size a control arrives, under `load`."""
+
+    def __init__(self, *, sag, time_constant, timestep):
+        self.sag = sag
+        self.felt = Lag(time_constant=time_constant, timestep=timestep)
+
+    def __call__(self, load):
+        return 1 - self.sag * self.felt(load)
 
 
 class ControlSupplySag(ActuatorEffect):
@@ -44,7 +54,7 @@ class ControlSupplySag(ActuatorEffect):
         full = np.mean([control_scale(self.model, a) for a in self.actuators])
         return (
             Parameter("sag", "1/ctrl", 0.0, LARGEST / full, 0.0),
-            TIME_CONSTANT,
+            Parameter("time_constant", "s", 0.01, 0.5, 0.07),
         )
 
     def drive(self, controls, values, timestep, **_):
