@@ -431,6 +431,58 @@ def test_a_corrected_gyroscope_moves_the_turning_and_not_the_attitude_beside_it(
     assert error.max() < 2e-3 < 0.02 < np.abs(before[:, nv + 3 : nv + 6]).max()
 
 
+# --- frames that slides alone carry ---
+
+# A plate in a plane, askew in the room, that a camera follows by a marker where its hinge is
+PLATE = """
+<mujoco>
+  <option timestep="0.002"/>
+  <worldbody>
+    <body pos=".3 -.2 .1" euler="20 10 30">
+      <body name="plate" pos=".05 .04 0">
+        <joint name="x" type="slide" axis="1 0 0" stiffness="40"/>
+        <joint name="y" type="slide" axis="1 4 0" stiffness="30" ref=".2"/>
+        <joint name="turn" axis="0 0 1" pos=".1 0 0" stiffness="1"/>
+        <geom type="box" size=".1 .1 .01" mass="1"/>
+        <site name="marker" pos=".1 0 0"/><site name="corner" pos=".1 .1 0"/>
+      </body>
+    </body>
+  </worldbody>
+  <sensor>
+    <framepos name="marker" objtype="site" objname="marker"/><framepos name="corner" objtype="site" objname="corner"/>
+    <jointpos name="turn" joint="turn"/>
+  </sensor>
+</mujoco>
+"""
+
+
+def test_a_camera_gives_the_slides_that_carry_a_point():
+    plate = mujoco.MjModel.from_xml_string(PLATE)
+    begin = Starts(np.array([[0.1, 0.25, 0.3]]), np.array([[0.2, -0.4, 1.0]]), np.zeros((1, 0)), np.zeros(1))
+    done = Engine(plate, 1).rollout(starts=begin, controls=np.zeros((1, 600, 0)), steps=600, states=True)
+    sensors, data = columns(plate, "turn", "marker")
+    assert measures_every_coordinate(plate, sensors)
+    outputs, first = done.sensors[0][:, data], np.arange(100, 500, 50)
+    for source in sources_of(plate, sensors):
+        np.testing.assert_allclose(
+            source.of(outputs[:, source.columns]), done.qpos[0][:, source.qpos], atol=1e-12
+        )
+    found = estimate_starts(
+        plate,
+        sensors,
+        time=0.002 * np.arange(600),
+        outputs=outputs,
+        episodes=[slice(0, 600)],
+        window_first=first,
+        window_episode=np.zeros(len(first), dtype=int),
+        noise_sd=np.full(4, 1e-5),
+    )
+    np.testing.assert_allclose(found.starts.qpos, done.qpos[0, first], atol=1e-4)
+    np.testing.assert_allclose(found.starts.qvel, done.qvel[0, first], atol=5e-3)
+    turned = columns(plate, "turn", "corner")[0]
+    assert unmeasured_joints(plate, turned) == ["x", "y"], "the hinge moves the corner, too"
+
+
 # --- attitudes of frames that a joint carries ---
 
 

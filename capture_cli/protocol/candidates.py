@@ -104,7 +104,7 @@ def _seen(prepared: PreparedLog) -> dict[int, JointMotion]:
         if not measured.any():
             continue
         low, high = np.nanmin(path), np.nanmax(path)
-        speed = np.abs(source.of(reported.jets[:, 1, list(source.data)])).max()
+        speed = np.abs(source.slope_of(reported.jets[:, 1, list(source.data)])).max()
         if low < high and speed > 0:
             joint = int(model.dof_jntid[source.dofs[0]])
             noise = float(source.noise(prepared.noise.sd)[0])

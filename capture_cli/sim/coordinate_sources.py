@@ -1,4 +1,6 @@
-"""Which coordinates of a model the outputs of a log give: alone, mixed by gears and tendons, or as an attitude."""
+"""Which coordinates of a model the outputs of a log give: alone, mixed by gears, tendons and frames on slides, or as an
+attitude.
+"""
 
 from __future__ import annotations
 
@@ -14,6 +16,7 @@ _S = mujoco.mjtSensor
 _KINDS = {
     _S.mjSENS_ACTUATORPOS: "position",
     _S.mjSENS_TENDONPOS: "position",
+    _S.mjSENS_FRAMEPOS: "position",
     _S.mjSENS_ACTUATORVEL: "velocity",
     _S.mjSENS_TENDONVEL: "velocity",
 }
@@ -27,7 +30,7 @@ class Source:
 
     data: where in sensordata they stand. qpos: where the coordinates do; () of an angular velocity, which is the
     derivative of no number there. weights (dof or number in qpos, column): what the coordinates are of the columns;
-    None where each is one of them.
+    None where each is one of them. constant (dof,): what is added to that.
     """
 
     kind: str
@@ -36,9 +39,14 @@ class Source:
     dofs: tuple[int, ...]
     qpos: tuple[int, ...]
     weights: np.ndarray | None = None
+    constant: np.ndarray | float = 0.0
 
     def of(self, values: np.ndarray) -> np.ndarray:
         """What stands in qpos, (..., qpos), where the columns are `values` (..., column)."""
+        return self.slope_of(values) + self.constant
+
+    def slope_of(self, values: np.ndarray) -> np.ndarray:
+        """Its derivative, where theirs are `values`."""
         return values if self.weights is None else values @ self.weights.T
 
     def noise(self, noise_sd: np.ndarray) -> np.ndarray:
@@ -108,53 +116,107 @@ def _alone(model: mujoco.MjModel, sensors: np.ndarray) -> Iterator[Source]:
                 yield Source("orientation", columns, data, turned.dofs, turned.qpos, turned.of_frame)
 
 
+@dataclass(frozen=True, eq=False)
+class _Sum:
+    """What a number in sensordata, at `data`, is of the coordinates: coefficients (nv,), and a constant beside them."""
+
+    data: int
+    coefficients: np.ndarray
+    constant: float = 0.0
+
+
 def _unmixed(
     model: mujoco.MjModel, sensors: np.ndarray, kind: str, alone: Sequence[Source]
 ) -> Iterator[Source]:
-    """Coordinates that no sensor gives alone, from the positions of actuators and tendons, which are sums of some."""
-    rows = {c: _sum(model, int(sensor)) for c, sensor in enumerate(sensors) if _kind(model, sensor) == kind}
-    rows = {column: row for column, row in rows.items() if row is not None}
-    if not rows:
+    """Coordinates that no sensor gives alone, from the positions of actuators, tendons and frames, which are sums of
+    some.
+    """
+    every = {c: _sum(model, sensors, c) for c, sensor in enumerate(sensors) if _kind(model, sensor) == kind}
+    sums = {column: found for column, found in every.items() if found is not None}
+    if not sums:
         return
-    sums = np.array(list(rows.values()))
+    matrix = np.array([s.coefficients for s in sums.values()])
+    constants = np.array([s.constant for s in sums.values()])
     given = {s.dofs[0]: s.columns[0] for s in alone if s.kind == kind and len(s.dofs) == 1}
-    wanted = [int(d) for d in np.flatnonzero(sums.any(axis=0)) if d not in given]
-    inverse = np.linalg.pinv(sums[:, wanted])
+    wanted = [int(d) for d in np.flatnonzero(matrix.any(axis=0)) if d not in given]
+    inverse = np.linalg.pinv(matrix[:, wanted])
     for number, dof in enumerate(wanted):
         share = np.where(np.abs(inverse[number]) > ROUNDING, inverse[number], 0.0)
-        found = share @ sums
+        found = share @ matrix
         if np.abs(found[wanted] - (np.array(wanted) == dof)).max() > ROUNDING:
             continue
-        weights = dict(zip(rows, share, strict=True)) | {given[d]: -found[d] for d in given}
+        weights = dict(zip(sums, share, strict=True)) | {given[d]: -found[d] for d in given}
         used = [column for column, weight in weights.items() if weight]
         yield Source(
             kind,
             tuple(used),
-            tuple(int(model.sensor_adr[sensors[column]]) for column in used),
+            tuple(sums[c].data if c in sums else int(model.sensor_adr[sensors[c]]) for c in used),
             (dof,),
             (int(model.jnt_qposadr[model.dof_jntid[dof]]),),
             np.array([[weights[column] for column in used]]),
+            np.array([-share @ constants]),
         )
 
 
 def _kind(model: mujoco.MjModel, sensor: int) -> str:
-    """Of a sensor of an actuator or of a tendon; "" of others."""
+    """Of a sensor of an actuator, a tendon or a frame; "" of others."""
     return _KINDS.get(int(model.sensor_type[sensor]), "") if sensor >= 0 else ""
 
 
-def _sum(model: mujoco.MjModel, sensor: int) -> np.ndarray | None:
-    """What an actuator's or a tendon's position is of the coordinates, (nv,); None where it is no sum of them."""
-    which = int(model.sensor_objid[sensor])
+def _sum(model: mujoco.MjModel, sensors: np.ndarray, column: int) -> _Sum | None:
+    """What the output at `column`, of a sensor of `_kind`, is of the coordinates; None where it is no sum of them."""
+    sensor = int(sensors[column])
+    which, data = int(model.sensor_objid[sensor]), int(model.sensor_adr[sensor])
+    if int(model.sensor_type[sensor]) == _S.mjSENS_FRAMEPOS:
+        return _along_slides(model, sensor, sensors, column)
     if int(model.sensor_objtype[sensor]) == mujoco.mjtObj.mjOBJ_TENDON:
-        return _tendon(model, which)
+        row = _tendon(model, which)
+        return None if row is None else _Sum(data, row)
     gear, on = model.actuator_gear[which, 0], int(model.actuator_trnid[which, 0])
     transmission = int(model.actuator_trntype[which])
     if transmission == mujoco.mjtTrn.mjTRN_TENDON:
         row = _tendon(model, on)
-        return None if row is None else gear * row
+        return None if row is None else _Sum(data, gear * row)
     if transmission in (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT):
-        return gear * _joint(model, on) if model.jnt_type[on] in _SCALAR else None
+        return _Sum(data, gear * _joint(model, on)) if model.jnt_type[on] in _SCALAR else None
     return None
+
+
+def _along_slides(model: mujoco.MjModel, sensor: int, sensors: np.ndarray, column: int) -> _Sum | None:
+    """Of a number of a frame's position in the world; None where more than slides moves it, or turns them."""
+    own = np.flatnonzero(sensors == sensor)
+    if model.sensor_refid[sensor] >= 0 or len(own) != int(model.sensor_dim[sensor]):
+        return None
+    axis = int(np.searchsorted(own, column))
+    body, position = _body_and_position(model, sensor)
+    slides = _slides_alone(model, body, position)
+    if not slides:
+        return None
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    coefficients = np.zeros(model.nv)
+    coefficients[model.jnt_dofadr[slides]] = data.xaxis[slides, axis]
+    here = data.xpos[body, axis] + data.xmat[body].reshape(3, 3)[axis] @ position
+    begin = model.qpos0[model.jnt_qposadr[slides]] @ data.xaxis[slides, axis]
+    return _Sum(int(model.sensor_adr[sensor]) + axis, coefficients, float(here - begin))
+
+
+def _slides_alone(model: mujoco.MjModel, body: int, position: np.ndarray) -> list[int]:
+    """The slides that move a point of `body`, at `position` in its frame; [] where more does, or turns them."""
+    slides: list[int] = []
+    own = body
+    while body:
+        first = int(model.body_jntadr[body])
+        for joint in reversed(range(first, first + int(model.body_jntnum[body]))):
+            if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE:
+                slides.append(joint)
+                continue
+            about_the_point = body == own and np.array_equal(model.jnt_pos[joint], position)
+            free = model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE
+            if free or slides or not about_the_point:
+                return []
+        body = int(model.body_parentid[body])
+    return slides
 
 
 def _tendon(model: mujoco.MjModel, tendon: int) -> np.ndarray | None:
@@ -216,6 +278,22 @@ def _turned_by(model: mujoco.MjModel, body: int, frame: np.ndarray) -> _Turning 
     dof = int(model.jnt_dofadr[turning[0]]) + 3 * is_free
     adr = int(model.jnt_qposadr[turning[0]]) + 3 * is_free
     return _Turning(tuple(range(dof, dof + 3)), tuple(range(adr, adr + 4)), before, after)
+
+
+def _body_and_position(model: mujoco.MjModel, sensor: int) -> tuple[int, np.ndarray]:
+    """The body of the point that a sensor reads, and where in its frame that is, (3,)."""
+    which, kind = int(model.sensor_objid[sensor]), int(model.sensor_objtype[sensor])
+    obj = mujoco.mjtObj
+    if kind == obj.mjOBJ_XBODY:
+        return which, np.zeros(3)
+    if kind == obj.mjOBJ_BODY:
+        return which, model.body_ipos[which]
+    bodies, positions = {
+        obj.mjOBJ_GEOM: (model.geom_bodyid, model.geom_pos),
+        obj.mjOBJ_SITE: (model.site_bodyid, model.site_pos),
+        obj.mjOBJ_CAMERA: (model.cam_bodyid, model.cam_pos),
+    }[obj(kind)]
+    return int(bodies[which]), positions[which]
 
 
 def _body_and_frame(model: mujoco.MjModel, sensor: int) -> tuple[int, np.ndarray]:

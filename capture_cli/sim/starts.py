@@ -128,7 +128,7 @@ def estimate_starts(
             if source.weights is not None:
                 fit = fit.mixed(source.weights)
             if source.kind == "position":
-                qpos[:, list(source.qpos)] = fit.value
+                qpos[:, list(source.qpos)] = fit.value + source.constant
         if source.kind == "velocity":
             qvel[:, dofs], sd[:, nv + dofs] = fit.value, PRIOR_INFLATION * fit.value_sd
             continue

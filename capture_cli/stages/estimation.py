@@ -117,11 +117,7 @@ def by_physics(
 
     def on_round(best: Best) -> None:
         history.append(best)
-        error = (
-            f"error {best.error:.3g} x noise floor"
-            if np.isfinite(best.error)
-            else "every simulation diverged so far"
-        )
+        error = f"error {best.error:.3g} x noise floor" if np.isfinite(best.error) else "no fit yet"
         progress.step(error)
         if idle_rounds is not None and _idle(history, evidence.count, idle_rounds):
             solver.rounds_left = 0
