@@ -1,4 +1,4 @@
-"""Which coordinates of a model the outputs of a log give: alone, mixed by gears, tendons and slides, or as an attitude."""
+"""Which coordinates of a model the outputs of a log give: alone, mixed by gears, tendons or slides, or an attitude."""
 
 from __future__ import annotations
 
