@@ -83,6 +83,14 @@ def test_windows_hold_their_samples_of_one_episode_without_a_gap(times, duration
         np.testing.assert_array_equal(windows.mask[w], np.arange(windows.mask.shape[1]) < len(steps))
 
 
+def mean_over_step(time: np.ndarray, inputs: np.ndarray, begin: float) -> np.ndarray:
+    """Of inputs that are held, from `begin` on, piece by piece."""
+    changes = time[(time > begin) & (time < begin + TIMESTEP)]
+    edges = np.array([begin, *changes, begin + TIMESTEP])
+    pieces = inputs[np.maximum(np.searchsorted(time, edges[:-1], side="right") - 1, 0)]
+    return np.diff(edges) @ pieces / TIMESTEP
+
+
 @settings(max_examples=60, deadline=None)
 @given(episodes(), st.sampled_from(DURATIONS), st.booleans())
 def test_inputs_are_held_or_interpolated_on_the_grid(times, duration, linear):
@@ -92,7 +100,7 @@ def test_inputs_are_held_or_interpolated_on_the_grid(times, duration, linear):
         time, inputs = log["time"][steps[0] : stop], log["inputs"][steps[0] : stop]
         for g in range(windows.grid_steps[w]):
             t = windows.time[w] + g * TIMESTEP
-            held = inputs[np.flatnonzero(time <= t)[-1]]
+            held = mean_over_step(time, inputs, t)
             expected = [held[0], np.interp(t, time, inputs[:, 1]) if linear else held[1]]
             np.testing.assert_allclose(windows.controls[w, g], expected, rtol=1e-12, atol=1e-12)
 
@@ -111,7 +119,7 @@ def test_the_past_of_a_window_is_that_of_its_log_back_to_a_gap(times, duration, 
         assert windows.known_lead[w] == round((windows.time[w] - time[0]) / TIMESTEP)
         for g in range(lead):
             t = windows.time[w] - (lead - g) * TIMESTEP
-            held = inputs[max(np.sum(time <= t) - 1, 0)]
+            held = mean_over_step(time, inputs, t)
             expected = [held[0], np.interp(t, time, inputs[:, 1]) if linear else held[1]]
             np.testing.assert_allclose(windows.tape[w, g], expected, rtol=1e-12, atol=1e-12)
 
@@ -130,8 +138,8 @@ def test_inputs_are_known_after_a_window_as_far_as_a_clock_may_drift():
     assert ahead == np.ceil(MOST_DRIFT * windows.time[-1] / TIMESTEP)
     np.testing.assert_array_equal(windows.elapsed, windows.time - time[0])
     after = windows.time[0] + TIMESTEP * (windows.grid + np.arange(ahead))
-    held = log["inputs"][np.searchsorted(time, after + 1e-9, side="right") - 1, 0]
-    np.testing.assert_array_equal(windows.tape[0, windows.lead + windows.grid :, 0], held)
+    held = [mean_over_step(time, log["inputs"], t)[0] for t in after]
+    np.testing.assert_allclose(windows.tape[0, windows.lead + windows.grid :, 0], held, rtol=1e-12)
 
 
 @settings(max_examples=60, deadline=None)

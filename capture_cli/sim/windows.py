@@ -249,16 +249,39 @@ def _grid_steps(time: np.ndarray, timestep: float) -> int:
 def inputs_at(
     times: np.ndarray, time: np.ndarray, inputs: np.ndarray, timestep: float, linear: np.ndarray
 ) -> np.ndarray:
-    """Inputs (step, input), sampled at `time`, at `times`: held, or interpolated where `linear` (input,).
+    """Inputs (step, input), sampled at `time`, for the steps that begin at `times`: held, or interpolated where
+    `linear` (input,).
 
-    At the beginning of a step, not in its middle: a step kicks velocities and then moves positions with the new ones,
-    which is leapfrog with kicks at `times`, and positions are right to the second order (docs/findings.md).
+    Of one that changes inside a step it is the mean over the step; of an interpolated one what it is at the step's
+    beginning, not in its middle: a step kicks velocities and then moves positions with the new ones, which is leapfrog
+    with kicks at `times`, and positions are right to the second order (docs/findings.md).
     """
-    held = np.searchsorted(time, times + GRID_TOLERANCE * timestep, side="right") - 1
-    values = inputs[np.clip(held, 0, len(time) - 1)]
+    tolerance = GRID_TOLERANCE * timestep
+    held = _held(time, times, tolerance)
+    values = inputs[held]
+    changes = np.flatnonzero(_held(time, times + timestep, -tolerance) > held)
+    if changes.size:
+        values[changes] = _mean_from(time, inputs, times[changes], timestep)
     for k in np.flatnonzero(linear):
         values[:, k] = np.interp(times, time, inputs[:, k])
     return values
+
+
+def _held(time: np.ndarray, times: np.ndarray, tolerance: float) -> np.ndarray:
+    """Which of the samples at `time` are held at `times`: the last of those before; the first before all."""
+    return np.clip(np.searchsorted(time, times + tolerance, side="right") - 1, 0, len(time) - 1)
+
+
+def _mean_from(time: np.ndarray, inputs: np.ndarray, times: np.ndarray, duration: float) -> np.ndarray:
+    """The mean of held inputs over `duration` s from each of `times`, (time, input)."""
+    edges = np.stack([times, times + duration])
+    held = _held(time, edges, 0.0)
+    own = slice(held.min(), held.max() + 1)
+    time, inputs, held = time[own], inputs[own], held - own.start
+    whole = np.zeros_like(inputs)
+    np.cumsum(inputs[:-1] * np.diff(time)[:, None], axis=0, out=whole[1:])
+    begin, end = whole[held] + inputs[held] * (edges - time[held])[..., None]
+    return (end - begin) / duration
 
 
 def at_times(series: np.ndarray, steps: np.ndarray) -> np.ndarray:

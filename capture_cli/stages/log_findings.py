@@ -100,7 +100,7 @@ def _timing(episodes: Sequence[Mapping[str, Any]]) -> Iterator[Finding]:
             _episode(worst) if len(uneven) == 1 else f"{len(uneven)} episodes",
             f"sampling is uneven: the interval's sd is {percent(worst['jitter_sd'])} of its median, "
             f"the longest is {worst['jitter_max']:.3g} times the median",
-            "nothing to do: every sample is compared at its own time, and an input acts from the model's next step on",
+            "nothing to do: every sample is compared at its own time, and a model's step takes the mean of its inputs",
         )
 
 
