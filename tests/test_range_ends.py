@@ -26,6 +26,14 @@ def test_numbers_pile_up_at_the_end_of_a_range_and_nowhere_else(noise):
     assert 0.8 <= piled_up_from(with_others) < 1.0
 
 
+def test_a_converter_cuts_off_at_one_number_whatever_else_is_near_it():
+    """An accelerometer that mostly shows its own weight."""
+    seen = 9.8 + 0.5 * MOVED + 0.1 * np.random.default_rng(0).normal(size=len(TIME))
+    assert 9.0 < piled_up_from(np.minimum(seen, 10.3)[:, None]) < 10.3
+    assert piled_up_from(seen[:, None]) == np.inf
+    assert piled_up_from(0.1 * np.round(seen / 0.1)[:, None]) == np.inf  # nor do steps alone
+
+
 def test_noise_alone_piles_up_nowhere():
     assert piled_up_from(np.random.default_rng(0).normal(size=(3000, 1))) == np.inf
 
