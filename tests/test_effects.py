@@ -27,7 +27,7 @@ from scipy.linalg import expm
 
 from capture_cli import effects
 from capture_cli.effects._joint_force import inertia_felt
-from capture_cli.effects.base import GLOBAL, PLACES, Effect, JointMotion
+from capture_cli.effects.base import GLOBAL, PLACES, Effect, JointMotion, Reports
 from capture_cli.errors import ModelError
 from capture_cli.sim import engine as engine_module
 from capture_cli.sim.engine import Engine, ModelFields, Starts
@@ -134,11 +134,11 @@ def test_a_true_motion_is_reported_as_it_was_seen(name):
             np.diff(seen, axis=1)[:, 1:] / timestep
         )  # at 1.5, 2.5 and 3.5 steps; a parabola through them at 0:
         slope = np.tensordot(between, [4.375, -5.25, 1.875], axes=(1, 0))
-        if name == "sensor-quantisation":
-            assert np.array_equal(true, jets)  # rounding cannot be undone
+        if name in ("sensor-quantisation", "sensor-saturation"):
+            assert np.array_equal(true, jets)  # what is rounded or cut off cannot be undone
             continue
         np.testing.assert_allclose(seen[:, 0], jets[:, 0], atol=1e-9)
-        np.testing.assert_allclose(slope, jets[:, 1], atol=1e-7)
+        np.testing.assert_allclose(slope, jets[:, 1], atol=1e-6)
         null = np.repeat(effect.space.nominal[None], 4, axis=0)
         assert np.array_equal(effect.true_motion(jets, null), jets)
 
@@ -845,8 +845,75 @@ def test_sensors_report_as_the_effects_say():
     assert np.allclose(step[2:], 1 - (1 - rise) * np.exp(-np.arange(3) / 2))
     assert np.allclose(measure("sensor-quantisation", ramp, 2.5), [0, 0, 2.5, 2.5, 5, 5])
     assert np.allclose(measure("sensor-scale", ramp, 0.1), 1.1 * ramp)
+    assert np.allclose(
+        measure("sensor-nonlinearity", ramp, 0.1, -0.01), ramp + 0.1 * ramp**2 - 0.01 * ramp**3
+    )
     assert np.allclose(measure("sensor-bias", ramp, 0.1), ramp + 0.1)
     assert np.allclose(measure("sensor-drift", ramp, 0.1), 1.1 * ramp)
+
+
+def in_log(name: str, where: str, site: str, reported: np.ndarray) -> Effect:
+    """The effect, looked for in a log in which each number of its sensor is `reported` (step,)."""
+    effect = effects.REGISTRY.get(name)(machine(where), site)
+    values = np.full((len(reported), machine(where).nsensordata), np.nan)
+    values[:, effect.columns] = reported[:, None]
+    reports = Reports(0.01 * np.arange(len(reported)), values, [slice(0, len(reported))])
+    effect.look_in(window=1.0, longest=20.0, logged=effect.reported, seen={}, reports=reports)
+    return effect
+
+
+def test_a_gyroscope_beyond_its_range_reports_the_limit():
+    effect = effects.REGISTRY.get("sensor-saturation")(machine("arm"), "gyro")
+    sensors = np.random.default_rng(0).normal(size=(1, 9, machine("arm").nsensordata))
+    seen = effect.measure(sensors, np.array([[0.7]]), 0.01)
+    own = effect.columns
+    np.testing.assert_array_equal(seen[..., own], np.clip(sensors[..., own], -0.7, 0.7))
+    np.testing.assert_array_equal(np.delete(seen, own, axis=2), np.delete(sensors, own, axis=2))
+
+
+def test_positions_that_end_are_no_saturation():
+    """Where a window begins would be unknown."""
+    assert effects.REGISTRY.get("sensor-saturation").sites(machine("arm")) == ["gyro"]
+    assert effects.REGISTRY.get("sensor-saturation").sites(machine("slider")) == ["v"]
+
+
+@pytest.mark.parametrize("limit", [0.6, 0.9])
+@pytest.mark.parametrize("noise_is_cut_off", [True, False])
+def test_a_limit_is_looked_for_where_numbers_pile_up_and_not_above(limit, noise_is_cut_off):
+    time = 0.01 * np.arange(2000)
+    moved = 3 * np.sin(2 * time) * np.sin(0.31 * time)
+    noise = 0.02 * np.random.default_rng(1).normal(size=len(time))
+    cut = 3 * limit * np.ones(len(time))
+    seen = np.clip(moved + noise, -cut, cut) if noise_is_cut_off else np.clip(moved, -cut, cut) + noise
+    effect = in_log("sensor-saturation", "slider", "v", seen)
+    assert effect.shows
+    assert effect.space.low[0] < 3 * limit < effect.space.high[0] < 1.1 * 3 * limit
+    assert not in_log("sensor-saturation", "slider", "v", moved + noise).shows
+    spiked = np.where(np.arange(len(time)) == 70, 40.0, seen)
+    assert in_log("sensor-saturation", "slider", "v", spiked).space.high[0] < 1.1 * 3 * limit
+
+
+def test_a_reading_may_bend_by_a_share_of_what_the_log_has():
+    effect = in_log("sensor-nonlinearity", "slider", "v", np.linspace(-3.0, 2.0, 50))
+    quadratic, cubic = effect.parameters
+    assert (quadratic.unit, cubic.unit) == ("1/(m/s)", "1/(m/s)^2")
+    assert quadratic.high == pytest.approx(0.1 / 3) and cubic.high == pytest.approx(0.1 / 9)
+
+
+def test_a_bent_reading_is_straightened_as_far_as_it_grows():
+    effect = effects.REGISTRY.get("sensor-nonlinearity")(machine("slider"), "x")
+    values = np.array([[0.0, 0.0], [0.3, 0.0], [-0.3, 0.0], [0.2, 0.1], [0.1, -0.2], [-0.1, -0.2]])
+    true = np.linspace(-0.7, 0.7, 15)
+    for x in true:
+        jets = np.zeros((len(values), 3, machine("slider").nsensordata))
+        quadratic, cubic = values.T
+        gain, bend = 1 + 2 * quadratic * x + 3 * cubic * x**2, 2 * quadratic + 6 * cubic * x
+        jets[..., 0] = np.stack([x + quadratic * x**2 + cubic * x**3, gain * 2.0, gain * 5.0 + bend * 4.0], 1)
+        found = effect.true_motion(jets, values)[..., 0]
+        np.testing.assert_allclose(found, np.tile([x, 2.0, 5.0], (len(values), 1)), atol=1e-9)
+    far = np.full((len(values), 3, machine("slider").nsensordata), 1e3)
+    assert np.isfinite(effect.true_motion(far, values)).all()
+    assert np.abs(effect.true_motion(-far, values)[1, 0, 0]) < 1 / (2 * 0.3)  # where it turns back
 
 
 def test_a_sensor_drifts_since_the_episode_began():

@@ -227,6 +227,22 @@ def test_a_measured_velocity_is_used(model, motion):
     assert np.abs(error[:, model.nv]).max() < 4e-3
 
 
+def test_a_velocity_that_is_cut_off_is_left_open(model, motion):
+    """Where a window begins beyond the sensor's range: what is there may be as much again."""
+    time, sensors, qpos, qvel = motion
+    cut = sensors.copy()
+    column = model.sensor("v").adr[0]
+    limit = 0.8 * np.abs(cut[:, column]).max()
+    cut[:, column] = np.clip(cut[:, column], -limit, limit)
+    found, error = estimate(model, (time, cut, qpos, qvel), ("x", "v"), noise=1e-3)
+    beyond = np.abs(error[:, model.nv]) > 0.05 * limit
+    assert beyond.any() and not beyond.all()
+    assert (np.abs(error[:, model.nv]) < found.sd[:, model.nv]).all()
+    assert (found.sd[beyond, model.nv] > 0.9 * limit).all()
+    inside, _ = estimate(model, motion, ("x", "v"), noise=1e-3)
+    assert (found.sd[:, model.nv] < 1.1 * inside.sd[:, model.nv].max()).any()
+
+
 def test_quaternions_are_unit_even_where_the_log_rounds_them(model, motion):
     found, _ = estimate(model, motion, ALL, noise=5e-3)
     for part in (found.starts.qpos[:, 1:5], found.starts.qpos[:, 8:12]):

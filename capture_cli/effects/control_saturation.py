@@ -2,15 +2,9 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from capture_cli.effects._actuator_effect import UNIT, ActuatorEffect
+from capture_cli.effects._limited import saturated, unlimited_at
 from capture_cli.parameters import Parameter
-
-
-def saturated(control, *, limit):
-    """control, cut off beyond +-limit."""
-    return np.clip(control, -limit, limit)
 
 
 class ControlSaturation(ActuatorEffect):
@@ -31,4 +25,4 @@ class ControlSaturation(ActuatorEffect):
         return (Parameter("limit", UNIT, 0.02 * self.scale, high, high),)
 
     def coefficients(self, values):
-        return {"limit": np.where(values[:, 0] == self.parameters[0].nominal, np.inf, values[:, 0])}
+        return {"limit": unlimited_at(self.parameters[0].nominal, values[:, 0])}

@@ -18,6 +18,7 @@ from capture_cli.sim.coordinate_sources import Source, sources_of
 from capture_cli.sim.engine import Rollouts, Starts
 from capture_cli.sim.local_motion import HALF_WIDTHS, LocalMotion, Neighbours, local_motion
 from capture_cli.sim.loop_closure import LoopClosure
+from capture_cli.sim.range_ends import piled_up_from
 from capture_cli.sim.reported_motion import KNOT_INTERVAL, MOST_LATE, ReportedMotion, extended
 from capture_cli.sim.turning import rotations, turned
 
@@ -124,13 +125,15 @@ def estimate_starts(
         if source.kind == "orientation":
             fit, qpos[:, list(source.qpos)] = _turning(knots, measured, source)
         else:
-            fit = every.rows(slice(None, None, knots.count))
+            fit = at_starts = every.rows(slice(None, None, knots.count))
             if source.weights is not None:
                 fit = fit.mixed(source.weights)
             if source.kind == "position":
                 qpos[:, list(source.qpos)] = fit.value + source.constant
         if source.kind == "velocity":
-            qvel[:, dofs], sd[:, nv + dofs] = fit.value, PRIOR_INFLATION * fit.value_sd
+            qvel[:, dofs] = fit.value
+            beyond = _beyond_range(source, measured, at_starts.value)
+            sd[:, nv + dofs] = np.hypot(PRIOR_INFLATION * fit.value_sd, beyond)
             continue
         sd[:, dofs] = PRIOR_INFLATION * fit.value_sd
         new = np.array([d not in measured_velocity for d in source.dofs])
@@ -144,6 +147,17 @@ def estimate_starts(
         extended(path, knots.before, knots.known), knots.before, sources, measured_velocity, nv, lag
     )
     return StartEstimate(starts, sd, reported, open_loops)
+
+
+def _beyond_range(source: Source, measured: _Outputs, value: np.ndarray) -> np.ndarray:
+    """How far velocities may be beyond what is reported, (window, dof), where windows begin with `value` (window,
+    column): as far again where that is where numbers pile up, the end of the sensor's range.
+    """
+    columns = list(source.columns)
+    reported = np.where(measured.sampled, measured.values, np.nan)[:, columns]
+    ends = np.array([piled_up_from(column[:, None]) for column in reported.T])
+    beyond = np.where(np.abs(value) > ends, np.abs(value), 0.0)
+    return beyond if source.weights is None else np.sqrt(np.square(beyond) @ np.square(source.weights).T)
 
 
 def _velocity(fit: LocalMotion, lag: float, source: Source) -> tuple[np.ndarray, np.ndarray]:

@@ -1,0 +1,15 @@
+"""What is cut off beyond a limit: the kernel, and limits at whose null nothing is."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def saturated(signal, *, limit):
+    """signal, cut off beyond +-limit."""
+    return np.clip(signal, -limit, limit)
+
+
+def unlimited_at(null: float, limits: np.ndarray) -> np.ndarray:
+    """`limits`, infinite where they are `null`."""
+    return np.where(limits == null, np.inf, limits)
