@@ -77,9 +77,8 @@ def export(*, result: Path, out: Path, task: str | None = None, force: bool = Fa
         refuse_existing(module_path, force=force)
     with ExitStack() as files:
         model_file = files.enter_context(new_file(out, force=force))
-        text = to_mjcf(machine.model_path, fields, out)
         header = _header(found, command, machine.space, values, effects, companion)
-        model_file.write_text(header + text, encoding="utf-8")
+        model_file.write_text(to_mjcf(machine.model_path, fields, out, header), encoding="utf-8")
         if companion:
             module = companion_module(out.name, machine.name, beside, _substeps(effects))
             files.enter_context(new_file(companion, force=force)).write_text(module, encoding="utf-8")
