@@ -10,6 +10,7 @@ from __future__ import annotations
 import importlib
 import inspect
 import pkgutil
+from collections.abc import Callable
 from pathlib import Path
 from typing import Generic, TypeVar
 
@@ -36,10 +37,14 @@ class Registry(Generic[T]):
         stems = (m.name for m in pkgutil.iter_modules([str(folder)]) if not m.name.startswith("_"))
         return sorted({s.replace("_", "-") for s in stems} - set(self.not_listed))
 
-    def get(self, name: str) -> type[T]:
-        """The class called `name`. Raises OptionError, naming those that exist."""
+    def get(self, name: str, offered: Callable[[type[T]], bool] | None = None) -> type[T]:
+        """The class called `name`. Raises OptionError, naming those that exist.
+
+        offered: which of them to name, where others are of no use.
+        """
         if name not in self.names():
-            raise OptionError(f"unknown {self.kind} {name!r}", cure=did_you_mean(name, self.names()))
+            names = self.names() if offered is None else [n for n, c in self.items() if offered(c)]
+            raise OptionError(f"unknown {self.kind} {name!r}", cure=did_you_mean(name, names))
         module = importlib.import_module(f"{self.package}.{name.replace('-', '_')}")
         base = getattr(importlib.import_module(f"{self.package}.base"), self.base)
         own = [

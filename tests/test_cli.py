@@ -15,8 +15,11 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+import typer
 
 from capture_cli import cli
+from capture_cli.commands._config import _read_config
+from capture_cli.errors import OptionError
 from capture_cli.protocol.prepare import prepare
 from capture_cli.simulator import Simulator
 from capture_cli.stages import identify as stage
@@ -452,6 +455,45 @@ def test_a_config_that_is_wrong(capture, log, tmp_path, text, named):
     for piece in named:
         assert piece in " ".join(err.split())
     assert not (tmp_path / "run.estimate").exists()
+
+
+COMMANDS = typer.main.get_command(cli.app).commands
+OPTIONS = [
+    (name, option)
+    for name, command in COMMANDS.items()
+    for option in command.params
+    if option.name not in ("help", "config")
+]
+REPEATED = [(n, o) for n, o in OPTIONS if getattr(o, "multiple", False) or o.nargs < 0]
+
+
+@pytest.mark.parametrize(("name", "option"), REPEATED, ids=[f"{n}-{o.name}" for n, o in REPEATED])
+def test_in_a_config_one_value_of_an_option_that_repeats_is_a_list_of_one(name, option, tmp_path):
+    (tmp_path / "run.toml").write_text(f'{option.name} = "one"')
+    context = typer.Context(COMMANDS[name], info_name=name)
+    _read_config(context, tmp_path / "run.toml")
+    assert context.default_map == {option.name: ["one"]}
+
+
+@pytest.mark.parametrize(("name", "option"), OPTIONS, ids=[f"{n}-{o.name}" for n, o in OPTIONS])
+def test_a_config_that_gives_too_many_values_too_few_or_a_table(name, option, tmp_path):
+    context = typer.Context(COMMANDS[name], info_name=name)
+    repeats = (name, option) in REPEATED
+    texts = ["{a = 1}", "[[1, 2]]"] + ["[1, 2, 3]"] * (not repeats) + ["0.5"] * (option.nargs == 2)
+    for text in texts:
+        key = option.opts[0].lstrip("-")
+        (tmp_path / "run.toml").write_text(f"{key} = {text}")
+        with pytest.raises(OptionError, match=rf"run\.toml: {key} = ") as caught:
+            _read_config(context, tmp_path / "run.toml")
+        assert f"{key} = " in caught.value.cure
+        assert ("2 numbers" in caught.value.cure) == (option.nargs == 2)
+
+
+def test_a_config_with_one_value_of_options_that_repeat(capture, tmp_path):
+    config = tmp_path / "run.toml"
+    config.write_text(f'task = "{SLIDER}"\nduration = 0.5\nparam = "mass=1.5"\nnoise = 0.001\n')
+    code, out, _ = capture("record", "--config", config, "--out", "a.zarr", "--json")
+    assert code == 0 and json.loads(out)["parameters"]["mass"] == 1.5
 
 
 def test_no_output_replaces_the_config(capture, tmp_path):

@@ -190,6 +190,16 @@ def test_the_page_in_docs_is_the_one_made_from_the_effects():
     assert page.read_text(encoding="utf-8") == effects.markdown()
 
 
+@pytest.mark.parametrize("name", NAMES)
+def test_states_are_said_in_the_docs(name):
+    said = effects.REGISTRY.get(name).states_mean
+    for _, effect in placed(name):
+        for state in effect.states:
+            # "drive before", "held 2", "wound"
+            assert state.split()[0 if state[-1].isdigit() else -1] in said
+    assert (f"| `{name}` | {said} |" in effects.markdown()) == bool(said)
+
+
 def test_shapes_are_spread_over_their_range_with_null_amplitudes():
     effect = effects.REGISTRY.get("stribeck-friction")(machine("slider"), "x")
     grid = effect.shape_grid(4)

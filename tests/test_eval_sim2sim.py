@@ -240,6 +240,12 @@ def test_identifiers_that_cannot_be(folder, given, message):
     assert not (folder / "none").exists()
 
 
+def test_the_identifiers_that_a_cure_names_need_no_checkpoint(folder):
+    with pytest.raises(OptionError) as caught:
+        evaluate(out=folder / "none", identifiers=["nobody"], **SMALL)
+    assert "compass" in caught.value.cure and "posterior" not in caught.value.cure
+
+
 def test_a_name_that_cannot_use_a_checkpoint(folder, trained):
     with pytest.raises(OptionError, match="no use to 'tunenet'"):
         evaluate(out=folder / "none", identifiers=[f"tunenet={trained}"], **SMALL)

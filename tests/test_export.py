@@ -460,8 +460,30 @@ def test_nothing_is_written_where_either_file_exists(existing, tasks, tmp_path):
         export(result=source, out=tmp_path / "m.xml")
     assert sorted(p.name for p in tmp_path.iterdir()) == before
     assert (tmp_path / existing).read_text() == "mine"
+
+
+def test_force_replaces_the_model_and_the_module_of_an_earlier_export(tasks, tmp_path):
+    source = diagnosis(tmp_path / "d", tasks["slider"], found_at("cogging@x", where="slider"))
+    companion = export(result=source, out=tmp_path / "m.xml").companion
+    (tmp_path / "m.xml").write_text("old")
+    companion.write_text(companion.read_text() + "# old\n")
     export(result=source, out=tmp_path / "m.xml", force=True)
-    assert (tmp_path / "m.xml").read_text() != "mine" != (tmp_path / "m_effects.py").read_text()
+    assert (tmp_path / "m.xml").read_text() != "old" and "# old" not in companion.read_text()
+
+
+@pytest.mark.parametrize("force", [False, True])
+def test_a_module_of_the_users_own_is_never_replaced(force, tasks, tmp_path):
+    source = diagnosis(tmp_path / "d", tasks["slider"], found_at("cogging@x", where="slider"))
+    (tmp_path / "m.xml").write_text("old")
+    (tmp_path / "m_effects.py").write_text("mine")
+    before = sorted(p.name for p in tmp_path.iterdir())
+    with pytest.raises(
+        OutputError, match=r"m_effects\.py exists already and `capture export` did not"
+    ) as caught:
+        export(result=source, out=tmp_path / "m.xml", force=force)
+    assert "another --out" in caught.value.cure and "--force" not in caught.value.cure
+    assert (tmp_path / "m.xml").read_text() == "old" and (tmp_path / "m_effects.py").read_text() == "mine"
+    assert sorted(p.name for p in tmp_path.iterdir()) == before
 
 
 def test_an_effect_that_cannot_be_exported_is_named_and_nothing_is_written(tasks, tmp_path, monkeypatch):

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from capture_cli.errors import FitError, LogError, OptionError
+from capture_cli.identifiers import REGISTRY
 from capture_cli.identifiers.least_squares import LeastSquares
 from capture_cli.reports import findings
 from capture_cli.stages import identify as stage
@@ -507,7 +508,17 @@ def test_a_log_of_another_task(plant, identify):
 def test_what_is_not_an_identifier(plant, identify):
     with pytest.raises(OptionError) as caught:
         identify(plant(), identifier="least-sqares")
-    assert "least-squares" in caught.value.cure
+    assert (
+        "did you mean 'least-squares'? There are: cma-es, least-squares; or give a dir" in caught.value.cure
+    )
+
+
+@pytest.mark.parametrize("given", ["foo", "compass"])
+def test_the_identifiers_that_a_cure_names_work_there(given, plant, identify):
+    with pytest.raises(OptionError) as caught:
+        identify(plant(), identifier=given)
+    names, others = caught.value.cure.partition(";")[0], set(REGISTRY.names()) - {"cma-es", "least-squares"}
+    assert "cma-es" in names and not any(name in names for name in others)
 
 
 def test_windows_in_which_the_simulation_runs_away_are_counted_and_explain_nothing(

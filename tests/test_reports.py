@@ -8,6 +8,7 @@ import json
 import re
 import sys
 from functools import partial
+from html import unescape
 from subprocess import run
 
 import numpy as np
@@ -20,7 +21,7 @@ from capture_cli.reports.curve_plots import MOST_POINTS, curve_views
 from capture_cli.reports.curves import Curves, autocorrelation, thin
 from capture_cli.reports.estimate_page import render
 from capture_cli.reports.figure_parts import new_figure, save
-from capture_cli.reports.figures import write_figures
+from capture_cli.reports.figures import _convergence, write_figures
 from capture_cli.reports.findings import (
     UNTRUSTED,
     correlation,
@@ -351,7 +352,37 @@ def test_names_cannot_break_the_page():
     estimate = make({"</script><b>": ("kg", 0.0, 1.0, 0.5, 0.1)}, {"<i>&": ("m", 1e-3)})
     page = Page(render(estimate, PROVENANCE))  # raises where the tags do not match
     assert "</script><b>" in page.text and "<i>&" in page.text
-    assert page.data["plots"]["convergence"]["data"][1]["name"] == "</script><b>"
+    assert page.data["plots"]["convergence"]["data"][1]["name"] == "&lt;/script&gt;&lt;b&gt;"
+
+
+def texts_in(value) -> list[str]:
+    """Every text of a plotly figure, as plotly gets it."""
+    if isinstance(value, str):
+        return [value]
+    inside = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+    return [text for own in inside for text in texts_in(own)]
+
+
+def test_plotly_gets_no_name_as_html():
+    """It takes <b>, <i>, <a> and entities in titles, legends and tick labels, and drops what it does not know."""
+    names = ("m<i>ass", "a<u>&amp;b", "</b>%{x}")
+    parameters = {name: ("k<sub>g", 0.0, 1.0, 0.5, 0.1) for name in names}
+    estimate = make(parameters, {"cart<script>": ("<b>m", 1e-3)})
+    estimate.document["recordings"] = {
+        "names": ["<a>1", "2"],
+        "agree": True,
+        "text": "They agree.",
+        "parameters": {name: {"values": [0.4, 0.6], "sd": [0.1, 0.1], "p_value": 0.5} for name in names},
+    }
+    plots = Page(render(estimate, PROVENANCE)).data["plots"]
+    texts = [text.removesuffix("<extra></extra>") for text in texts_in(plots)]
+    assert not [text for text in texts if "<" in text]
+    shown = "\n".join(unescape(text) for text in texts)
+    for name in ("m<i>ass [k<sub>g]", "a<u>&amp;b", "cart<script> [<b>m]", "<a>1", "%{y:.5g} <b>m"):
+        assert name in shown
+    assert plots["correlation"]["data"][0]["y"][1] == "a&lt;u&gt;&amp;amp;b"
+    (template,) = [d["hovertemplate"] for d in plots["convergence"]["data"] if "%" in d["name"]]
+    assert "%{x}" not in template and "%{customdata:.5g}" in template and template.endswith("<extra></extra>")
 
 
 def test_many_outputs_are_folded():
@@ -449,12 +480,21 @@ def test_figures(name, tmp_path):
         assert 0.002 < np.mean(image.min(axis=2) < 0.9) < 0.6, "neither blank nor filled"
 
 
+def test_figures_take_no_name_for_a_formula(tmp_path):
+    names = ("$\\nonsense$", "a$b$", "_hidden")
+    estimate = make({name: ("$x$", 0.0, 1.0, 0.5, 0.1) for name in names}, {"q$^$": ("m$^$", 2e-5)})
+    assert len(write_figures(estimate, tmp_path)) == 4  # raises where a formula is none
+    figure = _convergence(estimate)
+    assert [text.get_text() for text in figure.axes[1].get_legend().get_texts()] == list(names)
+    save({"again": lambda: figure}, tmp_path)
+    assert not any(text.get_parse_math() for text in figure.axes[1].get_legend().get_texts())
+    assert figure.axes[0].get_yscale() == "log" and figure.axes[0].get_yticklabels()[0].get_parse_math()
+
+
 @pytest.mark.parametrize("broken", [0, 1])
 def test_a_figure_that_cannot_be_drawn_is_an_error_whichever_process_draws_it(broken, tmp_path):
     def nonsense():
-        figure = new_figure(1.0)
-        figure.text(0.5, 0.5, "$\\nonsense$")
-        return figure
+        raise ValueError("nonsense")
 
     drawings = {str(i): nonsense if i == broken else partial(new_figure, 1.0) for i in range(2)}
     with pytest.raises(ValueError, match="nonsense"):

@@ -11,6 +11,7 @@ import pytest
 from plain_loop import imported, looped
 
 from capture_cli.effects import REGISTRY
+from capture_cli.effects._scales import control_scale
 from capture_cli.protocol.candidates import Candidate, all_candidates
 from capture_cli.protocol.prepare import prepare
 from capture_cli.sim.engine import Starts
@@ -54,8 +55,11 @@ def driven(log: MeasuredLog, steps: slice, start: float, now: float, timestep: f
     return before + part * (after - before)
 
 
-def played(folder: Path, log: MeasuredLog, arrays, window: int) -> np.ndarray:
-    """What the model in `folder` and the module beside it show at the times of a window, in a plain loop (step,)."""
+def played(folder: Path, log: MeasuredLog, arrays, window: int, told: int = 0) -> np.ndarray:
+    """What the model in `folder` and the module beside it show at the times of a window, in a plain loop (step,).
+
+    told: of how many controls before the window the module is told first.
+    """
     model = mujoco.MjModel.from_xml_path(str(folder / "m.xml"))
     data = mujoco.MjData(model)
     companion = folder / "m_effects.py"
@@ -67,6 +71,14 @@ def played(folder: Path, log: MeasuredLog, arrays, window: int) -> np.ndarray:
     steps = log.episodes[int(arrays["window/episode"][window])]
     clock = begin + model.opt.timestep * np.arange(2 + (times[-1] - begin) / model.opt.timestep)
     tape = (driven(log, steps, times[0], now, model.opt.timestep) for now in clock)
+    if told:
+        # what docs/effects.md says of a start inside a log
+        first, hidden = log.time[steps][0], arrays["window/start_hidden"][window]
+        for now in begin - model.opt.timestep * np.arange(told, 0, -1):
+            ctrl = driven(log, steps, times[0], now, model.opt.timestep)
+            beside.step(
+                model, mujoco.MjData(model), ctrl + (now < first - 1e-9) * hidden * control_scale(model, 0)
+            )
     sensors = looped(model, data, beside, tape)
     return np.interp(times, clock, sensors[:, 0])
 
@@ -85,6 +97,25 @@ def test_what_was_exported_shows_the_curves_of_the_diagnosis(tmp_path, monkeypat
         np.testing.assert_allclose(again, arrays["step/after"][own, 0], atol=1e-6)
     late = log.time[arrays["window/first"]] - arrays["window/start_time"]
     assert late == pytest.approx(0.02 if "delay" in name else 0.0, abs=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("name", "values"), [("control-delay@drive", ["=0.03"]), ("control-lag@drive", ["=0.02"])]
+)
+def test_a_module_that_was_told_the_controls_before_a_window_shows_its_curves(
+    tmp_path, monkeypatch, name, values
+):
+    found = diagnosed(tmp_path, name, values, monkeypatch)
+    export(result=tmp_path / "d", out=tmp_path / "m.xml")
+    arrays, log = found.arrays, MeasuredLog.read(tmp_path / "log.zarr")
+    assert (arrays["window/start_hidden"] != 0).any()
+    errors = []
+    for window in range(len(arrays["window/first"])):
+        after = arrays["step/after"][arrays["step/window"] == window, 0]
+        told, untold = (played(tmp_path, log, arrays, window, told=steps) for steps in (400, 0))
+        np.testing.assert_allclose(told, after, atol=1e-6)
+        errors.append(np.abs(untold - after).max())
+    assert max(errors) > 1e-4
 
 
 def test_hidden_states_are_there_too(tmp_path, monkeypatch):

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import mujoco
 import numpy as np
 import pytest
+from matplotlib import image
 from mujoco import batch
 
 from capture_cli.errors import ModelError
+from capture_cli.sim import mjcf
 from capture_cli.sim.engine import Engine, ModelFields, Starts, model_field
 from capture_cli.sim.mjcf import to_mjcf
 from capture_cli.sim.target_attributes import ATTRIBUTES
@@ -649,3 +653,93 @@ def test_an_export_finds_its_meshes_and_includes_from_any_folder(tmp_path, meshd
     expected = numbers(model)
     for name, value in numbers(loaded).items():
         np.testing.assert_allclose(value, expected[name], rtol=1e-12, atol=1e-14, err_msg=name)
+
+
+def write_image(path: Path, seed: int) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    image.imsave(path, np.random.default_rng(seed).uniform(size=(4, 4, 3)))
+
+
+FACES = " ".join(f'file{side}="face.png"' for side in ("right", "left", "up", "down", "front", "back"))
+TOOL = """
+<mujoco>
+  <compiler meshdir="assets" texturedir="assets/skin &amp; bone"/>
+  <asset>
+    <mesh name="m" file="wedge.obj"/><hfield name="h" file="both.png" size="1 1 1 1"/>
+    <texture name="t" type="2d" file="both.png"/><texture name="cube" type="cube" {faces}/>
+    {more}
+  </asset>
+  <worldbody>
+    <body name="tool"><geom type="mesh" mesh="m" mass="0.1"/><geom type="hfield" hfield="h"/>{attach}</body>
+  </worldbody>
+</mujoco>"""
+ROBOT = """
+<mujoco>
+  <compiler meshdir="{meshdir}"/>
+  <asset>
+    <mesh name="m" file="wedge.obj"/>
+    <model name="one" file="../one/tool.xml"/><model name="two" file="../two/tool.xml"/>
+  </asset>
+  <worldbody>
+    <body name="part">
+      <joint name="j" damping="1"/><geom type="mesh" mesh="m" mass="1"/>
+      <attach model="one" body="tool" prefix="A"/><attach model="two" body="tool" prefix="B"/>
+      <attach model="two" body="tool" prefix="C"/>
+    </body>
+  </worldbody>
+</mujoco>"""
+
+
+@pytest.fixture
+def attached(tmp_path) -> Path:
+    """A folder with a robot of two tools, one of which holds the other: files of the same name, each its own."""
+    more = '<model name="two" file="../two/tool.xml"/>'
+    held = '<attach model="two" body="tool" prefix="held_"/>'
+    for number, (name, inner) in enumerate({"one": (more, held), "two": ("", "")}.items()):
+        folder = tmp_path / name
+        for seed, image_name in enumerate(("both.png", "skin & bone/both.png", "skin & bone/face.png")):
+            write_image(folder / "assets" / image_name, 10 * number + seed)
+        (folder / "assets/wedge.obj").write_text(MESH.replace("v 1 0 0", f"v {number + 2} 0 0"))
+        (folder / "tool.xml").write_text(TOOL.format(faces=FACES, more=inner[0], attach=inner[1]))
+    (tmp_path / "robot").mkdir()
+    (tmp_path / "robot/wedge.obj").write_text(MESH)
+    return tmp_path
+
+
+@pytest.mark.parametrize("meshdir", ["", "../robot"])
+@pytest.mark.parametrize("where", ["robot", "elsewhere/deep"])
+def test_an_export_finds_the_files_of_attached_models_in_their_own_folders(attached, meshdir, where):
+    source, target = attached / "robot/model.xml", attached / where / "identified.xml"
+    source.write_text(ROBOT.format(meshdir=meshdir))
+    target.parent.mkdir(parents=True, exist_ok=True)
+    model = mujoco.MjModel.from_xml_path(str(source))
+    target.write_text(to_mjcf(source, written(model, ("joint:j:damping", 2.5)), target))
+    loaded = mujoco.MjModel.from_xml_path(str(target))
+    assert loaded.joint("j").damping[0] == 2.5
+    assert (model.nmesh, model.nhfield, model.ntex) == (5, 4, 8)
+    for name in ("mesh_vert", "tex_data", "hfield_data"):
+        np.testing.assert_array_equal(getattr(loaded, name), getattr(model, name), err_msg=name)
+
+
+def test_attached_models_alone_have_assets_and_the_robots_folder_of_them_is_not_there(attached):
+    source, target = attached / "robot/model.xml", attached / "identified.xml"
+    source.write_text(ROBOT.format(meshdir="nowhere").replace("wedge.obj", "../wedge.obj"))
+    text = source.read_text().replace('<mesh name="m" file="../wedge.obj"/>', "")
+    source.write_text(text.replace('<geom type="mesh" mesh="m" mass="1"/>', '<geom size=".1"/>'))
+    model = mujoco.MjModel.from_xml_path(str(source))
+    target.write_text(to_mjcf(source, ModelFields(model, 1), target))
+    assert mujoco.MjModel.from_xml_path(str(target)).nmesh == model.nmesh == 4
+
+
+@pytest.mark.parametrize(
+    ("broken", "named"),
+    [("<mujoco><mesh/></mujoco>", "Schema violation"), ("<mujoco/>", "nq = 0, not 1, nv = 0, not 1")],
+)
+def test_what_does_not_load_as_it_was_is_not_exported(attached, broken, named, monkeypatch):
+    source = attached / "robot/model.xml"
+    source.write_text(ROBOT.format(meshdir=""))
+    fields = ModelFields(mujoco.MjModel.from_xml_path(str(source)), 1)
+    monkeypatch.setattr(mjcf, "name_from", lambda text, *_: broken)
+    with pytest.raises(ModelError, match=named) as caught:
+        to_mjcf(source, fields, attached / "identified.xml")
+    assert caught.value.cure

@@ -374,6 +374,12 @@ def test_options_that_cannot_be(small, tmp_path, options, message):
     assert not any(tmp_path.iterdir())
 
 
+def test_the_identifiers_that_a_cure_names_can_be_trained(small, tmp_path):
+    with pytest.raises(OptionError) as caught:
+        train_sysid(histories=small, out=tmp_path / "c", **{**TINY, "identifier": "captur"})
+    assert "capture-refined" in caught.value.cure and "cma-es" not in caught.value.cure
+
+
 @pytest.mark.skipif(torch.cuda.is_available(), reason="there is a GPU")
 def test_a_gpu_that_is_not_there(small, tmp_path):
     with pytest.raises(OptionError, match="--device cuda"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -32,21 +33,38 @@ def _read_config(context: typer.Context, path: Path | None) -> Path | None:
                 f"--config {path}: `capture {context.info_name}` has no option {key!r}",
                 cure=did_you_mean(key, options),
             )
-        _refuse_switch(known[name], key, value, path)
-        defaults[name] = [str(v) for v in value] if isinstance(value, list) else value
+        defaults[name] = _as_option_takes(known[name], key, value, path)
     context.default_map = defaults
     return path
 
 
-def _refuse_switch(option: Any, key: str, value: Any, path: Path) -> None:
-    """Raise OptionError where an option that takes a value is given true or false, which would be read as 1 or 0."""
-    given = value if isinstance(value, list) else [value]
-    if getattr(option, "is_flag", False) or not any(isinstance(v, bool) for v in given):
-        return
-    raise OptionError(
-        f"--config {path}: {key} = {str(value).lower()}, and {option.opts[0]} is no switch",
-        cure=f"give it a value, as on the command line, or leave {key} out",
+def _as_option_takes(option: Any, key: str, value: Any, path: Path) -> Any:
+    """The value of a key, for the option; one alone is a list of one where the option may be given again and again.
+
+    Raises OptionError for true and false where no switch is, which would be read as 1 and 0, for a switch that is
+    neither, and for more or fewer values than the option takes.
+    """
+    values = value if isinstance(value, list) else [value]
+    found = (
+        f"--config {path}: {key} = {json.dumps(value, ensure_ascii=False, default=str)}, and {option.opts[0]}"
     )
+    if getattr(option, "is_flag", False):
+        if not isinstance(value, bool):
+            raise OptionError(f"{found} is a switch", cure=f"write {key} = true, or {key} = false")
+        return value
+    if any(isinstance(v, bool) for v in values):
+        cure = f"give it a value, as on the command line, or leave {key} out"
+        raise OptionError(f"{found} is no switch", cure=cure)
+    if option.nargs < 0 or getattr(option, "multiple", False):
+        fits, wanted, example = True, "a list of values", '["VALUE", "VALUE"]'
+    elif option.nargs > 1:
+        fits, wanted = len(values) == option.nargs, f"{option.nargs} numbers"
+        example = f"[{', '.join(['NUMBER'] * option.nargs)}]"
+    else:
+        fits, wanted, example = value is not values, "one value", "VALUE"
+    if not fits or any(isinstance(v, list | dict) for v in values):
+        raise OptionError(f"{found} takes {wanted}", cure=f"give {wanted}: {key} = {example}")
+    return value if wanted == "one value" else [str(v) for v in values]
 
 
 def _of_command(table: dict[str, Any], context: typer.Context) -> dict[str, Any]:

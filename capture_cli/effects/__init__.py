@@ -65,7 +65,12 @@ def markdown() -> str:
     entries = catalogue()
     rows = "\n".join(_row(entry) for entry in entries)
     laws = "\n\n".join(f"### {entry.name}\n\n{entry.law}" for entry in entries)
-    return _PAGE.format(rows=rows, laws=laws, example=EXAMPLE.read_text(encoding="utf-8").rstrip())
+    states = "\n".join(
+        f"| `{name}` | {kind.states_mean} |" for name, kind in REGISTRY.items() if kind.states_mean
+    )
+    return _PAGE.format(
+        rows=rows, laws=laws, states=states, example=EXAMPLE.read_text(encoding="utf-8").rstrip()
+    )
 
 
 def _row(entry: Entry) -> str:
@@ -139,6 +144,37 @@ What the parameters do. `capture effects NAME --task task.toml` prints one of th
 it has in that task. Forces and torques are those on the joint, positive in the direction in which its position grows.
 
 {laws}
+
+## Beginning inside a log
+
+A window of a diagnosis begins at `window/start_time`, with `start_qpos`, `start_qvel` and `start_act`, of its store. An
+effect with a memory also goes by what was before, which the module of an export does not have:
+
+- Effects of *control* are told the controls before the window first, as many as they remember (the delay, five time
+  constants), on data that is then forgotten. The episode's first control and `start_hidden` say what was before it.
+  After that the module goes on with the window as the diagnosis does, if no force in it has a memory, too.
+
+  ```python
+  effects = Effects(model)
+  for ctrl in controls_before:
+      effects.step(model, mujoco.MjData(model), ctrl)
+  data.qpos[:], data.qvel[:], data.act[:] = start_qpos, start_qvel, start_act
+  ```
+
+- *Forces* keep theirs in `effects.state["compliance@knee"]`, under the names of this table; what is set there before
+  the first step is what they begin with, in SI units. Otherwise they begin as in the first window of an episode whose
+  `start_hidden` is 0. `hysteretic-friction`, `viscoelastic-spring` and `servo-integral` go by all positions of the
+  episode up to the window, and `start_hidden` is what they began it with: give the module what that has come to, or
+  let it run from the beginning of the episode.
+- *Measurement*: `effects.sense` takes motion before its first row for even, and a `sensor-high-pass` for just switched
+  on. A `sensor-delay` has none before it: the window's simulation begins so much earlier.
+
+`start_hidden` has a number for each of `effects[].states` of diagnosis.json, effect after effect. They have no unit:
+0 is what is likeliest, and most lie within 1, which is:
+
+| effect | states |
+|---|---|
+{states}
 
 ## The machine of the table
 

@@ -71,6 +71,13 @@ class ActuatorEffect(Effect):
         return Companion((self.kernel,), lines, state)
 
 
+CONTROL_BEFORE = (
+    "`ACTUATOR before`: by how much its control before the episode began differed from the first one, for ever. At 1 "
+    "by the largest control of its `ctrlrange`; without one, by 1 m or rad of a position servo, and else by what gives "
+    "the force of its `forcerange`, or holds the weight on its joint"
+)
+
+
 class RememberingEffect(ActuatorEffect):
     """An effect by which what arrives depends on earlier controls, too.
 
@@ -78,6 +85,7 @@ class RememberingEffect(ActuatorEffect):
     """
 
     states_before = True
+    states_mean = CONTROL_BEFORE
 
     @property
     def states(self):

@@ -48,6 +48,11 @@ class VibrationEffect(Effect):
     shapes = ("frequency", "damping_ratio")
     vague_at_end = ("frequency",)
     states = ("displaced", "moving")
+    states_mean = (
+        "`displaced`, `moving`: how far (m or rad) and how fast (m/s or rad/s; its `rate`) what swings is from where "
+        "it rests. At 1 what an acceleration of the base (5 m/s^2 times `mobility`), or of the joint by its greatest "
+        "common force, comes to at resonance: 4 times it over w^2, and over w, with w = 2 pi `frequency`"
+    )
 
     @property
     def swinging(self) -> tuple[Parameter, Parameter]:

@@ -80,6 +80,12 @@ class Backlash(TransmissionEffect):
         given = super().coefficients(values)
         return {**given, "give": np.where(given["width"] > 0, given["give"], 0.0)}
 
+    states_mean = (
+        "`ahead`, `turning`: how far (m or rad) and how fast (m/s or rad/s; its `rate`) the rotor is ahead of the stop "
+        "against which the forces of the moment push it. At 1 `width`, and the speed that the larger of the weight on "
+        "the joint and what its actuators can give lends the rotor over that"
+    )
+
     def looseness(self, values):
         width, rotor, *_ = values.T
         return width, np.sqrt(2 * width * characteristic_force(self.model, self.joint) / rotor)

@@ -108,6 +108,7 @@ class Effect(ABC):
     substeps: steps that the model takes, where the effect is in it, for each of its own.
     states: names of what the effect keeps from step to step that no sensor shows: how far a spring is wound up. At
         the start of a simulation each is 0 where nothing else is said, and commonly within 1.
+    states_mean: what each of them is at 1, with its unit, for docs/effects.md.
     states_before: whether the states are what was before an episode began: known where a simulation begins inside one.
     reads_actuators: whether it has a `pick_up`, for which a simulation keeps what its actuators give.
     reports_late: whether it has a `lateness`, for which a simulation begins before its window.
@@ -130,6 +131,7 @@ class Effect(ABC):
     has_threshold: ClassVar[bool] = False
     difference_step: ClassVar[float] = 0.0
     states: tuple[str, ...] = ()
+    states_mean: ClassVar[str] = ""
     states_before: ClassVar[bool] = False
     states_tried: np.ndarray = np.zeros((0, 0))
     states_anywhere: ClassVar[bool] = False

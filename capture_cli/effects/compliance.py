@@ -70,6 +70,12 @@ class Compliance(TransmissionEffect):
             *self.motor_friction,
         )
 
+    states_mean = (
+        "`ahead`, `turning`: how far (m or rad) and how fast (m/s or rad/s; its `rate`) the rotor is ahead of where "
+        "the forces of the moment wind it. At 1 `compliance` times the larger of the weight on the joint and what its "
+        "actuators can give, and the speed at which the rotor swings through that"
+    )
+
     def looseness(self, values):
         compliance, rotor, *_ = values.T
         wound = compliance * characteristic_force(self.model, self.joint)

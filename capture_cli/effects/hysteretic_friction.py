@@ -49,6 +49,11 @@ class HystereticFriction(FollowedForce):
     shapes = ("distance",)
     # beside what follows from the way, as much as the noise hides of that; and all of it before any way was gone
     states = ("wound", "wound_before")
+    states_mean = (
+        "`wound`: by how much it is wound up beyond what follows from the way in the log; at 1 by two standard "
+        "deviations of the noise on the position (m or rad) over `distance`. `wound_before`: how far it was wound up "
+        "when the episode began, from -1 to 1. In the module `wound` is how far it is"
+    )
     kernel = Bristles
 
     @property

@@ -33,6 +33,10 @@ class PeriodicDisturbance(PeriodicForce):
     summary = "a force that repeats with time: vibration from outside"
     shapes = ("frequency",)
     states_anywhere = True
+    states_mean = (
+        "`phase`, in windows of other recordings than that whose beginning is `effects[].first_time`: the phase where "
+        "the window begins, in turns"
+    )
     kernel = staticmethod(periodic_disturbance)
     recordings: Recordings | None = None  # of the log, where it has several
     anchored = True  # whether the phase in the reference is known

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from capture_cli.effects._actuator_effect import controls_before, single_control_actuators
+from capture_cli.effects._actuator_effect import CONTROL_BEFORE, controls_before, single_control_actuators
 from capture_cli.effects._places import site_id
 from capture_cli.effects._sensor_effect import TimeEffect
 from capture_cli.parameters import Parameter
@@ -26,6 +26,7 @@ class SensorDelay(TimeEffect):
 
     summary = "a sensor reports late"
     states_before = True
+    states_mean = CONTROL_BEFORE
     reports_late = True
     kernel = staticmethod(late)
 

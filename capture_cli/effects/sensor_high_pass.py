@@ -51,6 +51,11 @@ class SensorHighPass(SensorEffect):
     def parameters(self):
         return (Parameter("rate", "1/s", 0.0, 2 * np.pi * FASTEST, 0.0),)
 
+    states_mean = (
+        "`held K`: the mean m of its number K when the episode began, in the sensor's unit. At 1 a common size of that "
+        "number times 1 - exp(-`rate` T), with T the length of the longest episode, s"
+    )
+
     @property
     def states(self):
         return tuple(f"held {k}" for k in range(len(self.sizes)))

@@ -39,6 +39,11 @@ class SensorLowPass(TimeEffect):
     def parameters(self):
         return (Parameter("time_constant", "s", 0.0, 0.1, 0.0),)
 
+    states_mean = (
+        "`ahead K`: what is reported of its number K, in the sensor's unit, over what it would be had motion before "
+        "been even. At 1 what that number commonly changes within `time_constant`"
+    )
+
     @property
     def states(self):
         return tuple(f"ahead {k}" for k in range(len(self.sizes)))

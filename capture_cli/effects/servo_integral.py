@@ -63,6 +63,10 @@ class ServoIntegral(FollowedForce):
     states = ("integral",)  # when the episode began, over what is common in it
     states_tried = np.linspace(-1, 1, 9)[:, None]  # at its limit it does not move with a small change
     states_scored = np.array([[0.0], [-1.0], [-0.5], [0.5], [1.0]])
+    states_mean = (
+        "`integral`: z, in m s or rad s, when the episode began. At 1 what z commonly changes in the log, or what "
+        "holds the load on the joint where that is more, and `limit` where that is less"
+    )
     kernel = IntegralTerm
     adds_to = BIAS
 

@@ -48,6 +48,10 @@ class ViscoelasticSpring(FollowedForce):
     shapes = ("relaxation",)
     vague_at_end = ("relaxation",)  # a damper, or a spring that stays
     states = ("stretch",)  # when the episode began, over half of how far the joint goes
+    states_mean = (
+        "`stretch`: how far the spring was stretched when the episode began, m or rad. At 1 half of how far the joint "
+        "goes in the log"
+    )
     kernel = MaxwellElement
 
     @property

@@ -8,7 +8,7 @@ import numpy as np
 
 from capture_cli.reports.curves import HELD_OUT, Curves, Model, autocorrelation, bin_edges, thin
 from capture_cli.reports.page import packed
-from capture_cli.reports.plotly_parts import Plot, band, line, mark, swatch
+from capture_cli.reports.plotly_parts import Plot, band, in_template, line, mark, swatch
 from capture_cli.reports.quantities import scaled_unit, titled
 from capture_cli.stores.diagnosis import Diagnosis
 from capture_cli.stores.estimate import Estimate
@@ -62,7 +62,7 @@ def overlay(record: Record, curves: Curves, k: int) -> Plot:
                 "mode": "markers",
                 "marker": {"color": color, "size": POINT * more.get("width", 1.5) ** 0.5},
             }
-        return line(title, color, meta=source, hovertemplate=f"%{{y:.5g}} {hover_unit}", **more)
+        return line(title, color, meta=source, hovertemplate=f"%{{y:.5g}} {in_template(hover_unit)}", **more)
 
     data = [curve("measured", "measured", "--measured", unit, width=3.2)]
     for m in reversed(curves.models):

@@ -9,7 +9,7 @@ import numpy as np
 
 from capture_cli.reports.curves import LONGEST_CLOCK
 from capture_cli.reports.diagnosis_findings import PARTS, Moved, StageErrors, moved, shift, stage_errors
-from capture_cli.reports.plotly_parts import NO_BUTTONS, Plot, heading, line, rounded
+from capture_cli.reports.plotly_parts import NO_BUTTONS, Plot, heading, in_template, line, rounded
 from capture_cli.reports.quantities import place, scaled_unit, significant, titled, with_unit
 from capture_cli.stores.diagnosis import Diagnosis
 
@@ -264,7 +264,7 @@ def _curve(
         np.asarray(diagnosis.arrays[f"bin/{kind}"])[row] for kind in ("before", "after", "error")
     )
     before, after, error = factor * before, factor * after, factor * error
-    hover = {"hovertemplate": f"%{{y:.3g}} {unit}<extra></extra>"}
+    hover = {"hovertemplate": f"%{{y:.3g}} {in_template(unit)}<extra></extra>"}
     around = {"mode": "lines", "hoverinfo": "skip", "showlegend": False, "width": 0, "axes": number}
     curves = [
         line("", "--before", x, before - 2 * error, **around),

@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
+from matplotlib.text import Text
 
 from capture_cli.reports.curve_plots import (
     SHADES,
@@ -77,8 +78,20 @@ def save(drawings: Mapping[str, Drawing], folder: Path) -> list[Path]:
 
 def _draw(jobs: Sequence[tuple[Path, Drawing]]) -> None:
     for path, drawing in jobs:
+        figure = drawing()
+        _without_formulas(figure)
         # savefig lays out and draws everything twice
-        drawing().canvas.print_png(path, pil_kwargs={"compress_level": COMPRESSION})
+        figure.canvas.print_png(path, pil_kwargs={"compress_level": COMPRESSION})
+
+
+def _without_formulas(figure: Figure) -> None:
+    """Draw all texts as they are, also names with a $; only the powers of ten of a logarithmic axis are formulas."""
+    scales = [axis for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)]
+    powers = {
+        label for axis in scales if axis.get_scale() == "log" for label in axis.get_ticklabels(which="both")
+    }
+    for text in figure.findobj(Text):
+        text.set_parse_math(text in powers)
 
 
 def _draw_and_exit(jobs: Sequence[tuple[Path, Drawing]]) -> NoReturn:
@@ -179,6 +192,13 @@ def legend(figure: Figure, handles: list) -> None:
         look = {"frameon": False, "fontsize": 9, "labelcolor": MUTED}
         loc = "outside upper left" if figure.get_layout_engine() else "upper left"
         figure.legend(handles=handles, loc=loc, ncols=len(handles), **look)
+
+
+def named(axis: Axes, names: Sequence[str]) -> None:
+    """A legend in the plot, of its lines by `names`; of labels, matplotlib leaves out those that begin with "_"."""
+    shown = axis.legend(axis.lines, ["." for _ in names], frameon=False, fontsize=8, labelcolor=MUTED)
+    for text, name in zip(shown.get_texts(), names, strict=True):
+        text.set_text(name)
 
 
 def title(axis: Axes, text: str) -> None:

@@ -17,6 +17,7 @@ from capture_cli.reports.figure_parts import (
     draw_outputs,
     draw_residuals,
     finish,
+    named,
     new_figure,
     restrain,
     rows,
@@ -102,9 +103,9 @@ def _convergence(estimate: Estimate) -> Figure:
     for k, name in enumerate(names):
         p = estimate.document["parameters"][name]
         path = place(np.asarray(estimate.arrays["round/parameters"])[:, k], p)
-        axes[1].plot(path, color=PATHS[k % len(PATHS)], lw=1.2, marker=marker, ms=3, label=name)
+        axes[1].plot(path, color=PATHS[k % len(PATHS)], lw=1.2, marker=marker, ms=3)
     if 0 < len(names) <= MOST_NAMED:
-        axes[1].legend(frameon=False, fontsize=8, labelcolor=MUTED)
+        named(axes[1], names)
     if names:
         axes[1].set(ylim=(-0.05, 1.05), ylabel="place in range")
         axes[1].set_yticks([0, 0.5, 1], ["low", "middle", "high"])

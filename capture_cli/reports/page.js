@@ -15,7 +15,7 @@ let view = 0;
 // ---- colours: "--ink" in a plot is the CSS variable of that name ----
 
 function painted(value, style) {
-  if (typeof value === "string") return value.startsWith("--") ? style.getPropertyValue(value).trim() : value;
+  if (typeof value === "string") return (value.startsWith("--") && style.getPropertyValue(value).trim()) || value;
   if (Array.isArray(value)) return value.map((v) => painted(v, style));
   if (value !== null && typeof value === "object" && !ArrayBuffer.isView(value)) {
     return Object.fromEntries(Object.entries(value).map(([k, v]) => [k, painted(v, style)]));

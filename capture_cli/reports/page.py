@@ -28,7 +28,7 @@ def page(*, title: str, body: str, plots: Mapping[str, Any], curves: Mapping[str
     curves: {"sets": {SET: {SERIES: packed}}, "views": [{"label", "set", "first", "last"}, …]}. A trace with
     "meta": {"series": NAME} takes its points from there: those of the view that `view_selector` has chosen.
     """
-    data = json.dumps({"plots": plots, "curves": curves}, allow_nan=False, separators=(",", ":"))
+    data = json.dumps({"plots": _verbatim(plots), "curves": curves}, allow_nan=False, separators=(",", ":"))
     return "\n".join(
         [
             "<!DOCTYPE html>",
@@ -180,6 +180,21 @@ def packed(values: np.ndarray, dtype: str) -> dict[str, str]:
 
 def _asset(name: str) -> str:
     return files("capture_cli.reports").joinpath(name).read_text(encoding="utf-8")
+
+
+def _verbatim(value: Any, key: str = "") -> Any:
+    """A figure, or a piece of it, whose texts plotly shows as they are: it takes tags and entities in them as HTML.
+
+    key: what the piece is called in the figure; the end of a hovertemplate that hides the name of the trace stays.
+    """
+    if isinstance(value, Mapping):
+        return {name: _verbatim(own, name) for name, own in value.items()}
+    if isinstance(value, list | tuple):
+        return [_verbatim(own, key) for own in value]
+    if not isinstance(value, str):
+        return value
+    end = "<extra></extra>" if key == "hovertemplate" and value.endswith("<extra></extra>") else ""
+    return escape(value.removesuffix(end), quote=False) + end
 
 
 def _plotly() -> str:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from capture_cli.reports.findings import correlation
-from capture_cli.reports.plotly_parts import NO_BUTTONS, Plot, band, heading, line, rounded
+from capture_cli.reports.plotly_parts import NO_BUTTONS, Plot, band, heading, in_template, line, rounded
 from capture_cli.reports.quantities import place, shown_unit, titled
 from capture_cli.stores.estimate import Estimate
 
@@ -137,7 +137,8 @@ def _path(estimate: Estimate, k: int, rounds: np.ndarray, marks: Plot) -> Plot:
     name = estimate.attributes["parameters"][k]
     parameter = estimate.document["parameters"][name]
     values = np.asarray(estimate.arrays["round/parameters"])[:, k]
-    template = f"{name} %{{customdata:.5g}} {shown_unit(parameter['unit'])}<extra></extra>"
+    unit = in_template(shown_unit(parameter["unit"]))
+    template = f"{in_template(name)} %{{customdata:.5g}} {unit}<extra></extra>"
     more = {"customdata": rounded(values), "yaxis": "y2", "hovertemplate": template}
     return line(name, PATHS[k % len(PATHS)], rounds, place(values, parameter), **marks, **more)
 
@@ -175,7 +176,7 @@ def _recording_points(names, own: Mapping[str, Any], unit: str, number: str) -> 
         "xaxis": f"x{number}",
         "yaxis": f"y{number}",
         "showlegend": False,
-        "hovertemplate": f"%{{y}}: %{{x:.5g}} {shown_unit(unit)}<extra></extra>",
+        "hovertemplate": f"%{{y}}: %{{x:.5g}} {in_template(shown_unit(unit))}<extra></extra>",
     }
 
 

@@ -86,6 +86,12 @@ def heading(text: str, number: str) -> Plot:
     }
 
 
+def in_template(text: str) -> str:
+    """A name or a unit within a template, in which plotly takes "%{" for the beginning of a value."""
+    # a word joiner between them, which is not seen
+    return text.replace("%{", "%\u2060{")
+
+
 def rounded(values) -> list:
     """JSON numbers (nested as `values`) to six digits; not finite is null, a gap."""
     if np.ndim(values):

@@ -12,20 +12,38 @@ import mujoco
 import numpy as np
 
 from capture_cli.errors import ModelError
+from capture_cli.sim.assets import name_from, name_in_full
 from capture_cli.sim.engine import ModelFields, model_field
 from capture_cli.sim.impossible_inertia import impossible_inertias, without_rounding
 
 FULL_PRECISION = 17  # significant digits that carry a double through text
+# of what a model is made of; a file that is loaded again has as many
+_SIZES = [
+    "nq",
+    "nv",
+    "nu",
+    "nbody",
+    "ngeom",
+    "nsite",
+    "ntendon",
+    "neq",
+    "nsensordata",
+    "nmeshvert",
+    "ntexdata",
+    "nkey",
+]
 
 
-def to_mjcf(source: Path, fields: ModelFields, target: Path) -> str:
+def to_mjcf(source: Path, fields: ModelFields, target: Path, header: str = "") -> str:
     """The MJCF at `source` with the values of `fields` (of one simulation), for a file at `target`.
 
-    Raises ModelError where a value cannot be written in MJCF.
+    It was loaded from there once. header: a comment that it begins with.
+    Raises ModelError where a value, or the model, cannot be written in MJCF.
     """
     _refuse_impossible(source, fields)
     spec = mujoco.MjSpec.from_file(str(source))
-    _point_at_assets(spec, source, target)
+    assets = name_in_full(spec, fields.model)
+    folders = _point_at_folders(spec, source, target) if assets else {}
     from_geoms = spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
     if "geom_size" in fields.values or (from_geoms and any(n.startswith("body_") for n in fields.values)):
         _fix_inertia(spec)
@@ -48,12 +66,14 @@ def to_mjcf(source: Path, fields: ModelFields, target: Path) -> str:
         for body, was in zip(spec.bodies, simple, strict=True):
             body.simple = was
         with _full_precision():
-            return spec.to_xml()
+            text = header + name_from(spec.to_xml(), assets, folders)
     except ValueError as error:
         raise ModelError(
             f"{source}: these values cannot be written as MJCF: {error}",
             cure=_cure(str(error)),
         ) from error
+    _refuse_what_does_not_load(text, source, target, model)
+    return text
 
 
 def _refuse_impossible(source: Path, fields: ModelFields) -> None:
@@ -129,14 +149,36 @@ def _assign(model: mujoco.MjModel, name: str, value: np.ndarray) -> None:
         model_field(model, name)[...] = value
 
 
-def _point_at_assets(spec: mujoco.MjSpec, source: Path, target: Path) -> None:
-    """Make asset folders, which are relative to the model file, right for where the new one will lie."""
+def _point_at_folders(spec: mujoco.MjSpec, source: Path, target: Path) -> dict[str, Path]:
+    """Make asset folders, which are relative to the model file, right for where the new one will lie.
+
+    Returns the whole path of each, by what MJCF calls it.
+    """
     there = target.parent.resolve()
-    if spec.meshes or spec.textures or spec.hfields:
-        for key in ("meshdir", "texturedir"):
-            folder = (source.parent / getattr(spec, key)).resolve()
-            setattr(spec, key, "" if folder == there else os.path.relpath(folder, there))
-    spec.modelfiledir = str(there)
+    folders = {}
+    for key in ("meshdir", "texturedir"):
+        folder = (source.parent / getattr(spec, key)).resolve()
+        # one that is not there, since only attached models have assets, leads nowhere, not even up again
+        folders[key] = folder if folder.is_dir() else there
+        setattr(spec, key, "" if folders[key] == there else os.path.relpath(folders[key], there))
+    return folders
+
+
+def _refuse_what_does_not_load(text: str, source: Path, target: Path, model: mujoco.MjModel) -> None:
+    """Raise ModelError where MuJoCo does not make of `text`, at `target`, a model of the sizes of `model`."""
+    try:
+        spec = mujoco.MjSpec.from_string(text)
+        spec.modelfiledir = str(target.parent.resolve())
+        loaded = spec.compile()
+        other = [name for name in _SIZES if getattr(loaded, name) != getattr(model, name)]
+        wrong = ", ".join(f"{name} = {getattr(loaded, name)}, not {getattr(model, name)}" for name in other)
+    except ValueError as error:
+        wrong = str(error)
+    if wrong:
+        raise ModelError(
+            f"{source}: as one MJCF it does not load as it was: {wrong}",
+            cure="write what MuJoCo names here in a simpler way in the model file, and identify again",
+        )
 
 
 @contextmanager

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import capture_cli
-from capture_cli.errors import OptionError
-from capture_cli.identifiers import REGISTRY, log_identifier
+from capture_cli.errors import OptionError, did_you_mean
+from capture_cli.identifiers import REGISTRY, log_identifier, log_identifiers
 from capture_cli.identifiers.base import Identifier
 from capture_cli.identifiers.least_squares import LeastSquares
 from capture_cli.stages.identifier_checkpoint import DOCUMENT, IdentifierCheckpoint, load_identifier
@@ -51,7 +51,12 @@ def choose_identifier(given: str | None, task: Task, log: MeasuredLog) -> Chosen
             f"--identifier {given}: there is no such directory",
             cure="give a directory that `capture train-sysid` wrote, or the name of an identifier",
         )
-    if given in REGISTRY.names() and REGISTRY.get(given).needs_checkpoint:
+    if given not in REGISTRY.names():
+        raise OptionError(
+            f"unknown identifier {given!r}",
+            cure=f"{did_you_mean(given, log_identifiers())}; or give a directory that `capture train-sysid` wrote",
+        )
+    if REGISTRY.get(given).needs_checkpoint:
         raise OptionError(
             f"--identifier {given} must be trained",
             cure=f"give the directory that `capture train-sysid --identifier {given}` wrote",

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from capture_cli.errors import OptionError
 from capture_cli.identifiers import REGISTRY, round_identifier
+from capture_cli.identifiers.base import AskTell
 from capture_cli.identifiers.rounds import RoundIdentifier, Signature
 from capture_cli.stages.checkpoint_hash import checkpoint_hash
 from capture_cli.stages.identifier_checkpoint import DOCUMENT, load_identifier
@@ -72,7 +73,12 @@ def how_trained(document: Mapping[str, Any]) -> dict[str, Any]:
 
 def by_name() -> list[str]:
     """Identifiers that need no checkpoint."""
-    return [n for n, c in REGISTRY.items() if not c.needs_checkpoint]
+    return [n for n, c in REGISTRY.items() if untrained(c)]
+
+
+def untrained(kind: type[AskTell]) -> bool:
+    """Whether it needs no checkpoint."""
+    return not kind.needs_checkpoint
 
 
 def _load(text: str, signature: Signature, spelled_out: Sequence[str]) -> Evaluated:
@@ -107,7 +113,7 @@ def _load(text: str, signature: Signature, spelled_out: Sequence[str]) -> Evalua
 
 
 def _named(name: str) -> Evaluated:
-    kind = round_identifier(name)
+    kind = round_identifier(name, untrained)
     if kind.needs_checkpoint:
         raise OptionError(
             f"--identifier {name} must be trained",

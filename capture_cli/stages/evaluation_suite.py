@@ -15,7 +15,7 @@ from typing import Any
 
 from capture_cli.errors import OptionError, StoreError, did_you_mean
 from capture_cli.identifiers import REGISTRY
-from capture_cli.stages.evaluated_identifier import PAPER, checkpoints_in, how_trained
+from capture_cli.stages.evaluated_identifier import PAPER, checkpoints_in, how_trained, untrained
 from capture_cli.stages.evaluation_plan import EvaluationPlan, evaluation_plan
 from capture_cli.stages.evaluation_run import carry_out, completed, time_left
 from capture_cli.stages.evaluation_time import Expected
@@ -209,7 +209,7 @@ def _found(given: Sequence[str]) -> tuple[list[str], list[tuple[Path, Mapping[st
                 )
             checkpoints += [(path, read_document(path)) for path in inside]
         else:
-            REGISTRY.get(text)
+            REGISTRY.get(text, untrained)
             names += [] if text in names else [text]
     return names, checkpoints
 

@@ -17,7 +17,7 @@ from capture_cli.effects import REGISTRY
 from capture_cli.effects.base import Effect
 from capture_cli.effects.companion import MADE_BY_EXPORT, companion_module
 from capture_cli.effects.placed import Placed, placed_name
-from capture_cli.errors import OptionError, StoreError
+from capture_cli.errors import OptionError, OutputError, StoreError
 from capture_cli.parameters import Parameter, ParameterSpace
 from capture_cli.sim.engine import ModelFields
 from capture_cli.sim.mjcf import to_mjcf
@@ -46,8 +46,9 @@ def export(*, result: Path, out: Path, task: str | None = None, force: bool = Fa
 
     Effects that MuJoCo has a feature for are in it; the others, and terms of a formula, go to STEM_effects.py, beside
     `out`. With a formula all values are those of the model with it. task: where the task is now, if it was moved
-    since. A STEM_effects.py of an earlier export that is not needed any more is in the way like an `out` that exists,
-    and removed with `force`. Raises CaptureError for whatever the user can mend; then nothing is written.
+    since. A STEM_effects.py of an earlier export is in the way like an `out` that exists; with `force` it is replaced,
+    or removed if it is not needed any more. Raises CaptureError for whatever the user can mend; then nothing is
+    written.
     """
     found = _read(result)
     command = MADE_BY[found["format"]]
@@ -72,14 +73,15 @@ def export(*, result: Path, out: Path, task: str | None = None, force: bool = Fa
     beside = {name: pair for name, pair in effects.items() if pair[0].place != "model"}
     module_path = out.with_name(f"{out.stem}_effects.py")
     companion = module_path if beside else None
+    if companion:
+        _refuse_foreign(companion)
     stale = not beside and _is_exported(module_path)
     if stale:
         refuse_existing(module_path, force=force)
     with ExitStack() as files:
         model_file = files.enter_context(new_file(out, force=force))
-        text = to_mjcf(machine.model_path, fields, out)
         header = _header(found, command, machine.space, values, effects, companion)
-        model_file.write_text(header + text, encoding="utf-8")
+        model_file.write_text(to_mjcf(machine.model_path, fields, out, header), encoding="utf-8")
         if companion:
             module = companion_module(out.name, machine.name, beside, _substeps(effects))
             files.enter_context(new_file(companion, force=force)).write_text(module, encoding="utf-8")
@@ -91,6 +93,15 @@ def export(*, result: Path, out: Path, task: str | None = None, force: bool = Fa
 def _is_exported(path: Path) -> bool:
     """Whether there is a module that `capture export` made: one that it did not is no business of ours."""
     return path.is_file() and MADE_BY_EXPORT in path.read_text(encoding="utf-8", errors="replace")[:1000]
+
+
+def _refuse_foreign(companion: Path) -> None:
+    """Raise OutputError where something else than an export lies in the place of the module: --force is for --out."""
+    if companion.exists() and not _is_exported(companion):
+        raise OutputError(
+            f"{companion} exists already and `capture export` did not write it, so --force does not replace it",
+            cure="choose another --out (the module is named after it), or move that file away",
+        )
 
 
 def _read(result: Path) -> Mapping[str, Any]:

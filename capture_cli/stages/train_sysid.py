@@ -159,7 +159,7 @@ def signature_of(attributes: Mapping[str, Any]) -> Signature:
 
 
 def _learned(name: str) -> type[LearnedIdentifier]:
-    kind = REGISTRY.get(name)
+    kind = REGISTRY.get(name, lambda kind: kind.needs_checkpoint)
     if not kind.needs_checkpoint:
         learned = [n for n, c in REGISTRY.items() if c.needs_checkpoint]
         raise OptionError(f"--identifier {name} learns nothing", cure=f"choose {', '.join(learned)}")

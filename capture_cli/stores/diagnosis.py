@@ -23,7 +23,7 @@ SCHEMA = Schema(
             ("window", "hidden"),
             "float64",
             "1",
-            "with which `states` of the effects of diagnosis.json, one after the other",
+            "with which `states` of the effects of diagnosis.json, one after the other; effects.md says what they are",
             optional=True,
         ),
         ArraySpec("step/window", ("step",), "int64", "-", "window each step belongs to"),
