@@ -11,16 +11,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from capture_cli.errors import LogError, OptionError, OutputError, StoreError
-from capture_cli.parameters import Parameter, ParameterSpace
 from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.earlier_estimate import EarlierEstimate
 from capture_cli.stages.identify import identify
 from capture_cli.stages.import_log import import_log
-from capture_cli.stages.propose import information, propose, sigma_points
+from capture_cli.stages.propose import propose
 from capture_cli.stages.record import record
 from capture_cli.stores.estimate import Estimate
 from capture_cli.stores.measured_log import MeasuredLog
@@ -38,29 +35,6 @@ def scooping(tmp_path_factory) -> Path:
     record(out=folder / "other.zarr", seed=5, **options)
     identify(real_log=folder / "log.zarr", out=folder / "e", test="none", threads=1, quiet=True)
     return folder
-
-
-@given(
-    noise=st.floats(0.1, 10.0),
-    sd=st.lists(st.floats(0.01, 0.2), min_size=3, max_size=3),
-    correlation=st.floats(-0.9, 0.9),
-)
-@settings(max_examples=50, deadline=None)
-def test_the_gain_of_a_linear_experiment_is_that_of_the_formula(noise, sd, correlation):
-    """log det(1 + C J'J) / 2 for outputs that are linear in the parameters."""
-    space = ParameterSpace([Parameter(n, "1", 0.0, 1.0, 0.5) for n in "abc"])
-    correlated = np.eye(3)
-    correlated[0, 1] = correlated[1, 0] = correlation
-    covariance = correlated * np.outer(sd, sd)
-    jacobian = np.random.default_rng(0).normal(size=(6, 3))
-    values = np.linalg.eigvalsh(covariance)
-    points = sigma_points(space, np.full(3, 0.5), covariance)
-    outputs = points @ jacobian.T / noise
-    gain, left = information(outputs[None])
-    if values.min() > 2e-3**2 and values.max() < 0.3**2:  # elsewhere the axes are cut
-        expected = np.linalg.slogdet(np.eye(3) + covariance @ jacobian.T @ jacobian / noise**2)[1] / 2
-        assert gain[0] == pytest.approx(expected, rel=1e-6)
-    assert np.all(np.linalg.eigvalsh(left[0]) <= 1 + 1e-9)
 
 
 def test_the_action_that_tells_most_is_proposed_again_for_the_same_seed(scooping):

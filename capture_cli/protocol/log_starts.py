@@ -115,11 +115,16 @@ def _of_whole_episodes(
     whole = cut_log(log, task, None)
     steps = int(whole.grid_steps.max())
     rollouts = nominal_motion(task, task.controls(whole.controls), steps=steps, threads=threads)
-    number = np.searchsorted(whole.first, windows.first, side="right") - 1
-    step = np.round((windows.time - whole.time[number]) / task.timestep).astype(int)
-    step = np.minimum(step, rollouts.qpos.shape[1] - 1)
+    number, step = in_whole_episodes(windows, whole, rollouts)
     believed = from_episodes(model, rollouts, window_episode=number, window_step=step)
     return believed, _slack(model, rollouts, whole.grid_steps, max(1, round(EVERY / task.timestep)))
+
+
+def in_whole_episodes(windows: Windows, whole: Windows, rollouts: Rollouts) -> tuple[np.ndarray, np.ndarray]:
+    """In which of the `whole` episodes each window begins, and at which step of their rollouts, (window,) each."""
+    number = np.searchsorted(whole.first, windows.first, side="right") - 1
+    step = np.round((windows.time - whole.time[number]) / windows.timestep).astype(int)
+    return number, np.minimum(step, rollouts.qpos.shape[1] - 1)
 
 
 def _slack(model: mujoco.MjModel, whole: Rollouts, steps: np.ndarray, stride: int) -> np.ndarray | None:

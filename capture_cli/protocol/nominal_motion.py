@@ -1,10 +1,10 @@
-"""How a machine moves at the nominal values of its parameters, from the start that its model gives."""
+"""How a machine moves through whole episodes, with its states: at the nominal values of its parameters or elsewhere."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from capture_cli.sim.engine import Engine, ModelFields, Rollouts
+from capture_cli.sim.engine import Engine, ModelFields, Rollouts, Starts
 from capture_cli.sim.starts import model_starts
 from capture_cli.tasks.base import Task
 
@@ -12,12 +12,28 @@ from capture_cli.tasks.base import Task
 def nominal_motion(
     task: Task, controls: np.ndarray, *, steps: int | None = None, threads: int | None = None
 ) -> Rollouts:
-    """Rollouts, with states, of `steps` steps (all where None) under controls (episode, grid, nu)."""
+    """Rollouts, with states, of `steps` steps (all where None) under controls (episode, grid, nu), from the start that
+    the model gives.
+    """
+    starts = model_starts(task.model, len(controls)).starts
+    return motion_at(task, task.space.nominal, starts, controls, steps=steps, threads=threads)
+
+
+def motion_at(
+    task: Task,
+    point: np.ndarray,
+    starts: Starts,
+    controls: np.ndarray,
+    *,
+    steps: int | None = None,
+    threads: int | None = None,
+) -> Rollouts:
+    """Likewise at parameters `point` (parameter,), from `starts` (episode,)."""
     count = len(controls)
     fields = ModelFields(task.model, count)
-    task.write(fields, np.repeat(task.space.nominal[None], count, axis=0))
+    task.write(fields, np.repeat(point[None], count, axis=0))
     return Engine(task.model, threads).rollout(
-        starts=model_starts(task.model, count).starts,
+        starts=starts,
         controls=controls,
         steps=controls.shape[1] if steps is None else steps,
         fields=fields,

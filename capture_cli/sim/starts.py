@@ -364,15 +364,19 @@ def with_known(read: StartEstimate, known: StartEstimate, which: np.ndarray) -> 
     )
 
 
+def states_of(whole: Rollouts, episode: np.ndarray, step: np.ndarray) -> Starts:
+    """The states of simulations with states at `step` (window,) of `episode` (window,), at time 0."""
+    states = (whole.qpos, whole.qvel, whole.act)
+    return Starts(*(values[episode, step] for values in states), np.zeros(len(episode)))
+
+
 def from_episodes(model: mujoco.MjModel, whole: Rollouts, *, window_episode, window_step) -> StartEstimate:
     """Starts of windows from simulations of `whole` episodes, with their states. window_step (window,): on their grid.
 
     The standard deviation of each coordinate is UNMEASURED_MOTION times that of its motion over the episode.
     """
     qpos, qvel, act = whole.qpos, whole.qvel, whole.act
-    starts = Starts(
-        *(states[window_episode, window_step] for states in (qpos, qvel, act)), np.zeros(len(window_episode))
-    )
+    starts = states_of(whole, window_episode, window_step)
     moved = np.zeros((len(qpos), qpos.shape[1], model.nv))
     for episode, path in enumerate(qpos):
         for step, position in enumerate(path):

@@ -64,6 +64,35 @@ class Drive:
     starts: Starts
     actions: np.ndarray | None = None
 
+    def rows(self, keep: np.ndarray) -> Drive:
+        """The episodes numbered `keep`."""
+        steps = [np.arange(a, b) for a, b in zip([0, *self.ends[:-1]], self.ends, strict=True)]
+        kept = np.concatenate([steps[episode] for episode in keep])
+        return Drive(
+            time=self.time[kept],
+            inputs=self.inputs[kept],
+            ends=np.cumsum([len(steps[episode]) for episode in keep]),
+            starts=self.starts.rows(keep),
+            actions=None if self.actions is None else self.actions[keep],
+        )
+
+    def log(self, task: Task, outputs: np.ndarray, *, name: str, source: str) -> MeasuredLog:
+        """The log of one recording `name`, made by `source`, in which the outputs (step, output) were measured."""
+        return MeasuredLog(
+            task=task.name,
+            time=self.time,
+            inputs=self.inputs,
+            outputs=outputs,
+            episode_ends=self.ends,
+            recording=np.zeros(len(self.ends), dtype=np.int64),
+            input_names=tuple(c.name for c in task.inputs),
+            input_units=tuple(c.unit for c in task.inputs),
+            output_names=tuple(c.name for c in task.outputs),
+            output_units=tuple(c.unit for c in task.outputs),
+            recordings=({"name": name, "source": source, "sha256": None},),
+            actions=self.actions,
+        )
+
 
 def drive(task: Task, asked: DriveOptions, generator: np.random.Generator) -> Drive:
     """What drives the machine of `task` as asked.
@@ -88,25 +117,34 @@ def drive(task: Task, asked: DriveOptions, generator: np.random.Generator) -> Dr
 
 
 def _by_actions(task: ActionTask, asked: DriveOptions, generator: np.random.Generator) -> Drive:
-    """Inputs are logged at `rate` Hz (`ACTION_RATE` where None): the mean of each over the time until the next sample,
-    so that a machine which holds them in between moves as far as the action says.
-    """
     rate = ACTION_RATE if asked.rate is None else asked.rate
     _check_positive(episodes=asked.episodes, rate=rate)
     actions = _actions(task, asked, generator)
-    driven = task.episodes(actions)
-    steps = round(task.point_times[-1] * rate) + 1
-    _check_samples(steps, task.point_times[-1], rate)
+    _check_samples(_steps(task, rate), task.point_times[-1], rate)
     _check_rate(rate, task)
+    return acted(task, actions, rate)
+
+
+def acted(task: ActionTask, actions: np.ndarray, rate: float) -> Drive:
+    """One episode per action, (episode, action), logged at `rate` Hz: the mean of each input over the time until the
+    next sample, so that a machine which holds them in between moves as far as the action says.
+    """
+    driven = task.episodes(actions)
+    steps, episodes = _steps(task, rate), len(actions)
     time = np.arange(steps) / rate
     inputs = np.stack([_sampled(tape, task.timestep, time, task.linear) for tape in driven.inputs])
     return Drive(
-        time=np.tile(time, asked.episodes),
-        inputs=inputs.reshape(asked.episodes * steps, -1),
-        ends=steps * (1 + np.arange(asked.episodes)),
+        time=np.tile(time, episodes),
+        inputs=inputs.reshape(episodes * steps, -1),
+        ends=steps * (1 + np.arange(episodes)),
         starts=driven.starts,
         actions=actions,
     )
+
+
+def _steps(task: ActionTask, rate: float) -> int:
+    """How many samples an episode has at `rate` Hz."""
+    return round(task.point_times[-1] * rate) + 1
 
 
 def _actions(task: ActionTask, asked: DriveOptions, generator: np.random.Generator) -> np.ndarray:

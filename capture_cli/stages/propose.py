@@ -9,31 +9,25 @@ from typing import Any
 import numpy as np
 
 from capture_cli.errors import OptionError
-from capture_cli.multisine import check_above_zero, check_amplitude, multisine_tape, peak, peaks
-from capture_cli.protocol.next_experiment import (
-    BANDS,
-    SHARES,
-    driven_window,
-    experiment_tape,
-    experiment_times,
-)
+from capture_cli.multisine import BAND, check_above_zero, check_amplitude, multisine_tape, peak, peaks
+from capture_cli.protocol.expected_information import Axes, information, sensitivities
+from capture_cli.protocol.next_experiment import BANDS, SHARES, experiment_tape, experiment_times
 from capture_cli.sim.starts import model_starts
 from capture_cli.simulator import Simulator
+from capture_cli.stages.drive import Drive, acted
+from capture_cli.stages.planned_episodes import Known, planned
 from capture_cli.stages.policy_checkpoint import load_policy
 from capture_cli.stages.recorded_log import recorded_log
 from capture_cli.stages.recorded_task import load_recorded, task_inputs
 from capture_cli.stores.diagnosis import EXPERIMENT, Diagnosis
-from capture_cli.stores.document_shape import check_shape
+from capture_cli.stores.document_shape import NUMBER, check_shape, or_none
 from capture_cli.stores.estimate import Estimate
-from capture_cli.stores.output import refuse_inputs
+from capture_cli.stores.output import PROVENANCE, refuse_inputs
 from capture_cli.stores.proposal import FORMAT, VERSION
 from capture_cli.stores.result import Result, read_provenance
 from capture_cli.tasks.base import ActionTask, Task
 
 CANDIDATES = 48  # actions that are compared
-LARGEST_SD, SMALLEST_SD = 0.3, 2e-3  # of the range: how far from the estimate it is looked, along each axis
-WIDER = (1, 4, 16, 64)  # times that far, in turn, until some action would tell something
-LABEL_SD = 0.5  # of a feature that has no noise of its own, over its scale: what a label may be wrong by
 
 
 def propose(
@@ -80,16 +74,17 @@ def propose(
         )
     measured = int(estimate.document["rollouts"]["measured"])
     generator = np.random.default_rng([seed, measured])  # another draw after every episode
-    simulator = Simulator(machine, threads=threads)
+    known = Known.of(machine, estimate, _window(Path(result)))
     if isinstance(machine, ActionTask):
         if amplitude:
             raise OptionError(f"--amplitude: {machine.name!r} is driven by actions", cure="leave it out")
         if policy is not None:
             return _by_policy(machine, policy, estimate, generator)
-        return _action(simulator, estimate, candidates, generator)
+        return _action(machine, known, candidates, generator, threads)
     if policy is not None:
         raise OptionError(f"--policy: {machine.name!r} has no actions", cure="leave it out")
-    return _multisine(Path(result), simulator, estimate, amplitude or {}, generator)
+    farthest = _farthest(Path(result), machine, estimate, amplitude or {})
+    return _multisine(machine, known, farthest, generator, threads)
 
 
 def _machine(folder: Path, task: str | None, kind: type[Result]) -> tuple[Task, str]:
@@ -99,77 +94,55 @@ def _machine(folder: Path, task: str | None, kind: type[Result]) -> tuple[Task, 
     return load_recorded(folder, provenance, task, log), log
 
 
-# --- how much an episode would tell ---
+def _window(folder: Path) -> float | None:
+    """s, what --window said when the estimate in `folder` was made."""
+    options = read_provenance(folder, Estimate.CURE)["options"]
+    check_shape(options, {"window?": or_none(NUMBER)}, f"{folder / PROVENANCE}: options", Estimate.CURE)
+    return options.get("window")
 
 
-def sigma_points(space, estimate: np.ndarray, covariance: np.ndarray, wider: float = 1) -> np.ndarray:
-    """Pairs of points (2 axis, parameter), `wider` sd either side of the estimate along each axis of its covariance.
+# --- what an episode would add ---
 
-    They are differences over what is open, not derivatives: so a label, which has none, is judged alike.
+
+def _most_telling(
+    task: Task, driven: Drive, known: Known, threads: int | None, cure: str
+) -> tuple[int, np.ndarray, dict[str, Any]]:
+    """Which episode of `driven` adds most to the estimate, what each adds (episode,), nats, and what of that is said.
+
+    -inf of one that diverges. Raises OptionError where all do.
     """
-    x = space.to_unit(estimate)
-    steps = wider * _axes(space, covariance).T
-    return space.from_unit(np.clip(np.concatenate([x + steps, x - steps]), 0, 1))
-
-
-def _axes(space, covariance: np.ndarray) -> np.ndarray:
-    """Axes of a covariance in the unit cube, one sd long, within limits (parameter, axis)."""
-    values, axes = np.linalg.eigh(covariance / np.outer(space.span, space.span))
-    return axes * np.clip(np.sqrt(np.maximum(values, 0)), SMALLEST_SD, LARGEST_SD)
-
-
-def information(outputs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Expected information (n,), nats, and what is left of each axis' variance (n, axis).
-
-    outputs (n, 2 axis, d) at the sigma points, in units of the noise: G, half their differences, gives the gain
-    log det(1 + G'G) / 2 (Lindley 1956, for Gaussians), by which a D-optimal experiment is chosen.
-    """
-    axes = outputs.shape[1] // 2
-    half = (outputs[:, :axes] - outputs[:, axes:]) / 2
-    precision = np.eye(axes) + half @ half.swapaxes(1, 2)
-    return np.linalg.slogdet(precision)[1] / 2, np.linalg.inv(precision)
-
-
-def _sd_after(space, covariance: np.ndarray, left: np.ndarray) -> dict[str, float]:
-    """Standard deviations (by name) that are to be expected, left (axis, axis) of what the axes had."""
-    spread = _axes(space, covariance)
-    sd = np.sqrt(np.diag(spread @ left @ spread.T)) * space.span
-    return dict(zip(space.names, np.minimum(sd, np.sqrt(np.diag(covariance))).tolist(), strict=True))
+    gains, left = np.full(len(driven.ends), -np.inf), {}
+    prepared, sound = planned(task, driven, known, threads)
+    if prepared is not None:
+        simulator = Simulator(task, threads=threads, difference_step=prepared.difference_step)
+        axes = Axes.of(simulator.space, known.covariance)
+        told = sensitivities(prepared, simulator, known.point, axes)
+        k = known.scatter(float(driven.time[1] - driven.time[0]))
+        for number, episode in enumerate(sound):
+            own = prepared.windows.episode == number
+            if not told.diverged[own].any():
+                gains[episode], left[episode] = information(told.precision(own, k))
+    if not left:
+        raise OptionError(f"task {task.name!r} diverges under everything that was tried", cure=cure)
+    best = int(np.argmax(gains))
+    sd = np.sqrt(np.diag(axes.covariance(left[best]))) * task.space.span
+    expected = {"information": float(gains[best]), "expected_sd": task.space.to_dict(sd)}
+    return best, gains, expected
 
 
 # --- kinds of proposals ---
 
 
-def _action(simulator: Simulator, estimate: Estimate, candidates: int, generator) -> dict[str, Any]:
-    task: ActionTask = simulator.task
-    covariance = np.asarray(estimate.arrays["parameter/covariance"])
+def _action(
+    task: ActionTask, known: Known, candidates: int, generator, threads: int | None
+) -> dict[str, Any]:
     actions = task.draw_actions(generator.random((candidates, len(task.actions))))
-    floor = estimate.document["noise_floor"]
-    noise = np.array([floor.get(f.name) or LABEL_SD * f.scale for f in task.features])
-    for wider in WIDER:
-        points = sigma_points(
-            task.space, np.asarray(estimate.arrays["parameter/estimate"]), covariance, wider
-        )
-        trajectories, diverged = simulator.trajectories(
-            np.tile(points, (candidates, 1)), np.repeat(actions, len(points), axis=0)
-        )
-        scaled = (trajectories / noise).reshape(candidates, len(points), -1)
-        gain, left = information(np.nan_to_num(scaled))
-        gain = np.where(diverged.reshape(candidates, -1).any(axis=1), -np.inf, gain)
-        if gain.max() > 0:
-            break
-    best = int(np.argmax(gain))
-    text = (
-        f"the most telling of {candidates} actions: {gain[best]:.2g} nats, their median {np.median(gain):.2g}"
-    )
-    return {
-        **_head(task, "action", text),
-        "action": _values(task, actions[best]),
-        "information": float(gain[best]),
-        "expected_sd": _sd_after(
-            task.space, covariance, left[best] if wider == 1 else np.eye(len(points) // 2)
-        ),
-    }
+    driven = acted(task, actions, rate=1 / max(known.interval, task.timestep))
+    cure = "compare more actions (--candidates), or another --seed"
+    best, gains, expected = _most_telling(task, driven, known, threads, cure)
+    middle = np.median(gains[np.isfinite(gains)])
+    text = f"the most telling of {candidates} actions: {gains[best]:.2g} nats, their median {middle:.2g}"
+    return {**_head(task, "action", text), "action": _values(task, actions[best]), **expected}
 
 
 def _by_policy(task: ActionTask, policy: str, estimate: Estimate, generator) -> dict[str, Any]:
@@ -180,40 +153,24 @@ def _by_policy(task: ActionTask, policy: str, estimate: Estimate, generator) -> 
 
 
 def _multisine(
-    folder: Path, simulator: Simulator, estimate: Estimate, amplitude, generator
+    task: Task, known: Known, farthest: np.ndarray, generator, threads: int | None
 ) -> dict[str, Any]:
-    task = simulator.task
-    covariance = np.asarray(estimate.arrays["parameter/covariance"])
-    points = sigma_points(task.space, np.asarray(estimate.arrays["parameter/estimate"]), covariance)
-    farthest = _farthest(folder, task, estimate, amplitude)
-    noise = np.array([estimate.document["noise_floor"][c.name] for c in task.outputs])
     time = experiment_times(task)
-    menu = [
-        (band, multisine_tape(task, time, share * farthest, band, generator, at_rest=True))
-        for band in BANDS
-        for share in SHARES
-    ]
-    scaled, sound = [], []
-    for _, tape in menu:
-        windows = driven_window(task, time, tape)
-        simulated = simulator.simulate(windows, model_starts(task.model, 1).starts, points)
-        scaled.append((simulated.outputs[:, 0] / noise).reshape(len(points), -1))
-        sound.append(not simulated.diverged.any() and bool(np.isfinite(scaled[-1]).all()))
-    if not any(sound):
-        raise OptionError(
-            f"task {task.name!r} diverges under every multisine that was tried",
-            cure="drive it less: --amplitude NAME=VALUE",
-        )
-    gain, left = information(np.nan_to_num(np.stack(scaled)))
-    best = int(np.argmax(np.where(sound, gain, -np.inf)))
-    band, tape = menu[best]
+    menu = [(band, share * farthest) for band in (*BANDS, BAND) for share in SHARES]
+    tapes = [multisine_tape(task, time, far, band, generator, at_rest=True) for band, far in menu]
+    driven = Drive(
+        time=np.tile(time, len(tapes)),
+        inputs=np.concatenate(tapes),
+        ends=len(time) * (1 + np.arange(len(tapes))),
+        starts=model_starts(task.model, len(tapes)).starts,
+    )
+    cure = "drive it less: --amplitude NAME=VALUE"
+    best, gains, expected = _most_telling(task, driven, known, threads, cure)
+    text = f"the most telling of {len(tapes)} multisines from rest: {gains[best]:.2g} nats"
     return {
-        **_head(
-            task, "inputs", f"the most telling of {len(menu)} multisines from rest: {gain[best]:.2g} nats"
-        ),
-        **_tape(task, band, time, tape),
-        "information": float(gain[best]),
-        "expected_sd": _sd_after(task.space, covariance, left[best]),
+        **_head(task, "inputs", text),
+        **_tape(task, menu[best][0], time, tapes[best]),
+        **expected,
     }
 
 

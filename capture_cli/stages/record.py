@@ -119,7 +119,7 @@ def record(
     else:
         driven, outputs = _in_scene(world, machine, point, driven)
     outputs = outputs + np.array(noise_sd) * generator.standard_normal(outputs.shape)
-    log = _log(machine, driven, outputs, name=out.stem)
+    log = driven.log(machine, outputs, name=out.stem, source="capture record")
     known = {
         "format": "capture/truth",
         "version": 1,
@@ -213,20 +213,3 @@ def _not_simulated(simulator: Simulator, point: np.ndarray, found: str) -> FitEr
     ]
     cure = "drive it less (--amplitude), choose tamer parameters or effects, or a smaller model timestep"
     return FitError(found, cure=f"choose from their ranges: {'; '.join(beyond)}" if beyond else cure)
-
-
-def _log(machine: Task, driven: Drive, outputs: np.ndarray, name: str) -> MeasuredLog:
-    return MeasuredLog(
-        task=machine.name,
-        time=driven.time,
-        inputs=driven.inputs,
-        outputs=outputs,
-        episode_ends=driven.ends,
-        recording=np.zeros(len(driven.ends), dtype=np.int64),
-        input_names=tuple(c.name for c in machine.inputs),
-        input_units=tuple(c.unit for c in machine.inputs),
-        output_names=tuple(c.name for c in machine.outputs),
-        output_units=tuple(c.unit for c in machine.outputs),
-        recordings=({"name": name, "source": "capture record", "sha256": None},),
-        actions=driven.actions,
-    )

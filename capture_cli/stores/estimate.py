@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from capture_cli.stores.document_shape import NUMBER, OBJECT, TEXT, WHOLE, or_none
+from capture_cli.stores.document_shape import FLAG, NUMBER, OBJECT, TEXT, WHOLE, or_none
 from capture_cli.stores.result import Result
 from capture_cli.stores.schema import STARTS, ArraySpec, Schema
 
@@ -79,6 +79,8 @@ SHAPE = {  # of what is read of estimate.json
     "log": {"path": TEXT, "sha256": TEXT, "input_peaks?": or_none({str: NUMBER})},
     "parameters": {str: {"value": NUMBER}},
     "noise_floor": {str: NUMBER},
+    "lack_of_fit": {"normalized": NUMBER, "autocorrelation_time": NUMBER},
+    "in_context?": or_none({"fallback": FLAG}),
     "rollouts": {"measured": WHOLE},
     "rounds": [OBJECT],
     "split": {"how": TEXT},
