@@ -10,13 +10,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from capture_cli.diagnosis.noise_floor import NoiseFloor
 from capture_cli.linearization import Evidence, Linearization
 from capture_cli.parameters import Parameter, ParameterSpace
 from capture_cli.protocol.expected_information import LARGEST_STEP, Axes, Sensitivities, information
+from capture_cli.sim.starts import model_starts
+from capture_cli.stages.drive import Drive
 from capture_cli.stages.identify import identify
 from capture_cli.stages.import_log import import_log
+from capture_cli.stages.planned_episodes import Known, planned
 from capture_cli.stages.propose import propose
 from capture_cli.stages.record import record
+from capture_cli.tasks import load_task
 
 SPACE = ParameterSpace([Parameter(n, "1", 0.0, 2.0, 0.5) for n in "abc"])
 SWING_XML = """\
@@ -115,6 +120,30 @@ def test_outputs_that_jump_tell_nothing():
     assert gain(up, np.zeros_like(up)) > 20
     assert gain((up - down) / 2, (up + down) / 2 - here) == pytest.approx(0, abs=1e-9)
     assert gain(up, 0.1 * up) == pytest.approx(gain(up, 0 * up), rel=0.01)
+
+
+def test_what_diverges_is_not_among_the_episodes(tmp_path):
+    task = load_task(swing(tmp_path, 0.5))
+    time = 0.004 * np.arange(200)
+    inputs = np.concatenate([peak * np.sin(3 * time) for peak in (1e15, 1.0, 1e15, 0.5)])[:, None]
+    ends = len(time) * (1 + np.arange(4))
+    driven = Drive(np.tile(time, 4), inputs, ends, model_starts(task.model, 4).starts)
+    known = Known(
+        point=task.space.nominal,
+        covariance=np.diag([1e-4, 1e-4, 1e-4]),
+        noise=NoiseFloor(np.array([1e-3]), ("declared",)),
+        interval=0.004,
+        apart=np.zeros(1),
+        window=0.4,
+        acted=False,
+        variance=1.0,
+        alike=0.0,
+    )
+    prepared, sound = planned(task, driven, known, threads=1)
+    assert sound.tolist() == [1, 3]
+    assert prepared.windows.episode.tolist() == [0, 0, 1, 1]
+    assert np.isfinite(prepared.starts.starts.qpos).all()
+    assert planned(task, driven.rows(np.array([0, 2])), known, threads=1)[0] is None
 
 
 @pytest.mark.parametrize("window", [0.5, None])
