@@ -1002,6 +1002,39 @@ def test_servos_on_one_supply_are_weaker_the_more_all_of_them_give(time_constant
     np.testing.assert_allclose(size, np.repeat(size[:, :1], 3, axis=1), rtol=1e-4)
 
 
+def test_a_spring_over_two_joints_is_that_of_a_tendon():
+    xml = MACHINES["arm"]
+    tendon = """<tendon><fixed name="hose" stiffness="3" springlength=".15"><joint joint="elbow" coef="1"/>
+        <joint joint="shoulder" coef=".7"/></fixed></tendon><actuator>"""
+    effect = effects.REGISTRY.get("coupled-spring")(machine("arm"), "elbow")
+    assert [p.unit for p in effect.parameters] == ["N m/rad", "1", "rad"]
+    seen, _ = run(machine("arm"), (effect, np.array([[3.0, 0.7, 0.15]])))
+    expected, _ = run(build(xml.replace("<actuator>", tendon)))
+    assert np.abs(expected - plain("arm")).max() > 1e-2
+    np.testing.assert_allclose(seen, expected, atol=1e-9)
+
+
+def test_a_body_that_loses_mass_moves_as_one_that_is_weighed_anew_at_every_step():
+    model, rate = machine("arm"), -0.3
+    effect = effects.REGISTRY.get("mass-change")(model, "fore")
+    seen, _ = run(model, (effect, np.array([[rate]])))
+    lighter, tape, begin = build(ARM), controls(model, 1)[0], start(model, 1)
+    mass, inertia = lighter.body("fore").mass[0], lighter.body("fore").inertia.copy()
+    data, rows = mujoco.MjData(lighter), []
+    data.qpos[:], data.qvel[:] = begin.qpos[0], begin.qvel[0]
+    for ctrl in tape:
+        growth = 1 + rate * (begin.time[0] + data.time)  # the episode began at 0
+        lighter.body("fore").mass, lighter.body("fore").inertia = mass * growth, inertia * growth
+        mujoco.mj_setConst(lighter, mujoco.MjData(lighter))
+        data.ctrl[:] = ctrl
+        mujoco.mj_step(lighter, data)
+        rows.append(data.sensordata.copy())
+    assert np.abs(plain("arm")[0] - rows).max() > 1e-3
+    np.testing.assert_allclose(seen[0], rows, atol=1e-9)
+    effect.look_in(window=1.0, longest=40.0, logged=frozenset(), seen={})
+    assert effect.parameters[0].high == pytest.approx(0.02), "a fifth is left at the end"
+
+
 def test_a_sensor_at_a_shifted_site_shows_what_is_there():
     """A marker 2 cm farther out moves that much farther; none at a site that drives, nor along the only axis."""
     model = machine("arm")

@@ -6,8 +6,9 @@ import mujoco
 
 from capture_cli.effects._joint_force import FORCE, JointForce
 from capture_cli.effects._kernel import Companion, call
+from capture_cli.effects._neighbours import joint_before
 from capture_cli.effects._places import reference
-from capture_cli.effects._scales import HINGE, SLIDE, characteristic_force, driven_joints
+from capture_cli.effects._scales import HINGE, characteristic_force, driven_joints
 from capture_cli.effects.base import GLOBAL
 from capture_cli.parameters import Parameter
 from capture_cli.sim.object_names import object_name
@@ -33,11 +34,11 @@ class CoupledDrive(JointForce):
 
     def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
         super().__init__(model, site)
-        self.hangs_on = _hangs_on(model, self.joint)
+        self.hangs_on = joint_before(model, self.joint)
 
     @classmethod
     def sites(cls, model):
-        return [object_name(model, "joint", j) for j in driven_joints(model) if _hangs_on(model, j) >= 0]
+        return [object_name(model, "joint", j) for j in driven_joints(model) if joint_before(model, j) >= 0]
 
     @property
     def parameters(self):
@@ -58,11 +59,3 @@ class CoupledDrive(JointForce):
         )
         term, _ = call(name, passed_on, [f"data.qfrc_actuator[{own}]"], {"ratio": values[0]})
         return Companion((passed_on,), (f"data.{FORCE}[{before}] += {term}",), changes=(f"data.{FORCE}",))
-
-
-def _hangs_on(model: mujoco.MjModel, joint: int) -> int:
-    """The hinge or slide joint that this one hangs on, or -1."""
-    dof = model.dof_parentid[model.jnt_dofadr[joint]]
-    if dof < 0 or model.jnt_type[model.dof_jntid[dof]] not in (HINGE, SLIDE):
-        return -1
-    return int(model.dof_jntid[dof])
