@@ -600,6 +600,7 @@ def test_result_directories_are_described(tmp_path, kind):
             "terms": [{"site": "x: v", "coefficient": -3.2}],
         },
         "noise_floor": {"q": 1e-3},
+        "lack_of_fit": {"normalized": 3.0, "autocorrelation_time": 2.0, "lacking": True},
         "rollouts": {"measured": 4},
         "rounds": [],
         "split": {"how": "1 of 4 episodes held out"},

@@ -43,7 +43,14 @@ from capture_cli.tasks import load_task
 
 EPISODES = 6  # rather than twelve, for the time it takes
 # of bodies that fly, and of sensors of forces: none of the machines has any
-NO_PLACE = {"ground-effect", "magnus-lift", "sensor-high-pass", "sensor-mount-rotation"}
+NO_PLACE = {
+    "ground-effect",
+    "magnus-lift",
+    "sensor-high-pass",
+    "sensor-mount-rotation",
+    "sensor-saturation",
+    "site-shift",
+}
 OBVIOUS = {
     Case(PLANTED, "slider", "coulomb-friction", "x", 10.0, 0): 0.08,
     Case(PLANTED, "slider", "cubic-stiffness", "x", 10.0, 0): 0.6,

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from capture_cli.effects._sensor_effect import NumberEffect
+from capture_cli.effects._places import site_id
+from capture_cli.effects._sensor_effect import NumberEffect, quantity
 from capture_cli.parameters import Parameter
 
 MOST = 0.1  # of the largest number, that each power adds there: the reading still grows, by half as much at least
@@ -22,12 +23,18 @@ class SensorNonlinearity(NumberEffect):
     itself.
 
     A potentiometer with a load on its wiper, a load cell, a Hall sensor beyond the middle of its range. Ranges are of
-    sensors that err by no more than a tenth of the largest number that the log has.
+    sensors that err by no more than a tenth of the largest number that the log has. Lengths are not among its sites:
+    what moves along a line, and once, can do so as any force has it if the line may be bent.
     """
 
     summary = "a sensor whose reading bends: a potentiometer, a load cell, a Hall sensor"
+    where = "every sensor but those of orientations and lengths"
     kernel = staticmethod(bent)
     _largest: float | None = None  # of what the log has
+
+    @classmethod
+    def sites(cls, model):
+        return [s for s in super().sites(model) if quantity(model, site_id(model, "sensor", s)).unit != "m"]
 
     def look_in(self, *, reports=None, **log):
         super().look_in(reports=reports, **log)
