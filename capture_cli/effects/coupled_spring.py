@@ -8,12 +8,13 @@ from capture_cli.effects._joint_effect import JointEffect
 from capture_cli.effects._kernel import Companion, call
 from capture_cli.effects._neighbours import joint_before
 from capture_cli.effects._places import reference
-from capture_cli.effects._scales import HINGE, SLIDE, characteristic_force, travel
+from capture_cli.effects._scales import HINGE, SLIDE, travel
 from capture_cli.effects.base import GLOBAL
 from capture_cli.parameters import Parameter
 from capture_cli.sim.object_names import object_name
 
 MOST = 2.0  # levers of joints that follow each other are about as long
+STIFFEST = 5.0  # times what is characteristic of the joint, in N or N m, where it is farthest from 0
 
 
 def pull(position, before, *, stiffness, ratio, rest):
@@ -36,8 +37,7 @@ class CoupledSpring(JointEffect):
 
     def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
         super().__init__(model, site)
-        self.before_joint = joint_before(model, self.joint)
-        self._joints = (self.joint, self.before_joint)
+        self._joints = self.joint, joint_before(model, self.joint)
         self._seen = [None, None]
 
     @classmethod
@@ -51,21 +51,16 @@ class CoupledSpring(JointEffect):
 
     @property
     def parameters(self):
-        turns = self.model.jnt_type[self.before_joint] == HINGE
+        turns = self.model.jnt_type[self._joints[1]] == HINGE
         unit = "1" if turns == self.is_hinge else "m" if turns else "1/m"
         here, there = (self._farthest(k) for k in range(2))
         most = MOST if turns == self.is_hinge else MOST * here / there
-        stiffest = self._force / here
+        stiffest = STIFFEST * self.characteristic_force / here
         return (
             Parameter("stiffness", self.unit("N/m", "N m/rad"), 0.0, stiffest, 0.0),
             Parameter("ratio", unit, -most, most, most / 2),
             Parameter("rest", self.unit("m", "rad"), -2 * here, 2 * here, 0.0),
         )
-
-    @property
-    def _force(self) -> float:
-        """N or N m: five times what is characteristic of the joint."""
-        return 5 * characteristic_force(self.model, self.joint)
 
     def _farthest(self, which: int) -> float:
         """m or rad: how far from 0 the joint (0), or the one before it (1), goes in the log, or else its travel."""
@@ -74,7 +69,7 @@ class CoupledSpring(JointEffect):
 
     def force(self, values, timestep, **_):
         at, before = (int(self.model.jnt_qposadr[j]) for j in self._joints)
-        dof = int(self.model.jnt_dofadr[self.before_joint])
+        dof = int(self.model.jnt_dofadr[self._joints[1]])
 
         def force(world):
             own = {name: v[world.rows] for name, v in self.coefficients(values).items()}

@@ -108,8 +108,8 @@ def _alone(model: mujoco.MjModel, sensors: np.ndarray) -> Iterator[Source]:
             dof, adr = int(model.jnt_dofadr[joint]), int(model.jnt_qposadr[joint])
             yield Source("position", columns, data, tuple(range(dof, dof + 3)), tuple(range(adr, adr + 3)))
         elif what == _S.mjSENS_FRAMEQUAT and model.sensor_refid[sensor] < 0:
-            body, frame = _body_and_frame(model, sensor)
-            turned = _turned_by(model, body, frame)
+            body, _, orientation = _frame(model, sensor)
+            turned = _turned_by(model, body, orientation)
             if turned is not None:
                 yield Source("orientation", columns, data, turned.dofs, turned.qpos, turned.of_frame)
 
@@ -186,7 +186,7 @@ def _along_slides(model: mujoco.MjModel, sensor: int, sensors: np.ndarray, colum
     if model.sensor_refid[sensor] >= 0 or len(own) != int(model.sensor_dim[sensor]):
         return None
     axis = int(np.searchsorted(own, column))
-    body, position = _body_and_position(model, sensor)
+    body, position, _ = _frame(model, sensor)
     slides = _slides_alone(model, body, position)
     if not slides:
         return None
@@ -278,36 +278,20 @@ def _turned_by(model: mujoco.MjModel, body: int, frame: np.ndarray) -> _Turning 
     return _Turning(tuple(range(dof, dof + 3)), tuple(range(adr, adr + 4)), before, after)
 
 
-def _body_and_position(model: mujoco.MjModel, sensor: int) -> tuple[int, np.ndarray]:
-    """The body of the point that a sensor reads, and where in its frame that is, (3,)."""
+def _frame(model: mujoco.MjModel, sensor: int) -> tuple[int, np.ndarray, np.ndarray]:
+    """The body of the frame that a sensor reads, and in that body's own its position (3,) and orientation (4,)."""
     which, kind = int(model.sensor_objid[sensor]), int(model.sensor_objtype[sensor])
     obj = mujoco.mjtObj
     if kind == obj.mjOBJ_XBODY:
-        return which, np.zeros(3)
+        return which, np.zeros(3), np.array([1.0, 0, 0, 0])
     if kind == obj.mjOBJ_BODY:
-        return which, model.body_ipos[which]
-    bodies, positions = {
-        obj.mjOBJ_GEOM: (model.geom_bodyid, model.geom_pos),
-        obj.mjOBJ_SITE: (model.site_bodyid, model.site_pos),
-        obj.mjOBJ_CAMERA: (model.cam_bodyid, model.cam_pos),
+        return which, model.body_ipos[which], model.body_iquat[which]
+    bodies, positions, orientations = {
+        obj.mjOBJ_GEOM: (model.geom_bodyid, model.geom_pos, model.geom_quat),
+        obj.mjOBJ_SITE: (model.site_bodyid, model.site_pos, model.site_quat),
+        obj.mjOBJ_CAMERA: (model.cam_bodyid, model.cam_pos, model.cam_quat),
     }[obj(kind)]
-    return int(bodies[which]), positions[which]
-
-
-def _body_and_frame(model: mujoco.MjModel, sensor: int) -> tuple[int, np.ndarray]:
-    """The body of the frame that a sensor reads, and the frame's orientation within it, (4,)."""
-    which, kind = int(model.sensor_objid[sensor]), int(model.sensor_objtype[sensor])
-    obj = mujoco.mjtObj
-    if kind == obj.mjOBJ_XBODY:
-        return which, np.array([1.0, 0, 0, 0])
-    if kind == obj.mjOBJ_BODY:
-        return which, model.body_iquat[which]
-    bodies, frames = {
-        obj.mjOBJ_GEOM: (model.geom_bodyid, model.geom_quat),
-        obj.mjOBJ_SITE: (model.site_bodyid, model.site_quat),
-        obj.mjOBJ_CAMERA: (model.cam_bodyid, model.cam_quat),
-    }[obj(kind)]
-    return int(bodies[which]), frames[which]
+    return int(bodies[which]), positions[which], orientations[which]
 
 
 def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
