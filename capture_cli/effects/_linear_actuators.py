@@ -5,14 +5,10 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-GAIN, BIAS, LIMITS = "actuator_gainprm", "actuator_biasprm", "actuator_forcerange"
-SCALED = (
-    GAIN,
-    BIAS,
-    LIMITS,
-)  # fields of MjModel, (actuator, ...), with all of which the force of an actuator scales
-_PID = int(mujoco.mjtGain.mjGAIN_PID)
-_GAINS = [int(mujoco.mjtGain.mjGAIN_FIXED), int(mujoco.mjtGain.mjGAIN_AFFINE), _PID]
+# Fields of MjModel, (actuator, ...), with all of which together the force of such an actuator scales
+SCALED = ("actuator_gainprm", "actuator_biasprm", "actuator_forcerange")
+_G = mujoco.mjtGain
+_GAINS = [int(_G.mjGAIN_FIXED), int(_G.mjGAIN_AFFINE), int(_G.mjGAIN_PID)]
 _BIASES = [int(mujoco.mjtBias.mjBIAS_NONE), int(mujoco.mjtBias.mjBIAS_AFFINE)]
 
 

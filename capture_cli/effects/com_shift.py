@@ -6,13 +6,13 @@ import mujoco
 
 from capture_cli.effects._places import site_id
 from capture_cli.effects._scales import moving_bodies
-from capture_cli.effects._turning_axes import axes_that_show, reach, turning_joints
-from capture_cli.effects.base import GLOBAL, Effect
-from capture_cli.parameters import Parameter
+from capture_cli.effects._shift import Shift
+from capture_cli.effects._turning_axes import turning_joints
+from capture_cli.effects.base import GLOBAL
 from capture_cli.sim.object_names import object_name
 
 
-class ComShift(Effect):
+class ComShift(Shift):
     """Shift (m) of a body's centre of mass along the axes of the body's frame; the mass stays as it is.
 
     A shift along the only axis that the body can turn about moves nothing, and is left out. So are bodies
@@ -20,24 +20,16 @@ class ComShift(Effect):
     a task never are.
     """
 
-    place = "model"
     summary = "a body's centre of mass lies elsewhere than modelled"
     where = "every body with mass that some joint can turn"
+    field = "body_ipos"
 
     def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
         super().__init__(model, site)
-        self.body = site_id(model, "body", site)
-        self.axes = axes_that_show(model, self.body)
+        body = site_id(model, "body", site)
+        self.sits(body, body)
 
     @classmethod
     def sites(cls, model):
         turned = (b for b in moving_bodies(model) if not model.body_simple[b] and turning_joints(model, b))
         return [object_name(model, "body", b) for b in turned]
-
-    @property
-    def parameters(self):
-        most = reach(self.model, self.body, self.model.body_ipos[self.body]) / 2
-        return tuple(Parameter("xyz"[i], "m", -most, most, 0.0) for i in self.axes)
-
-    def write(self, fields, values):
-        fields["body_ipos"][:, self.body, self.axes] += values

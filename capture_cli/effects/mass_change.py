@@ -17,8 +17,13 @@ MOST = 0.8  # of the mass, that an episode adds or takes away
 SCALED = ("body_mass", "body_inertia")
 
 
+def steadily(time, *, rate):
+    """How many times as large at `time`, s, since it began: 1 + rate time."""
+    return 1 + rate * np.maximum(time, 0.0)
+
+
 class Steadily:
-    """How many times as large at `time`, s: 1 + rate (time - the first that it was asked for)."""
+    """`steadily`, since it was first asked: for one simulation that is stepped from the beginning of an episode."""
 
     def __init__(self, *, rate):
         self.rate, self.began = rate, None
@@ -26,7 +31,7 @@ class Steadily:
     def __call__(self, time):
         if self.began is None:
             self.began = time
-        return 1 + self.rate * (time - self.began)
+        return steadily(time - self.began, rate=self.rate)
 
 
 class MassChange(Effect):
@@ -57,7 +62,7 @@ class MassChange(Effect):
         began = np.broadcast_to(began, len(values))
 
         def force(world):
-            growth = 1 + rate[world.rows] * np.maximum(world.time - began[world.rows], 0.0)
+            growth = steadily(world.time - began[world.rows], rate=rate[world.rows])
             world.vary("body_mass")[:, self.body] *= growth
             world.vary("body_inertia")[:, self.body] *= growth[:, None]
 

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from capture_cli.effects._clock import off_clock
+from capture_cli.effects._clock import off_clock, on_time
 from capture_cli.effects._sensor_effect import TimeEffect
 from capture_cli.effects.base import GLOBAL
 from capture_cli.parameters import Parameter
@@ -36,5 +34,4 @@ class SensorClockRate(TimeEffect):
         return values[:, 0] * elapsed
 
     def undone(self, jets, values):
-        rate = 1 + values
-        return np.stack([jets[:, 0], jets[:, 1] / rate, jets[:, 2] / rate**2], axis=1)
+        return on_time(jets, error=values)

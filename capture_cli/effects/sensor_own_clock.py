@@ -5,9 +5,9 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from capture_cli.effects._clock import off_clock
-from capture_cli.effects._places import reference, site_id
-from capture_cli.effects._sensor_effect import SensorEffect, columns_of
+from capture_cli.effects._clock import off_clock, on_time
+from capture_cli.effects._places import site_id
+from capture_cli.effects._sensor_effect import SensorEffect, columns_of, columns_source
 from capture_cli.effects.base import GLOBAL
 from capture_cli.parameters import Parameter
 from capture_cli.sim.object_names import object_name
@@ -46,9 +46,8 @@ class SensorOwnClock(SensorEffect):
 
     @property
     def columns_source(self):
-        names = (reference(self.model, "sensor", object_name(self.model, "sensor", s)) for s in self.sensors)
-        sensors = [f"model.sensor({name})" for name in names]
-        return f"np.concatenate([{', '.join(f'{s}.adr[0] + np.arange({s}.dim[0])' for s in sensors)}])"
+        names = (object_name(self.model, "sensor", s) for s in self.sensors)
+        return f"np.concatenate([{', '.join(columns_source(self.model, name) for name in names)}])"
 
     @property
     def parameters(self):
@@ -66,8 +65,7 @@ class SensorOwnClock(SensorEffect):
         return late
 
     def undone(self, jets, values):
-        rate = 1 + values
-        return np.stack([jets[:, 0], jets[:, 1] / rate, jets[:, 2] / rate**2], axis=1)
+        return on_time(jets, error=values)
 
 
 def _devices(model: mujoco.MjModel) -> dict[str, list[int]]:

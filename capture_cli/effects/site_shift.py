@@ -6,9 +6,9 @@ import mujoco
 import numpy as np
 
 from capture_cli.effects._places import site_id
-from capture_cli.effects._turning_axes import axes_that_show, reach, turning_joints
-from capture_cli.effects.base import GLOBAL, Effect
-from capture_cli.parameters import Parameter
+from capture_cli.effects._shift import Shift
+from capture_cli.effects._turning_axes import turning_joints
+from capture_cli.effects.base import GLOBAL
 from capture_cli.sim.object_names import object_name
 
 SITE = int(mujoco.mjtObj.mjOBJ_SITE)
@@ -27,7 +27,7 @@ PLACED = [  # what they report depends on where they sit
 ]
 
 
-class SiteShift(Effect):
+class SiteShift(Shift):
     """Shift (m) of a site, with the sensors at it, along the axes of its body's frame: the lever arm of an IMU, the
     place of a marker.
 
@@ -35,19 +35,18 @@ class SiteShift(Effect):
     and is left out. So are sites that an actuator, a tendon or a constraint holds on to.
     """
 
-    place = "model"
     summary = (
         "a sensor sits elsewhere on its body: the lever arm of an IMU, a marker that was stuck on by hand"
     )
     where = (
         "every site of a body that some joint can turn, if a sensor of motion or torque is all that is there"
     )
+    field = "site_pos"
 
     def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
         super().__init__(model, site)
-        self.number = site_id(model, "site", site)
-        self.body = int(model.site_bodyid[self.number])
-        self.axes = axes_that_show(model, self.body)
+        number = site_id(model, "site", site)
+        self.sits(number, int(model.site_bodyid[number]))
 
     @classmethod
     def sites(cls, model):
@@ -55,11 +54,6 @@ class SiteShift(Effect):
             s for s in sorted(_sensed(model) - _held(model)) if turning_joints(model, model.site_bodyid[s])
         )
         return [object_name(model, "site", s) for s in free]
-
-    @property
-    def parameters(self):
-        most = reach(self.model, self.body, self.model.site_pos[self.number]) / 2
-        return tuple(Parameter("xyz"[i], "m", -most, most, 0.0) for i in self.axes)
 
     @property
     def reported(self):
@@ -71,9 +65,6 @@ class SiteShift(Effect):
     @property
     def shows(self):
         return bool(self.logged & self.reported)
-
-    def write(self, fields, values):
-        fields["site_pos"][:, self.number, self.axes] += values
 
 
 def _sensed(model: mujoco.MjModel) -> set[int]:
