@@ -259,6 +259,8 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str]]] = {
             "impossible_inertia": _IMPOSSIBLE,
             "unmeasured_joints": "list of joints whose position at the start of a window nothing says",
             "open_loops": "{equality constraint: by how much it stays open, m or rad, where joints are as measured}",
+            "time_step": "null, or what the model's time step is in the estimate: {finer (s), parameters (where they "
+            "would be, about, in such steps), text}",
             "correlation[][]": "of the estimates, (parameter, parameter)",
             "recordings": "null, or how the recordings agree: {names, agree, parameters, text}",
             "split.how": "how windows were divided into fit and test, in words",
@@ -268,6 +270,7 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str]]] = {
             "rollouts.simulated": "windows simulated in all",
             "rounds[].parameters.NAME": "estimate after each round over the episodes, then best point of the fit",
             "rounds[].error": "its error over the noise floor",
+            "cut_short": "null, or after how many rounds the search was stopped before it came to rest",
             "in_context": "null, or what a learned identifier's rounds over the episodes gave: {checkpoint, sha256, "
             "rounds, episodes, proposal, proposal_sd, share_beyond (of the training histories that lie as far out), "
             "in_family, contradicted (by the fit), fallback (to a fit with the starts freed), text}",

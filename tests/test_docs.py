@@ -129,6 +129,7 @@ def test_every_key_of_a_document_is_documented_and_no_other(written, document):
         "impossible_inertia",
         "unmeasured_joints",
         "open_loops",
+        "time_step",
         "options.OPTION",
         "histories.ATTRIBUTE",
         "identifiers.LABEL.coverage",

@@ -321,6 +321,39 @@ def test_a_joint_that_nobody_measures_is_named_where_something_is_left(plant, id
     assert identify(plant(name="all")).document["unmeasured_joints"] == []
 
 
+@pytest.fixture
+def coarse(tmp_path) -> Path:
+    """The slider in steps of 20 ms, in which its integrator takes some of the damping away."""
+    task = variant(tmp_path, MASS + DAMPING)
+    model = task.parent / "model.xml"
+    assert 'timestep="0.002"' in model.read_text()
+    model.write_text(model.read_text().replace('timestep="0.002"', 'timestep="0.02"'))
+    return task
+
+
+def test_where_a_shorter_time_step_would_put_the_parameters_is_said(plant, identify, coarse):
+    truth = {"mass": 1.4, "damping": 9.0}
+    log = plant(coarse, parameters=truth, effects=["finer-time-step@quarter"], rate=50.0, episodes=4)
+    found = identify(log, coarse).document
+    assert found["parameters"]["damping"]["value"] < 8.7
+    assert found["time_step"]["finer"] == 0.005
+    assert found["time_step"]["parameters"] == {"damping": pytest.approx(9.0, rel=0.01)}
+    assert any(
+        "in steps of 5 ms, and not 20, damping would be about 9.01" in note for note in findings.notes(found)
+    )
+
+
+def test_a_log_that_was_simulated_in_the_models_own_steps_is_not_said_to_be_otherwise(
+    plant, identify, coarse
+):
+    truth = {"mass": 1.4, "damping": 9.0}
+    found = identify(plant(coarse, parameters=truth, rate=50.0, episodes=4), coarse).document
+    assert found["parameters"]["mass"]["value"] == pytest.approx(
+        1.4, abs=4 * found["parameters"]["mass"]["sd"]
+    )
+    assert found["time_step"] is None
+
+
 def test_an_effect_that_is_not_declared_is_unexplained(plant, identify, tmp_path):
     log, out = plant(name="of today", effects=["coulomb-friction@x=3.0"]), tmp_path / "an estimate"
     found = identify(log, out=out)
@@ -401,6 +434,14 @@ def test_autocorrelated_noise_widens_the_intervals(plant, identify):
         sd.append([p["sd"] for p in found.document["parameters"].values()])
         assert np.abs(errors_in(found, TRUTH, "sd")).max() < 4
     assert (np.array(sd[1]) > 1.5 * np.array(sd[0])).all()
+
+
+def test_a_search_that_was_cut_short_says_so_first(plant, identify):
+    log = plant()
+    found = identify(log, rounds=2)
+    assert found.document["cut_short"] == 2
+    assert "after --rounds 2, before it came to rest" in findings.notes(found.document)[0]
+    assert identify(log).document["cut_short"] is None
 
 
 def test_rounds_and_rollouts_are_reported(plant, identify):

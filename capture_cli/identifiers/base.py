@@ -87,8 +87,13 @@ class Identifier(AskTell):
 
     @property
     @abstractmethod
+    def at_rest(self) -> bool:
+        """Whether more rounds would gain nothing."""
+
+    @property
     def done(self) -> bool:
         """Whether there is nothing more to ask."""
+        return self.rounds_left <= 0 or self.at_rest
 
 
 Evaluate = Callable[[Trial], tuple[np.ndarray, np.ndarray]]

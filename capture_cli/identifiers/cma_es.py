@@ -49,9 +49,7 @@ class CmaEs(Identifier):
         return self._best
 
     @property
-    def done(self) -> bool:
-        if self.rounds_left <= 0:
-            return True
+    def at_rest(self) -> bool:
         if self._search is None:
             return self._at is not None
         return not self._linearizing and (self._search.should_stop() or self._stalled >= STALLED)

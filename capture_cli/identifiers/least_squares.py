@@ -46,8 +46,8 @@ class LeastSquares(Identifier):
         self._asked: list[tuple[Descent, int]] = []
 
     @property
-    def done(self) -> bool:
-        return self.rounds_left <= 0 or (not self._screening and not self._active())
+    def at_rest(self) -> bool:
+        return not self._screening and not self._active()
 
     @property
     def best(self) -> Best:

@@ -320,13 +320,13 @@ class ModelFits:
         """
         k, before = fit.at.scatter, fit.at.objectives(fit.at.scatter)
         begin = (fit.offsets, np.zeros_like(fit.offsets))
-        found = [self._starts_at(part, fit, TOLERANCE, offsets) for offsets in begin]
+        found = [self.starts_at(part, fit, TOLERANCE, offsets) for offsets in begin]
         offsets = np.stack([fit.offsets, *(f.offsets for f in found)])
         best, values = best_trials(offsets, np.stack([before, *(f.objectives(k) for f in found)]))
         ways = [(values.sum(), fit.point, best)]
         if part.difference_step and len(fit.point):
             point = fit.space.from_unit(fit.at.x + fit.at.whole_step)
-            there = self._starts_at(part, replace(fit, point=point), TOLERANCE, fit.offsets)
+            there = self.starts_at(part, replace(fit, point=point), TOLERANCE, fit.offsets)
             ways.append((there.objectives(k).sum(), point, there.offsets))
         value, point, offsets = min(ways, key=lambda way: way[0])
         return (point, offsets) if before.sum() - value > AS_GOOD * k else None
@@ -435,9 +435,9 @@ class ModelFits:
         if begin is None:
             begin = np.zeros((len(part.windows), fit.offsets.shape[1]))
             begin = self._with_states_found(part, fit.effects, fit.point, begin, fit.effects)
-        return PartFit.of(self._starts_at(part, fit, tolerance, begin))
+        return PartFit.of(self.starts_at(part, fit, tolerance, begin))
 
-    def _starts_at(self, part: PreparedLog, fit: Fit, tolerance: float, offsets: np.ndarray) -> Linearization:
+    def starts_at(self, part: PreparedLog, fit: Fit, tolerance: float, offsets: np.ndarray) -> Linearization:
         """The starts of the part's windows at the fit's parameters, from `offsets` (window, state) on."""
         simulator = self.simulator(fit.effects)
         evidence = replace(part.evidence(simulator), space=ParameterSpace([]))

@@ -89,7 +89,7 @@ def normalized(document: Mapping[str, Any], part: str) -> float | None:
 
 def notes(document: Mapping[str, Any]) -> list[str]:
     """What a reader has to know before using the numbers, most important first."""
-    found = open_loops(document)
+    found = cut_short(document) + open_loops(document)
     found += [UNTRUSTED] if document["verdict"] == "unexplained" and document["parameters"] else []
     if document["in_context"] and document["in_context"]["text"]:
         found.append(document["in_context"]["text"])
@@ -98,6 +98,7 @@ def notes(document: Mapping[str, Any]) -> list[str]:
     found += [item["text"] for item in document["undetermined"]]
     found += impossible(document)
     found += [_at_bound(n, p) for n, p in document["parameters"].items() if p["at_bound"]]
+    found += time_step(document)
     recordings = document["recordings"]
     if recordings and not recordings["agree"]:
         found.append(recordings["text"])
@@ -145,9 +146,27 @@ def left_open(document: Mapping[str, Any]) -> list[str]:
     return [document["held_out"]["text"]] if document.get("held_out") else []
 
 
+def cut_short(document: Mapping[str, Any]) -> list[str]:
+    """Whether rounds ran out; earlier versions did not look."""
+    rounds = document.get("cut_short")
+    if not rounds:
+        return []
+    return [
+        f"The search was stopped after --rounds {rounds}, before it came to rest: values, error and verdict are those "
+        "of an unfinished fit. Give it more."
+    ]
+
+
+def time_step(document: Mapping[str, Any]) -> list[str]:
+    """What of the estimate is the model's time step; earlier versions did not look."""
+    return [document["time_step"]["text"]] if document.get("time_step") else []
+
+
 def suspicions(estimate: Estimate) -> list[str]:
     """What looks like a mistake in the log or the task file rather than like physics; to be read before the notes."""
     document = estimate.document
+    if cut_short(document):
+        return []
     rmse = (document["error"]["fit"] or {}).get("rmse") or {}
     floors = document["noise_floor"]
     far = [

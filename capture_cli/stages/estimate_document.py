@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,13 +12,17 @@ from capture_cli.identifiers.base import Trial
 from capture_cli.identifiers.intervals import Intervals, intervals
 from capture_cli.identifiers.least_squares import CONVERGED_GAIN
 from capture_cli.identifiers.rounds import Rounds
+from capture_cli.parameters import ParameterSpace
 from capture_cli.protocol.held_out import HeldOut, held_out
-from capture_cli.protocol.model_fits import TOLERANCE, PartFit
+from capture_cli.protocol.model_fits import TOLERANCE, Fit, PartFit
+from capture_cli.protocol.prepared_log import PreparedLog
+from capture_cli.protocol.time_step import ShorterStep, shorter_step
 from capture_cli.reports.findings import NOT_ALIKE, beyond_chance
-from capture_cli.reports.quantities import significant
+from capture_cli.reports.quantities import bound, scaled_unit, significant, with_unit
 from capture_cli.sim.coordinate_sources import unmeasured_joints
 from capture_cli.stages.earlier_estimate import EarlierEstimate
 from capture_cli.stages.estimation import Found
+from capture_cli.stages.progress import Progress
 from capture_cli.stages.result_document import (
     attributes_of,
     error_of,
@@ -34,12 +39,20 @@ from capture_cli.tasks.base import ActionTask, Task
 
 ROUGH = 1.0  # of the objective over k: a standard error
 DISAGREE_P = 0.01  # of all parameters together, Bonferroni
+MOST_NAMED = 3  # parameters
 
 
 class Report:
     """Turns the best point into an Estimate: errors, intervals, verdict, recordings."""
 
-    def __init__(self, result: Found, identifier: str, seed: int, earlier: EarlierEstimate | None):
+    def __init__(
+        self,
+        result: Found,
+        identifier: str,
+        seed: int,
+        earlier: EarlierEstimate | None,
+        progress: Progress,
+    ):
         self.result = result
         self.fits = result.fits
         self.prepared = result.fits.prepared
@@ -49,6 +62,7 @@ class Report:
         self.history = [b for b in (*before, *result.history) if np.isfinite(b.error)]
         self.seed = seed
         self.earlier = earlier
+        self.progress = progress
         self.is_test = self.prepared.split.is_test
         self.space = self.prepared.task.space
 
@@ -95,8 +109,9 @@ class Report:
         numbers = [n for n in np.unique(fit.recording) if (fit.recording == n).sum() >= 2]
         if len(numbers) < 2 or not len(self.space):
             return None
-        values, sds, names = [], [], []
-        for number in numbers:
+        values, sds, names, gains = [], [], [], []
+        for done, number in enumerate(numbers):
+            self.progress.step(self.progress.part("recording on its own,", done, len(numbers)))
             which = fit.recording == number
             own = self.fits.fit(
                 fit.part(which),
@@ -112,7 +127,14 @@ class Report:
             values.append(own.point)
             sds.append(intervals(own.at).sd)
             names.append(self.prepared.log.recording_names[number])
-        return _agreement(names, np.array(values), np.array(sds), self.space.names, joint)
+            gains.append(self._gain(fit.part(which), own))
+        return _agreement(names, np.array(values), np.array(sds), sum(gains), self.space.names, joint)
+
+    def _gain(self, part: PreparedLog, own: Fit) -> float:
+        """Of the objective over k: what the fit `own` to the part takes beyond the estimate, with starts of its own."""
+        k, together = own.at.scatter, replace(own, point=self.best.parameters)
+        there = self.fits.starts_at(part, together, CONVERGED_GAIN, own.offsets)
+        return float((there.objectives(k) - own.at.objectives(k)).sum() / k)
 
     # --- what is written ---
 
@@ -149,6 +171,7 @@ class Report:
             "impossible_inertia": impossible_inertia_of(prepared.task, self.best.parameters),
             "unmeasured_joints": _unmeasured_joints(prepared.task),
             "open_loops": dict(prepared.starts.open_loops),
+            "time_step": self._time_step(found),
             "correlation": _correlation(found.covariance).tolist(),
             "recordings": None if recordings is None else recordings["document"],
             "split": {
@@ -161,10 +184,19 @@ class Report:
                 {"parameters": self.space.to_dict(b.parameters), "error": float(b.error)}
                 for b in self.history
             ],
+            "cut_short": self.result.cut_short,
             "in_context": self._in_context(),
             "next_command": None,
         }
         return document
+
+    def _time_step(self, found: Intervals) -> dict | None:
+        """What the model's time step is in the estimate; None where nothing, or nothing that a user could change."""
+        if isinstance(self.prepared.task, ActionTask):
+            return None
+        part = self.prepared.part(~self.is_test)
+        shorter = shorter_step(self.fits, part, self.result.at, found)
+        return None if shorter is None else _time_step(shorter, self.space, self.best.parameters)
 
     def _in_context(self) -> dict | None:
         """What the rounds over the episodes gave; those of the earlier estimate where there were none now."""
@@ -208,8 +240,12 @@ class Report:
         return arrays
 
 
-def _agreement(names, values: np.ndarray, sd: np.ndarray, parameters, joint: Intervals) -> dict:
-    """Do the recordings agree? Cochran's Q per parameter, over the estimates that a recording determines."""
+def _agreement(names, values: np.ndarray, sd: np.ndarray, gain: float, parameters, joint: Intervals) -> dict:
+    """Do the recordings agree? Cochran's Q per parameter, over the estimates that a recording determines.
+
+    gain: of the objective, by fits to each alone. Where that is no more than chance they do, whatever Q says: friction
+    that holds makes the error rough, and a fit to little data ends beside where its sensitivities say.
+    """
     from scipy.special import chdtrc
 
     document, p_values = {}, []
@@ -219,7 +255,8 @@ def _agreement(names, values: np.ndarray, sd: np.ndarray, parameters, joint: Int
         p = float(chdtrc(len(values) - 1, (weight * np.square(values[:, i] - mean)).sum()))
         p_values.append(p if joint.identifiable[i] else 1.0)
         document[name] = {"values": values[:, i].tolist(), "sd": sd[:, i].tolist(), "p_value": p}
-    agree = min(p_values) * len(p_values) > DISAGREE_P
+    by_chance = float(chdtrc((len(values) - 1) * len(parameters), max(gain, 0.0)))
+    agree = max(min(p_values) * len(p_values), by_chance) > DISAGREE_P
     worst = parameters[int(np.argmin(p_values))]
     spread = np.ptp([document[worst]["values"]])
     text = (
@@ -233,6 +270,22 @@ def _agreement(names, values: np.ndarray, sd: np.ndarray, parameters, joint: Int
         "sd": sd,
         "document": {"names": names, "agree": bool(agree), "parameters": document, "text": text},
     }
+
+
+def _time_step(shorter: ShorterStep, space: ParameterSpace, point: np.ndarray) -> dict:
+    would_be = {space.names[i]: (float(shorter.point[i]), float(point[i])) for i in shorter.moved}
+    units = {p.name: p.unit for p in space.parameters}
+    said = ", ".join(
+        f"{name} would be about {with_unit(significant(there), units[name])} ({significant(here)})"
+        for name, (there, here) in list(would_be.items())[:MOST_NAMED]
+    )
+    factor, unit = scaled_unit("s", shorter.finer)
+    text = (
+        f"The model's time step is in the estimate: in steps of {bound(shorter.finer * factor)} {unit}, and not "
+        f'{bound(shorter.step * factor)}, {said}. Give the model a shorter timestep, or integrator="RK4".'
+    )
+    parameters = {name: there for name, (there, _) in would_be.items()}
+    return {"finer": shorter.finer, "parameters": parameters, "text": text}
 
 
 def _unmeasured_joints(task: Task) -> list[str]:

@@ -46,7 +46,7 @@ class Found:
 
     history: the best so far (in rounds: each estimate), in order. known: the linearization at the best, where the
     search left it. fallback, elsewhere: as in `InContext.document`. sampled: what was simulated about the best, where
-    the error is rough there.
+    the error is rough there. cut_short: after how many rounds the search was stopped, where it had not come to rest.
     """
 
     fits: ModelFits
@@ -57,6 +57,7 @@ class Found:
     fallback: bool = False
     elsewhere: bool = False
     sampled: SampledPosterior | None = None
+    cut_short: int | None = None
 
     @cached_property
     def part(self) -> PreparedLog:
@@ -128,7 +129,8 @@ def by_physics(
     best = run(solver, lambda trial: part.evaluate(simulator, trial), on_round)
     if not np.isfinite(best.error):
         raise all_diverged(fits.prepared.task)
-    return Found(fits, best, history, solver.at)
+    ran_out = len(history) == rounds and not solver.at_rest
+    return Found(fits, best, history, solver.at, cut_short=rounds if ran_out else None)
 
 
 def by_rounds(
@@ -205,7 +207,7 @@ def with_longer_differences(found: Found, progress: Progress, *, seed: int, thre
     longer.rollouts = fits.rollouts
     x, offsets = found.best.parameters, found.best.offsets
     again = by_physics(longer, x, progress, seed=seed, rounds=AGAIN, offsets=offsets)
-    return replace(again, history=[*found.history, *again.history])
+    return _after(found, again)
 
 
 def unstuck(found: Found, progress: Progress, *, seed: int) -> Found:
@@ -223,8 +225,13 @@ def unstuck(found: Found, progress: Progress, *, seed: int) -> Found:
         again = by_physics(fits, x, progress, seed=seed, rounds=AGAIN, offsets=offsets)
         if again.best.error >= found.best.error:
             break
-        found = replace(again, history=[*found.history, *again.history])
+        found = _after(found, again)
     return found
+
+
+def _after(found: Found, again: Found) -> Found:
+    """`again`, which went on from `found`."""
+    return replace(again, history=[*found.history, *again.history], cut_short=found.cut_short)
 
 
 def looked_about(found: Found, progress: Progress, *, seed: int) -> Found:

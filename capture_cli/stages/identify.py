@@ -92,7 +92,7 @@ def identify(
     with Progress("identify", "round", quiet=quiet) as progress:
         search = _Search(prepared, chosen, progress, starts, rounds, options["seed"], threads, earlier)
         result = search.run()
-    estimate = Report(result, chosen.name, options["seed"], earlier).estimate()
+        estimate = Report(result, chosen.name, options["seed"], earlier, progress).estimate()
     if estimate.document["verdict"] == "unexplained" and not is_fit_explained(estimate.document):
         estimate.document["next_command"] = shlex.join(
             ["capture", "diagnose", "--real-log", str(real_log), "--estimate", str(out)]
