@@ -620,8 +620,10 @@ def found() -> str:
 
 
 def _effects_of(diagnosis: dict) -> str:
+    from capture_cli.reports.diagnosis_findings import placed
+
     return ", ".join(
-        f"`{e['name']}@{e['site']}`" + (f" (or {', '.join(e['tied_with'])})" if e["tied_with"] else "")
+        f"`{placed(e)}`" + (f" (or {', '.join(e['tied_with'])})" if e["tied_with"] else "")
         for e in diagnosis["effects"]
     )
 

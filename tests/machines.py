@@ -64,6 +64,7 @@ ARM = """
       </body>
     </body>
   </worldbody>
+  <tendon><fixed name="belt"><joint joint="shoulder" coef=".04"/><joint joint="elbow" coef="-.03"/></fixed></tendon>
   <actuator>
     <position name="shoulder" joint="shoulder" kp="40" kv="2" forcelimited="true" forcerange="-20 20"/>
     <position name="elbow" joint="elbow" kp="20" kv="1" forcelimited="true" forcerange="-8 8"/>

@@ -42,7 +42,7 @@ from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.tasks import load_task
 
 EPISODES = 6  # rather than twelve, for the time it takes
-# of bodies that fly, and of sensors of forces: none of the machines has any
+# of bodies that fly, of sensors of forces and of tendons: none of the machines has any
 NO_PLACE = {
     "ground-effect",
     "magnus-lift",
@@ -50,6 +50,10 @@ NO_PLACE = {
     "sensor-mount-rotation",
     "sensor-saturation",
     "site-shift",
+    "tendon-damping",
+    "tendon-friction",
+    "tendon-inertia",
+    "tendon-spring",
 }
 OBVIOUS = {
     Case(PLANTED, "slider", "coulomb-friction", "x", 10.0, 0): 0.08,
