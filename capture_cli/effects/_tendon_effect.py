@@ -21,9 +21,8 @@ from capture_cli.parameters import Parameter
 from capture_cli.sim.object_names import object_name
 
 STEP = 1e-4  # m or rad, of the differences that levers are taken by
-LONG = (
-    0.5  # of its longest lever: a joint with a shorter one says little of the forces that the tendon carries
-)
+# Of its longest lever: a joint with a shorter one says little of the forces that the tendon carries
+LONG = 0.5
 
 
 class TendonEffect(Effect):
@@ -77,17 +76,19 @@ class TendonEffect(Effect):
 
     @property
     def reach(self) -> tuple[float, float]:
-        """m or rad: its shortest and longest length in the log, or else about where it is at qpos0."""
-        own = np.flatnonzero(self.levers)
-        begin = float(self.model.tendon_length0[self.tendon])
-        if len(self._seen) < len(own):
-            size = float(sum(abs(self.levers[j]) * travel(self.model, j) for j in own))
-            return begin - size, begin + size
-        length = begin + sum(self.levers[j] * (self._seen[j].path - self._at_qpos0(j)) for j in own)
-        return float(np.nanmin(length)), float(np.nanmax(length))
+        """m or rad: the shortest and longest that it can be where its joints go in the log, or else in their travel."""
+        ends = np.sort([self.levers[j] * self._away(j) for j in np.flatnonzero(self.levers)], axis=1).sum(
+            axis=0
+        )
+        shortest, longest = float(self.model.tendon_length0[self.tendon]) + ends
+        return float(shortest), float(longest)
 
-    def _at_qpos0(self, joint: int) -> float:
-        return float(self.model.qpos0[self.model.jnt_qposadr[joint]])
+    def _away(self, joint: int) -> np.ndarray:
+        """How far from qpos0 the joint goes, to either side, (2,)."""
+        if joint not in self._seen:
+            return travel(self.model, joint) * np.array([-1.0, 1.0])
+        seen = self._seen[joint]
+        return np.array([seen.low, seen.high]) - self.model.qpos0[self.model.jnt_qposadr[joint]]
 
     def unit(self, long: str, turned: str) -> str:
         """The unit of a quantity of this tendon, whose length is `long` in m, and over hinges alone may be rad."""
