@@ -93,8 +93,8 @@ _PAGE = """# Effects
 What a model may lack. Each effect is one file in `capture_cli/effects/`; this page is made from them
 (`capture_cli.effects.markdown()`), and a test compares the two.
 
-An effect sits at a place in the model: a joint, a body, a geom, an actuator, a sensor, or the model as a
-whole. `coulomb-friction@elbow` is that effect at the joint `elbow`, and `coulomb-friction@elbow.friction`
+An effect sits at a place in the model: a joint, a tendon, a body, a geom, an actuator, a sensor, or the model
+as a whole. `coulomb-friction@elbow` is that effect at the joint `elbow`, and `coulomb-friction@elbow.friction`
 its parameter; `gravity-tilt`, which sits at no one place, has `gravity-tilt.tilt_x`. Objects without a name
 are called by their number, `#0` being the first of a kind.
 

@@ -197,7 +197,7 @@ class Effect(ABC):
     def sites(cls, model: mujoco.MjModel) -> list[str]:
         """Where in `model` the effect can sit; [GLOBAL] where it concerns the model as a whole.
 
-        Names of joints, bodies, geoms, actuators or sensors; "#3" is the fourth of its kind where that has no
+        Names of joints, tendons, bodies, geoms, actuators or sensors; "#3" is the fourth of its kind where that has no
         name.
         """
 
