@@ -20,6 +20,7 @@ from capture_cli.linearization import (
 )
 
 ROUNDS = 30
+PATIENCE = 2  # rounds
 DAMPING_STEP = 10.0
 BEGUN = 4  # of the places where a window may begin, that it is begun at
 SEARCHES = 2  # times that windows which stand out are begun elsewhere
@@ -89,7 +90,8 @@ def _begun_elsewhere(
         gains = np.maximum(found.objectives(k) - values[order[0], window], 0.0)
         begun = 1 if gains.sum() >= tolerance * k else 0
     for place in order[:begun]:
-        there = _settled(found.evidence, evaluate, others[place, window], tolerance, k)
+        to_beat = np.inf if found.evidence.rough else found.objectives(k)
+        there = _settled(found.evidence, evaluate, others[place, window], tolerance, k, to_beat)
         better = there.objectives(k) < found.objectives(k)
         found = found.with_windows(better, there.windows(better))
     return found
@@ -136,12 +138,15 @@ def _settled(
     offsets: np.ndarray,
     tolerance: float,
     held: float | None = None,
+    to_beat: np.ndarray | float = np.inf,
 ) -> Linearization:
-    """Where the descent of every window ends; held: k, which follows from the residual where None."""
+    """Where the descent of every window ends. held: k, which follows from the residual where None. to_beat (window,):
+    objectives that are known to be possible; a descent that does not promise to get there after PATIENCE rounds ends.
+    """
     best, settled = None, np.zeros(len(offsets), dtype=bool)
     damping = np.zeros(len(offsets))
     tried = offsets.copy()
-    for _ in range(ROUNDS):
+    for number in range(ROUNDS):
         active = np.flatnonzero(~settled)
         own = evidence.rows(active)
         outputs, diverged = evaluate(active, columns(own, NO_PARAMETERS, tried[active]))
@@ -155,6 +160,8 @@ def _settled(
         tried = best.start_offsets(NO_PARAMETERS, k, damping)
         gain = best.predicted_gains(NO_PARAMETERS, tried, k)
         settled = gain < tolerance * k / len(gain)
+        if number >= PATIENCE:
+            settled |= best.objectives(k) - gain > to_beat
         if gain[~settled].sum() < tolerance * k:
             break
     return best
