@@ -1,6 +1,6 @@
 """Is the right effect found? Is nothing found where nothing is? `python -m benchmarks.planted` does all of it.
 
-Logs are recorded from five machines with one effect planted, of every kind, at every place and in three sizes; with two
+Logs are recorded from six machines with one effect planted, of every kind, at every place and in three sizes; with two
 at once; with nothing missing; and with effects that the catalogue does not have. One JSON line is kept per log, so
 that the work can be stopped and taken up again; a line counts as long as the code that made it is unchanged.
 """

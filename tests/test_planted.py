@@ -42,7 +42,7 @@ from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.tasks import load_task
 
 EPISODES = 6  # rather than twelve, for the time it takes
-# of bodies that fly, of sensors of forces and of tendons: none of the machines has any
+# of bodies that fly, and of sensors of forces: none of the machines has any
 NO_PLACE = {
     "ground-effect",
     "magnus-lift",
@@ -50,10 +50,6 @@ NO_PLACE = {
     "sensor-mount-rotation",
     "sensor-saturation",
     "site-shift",
-    "tendon-damping",
-    "tendon-friction",
-    "tendon-inertia",
-    "tendon-spring",
 }
 OBVIOUS = {
     Case(PLANTED, "slider", "coulomb-friction", "x", 10.0, 0): 0.08,
@@ -112,7 +108,7 @@ def test_cases_cover_catalogue_and_machines():
     assert all(c.effect != c.second.split("@")[0] for c in pairs)
 
 
-@pytest.mark.parametrize("machine", ["slider", "cart_pole", "arm", "pan_tilt", "puck"])
+@pytest.mark.parametrize("machine", ["slider", "cart_pole", "arm", "pan_tilt", "finger", "puck"])
 def test_directions_stay_within_ranges(machine):
     model = load_task(str(MACHINES / machine / "task.toml")).model
     for name, cls in REGISTRY.items():

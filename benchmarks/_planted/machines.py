@@ -1,4 +1,4 @@
-"""The five machines, and logs recorded from them with an effect of any size in memory."""
+"""The six machines, and logs recorded from them with an effect of any size in memory."""
 
 from __future__ import annotations
 
@@ -46,6 +46,7 @@ MACHINE = {
         Machine("cart_pole", {"cart": 5e-4, "pole": 1e-3}),
         Machine("arm", {"q1": 1e-3, "q2": 1e-3}),
         Machine("pan_tilt", {"pan": 1e-3, "tilt": 1e-3}),
+        Machine("finger", {"mcp": 2e-3, "pip": 2e-3}),
         Machine("puck", {"x": 5e-4, "y": 5e-4}, {"x": (-2.0, 2.0), "y": (-2.0, 2.0)}),
     )
 }

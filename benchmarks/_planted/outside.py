@@ -88,5 +88,6 @@ LEFT_OUT = (
     ("cart_pole", "payload", "pole"),
     ("arm", "payload", "fore"),
     ("pan_tilt", "position-dependent-friction", "pan"),
+    ("finger", "tendon-friction", "flexor"),
     ("puck", "cubic-drag", "y"),
 )
