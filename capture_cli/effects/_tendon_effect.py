@@ -20,39 +20,54 @@ from capture_cli.effects.base import GLOBAL, Effect, JointMotion
 from capture_cli.parameters import Parameter
 from capture_cli.sim.object_names import object_name
 
-STEP = 1e-4  # m or rad, of the differences that levers are taken by
 # Of its longest lever: a joint with a shorter one says little of the forces that the tendon carries
 LONG = 0.5
+TAUT = 1e-4  # m/rad or 1: a lever under this moves nothing
+PLACES = 128  # drawn from where the joints go, at which lengths and levers are looked up
 
 
 class TendonEffect(Effect):
     """An effect along a tendon, whose length is in m, or, where it couples hinges by ratios, in rad.
 
-    levers (joint,): by how much it grows with each joint, at qpos0; 0 for joints with several degrees of freedom.
+    levers (joint,): by how much it grows or shrinks with each joint, at most, where that goes.
+    shortest, longest: its length there, m or rad.
     """
 
     place = "model"
-    where = "every tendon that a hinge or slide joint moves"
+    where = "every tendon that hinge and slide joints move, and no others"
 
     def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
         super().__init__(model, site)
         self.tendon = site_id(model, "tendon", site)
-        self.levers = _levers(model)[:, self.tendon]
-        self._seen: dict[int, JointMotion] = {}
+        self._look_where({})
 
     @classmethod
     def sites(cls, model):
-        moved = _levers(model).any(axis=0)
-        return [object_name(model, "tendon", t) for t in range(model.ntendon) if moved[t]]
+        return [object_name(model, "tendon", t) for t in range(model.ntendon) if cls.suits(model, t)]
+
+    @classmethod
+    def suits(cls, model: mujoco.MjModel, tendon: int) -> bool:
+        """Whether the effect can sit along the tendon."""
+        dofs = moving_dofs(model, tendon)
+        return bool(len(dofs)) and np.isin(model.jnt_type[model.dof_jntid[dofs]], (HINGE, SLIDE)).all()
 
     def look_in(self, *, seen, **log):
         super().look_in(seen=seen, **log)
-        self._seen = {j: seen[j] for j in np.flatnonzero(self.levers) if j in seen}
+        self._look_where(seen)
+
+    def _look_where(self, seen: dict[int, JointMotion]) -> None:
+        """Find levers and lengths where its joints go: in the log, for those that are `seen`."""
+        lengths, levers = _moved(self.model, _boxes(self.model, seen))
+        self.levers = np.zeros(self.model.njnt)
+        moves = moving_dofs(self.model, self.tendon)
+        self.levers[self.model.dof_jntid[moves]] = np.maximum(levers[moves, self.tendon], TAUT)
+        self.shortest, self.longest = (float(ends) for ends in lengths[:, self.tendon])
+        self._speeds = {j: m.speed for j, m in seen.items()}
 
     @property
     def characteristic_force(self) -> float:
         """N, or N m over hinges: the most that what moves its joints is along it."""
-        return max(characteristic_force(self.model, j) / abs(self.levers[j]) for j in self._pulled)
+        return max(characteristic_force(self.model, j) / self.levers[j] for j in self._pulled)
 
     @property
     def inertia(self) -> float:
@@ -62,33 +77,15 @@ class TendonEffect(Effect):
     @property
     def _pulled(self) -> np.ndarray:
         """The joints that it has a long lever at."""
-        size = np.abs(self.levers)
-        return np.flatnonzero(size >= LONG * size.max())
+        return np.flatnonzero(self.levers >= LONG * self.levers.max())
 
     @property
     def characteristic_speed(self) -> float:
         """m/s, or rad/s over hinges."""
-        return max(abs(self.levers[j]) * self._speed(j) for j in np.flatnonzero(self.levers))
+        return max(self.levers[j] * self._speed(j) for j in np.flatnonzero(self.levers))
 
     def _speed(self, joint: int) -> float:
-        speed = characteristic_speed(self.model, joint)
-        return min(speed, self._seen[joint].speed) if joint in self._seen else speed
-
-    @property
-    def reach(self) -> tuple[float, float]:
-        """m or rad: the shortest and longest that it can be where its joints go in the log, or else in their travel."""
-        ends = np.sort([self.levers[j] * self._away(j) for j in np.flatnonzero(self.levers)], axis=1).sum(
-            axis=0
-        )
-        shortest, longest = float(self.model.tendon_length0[self.tendon]) + ends
-        return float(shortest), float(longest)
-
-    def _away(self, joint: int) -> np.ndarray:
-        """How far from qpos0 the joint goes, to either side, (2,)."""
-        if joint not in self._seen:
-            return travel(self.model, joint) * np.array([-1.0, 1.0])
-        seen = self._seen[joint]
-        return np.array([seen.low, seen.high]) - self.model.qpos0[self.model.jnt_qposadr[joint]]
+        return min(characteristic_speed(self.model, joint), self._speeds.get(joint, np.inf))
 
     def unit(self, long: str, turned: str) -> str:
         """The unit of a quantity of this tendon, whose length is `long` in m, and over hinges alone may be rad."""
@@ -97,24 +94,60 @@ class TendonEffect(Effect):
 
     @property
     def _is_fixed(self) -> bool:
-        first = self.model.wrap_type[self.model.tendon_adr[self.tendon]]
-        return int(first) == int(mujoco.mjtWrap.mjWRAP_JOINT)
+        return int(wraps(self.model, self.tendon)[0]) == int(mujoco.mjtWrap.mjWRAP_JOINT)
 
     def added(self, name: str, unit: str, own: float, high: float) -> Parameter:
         """A parameter added to the model's `own` value, such that the sum is not negative."""
         return Parameter(name, unit, min(0.0, -own), high, 0.0)
 
 
-@lru_cache(maxsize=16)
-def _levers(model: mujoco.MjModel) -> np.ndarray:
-    """(joint, tendon): by how much each tendon grows with each hinge and slide joint, at qpos0."""
-    data, levers = mujoco.MjData(model), np.zeros((model.njnt, model.ntendon))
-    for joint in np.flatnonzero(np.isin(model.jnt_type, (HINGE, SLIDE))) if model.ntendon else ():
-        ends = []
-        for side in (STEP, -STEP):
-            data.qpos[:] = model.qpos0
-            data.qpos[model.jnt_qposadr[joint]] += side
-            mujoco.mj_fwdPosition(model, data)
-            ends.append(data.ten_length.copy())
-        levers[joint] = (ends[0] - ends[1]) / (2 * STEP)
-    return np.where(np.abs(levers) > STEP, levers, 0.0)
+def moving_dofs(model: mujoco.MjModel, tendon: int) -> np.ndarray:
+    """The degrees of freedom that change the tendon's length somewhere in the range of its joints."""
+    _, levers = _moved(model, _boxes(model, {}))
+    return np.flatnonzero(levers[:, tendon] > TAUT)
+
+
+def wraps(model: mujoco.MjModel, tendon: int) -> np.ndarray:
+    """What the tendon's path is made of: of mjtWrap, (element,)."""
+    first = model.tendon_adr[tendon]
+    return model.wrap_type[first : first + model.tendon_num[tendon]]
+
+
+def _boxes(model: mujoco.MjModel, seen: dict[int, JointMotion]) -> tuple[tuple[float, float], ...]:
+    """From where to where each joint goes, m or rad: in the log, or else in its range."""
+    boxes = []
+    for joint in range(model.njnt):
+        at, half = float(model.qpos0[model.jnt_qposadr[joint]]), travel(model, joint)
+        if joint in seen:
+            boxes.append((seen[joint].low, seen[joint].high))
+        elif model.jnt_limited[joint]:
+            boxes.append(tuple(model.jnt_range[joint].tolist()))
+        else:
+            boxes.append((at - half, at + half))
+    return tuple(boxes)
+
+
+@lru_cache(maxsize=64)
+def _moved(model: mujoco.MjModel, boxes: tuple[tuple[float, float], ...]) -> tuple[np.ndarray, np.ndarray]:
+    """The shortest and longest length of each tendon, (2, tendon), and its largest levers, (dof, tendon), without sign,
+    where hinges and slides are inside the boxes.
+    """
+    data, generator = mujoco.MjData(model), np.random.default_rng(0)
+    scalar = np.flatnonzero(np.isin(model.jnt_type, (HINGE, SLIDE)))
+    low, high = np.array(boxes).T[:, scalar] if len(scalar) else np.zeros((2, 0))
+    lengths, levers = [], np.zeros((model.nv, model.ntendon))
+    for share in [None, *generator.random((PLACES, len(scalar)))]:
+        data.qpos[:] = model.qpos0
+        if share is not None:
+            data.qpos[model.jnt_qposadr[scalar]] = low + share * (high - low)
+        mujoco.mj_fwdPosition(model, data)
+        lengths.append(data.ten_length.copy())
+        np.maximum(levers, np.abs(_jacobian(model, data)).T, out=levers)
+    return np.stack([np.min(lengths, axis=0), np.max(lengths, axis=0)]), levers
+
+
+def _jacobian(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
+    """Of the lengths of tendons, (tendon, dof)."""
+    dense = np.zeros((model.ntendon, model.nv))
+    mujoco.mju_sparse2dense(dense, data.ten_J, model.ten_J_rownnz, model.ten_J_rowadr, model.ten_J_colind)
+    return dense

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from capture_cli.effects._places import site_id
 from capture_cli.effects._tendon_effect import TendonEffect
 from capture_cli.parameters import Parameter
 
@@ -26,28 +25,22 @@ class TendonSpring(TendonEffect):
     shapes = ("rest",)
 
     @classmethod
-    def sites(cls, model):
-        return [s for s in super().sites(model) if _is_plain(model, site_id(model, "tendon", s))]
+    def suits(cls, model, tendon):
+        at_rest = model.tendon_lengthspring[tendon]
+        has_play = model.tendon_stiffness[tendon] > 0 and at_rest[0] != at_rest[1]
+        return super().suits(model, tendon) and not (has_play or model.tendon_stiffnesspoly[tendon].any())
 
     @property
     def parameters(self):
-        shortest, longest = self.reach
-        half = max((longest - shortest) / 2, LEAST)
-        high = STIFFEST * self.characteristic_force / half
+        half = max((self.longest - self.shortest) / 2, LEAST)
+        own, high = (
+            float(self.model.tendon_stiffness[self.tendon]),
+            STIFFEST * self.characteristic_force / half,
+        )
+        near, far = self.shortest - FARTHEST * half, self.longest + FARTHEST * half
         return (
-            self.added(
-                "stiffness",
-                self.unit("N/m", "N m/rad"),
-                float(self.model.tendon_stiffness[self.tendon]),
-                high,
-            ),
-            Parameter(
-                "rest",
-                self.unit("m", "rad"),
-                shortest - FARTHEST * half,
-                longest + FARTHEST * half,
-                (shortest + longest) / 2,
-            ),
+            self.added("stiffness", self.unit("N/m", "N m/rad"), own, high),
+            Parameter("rest", self.unit("m", "rad"), near, far, (self.shortest + self.longest) / 2),
         )
 
     def write(self, fields, values):
@@ -55,12 +48,5 @@ class TendonSpring(TendonEffect):
         rest = fields["tendon_lengthspring"][:, self.tendon]
         both = own + added
         share = np.divide(added, both, out=np.zeros_like(both), where=both != 0)
-        fields["tendon_lengthspring"][:, self.tendon] = rest + (share * (values[:, 1] - rest[:, 0]))[:, None]
+        fields["tendon_lengthspring"][:, self.tendon] = rest + share[:, None] * (values[:, 1:] - rest)
         fields["tendon_stiffness"][:, self.tendon] = both
-
-
-def _is_plain(model, tendon: int) -> bool:
-    """Whether it has no spring, or one that is as stiff everywhere and at rest at one length."""
-    at_rest = model.tendon_lengthspring[tendon]
-    has_play = model.tendon_stiffness[tendon] > 0 and at_rest[0] != at_rest[1]
-    return not (has_play or model.tendon_stiffnesspoly[tendon].any())
