@@ -441,7 +441,15 @@ def test_a_search_that_was_cut_short_says_so_first(plant, identify):
     found = identify(log, rounds=2)
     assert found.document["cut_short"] == 2
     assert "after --rounds 2, before it came to rest" in findings.notes(found.document)[0]
+    assert findings.UNTRUSTED not in findings.notes(found.document)
+    assert "The model lacks" not in found.document["summary"]
+    assert found.document["next_command"] is None
     assert identify(log).document["cut_short"] is None
+
+
+def test_one_round_ends_somewhere_whatever_the_places_it_begins_at(plant, identify):
+    log = plant()
+    assert identify(log, rounds=1, starts=3).document["cut_short"] == 1
 
 
 def test_rounds_and_rollouts_are_reported(plant, identify):

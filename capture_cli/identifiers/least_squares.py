@@ -22,8 +22,8 @@ LONG_PATIENCE = 15  # and where it does
 class LeastSquares(Identifier):
     """Least squares from `starts` places: the given start, then the best of a screening.
 
-    tolerance: a descent is done when its objective over k falls by less. to_beat: an error that is known to be
-    possible; a descent that stays far above it for `patience` rounds is given up.
+    The screening is no round of its own. tolerance: a descent is done when its objective over k falls by less. to_beat:
+    an error that is known to be possible; a descent that stays far above it for `patience` rounds is given up.
     """
 
     summary = "Gauss-Newton from several places through the simulator"
@@ -82,6 +82,7 @@ class LeastSquares(Identifier):
     def tell(self, outputs, diverged):
         if self._screening:
             self._begin(outputs, diverged)
+            self.rounds_left += 1  # a search of one round is to end somewhere
             return
         first = 0
         for descent, size in self._asked:

@@ -89,8 +89,10 @@ def normalized(document: Mapping[str, Any], part: str) -> float | None:
 
 def notes(document: Mapping[str, Any]) -> list[str]:
     """What a reader has to know before using the numbers, most important first."""
-    found = cut_short(document) + open_loops(document)
-    found += [UNTRUSTED] if document["verdict"] == "unexplained" and document["parameters"] else []
+    unfinished = cut_short(document)
+    found = unfinished + open_loops(document)
+    unexplained = document["verdict"] == "unexplained" and document["parameters"]
+    found += [UNTRUSTED] if unexplained and not unfinished else []
     if document["in_context"] and document["in_context"]["text"]:
         found.append(document["in_context"]["text"])
     found += unmeasured(document)

@@ -36,7 +36,7 @@ def parse_effects(texts: Sequence[str], model: mujoco.MjModel) -> tuple[list[Pla
         site, parameter = match["place"], match["parameter"]
         if site is not None:
             site, parameter = _site_and_parameter(site, cls, model)
-        effect = cls(model, _site(match["name"], site, cls.sites(model)))
+        effect = cls(model, _site(match["name"], site, cls, model))
         placed = Placed(match["name"], effect)
         (_, effect), values = found.setdefault(placed.name, (placed, effect.space.nominal.copy()))
         if not effect.parameters and not parameter and not match["value"]:
@@ -119,7 +119,12 @@ def _parameter(text: str, match: re.Match, parameter: str | None, names: Sequenc
     return names.index(parameter)
 
 
-def _site(name: str, site: str | None, sites: list[str]) -> str:
+def _site(name: str, site: str | None, cls: type[Effect], model: mujoco.MjModel) -> str:
+    sites = cls.sites(model)
+    if not sites:
+        raise OptionError(
+            f"--effect {name}: the model has no place for it", cure=f"it sits at {cls.where}: leave it out"
+        )
     if site is None and len(sites) == 1:
         return sites[0]
     if site is None and GLOBAL in sites:

@@ -163,7 +163,7 @@ class Report:
             "error": error,
             **noise_floor_of(prepared),
             "verdict": verdict,
-            "summary": _summary(verdict, *lacks, undetermined, diverged),
+            "summary": _summary(verdict, *lacks, undetermined, diverged, self.result.cut_short is not None),
             "diverged_windows": int(diverged.sum()),
             "lack_of_fit": lacks[0],
             "held_out": held_out_of(prepared, self.space, self.best.parameters, held, self.is_test),
@@ -317,6 +317,7 @@ def _summary(
     held_out: dict[str, Any],
     undetermined: list[dict],
     diverged: np.ndarray,
+    cut_short: bool,
 ) -> str:
     if diverged.any():
         return (
@@ -329,10 +330,8 @@ def _summary(
             f"{beyond_chance(held_out)}. {NOT_ALIKE}"
         )
     if verdict == "unexplained":
-        return (
-            f"These parameters do not explain the log: the {beyond_chance(lacking)}. "
-            "The model lacks something."
-        )
+        why = "The search was not finished." if cut_short else "The model lacks something."
+        return f"These parameters do not explain the log: the {beyond_chance(lacking)}. {why}"
     if verdict == "not-identifiable":
         names = dict.fromkeys(name for u in undetermined for name in u["combination"])
         return f"The fit reaches the noise floor, but the log does not determine {', '.join(names)}."

@@ -115,12 +115,15 @@ def by_physics(
     simulator = fits.simulator([])
     evidence = part.evidence(simulator)
     history: list[Best] = []
+    idle = False
 
     def on_round(best: Best) -> None:
+        nonlocal idle
         history.append(best)
         error = f"error {best.error:.3g} x noise floor" if np.isfinite(best.error) else "no fit yet"
         progress.step(error)
-        if idle_rounds is not None and _idle(history, evidence.count, idle_rounds):
+        idle = idle_rounds is not None and _idle(history, evidence.count, idle_rounds)
+        if idle:
             solver.rounds_left = 0
 
     solver = method(
@@ -129,7 +132,7 @@ def by_physics(
     best = run(solver, lambda trial: part.evaluate(simulator, trial), on_round)
     if not np.isfinite(best.error):
         raise all_diverged(fits.prepared.task)
-    ran_out = len(history) == rounds and not solver.at_rest
+    ran_out = not (solver.at_rest or idle)
     return Found(fits, best, history, solver.at, cut_short=rounds if ran_out else None)
 
 

@@ -93,7 +93,8 @@ def identify(
         search = _Search(prepared, chosen, progress, starts, rounds, options["seed"], threads, earlier)
         result = search.run()
         estimate = Report(result, chosen.name, options["seed"], earlier, progress).estimate()
-    if estimate.document["verdict"] == "unexplained" and not is_fit_explained(estimate.document):
+    lacking = estimate.document["verdict"] == "unexplained" and not is_fit_explained(estimate.document)
+    if lacking and not estimate.document["cut_short"]:
         estimate.document["next_command"] = shlex.join(
             ["capture", "diagnose", "--real-log", str(real_log), "--estimate", str(out)]
         )
