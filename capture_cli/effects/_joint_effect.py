@@ -17,7 +17,6 @@ from capture_cli.effects._scales import (
     travel,
 )
 from capture_cli.effects.base import GLOBAL, Effect, JointMotion
-from capture_cli.parameters import Parameter
 from capture_cli.sim.object_names import object_name
 
 
@@ -93,10 +92,6 @@ class JointEffect(Effect):
     def unit(self, slide: str, hinge: str) -> str:
         """The unit of a quantity of this joint."""
         return hinge if self.is_hinge else slide
-
-    def added(self, name: str, unit: str, own: float, high: float) -> Parameter:
-        """A parameter added to the model's `own` value, such that the sum is not negative."""
-        return Parameter(name, unit, min(0.0, -own), high, 0.0)
 
 
 class SpringEffect(JointEffect):

@@ -17,7 +17,6 @@ from capture_cli.effects._scales import (
     travel,
 )
 from capture_cli.effects.base import GLOBAL, Effect, JointMotion
-from capture_cli.parameters import Parameter
 from capture_cli.sim.object_names import object_name
 
 # Of its longest lever: a joint with a shorter one says little of the forces that the tendon carries
@@ -95,10 +94,6 @@ class TendonEffect(Effect):
     @property
     def _is_fixed(self) -> bool:
         return int(wraps(self.model, self.tendon)[0]) == int(mujoco.mjtWrap.mjWRAP_JOINT)
-
-    def added(self, name: str, unit: str, own: float, high: float) -> Parameter:
-        """A parameter added to the model's `own` value, such that the sum is not negative."""
-        return Parameter(name, unit, min(0.0, -own), high, 0.0)
 
 
 def moving_dofs(model: mujoco.MjModel, tendon: int) -> np.ndarray:

@@ -206,6 +206,11 @@ class Effect(ABC):
     def parameters(self) -> tuple[Parameter, ...]:
         """Parameters, each with the null value as its nominal."""
 
+    @staticmethod
+    def added(name: str, unit: str, own: float, high: float) -> Parameter:
+        """A parameter that is added to the model's `own` value, such that the sum is not negative."""
+        return Parameter(name, unit, min(0.0, -own), high, 0.0)
+
     @property
     def space(self) -> ParameterSpace:
         return ParameterSpace(self.parameters)

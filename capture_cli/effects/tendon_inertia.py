@@ -20,8 +20,7 @@ class TendonInertia(TendonEffect):
     summary = (
         "what speeds up along with a tendon: the drum that winds it up and its motor, a piston and its oil"
     )
-
-    where = "every tendon that joints move which hang on each other, and that no geom turns aside"
+    where = "every tendon that joints which hang on each other move, and that no geom turns aside"
 
     @classmethod
     def suits(cls, model, tendon):

@@ -19,9 +19,7 @@ class TendonSpring(TendonEffect):
     """
 
     summary = "a spring along a tendon: a rubber band, a return spring, a hose beside a cylinder"
-    where = (
-        "every tendon that a hinge or slide joint moves, but those whose spring hardens, softens or has play"
-    )
+    where = "every tendon that hinges and slides move, but those whose spring hardens, softens or has play"
     shapes = ("rest",)
 
     @classmethod
@@ -33,10 +31,8 @@ class TendonSpring(TendonEffect):
     @property
     def parameters(self):
         half = max((self.longest - self.shortest) / 2, LEAST)
-        own, high = (
-            float(self.model.tendon_stiffness[self.tendon]),
-            STIFFEST * self.characteristic_force / half,
-        )
+        own = float(self.model.tendon_stiffness[self.tendon])
+        high = STIFFEST * self.characteristic_force / half
         near, far = self.shortest - FARTHEST * half, self.longest + FARTHEST * half
         return (
             self.added("stiffness", self.unit("N/m", "N m/rad"), own, high),
