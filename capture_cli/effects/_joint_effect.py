@@ -5,7 +5,6 @@ from __future__ import annotations
 from abc import abstractmethod
 
 import mujoco
-import numpy as np
 
 from capture_cli.effects._places import site_id
 from capture_cli.effects._scales import (
@@ -111,8 +110,3 @@ class SpringEffect(JointEffect):
     @abstractmethod
     def suits(cls, model: mujoco.MjModel, joint: int) -> bool:
         """Whether the joint's spring, or that it has none, lets the effect sit there."""
-
-
-def raised(own: np.ndarray, change: np.ndarray) -> np.ndarray:
-    """own + change, kept from passing below zero: friction and damping never drive."""
-    return np.maximum(own + change, np.minimum(own, 0.0))

@@ -7,10 +7,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from capture_cli.effects._joint_effect import JointEffect, raised
+from capture_cli.effects._joint_effect import JointEffect
 from capture_cli.effects._kernel import Companion, bound, call, inputs
 from capture_cli.effects._places import reference
-from capture_cli.effects.base import Effect
+from capture_cli.effects.base import Effect, raised
 from capture_cli.sim.engine import World
 
 FORCE, FRICTION, DAMPING = "qfrc_applied", "dof_frictionloss", "dof_damping"

@@ -384,3 +384,8 @@ def spread(parameter: Parameter, count: int) -> np.ndarray:
     if parameter.low > 0:
         return parameter.low * (parameter.high / parameter.low) ** at
     return parameter.low + at * parameter.span
+
+
+def raised(own: np.ndarray, change: np.ndarray) -> np.ndarray:
+    """own + change, kept from passing below zero: friction and damping never drive."""
+    return np.maximum(own + change, np.minimum(own, 0.0))

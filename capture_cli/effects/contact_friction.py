@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from capture_cli.effects._contacts import ContactEffect
-from capture_cli.effects._joint_effect import raised
+from capture_cli.effects.base import raised
 from capture_cli.parameters import Parameter
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from capture_cli.effects._joint_effect import JointEffect, raised
+from capture_cli.effects._joint_effect import JointEffect
+from capture_cli.effects.base import raised
 
 
 class LinearStiffness(JointEffect):

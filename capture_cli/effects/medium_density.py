@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from capture_cli.effects._joint_effect import raised
 from capture_cli.effects._scales import box_edges, moving_bodies
-from capture_cli.effects.base import GLOBAL, Effect
+from capture_cli.effects.base import GLOBAL, Effect, raised
 from capture_cli.parameters import Parameter
 
 

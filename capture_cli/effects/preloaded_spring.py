@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from capture_cli.effects._joint_effect import SpringEffect
+from capture_cli.effects._side_by_side import side_by_side
 from capture_cli.parameters import Parameter
 
 FARTHEST = 2.0  # of the joint's travel: where a spring that only ever pulls one way is at rest
@@ -36,9 +35,5 @@ class PreloadedSpring(SpringEffect):
         )
 
     def write(self, fields, values):
-        own, added = fields["jnt_stiffness"][:, self.joint], values[:, 0]
-        rest = fields["qpos_spring"][:, self.position]
-        both = own + added
-        shift = np.divide(added * (values[:, 1] - rest), both, out=np.zeros_like(both), where=both != 0)
-        fields["qpos_spring"][:, self.position] = rest + shift
-        fields["jnt_stiffness"][:, self.joint] = both
+        stiffness, rest = fields["jnt_stiffness"][:, self.joint], fields["qpos_spring"][:, self.position]
+        stiffness[:], rest[:] = side_by_side(stiffness, rest, values[:, 0], values[:, 1])

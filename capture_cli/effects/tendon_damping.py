@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from capture_cli.effects._joint_effect import raised
 from capture_cli.effects._tendon_effect import TendonEffect
+from capture_cli.effects.base import raised
 
 
 class TendonDamping(TendonEffect):

@@ -5,8 +5,8 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from capture_cli.effects._joint_effect import raised
 from capture_cli.effects._tendon_effect import TendonEffect, moving_dofs, wraps
+from capture_cli.effects.base import raised
 
 GEOMS = [int(w) for w in (mujoco.mjtWrap.mjWRAP_SPHERE, mujoco.mjtWrap.mjWRAP_CYLINDER)]
 MOST = 2.0  # times the inertia that the tendon moves

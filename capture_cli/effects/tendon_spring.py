@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-
+from capture_cli.effects._side_by_side import side_by_side
 from capture_cli.effects._tendon_effect import TendonEffect
 from capture_cli.parameters import Parameter
 
@@ -40,9 +39,6 @@ class TendonSpring(TendonEffect):
         )
 
     def write(self, fields, values):
-        own, added = fields["tendon_stiffness"][:, self.tendon], values[:, 0]
-        rest = fields["tendon_lengthspring"][:, self.tendon]
-        both = own + added
-        share = np.divide(added, both, out=np.zeros_like(both), where=both != 0)
-        fields["tendon_lengthspring"][:, self.tendon] = rest + share[:, None] * (values[:, 1:] - rest)
-        fields["tendon_stiffness"][:, self.tendon] = both
+        stiffness = fields["tendon_stiffness"][:, self.tendon, None]
+        rest = fields["tendon_lengthspring"][:, self.tendon]  # (simulation, 2): from where to where it is
+        stiffness[:], rest[:] = side_by_side(stiffness, rest, values[:, :1], values[:, 1:])

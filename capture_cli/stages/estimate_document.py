@@ -105,7 +105,7 @@ class Report:
 
     def _recordings(self, joint: Intervals):
         """The estimate of each fitted recording alone, from the joint one on; None for a single recording."""
-        fit = self.prepared.part(~self.is_test)
+        fit = self.result.part
         numbers = [n for n in np.unique(fit.recording) if (fit.recording == n).sum() >= 2]
         if len(numbers) < 2 or not len(self.space):
             return None
@@ -194,8 +194,7 @@ class Report:
         """What the model's time step is in the estimate; None where nothing, or nothing that a user could change."""
         if isinstance(self.prepared.task, ActionTask):
             return None
-        part = self.prepared.part(~self.is_test)
-        shorter = shorter_step(self.fits, part, self.result.at, found)
+        shorter = shorter_step(self.fits, self.result.part, self.result.at, found)
         return None if shorter is None else _time_step(shorter, self.space, self.best.parameters)
 
     def _in_context(self) -> dict | None:
