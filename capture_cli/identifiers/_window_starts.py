@@ -40,16 +40,21 @@ def fit_starts(
     offsets: np.ndarray,
     *,
     tolerance: float,
+    also: np.ndarray | None = None,
 ) -> Linearization:
-    """The linearization where starts near `offsets` (window, state) are the best.
+    """The linearization where starts near `offsets` (window, state), or near those in `also`, are the best.
 
     The evidence has no parameters. tolerance: of the objective over k, summed over windows.
     """
     found = _settled(evidence, evaluate, offsets, tolerance)
-    generator = np.random.default_rng(0)
+    if also is not None:
+        found = _or_from(found, evaluate, also, tolerance, scatter(evidence, found.residual))
+    generator, searched = np.random.default_rng(0), np.zeros(0, dtype=int)
     drawn = generator.standard_normal((DRAWN_IF_ROUGH if evidence.rough else DRAWN, offsets.shape[1]))
     for _ in range(SEARCHES):
         stuck = evidence.standing_out(found.residual)
+        if not evidence.rough:  # there the draws about the best are others each time
+            stuck, searched = np.setdiff1d(stuck, searched), np.union1d(stuck, searched)
         others = evidence.other_starts(found.offsets, stuck, drawn)[:, stuck]
         if not others.size:
             break
@@ -90,11 +95,18 @@ def _begun_elsewhere(
         gains = np.maximum(found.objectives(k) - values[order[0], window], 0.0)
         begun = 1 if gains.sum() >= tolerance * k else 0
     for place in order[:begun]:
-        to_beat = np.inf if found.evidence.rough else found.objectives(k)
-        there = _settled(found.evidence, evaluate, others[place, window], tolerance, k, to_beat)
-        better = there.objectives(k) < found.objectives(k)
-        found = found.with_windows(better, there.windows(better))
+        found = _or_from(found, evaluate, others[place, window], tolerance, k)
     return found
+
+
+def _or_from(
+    found: Linearization, evaluate: EvaluateWindows, offsets: np.ndarray, tolerance: float, k: float
+) -> Linearization:
+    """`found`, with the windows that descend to a better start from `offsets` (window, state)."""
+    to_beat = np.inf if found.evidence.rough else found.objectives(k)
+    there = _settled(found.evidence, evaluate, offsets, tolerance, k, to_beat)
+    better = there.objectives(k) < found.objectives(k)
+    return found.with_windows(better, there.windows(better))
 
 
 def _nearer(
@@ -143,15 +155,11 @@ def _settled(
     """Where the descent of every window ends. held: k, which follows from the residual where None. to_beat (window,):
     objectives that are known to be possible; a descent that does not promise to get there after PATIENCE rounds ends.
     """
-    best, settled = None, np.zeros(len(offsets), dtype=bool)
-    damping = np.zeros(len(offsets))
-    tried = offsets.copy()
-    for number in range(ROUNDS):
-        active = np.flatnonzero(~settled)
-        own = evidence.rows(active)
-        outputs, diverged = evaluate(active, columns(own, NO_PARAMETERS, tried[active]))
-        there = Linearization.from_columns(own, NO_PARAMETERS, tried[active], outputs, diverged)
-        best, better = (there, ~diverged[0]) if best is None else _better(best, there, active, diverged[0])
+    every = np.arange(len(offsets))
+    outputs, diverged = evaluate(every, columns(evidence, NO_PARAMETERS, offsets))
+    best = Linearization.from_columns(evidence, NO_PARAMETERS, offsets, outputs, diverged)
+    active, better, damping = every, ~diverged[0], np.zeros(len(offsets))
+    for number in range(ROUNDS - 1):
         k = scatter(evidence, best.residual) if held is None else held
         damping[active] = np.where(
             better, damping[active] / DAMPING_STEP, np.maximum(DAMPING_STEP * damping[active], k)
@@ -164,13 +172,31 @@ def _settled(
             settled |= best.objectives(k) - gain > to_beat
         if gain[~settled].sum() < tolerance * k:
             break
+        active = np.flatnonzero(~settled)
+        best, better = _moved(best, evaluate, active, tried[active])
     return best
 
 
-def _better(
-    best: Linearization, there: Linearization, active: np.ndarray, diverged: np.ndarray
+def _moved(
+    best: Linearization, evaluate: EvaluateWindows, active: np.ndarray, offsets: np.ndarray
 ) -> tuple[Linearization, np.ndarray]:
-    """`best` with those of the `active` windows that got better `there`, and which of them did."""
+    """`best` with those of the `active` windows that are better at `offsets` (window, state), and which of them are.
+
+    Sensitivities are measured of these alone: of a descent that is stuck most windows are worse, round after round.
+    """
     k = best.scatter
-    better = (there.objectives(k) < best.objectives(k)[active]) & ~diverged
-    return best.with_windows(active[better], there.windows(better)), better
+    outputs, diverged = evaluate(active, Trial(NO_PARAMETERS[None], offsets[None]))
+    there = trial_objectives(best.evidence.rows(active), offsets[None], outputs, diverged, k)[0]
+    better = there < best.objectives(k)[active]
+    which = active[better]
+    if not which.size:
+        return best, better
+    own = best.evidence.rows(which)
+    differences = columns(own, NO_PARAMETERS, offsets[better]).but_first
+    moved, lost = evaluate(which, differences)
+    outputs, diverged = (
+        np.concatenate([outputs[:, better], moved]),
+        np.concatenate([diverged[:, better], lost]),
+    )
+    at = Linearization.from_columns(own, NO_PARAMETERS, offsets[better], outputs, diverged)
+    return best.with_windows(which, at), better

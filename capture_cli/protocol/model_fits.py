@@ -319,10 +319,9 @@ class ModelFits:
         they begin and from where they were measured; and, where contacts need long differences, a whole step on.
         """
         k, before = fit.at.scatter, fit.at.objectives(fit.at.scatter)
-        begin = (fit.offsets, np.zeros_like(fit.offsets))
-        found = [self.starts_at(part, fit, TOLERANCE, offsets) for offsets in begin]
-        offsets = np.stack([fit.offsets, *(f.offsets for f in found)])
-        best, values = best_trials(offsets, np.stack([before, *(f.objectives(k) for f in found)]))
+        found = self.starts_at(part, fit, TOLERANCE, fit.offsets, np.zeros_like(fit.offsets))
+        offsets = np.stack([fit.offsets, found.offsets])
+        best, values = best_trials(offsets, np.stack([before, found.objectives(k)]))
         ways = [(values.sum(), fit.point, best)]
         if part.difference_step and len(fit.point):
             point = fit.space.from_unit(fit.at.x + fit.at.whole_step)
@@ -437,8 +436,15 @@ class ModelFits:
             begin = self._with_states_found(part, fit.effects, fit.point, begin, fit.effects)
         return PartFit.of(self.starts_at(part, fit, tolerance, begin))
 
-    def starts_at(self, part: PreparedLog, fit: Fit, tolerance: float, offsets: np.ndarray) -> Linearization:
-        """The starts of the part's windows at the fit's parameters, from `offsets` (window, state) on."""
+    def starts_at(
+        self,
+        part: PreparedLog,
+        fit: Fit,
+        tolerance: float,
+        offsets: np.ndarray,
+        also: np.ndarray | None = None,
+    ) -> Linearization:
+        """The starts of the part's windows at the fit's parameters, from `offsets` or `also` (window, state) on."""
         simulator = self.simulator(fit.effects)
         evidence = replace(part.evidence(simulator), space=ParameterSpace([]))
 
@@ -448,7 +454,7 @@ class ModelFits:
             padding = evidence.measured.shape[1] - outputs.shape[2]
             return np.pad(outputs, ((0, 0), (0, 0), (0, padding), (0, 0))), diverged
 
-        return fit_starts(evidence, evaluate, offsets, tolerance=tolerance)
+        return fit_starts(evidence, evaluate, offsets, tolerance=tolerance, also=also)
 
     def probe(
         self,
