@@ -117,3 +117,12 @@ def single_control_actuators(model: mujoco.MjModel) -> list[str]:
     return [
         object_name(model, "actuator", a) for a in range(model.nactuator) if model.actuator_ctrlnum[a] == 1
     ]
+
+
+def without_target(model: mujoco.MjModel) -> list[str]:
+    """Those of them whose control is no target of a servo."""
+    return [
+        name
+        for name in single_control_actuators(model)
+        if model.actuator_biasprm[site_id(model, "actuator", name), 1] == 0
+    ]

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from capture_cli.effects._joint_force import ForceOfKernel
-from capture_cli.effects._kernel import Companion, call
+from capture_cli.effects._kernel import Companion, call, kept
 from capture_cli.effects._scales import driven_joints, moving_bodies
 from capture_cli.effects._vibration import Vibration, VibrationEffect
 from capture_cli.effects.base import GLOBAL
@@ -33,13 +33,15 @@ class SprungBase(Vibration):
         super().__init__(timestep=timestep, **rest)
         self.mobility = mobility
         self.before = None  # momentum, kg m/s
+        self.accelerates = 0.0  # x'', m/s^2
 
     def __call__(self, momentum, force, mass):
         """x''. momentum: of what moves, seen from the base; force: its rate, which counts at the first step alone."""
         if self.before is not None:
             force = (momentum - self.before) / self.timestep
         self.before = np.array(momentum)
-        return self.advance(self.mobility * force / mass)
+        self.accelerates = self.advance(self.mobility * force / mass)
+        return self.accelerates
 
 
 def momentum_along(model, axis, cdof, subtree_com, body_subtreemass):
@@ -54,7 +56,8 @@ class BaseCompliance(VibrationEffect):
     """The base is free to move along one axis of the world, on springs: at `frequency` (Hz) and with `damping_ratio` of
     the critical damping where the machine is held. Of the mass on the springs the share `mobility` moves on the base.
 
-    Everything is seen from the base: sensors that stand elsewhere are outside of this.
+    Everything is seen from the base, but for accelerometers, which show its acceleration as well: sensors that stand
+    elsewhere are outside of this.
     """
 
     place = "force"
@@ -66,6 +69,7 @@ class BaseCompliance(VibrationEffect):
         super().__init__(model, site)
         self.axis = AXES.index(site)
         self.moving = moving_bodies(model)
+        self.accelerometers = _accelerometers(model)
 
     @classmethod
     def sites(cls, model):
@@ -77,7 +81,8 @@ class BaseCompliance(VibrationEffect):
 
     def force(self, values, timestep, *, states=None, **_):
         begins = self.begins(values, states, AGITATED * values[:, 0])
-        return ForceOfBase(self, self.coefficients(values) | begins, timestep)
+        kind = ForceOfBase if self.accelerometers else ForceOfUnseenBase
+        return kind(self, self.coefficients(values) | begins, timestep)
 
     def companion(self, name, values):
         given = ["per_speed @ data.qvel", "per_speed @ data.qacc", f"model.body_mass[{self.moving}].sum()"]
@@ -87,10 +92,15 @@ class BaseCompliance(VibrationEffect):
             f"per_speed = momentum_along(model, {self.axis}, {fields})",
             f"data.qfrc_applied -= per_speed * {term}",
         )
-        return Companion((momentum_along, SprungBase), lines, state, ("data.qfrc_applied",))
+        after = tuple(
+            f"data.sensordata[{at}:{at + 3}] += data.site_xmat[{site}].reshape(3, 3)[{self.axis}]"
+            f" * {kept(name)}.accelerates"
+            for at, site in self.accelerometers.items()
+        )
+        return Companion((momentum_along, SprungBase), lines, state, ("data.qfrc_applied",), after)
 
 
-class ForceOfBase(ForceOfKernel):
+class ForceOfUnseenBase(ForceOfKernel):
     """What holds the masses back that move on the base while it accelerates, over a batch, chunk after chunk."""
 
     def __call__(self, world: World) -> None:
@@ -100,6 +110,28 @@ class ForceOfBase(ForceOfKernel):
         momentum, force = (per_speed * world.qvel).sum(axis=1), (per_speed * world.qacc).sum(axis=1)
         accelerates = base(momentum, force, masses[:, effect.moving].sum(axis=1))
         world.qfrc_applied[:] -= per_speed * accelerates[:, None]
+
+
+class ForceOfBase(ForceOfUnseenBase):
+    """That of a base on which there are accelerometers."""
+
+    def __call__(self, world: World) -> None:
+        self.frames = (
+            world.site_xmat
+        )  # asked for before the step: afterwards it would be worked out for its end
+        super().__call__(world)
+
+    def report(self, sensordata: np.ndarray) -> None:
+        """Add what the accelerometers show of the base, in frames of their own, to sensordata (simulation, column)."""
+        for at, site in self.effect.accelerometers.items():
+            axis = self.frames[:, site].reshape(-1, 3, 3)[:, self.effect.axis]
+            sensordata[:, at : at + 3] += axis * self.term.accelerates[:, None]
+
+
+def _accelerometers(model: mujoco.MjModel) -> dict[int, int]:
+    """The site that each is at, by the first of its columns of sensordata."""
+    own = np.flatnonzero(model.sensor_type == int(mujoco.mjtSensor.mjSENS_ACCELEROMETER))
+    return {int(model.sensor_adr[s]): int(model.sensor_objid[s]) for s in own}
 
 
 @lru_cache(maxsize=16)

@@ -5,10 +5,9 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from capture_cli.effects._actuator_effect import ActuatorEffect, single_control_actuators
+from capture_cli.effects._actuator_effect import ActuatorEffect, without_target
 from capture_cli.effects._kernel import OWN_STEP, Companion, bound, call
 from capture_cli.effects._lag import Lag
-from capture_cli.effects._places import site_id
 from capture_cli.effects._scales import control_scale
 from capture_cli.effects.base import GLOBAL
 from capture_cli.parameters import Parameter
@@ -46,8 +45,7 @@ class ControlSupplySag(ActuatorEffect):
     @classmethod
     def together(cls, model: mujoco.MjModel) -> list[str]:
         """Those whose control is no target of a servo."""
-        names = single_control_actuators(model)
-        return [n for n in names if model.actuator_biasprm[site_id(model, "actuator", n), 1] == 0]
+        return without_target(model)
 
     @property
     def parameters(self):
