@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -12,6 +13,7 @@ import pytest
 from capture_cli.diagnosis.expression import REST, expression_terms, formula
 from capture_cli.effects._scales import characteristic_speed
 from capture_cli.protocol import attribution
+from capture_cli.protocol.model_fits import ModelFits
 from capture_cli.simulator import Simulator
 from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.record import record
@@ -73,6 +75,19 @@ def test_a_force_that_the_catalogue_lacks_is_written_as_a_formula(diagnosed, sim
     assert found["select"]["normalized"] == pytest.approx(1, abs=0.1)
     assert found["test"]["normalized"] == pytest.approx(1, abs=0.1)
     assert document["rollouts"]["simulated"] == sum(s.rollouts for s in simulators)
+
+
+def test_one_that_does_no_better_on_what_was_held_out_is_none(diagnosed, monkeypatch):
+    on = ModelFits.on
+
+    def worse(self, part, fit, *rest, **options):
+        judged = on(self, part, fit, *rest, **options)
+        is_test = part.split.is_test.any() and fit.effects
+        return replace(judged, residual=20 * judged.residual) if is_test else judged
+
+    monkeypatch.setattr(ModelFits, "on", worse)
+    found = diagnosed()["expression"]
+    assert (found["terms"], found["text"]) == ([], "no expression explains what is left")
 
 
 def test_it_is_not_looked_for_where_nobody_wants_it(diagnosed, simulators):

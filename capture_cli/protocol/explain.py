@@ -19,7 +19,7 @@ from capture_cli.protocol.log_checks import all_diverged, check_parameters_move_
 from capture_cli.protocol.log_parts import FIT, SELECT, TEST, LogParts
 from capture_cli.protocol.log_starts import as_acted, begins_as_acted
 from capture_cli.protocol.model_comparison import ModelComparison
-from capture_cli.protocol.model_fits import EXACT, Fit, ModelFits, PartFit
+from capture_cli.protocol.model_fits import EXACT, Fit, ModelFits, PartFit, least
 from capture_cli.protocol.next_experiment import next_experiment
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.protocol.repeated_noise import with_noise_of_repeats
@@ -165,7 +165,7 @@ class _Protocol:
         )
         wanted = self.settings.expression and last_time and found.verdict == "unexplained"
         if wanted and after.lacking.lacking:
-            found = replace(found, expression=self._expression(last))
+            found = replace(found, expression=self._expression(last, after))
         return replace(found, rollouts=self.fits.rollouts)
 
     def _attribution(self, candidates: Sequence[Candidate] | None = None) -> Attribution:
@@ -192,19 +192,23 @@ class _Protocol:
 
     def _judged(self, compared: ModelComparison, fit: Fit, *, with_minima: bool) -> JudgedModel:
         name = f"+ {fit.effects[-1].name}" if fit.effects else "declared"
-        judged, seen = compared.judge(fit), self.parts.windows(FIT, SELECT)
-        again = self.fits.fit(
-            seen,
+        judged = compared.judge(fit)
+        again = self._again(fit, judged)
+        minima = []
+        if again is not None and with_minima:
+            again, *minima = self.fits.minima(self.parts.windows(FIT, SELECT), again, self.settings.seed)
+        return JudgedModel(name, fit, again or fit, minima, judged, self._whole(fit, again))
+
+    def _again(self, fit: Fit, judged: PartFit | None) -> Fit | None:
+        """`fit` on all that is not test, from where it ended."""
+        return self.fits.fit(
+            self.parts.windows(FIT, SELECT),
             fit.effects,
             fit.point,
             offsets=starts_found(self.parts, fit, judged),
             offsets_with=fit.effects,
             tolerance=EXACT,
         )
-        minima = []
-        if again is not None and with_minima:
-            again, *minima = self.fits.minima(seen, again, self.settings.seed)
-        return JudgedModel(name, fit, again or fit, minima, judged, self._whole(fit, again))
 
     def _whole(self, fit: Fit, again: Fit | None) -> PartFit:
         """The refit, or the fit where there is none, on every window; what was held out has no say in the others."""
@@ -216,26 +220,46 @@ class _Protocol:
         order = np.argsort(np.concatenate([np.flatnonzero(seen), np.flatnonzero(~seen)]))
         return PartFit.concatenate(parts).rows(order)
 
-    def _expression(self, last: Fit) -> Expression | None:
-        """A sparse expression for the force that is missing in `last`; None where no joint can have one."""
+    def _from_best(self, last: Fit, again: Fit) -> Fit:
+        """`last`, or the same model from where `again` ended on more of the log, where that is better: descents of it
+        were begun elsewhere, too.
+        """
+        seen = self.parts.number[self.parts.number != TEST]
+        other = self.fits.fit(
+            self.parts.windows(FIT),
+            last.effects,
+            again.point,
+            offsets=again.offsets[seen == FIT],
+            offsets_with=last.effects,
+        )
+        return least([last, other])
+
+    def _expression(self, last: Fit, after: JudgedModel) -> Expression | None:
+        """A sparse expression for the force that is missing in `last`; None where no joint can have one.
+
+        after: that model as it is reported. An expression that does no better on what was held out explains nothing.
+        """
         task = self.prepared.task
         terms = expression_terms(task.model, [c.index for c in task.inputs])
         if not terms:
             return None
         search = self._attribution([Candidate(term) for term in terms])
-        found = search.run(last)
+        found = search.run(self._from_best(last, after.again))
         chosen = found.effects[len(last.effects) :]
         if not chosen:
             return Expression()
-        seen, test = self.parts.windows(FIT, SELECT), self.parts.windows(TEST)
-        again = self.fits.fit(seen, found.effects, found.point, tolerance=EXACT) or found
+        selected, test = search.models.judge(found), self.parts.windows(TEST)
+        again = self._again(found, selected) or found
+        tested = None if test is None else self.fits.on(test, again)
+        if tested and tested.normalized >= after.whole.rows(self.parts.number == TEST).normalized:
+            return Expression()
         return Expression(
             [effect for _, effect in chosen],
             again.point[-len(chosen) :],
             intervals(again.at).sd[-len(chosen) :],
             dict(zip(again.space.names, again.point.tolist(), strict=True)),
-            judged=search.models.judge(found),
-            held_out=None if test is None else self.fits.on(test, again),
+            judged=selected,
+            held_out=tested,
         )
 
 
