@@ -180,7 +180,8 @@ def test_outcomes_of_two_at_once(verdict, effects, outcome):
 
 
 def test_two_at_once_are_two_and_both_show():
-    (case,) = [c for c in cases(1, 0) if c.label == "pair/slider/cubic-drag@x&gravity-tilt/3/0"]
+    case = Case(PAIR, "slider", "cubic-drag", "x", 3.0, 0, "gravity-tilt")
+    assert case.label == "pair/slider/cubic-drag@x&gravity-tilt/3/0"
     made, plants = experiment(case, episodes=1)
     nothing = made.log().outputs
     alone = [(plant.effect, plant.values(0.3)) for plant in plants]
