@@ -116,9 +116,8 @@ class ForceOfBase(ForceOfUnseenBase):
     """That of a base on which there are accelerometers."""
 
     def __call__(self, world: World) -> None:
-        self.frames = (
-            world.site_xmat
-        )  # asked for before the step: afterwards it would be worked out for its end
+        # asked for before the step: afterwards it would be worked out for its end
+        self.frames = world.site_xmat
         super().__call__(world)
 
     def report(self, sensordata: np.ndarray) -> None:

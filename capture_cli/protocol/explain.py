@@ -224,6 +224,8 @@ class _Protocol:
         """`last`, or the same model from where `again` ended on more of the log, where that is better: descents of it
         were begun elsewhere, too.
         """
+        if again is last:
+            return last
         seen = self.parts.number[self.parts.number != TEST]
         other = self.fits.fit(
             self.parts.windows(FIT),
