@@ -21,19 +21,22 @@ def outputs(offsets: np.ndarray) -> np.ndarray:
     return np.repeat(values[:, :, None, None], STEPS, axis=2)
 
 
-def fitted() -> tuple[np.ndarray, np.ndarray]:
-    """Offsets (window,) and the largest residual of each window."""
+def fitted(also: float | None = None, counted: list[int] | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Offsets (window,) and the largest residual of each window; counted: how many windows each call simulates."""
     noise = np.random.default_rng(0).normal(size=(WINDOWS, STEPS, 1))
     evidence = Evidence(
         ParameterSpace([]), noise, np.ones(noise.shape, dtype=bool), np.ones(1), np.ones((WINDOWS, 1))
     )
 
     def evaluate(keep, trial):
+        if counted is not None:
+            counted.append(len(trial) * len(keep))
         offsets = np.zeros((len(trial), WINDOWS))
         offsets[:, keep] = trial.offsets[:, :, 0]
         return outputs(offsets)[:, keep], np.zeros((len(trial), len(keep)), dtype=bool)
 
-    found = fit_starts(evidence, evaluate, np.full((WINDOWS, 1), -0.3), tolerance=1e-3)
+    also = None if also is None else np.full((WINDOWS, 1), also)
+    found = fit_starts(evidence, evaluate, np.full((WINDOWS, 1), -0.3), tolerance=1e-3, also=also)
     return found.offsets[:, 0], np.abs(found.residual).max(axis=1)
 
 
@@ -43,3 +46,21 @@ def test_a_window_that_got_stuck_is_begun_elsewhere(monkeypatch):
     monkeypatch.setattr(_window_starts, "SEARCHES", 0)
     offsets, residual = fitted()
     assert offsets[-1] < 0 and residual[-1] > 4 > residual[:-1].max()
+
+
+def test_windows_begin_at_either_of_two_starts(monkeypatch):
+    monkeypatch.setattr(_window_starts, "SEARCHES", 0)
+    (alone, left), (offsets, residual) = fitted(), fitted(also=0.5)
+    assert alone[-1] < 0.3 < offsets[-1], "out of its valley"
+    assert residual[-1] < left[-1]
+    assert np.allclose(offsets[:-1], alone[:-1], atol=0.3), "where the first start is as good"
+
+
+def test_only_windows_that_get_better_are_linearised(monkeypatch):
+    """A round asks for one simulation of every window, and for the differences of those that it helped."""
+    monkeypatch.setattr(_window_starts, "SEARCHES", 0)
+    counted: list[int] = []
+    fitted(counted=counted)
+    first, *rounds = counted
+    assert first == 2 * WINDOWS, "one simulation and one difference each"
+    assert rounds and max(rounds) <= WINDOWS
