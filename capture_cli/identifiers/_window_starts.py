@@ -48,7 +48,7 @@ def fit_starts(
     """
     found = _settled(evidence, evaluate, offsets, tolerance)
     if also is not None:
-        found = _or_from(found, evaluate, also, tolerance, scatter(evidence, found.residual))
+        found = _or_from(found, evaluate, also, tolerance, found.scatter)
     generator, searched = np.random.default_rng(0), np.zeros(0, dtype=int)
     drawn = generator.standard_normal((DRAWN_IF_ROUGH if evidence.rough else DRAWN, offsets.shape[1]))
     for _ in range(SEARCHES):
@@ -160,7 +160,7 @@ def _settled(
     best = Linearization.from_columns(evidence, NO_PARAMETERS, offsets, outputs, diverged)
     active, better, damping = every, ~diverged[0], np.zeros(len(offsets))
     for number in range(ROUNDS - 1):
-        k = scatter(evidence, best.residual) if held is None else held
+        k = best.scatter if held is None else held
         damping[active] = np.where(
             better, damping[active] / DAMPING_STEP, np.maximum(DAMPING_STEP * damping[active], k)
         )
@@ -194,9 +194,7 @@ def _moved(
     own = best.evidence.rows(which)
     differences = columns(own, NO_PARAMETERS, offsets[better]).but_first
     moved, lost = evaluate(which, differences)
-    outputs, diverged = (
-        np.concatenate([outputs[:, better], moved]),
-        np.concatenate([diverged[:, better], lost]),
-    )
+    outputs = np.concatenate([outputs[:, better], moved])
+    diverged = np.concatenate([diverged[:, better], lost])
     at = Linearization.from_columns(own, NO_PARAMETERS, offsets[better], outputs, diverged)
     return best.with_windows(which, at), better
