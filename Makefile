@@ -41,8 +41,8 @@ test: dev
 
 # every stage once, by shell, on sizes that take minutes
 pipeline: install
-	folder=$$(mktemp -d) && trap 'rm -rf "$$folder"' EXIT && \
-		CAPTURE="$(CURDIR)/$(BIN)/capture" docs/pipeline.sh "$$folder"
+	rm -rf runs/pipeline
+	CAPTURE="$(CURDIR)/$(BIN)/capture" docs/pipeline.sh runs/pipeline
 
 lint: dev
 	$(BIN)/ruff check .

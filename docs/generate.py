@@ -225,6 +225,10 @@ _HELD_OUT = (
     "{parameters, error, text}"
 )
 _IMPOSSIBLE = "bodies whose estimated inertia no body has: {body, moments (kg m^2), text}"
+_TIME_STEP = (
+    "null, or what the model's time step is in what was found: {finer (s), parameters (where they would be, about, in "
+    "such steps), text}"
+)
 _FLOOR_SOURCE = "declared, repeats, differences, residual, outliers or resolution (docs/concepts.md)"
 _LACK = {
     "normalized": "error of the fit over the noise floor, degrees of freedom allowed for",
@@ -259,8 +263,7 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str]]] = {
             "impossible_inertia": _IMPOSSIBLE,
             "unmeasured_joints": "list of joints whose position at the start of a window nothing says",
             "open_loops": "{equality constraint: by how much it stays open, m or rad, where joints are as measured}",
-            "time_step": "null, or what the model's time step is in the estimate: {finer (s), parameters (where they "
-            "would be, about, in such steps), text}",
+            "time_step": _TIME_STEP,
             "correlation[][]": "of the estimates, (parameter, parameter)",
             "recordings": "null, or how the recordings agree: {names, agree, parameters, text}",
             "split.how": "how windows were divided into fit and test, in words",
@@ -270,12 +273,14 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str]]] = {
             "rollouts.simulated": "windows simulated in all",
             "rounds[].parameters.NAME": "estimate after each round over the episodes, then best point of the fit",
             "rounds[].error": "its error over the noise floor",
+            "misread": "null, or channels whose sign or unit leaves what no physics would: {readings (any of "
+            "which would do: {kind, channels, factor}), before, after (share of the motion that a fit leaves), text}",
             "cut_short": "null, or after how many rounds the search was stopped before it came to rest",
             "in_context": "null, or what a learned identifier's rounds over the episodes gave: {checkpoint, sha256, "
             "rounds, episodes, proposal, proposal_sd, share_beyond (of the training histories that lie as far out), "
             "in_family, contradicted (by the fit), fallback (to a fit with the starts freed), text}",
             "next_command": "the command to run next; null where there is none, as where only what was held out is not "
-            "explained: `diagnose` finds what is missing in what was fitted",
+            "explained (`diagnose` finds what is missing in what was fitted), and where a channel is `misread`",
         },
     ),
     "diagnosis.json": (
@@ -315,6 +320,7 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str]]] = {
             **{f"lack_of_fit.after.{k}": f"{v}; with the effects" for k, v in _LACK.items()},
             "held_out": _HELD_OUT,
             "impossible_inertia": _IMPOSSIBLE,
+            "time_step": _TIME_STEP,
             "absorbed.NAME.before": "a declared parameter without the effects, for which it had been standing in",
             "absorbed.NAME.after": "with them",
             "absorbed.NAME.unit": "its unit",

@@ -13,7 +13,8 @@ import pytest
 from capture_cli.errors import FitError, LogError, OptionError
 from capture_cli.identifiers import REGISTRY
 from capture_cli.identifiers.least_squares import LeastSquares
-from capture_cli.reports import findings
+from capture_cli.reports import diagnosis_findings, findings
+from capture_cli.stages import diagnose as diagnose_stage
 from capture_cli.stages import identify as stage
 from capture_cli.stages.chosen_identifier import ChosenIdentifier
 from capture_cli.stages.estimate_document import Report
@@ -352,6 +353,28 @@ def test_a_log_that_was_simulated_in_the_models_own_steps_is_not_said_to_be_othe
         1.4, abs=4 * found["parameters"]["mass"]["sd"]
     )
     assert found["time_step"] is None
+
+
+def test_where_a_shorter_time_step_would_put_what_is_beside_an_effect_is_said(
+    plant, coarse, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(diagnose_stage, "_write_pages", lambda *_: None)
+    log = plant(
+        coarse,
+        parameters={"mass": 1.4, "damping": 9.0},
+        effects=["constant-force@x=3.0", "finer-time-step@quarter"],
+        noise=6e-3,
+        rate=50.0,
+        episodes=4,
+    )
+    found = diagnose_stage.diagnose(
+        real_log=log.path, out=tmp_path / "diagnosis", task=str(coarse), threads=1, quiet=True
+    ).document
+    assert len(found["effects"]) == 1
+    value, sd = (found["parameters"]["damping"][key] for key in ("value", "sd"))
+    assert 9.0 - value > 4 * sd
+    assert found["time_step"]["parameters"]["damping"] == pytest.approx(9.0, abs=3 * sd)
+    assert found["time_step"]["text"] in diagnosis_findings.notes(found)
 
 
 def test_an_effect_that_is_not_declared_is_unexplained(plant, identify, tmp_path):

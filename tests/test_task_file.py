@@ -232,6 +232,7 @@ MISTAKES = {
     "input-scale-zero": ('unit = "N"', 'unit = "N"\nscale = 0', INPUT, ["scale = 0", "the factor"]),
     "input-interpolate": ('unit = "N"', 'unit = "N"\ninterpolate = "cubic"', INPUT, ["'cubic'", '"hold"', '"linear"']),
     "output-sensor": ("outputs.q", "outputs.qq", "[outputs.qq]", ["no sensor 'qq'", "'q'", "where"]),
+    "output-joint": ("outputs.q", "outputs.a", "[outputs.a]", ["no sensor 'a'", '<jointpos name="a" joint="a"/>']),
     "output-unknown-key": ('column = "q_m"', 'column = "q_m"\nnoise = 1', OUTPUT, ["'noise'", "'noise_sd'"]),
     "output-column": ('column = "q_m"\n', "", OUTPUT, ["'column' is missing", "has 1 value\n", "one column"]),
     "output-column-type": ('column = "q_m"', "column = 3", OUTPUT, ["column = 3", "one column"]),

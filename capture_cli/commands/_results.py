@@ -6,9 +6,9 @@ from typing import Any
 
 
 def print_json(document: Any) -> None:
-    import json
+    from capture_cli.json_text import json_text
 
-    print(json.dumps(document, indent=2, allow_nan=False))
+    print(json_text(document))
 
 
 def console():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -33,7 +34,9 @@ def export(
     if json_:
         beside = {"companion": str(written.companion)} if written.companion else {}
         print_json({"model": str(written.model), **beside})
-    elif not quiet:
+    if written.verdict in ("unexplained", "not-identifiable") and not quiet:
+        print(f"warning: {result} is {written.verdict!r}. {written.summary}", file=sys.stderr)
+    if not json_ and not quiet:
         print(f"{out}: written; load it with mujoco.MjModel.from_xml_path({str(out)!r})")
         if written.companion:
             print(

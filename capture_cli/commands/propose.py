@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -53,6 +54,7 @@ def propose(
     )
     if out is None:
         print_json(document)
-        return
-    with new_file(out, force=force) as file:
-        write_json(file, document)
+    else:
+        with new_file(out, force=force) as file:
+            write_json(file, document)
+    print(document["text"], file=sys.stderr)

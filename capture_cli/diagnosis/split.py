@@ -106,7 +106,7 @@ def _last_block(episode: np.ndarray) -> Split:
     if len(episode) < 2:
         raise LogError(
             "the log is one window long: too short to hold any back",
-            cure="record more, set a shorter `window` under [log] (or --window), or pass --test none",
+            cure="set a shorter `window` under [log] (--window 0.5 is half a second), record more, or pass --test none",
         )
     count = max(1, round(TEST_SHARE * len(episode)))
     is_test[-count:] = True

@@ -24,6 +24,7 @@ from capture_cli.protocol.next_experiment import next_experiment
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.protocol.repeated_noise import with_noise_of_repeats
 from capture_cli.protocol.residual_noise import with_noise_of_residual, with_outliers
+from capture_cli.protocol.time_step import shorter_step
 
 # what is tried, its number, of how many, what was found so far
 OnStep = Callable[[str, int, int, Sequence[str]], None]
@@ -161,12 +162,17 @@ class _Protocol:
                 after.whole,
                 self.parts.number == TEST,
             ),
+            shorter_step=shorter_step(self.fits, self._seen(after), after.again, after.intervals),
             next_experiment=next_experiment(self.fits, after.fit, [c.fit for c in tied], self.settings.seed),
         )
         wanted = self.settings.expression and last_time and found.verdict == "unexplained"
         if wanted and after.lacking.lacking:
             found = replace(found, expression=self._expression(last, after))
         return replace(found, rollouts=self.fits.rollouts)
+
+    def _seen(self, model: JudgedModel) -> PreparedLog:
+        """What its refit was made of."""
+        return self.parts.windows(*((FIT,) if model.again is model.fit else (FIT, SELECT)))
 
     def _attribution(self, candidates: Sequence[Candidate] | None = None) -> Attribution:
         return Attribution(

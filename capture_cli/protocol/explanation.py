@@ -15,6 +15,7 @@ from capture_cli.protocol.candidates import Candidate
 from capture_cli.protocol.held_out import HeldOut
 from capture_cli.protocol.log_parts import TEST, LogParts
 from capture_cli.protocol.model_fits import Fit, PartFit
+from capture_cli.protocol.time_step import ShorterStep
 from capture_cli.simulator import Begun, Motion
 
 
@@ -70,6 +71,7 @@ class Explanation:
 
     models: the declared one, then each with one more of the `accepted` effects. motion: of the last, in every window.
     begun: where that begins. held_out: whether that model holds on the test part.
+    shorter_step: what the model's time step is in that model's values; None where nothing.
     next_experiment: what would separate the first tie. rollouts: windows simulated in all.
     """
 
@@ -80,6 +82,7 @@ class Explanation:
     motion: Motion
     begun: Begun
     held_out: HeldOut
+    shorter_step: ShorterStep | None
     next_experiment: dict[str, Any] | None
     expression: Expression | None = None
     rollouts: int = 0

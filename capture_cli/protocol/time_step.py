@@ -17,6 +17,7 @@ from capture_cli.linearization import Linearization
 from capture_cli.protocol.candidates import thinned
 from capture_cli.protocol.model_fits import AS_GOOD, Fit, ModelFits
 from capture_cli.protocol.prepared_log import PreparedLog
+from capture_cli.tasks.base import ActionTask
 
 FINER = "finer-time-step"
 MATERIAL = 0.01  # of a value, or of its range where that is larger by ten times: less is nobody's concern
@@ -40,12 +41,16 @@ def shorter_step(fits: ModelFits, part: PreparedLog, fit: Fit, found: Intervals)
     """What a quarter of the model's time step would make of the `fit` of the part; None where nothing, or where the log
     speaks against it, as one does that was simulated in the model's own steps.
 
+    None as well where the task is a built-in one, or the steps are shorter already: nobody could change them.
     From one simulation of as many windows as a score needs, by the sensitivities of the fit. Where contacts make the
     error rough these say too little.
     """
-    if not len(fit.space) or fit.at.evidence.rough:
+    task = fits.prepared.task
+    if not len(fit.space) or fit.at.evidence.rough or isinstance(task, ActionTask):
         return None
-    model = fits.prepared.task.model
+    if any(placed.kind == FINER for placed in fit.effects):
+        return None
+    model = task.model
     finer = Placed(FINER, REGISTRY.get(FINER)(model, "quarter"))
     part, at = thinned(part, fit)
     residuals, diverged = fits.probe(part, replace(fit, at=at), finer, np.zeros((1, 0)))

@@ -7,7 +7,15 @@ from dataclasses import dataclass
 from typing import Any
 
 from capture_cli.effects.placed import placed_name
-from capture_cli.reports.findings import NOT_ALIKE, UNTRUSTED, beyond_chance, impossible, left_open
+from capture_cli.reports.findings import (
+    NOT_ALIKE,
+    UNTRUSTED,
+    beyond_chance,
+    impossible,
+    left_open,
+    outputs_left,
+    time_step,
+)
 from capture_cli.reports.quantities import (
     floor_unit,
     scaled_unit,
@@ -213,6 +221,11 @@ def left_over(document: Mapping[str, Any]) -> str:
     return f"A little is left: the {beyond_chance(lack)}"
 
 
+def suspicions(diagnosis: Diagnosis) -> list[str]:
+    """What looks like a mistake in the log or the task file; to be read before the notes."""
+    return outputs_left(diagnosis, diagnosis.document["stages"][-1]["fit"])
+
+
 def notes(document: Mapping[str, Any]) -> list[str]:
     """What a reader has to know before using the answer, most important first."""
     found = [f"{left_over(document)}: this may not be all."] if left_over(document) else []
@@ -229,6 +242,7 @@ def notes(document: Mapping[str, Any]) -> list[str]:
             found.append(UNTRUSTED)
     found += left_open(document)
     found += impossible(document)
+    found += time_step(document)
     found += [
         f"{name} is at the end of its range: the range, not the log, decides it."
         for name, p in document["parameters"].items()

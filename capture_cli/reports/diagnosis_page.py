@@ -51,7 +51,7 @@ def render(diagnosis: Diagnosis, provenance: Mapping[str, Any] | None) -> str:
             document["verdict"],
             badge,
             document["summary"],
-            notes=findings.notes(document),
+            notes=[*findings.suspicions(diagnosis), *findings.notes(document)],
         ),
         _tiles(diagnosis, provenance),
         _effects(document),

@@ -10,6 +10,7 @@ import numpy as np
 
 from capture_cli.reports.quantities import bound, floor_unit, scaled_unit, significant, with_unit
 from capture_cli.stores.estimate import Estimate
+from capture_cli.stores.result import Result
 
 # Of the motion within a window, and times the noise floor: physics seldom leaves so much
 LEFT, ABOVE = 0.5, 3.0
@@ -97,7 +98,7 @@ def notes(document: Mapping[str, Any]) -> list[str]:
         found.append(document["in_context"]["text"])
     found += unmeasured(document)
     found += left_open(document)
-    found += [item["text"] for item in document["undetermined"]]
+    found += dict.fromkeys(item["text"] for item in document["undetermined"])
     found += impossible(document)
     found += [_at_bound(n, p) for n, p in document["parameters"].items() if p["at_bound"]]
     found += time_step(document)
@@ -169,11 +170,17 @@ def suspicions(estimate: Estimate) -> list[str]:
     document = estimate.document
     if cut_short(document):
         return []
-    rmse = (document["error"]["fit"] or {}).get("rmse") or {}
-    floors = document["noise_floor"]
+    if document.get("misread"):
+        return [document["misread"]["text"]]
+    return outputs_left(estimate, document["error"]["fit"])
+
+
+def outputs_left(result: Result, error: Mapping[str, Any] | None) -> list[str]:
+    """Whether the `error` of what was fitted is most of the motion of some output: then it is not physics."""
+    rmse, floors = (error or {}).get("rmse") or {}, result.document["noise_floor"]
     far = [
         o["name"]
-        for o, motion in zip(estimate.attributes["outputs"], _motion(estimate), strict=True)
+        for o, motion in zip(result.attributes["outputs"], _motion(result), strict=True)
         if (rmse.get(o["name"]) or 0.0) > max(LEFT * motion, ABOVE * floors[o["name"]]) and motion > 0
     ]
     if not far:
@@ -184,12 +191,12 @@ def suspicions(estimate: Estimate) -> list[str]:
     ]
 
 
-def _motion(estimate: Estimate) -> np.ndarray:
+def _motion(result: Result) -> np.ndarray:
     """(output,): how far the measured values are from their mean over the window, root mean square."""
-    measured = np.asarray(estimate.arrays["step/measured"])
+    measured = np.asarray(result.arrays["step/measured"])
     sampled = np.isfinite(measured)
     measured = np.where(sampled, measured, 0.0)
-    _, own = np.unique(np.asarray(estimate.arrays["step/window"]), return_inverse=True)
+    _, own = np.unique(np.asarray(result.arrays["step/window"]), return_inverse=True)
     sums, counts = (np.zeros((own.max() + 1, measured.shape[1])) for _ in range(2))
     np.add.at(sums, own, measured)
     np.add.at(counts, own, sampled)

@@ -76,7 +76,7 @@ def print_diagnosis(diagnosis: Diagnosis, console: Console, out_path: Path) -> N
         ("where", words.strongest_covariate(document) if is_unexplained else ""),
         ("formula", _formula_line(document)),
         *_rivals_line(document),
-        ("note", " ".join([*findings.left_open(document), *findings.impossible(document)])),
+        ("note", " ".join(_beside(diagnosis))),
         ("next", words.next_experiment(document)),
     ):
         if line:
@@ -92,6 +92,13 @@ def print_diagnosis(diagnosis: Diagnosis, console: Console, out_path: Path) -> N
     elif screen.lines < MOST_LINES:
         sizes = "; ".join(f"{words.placed(e)} {_sizes(e)}".strip() for e in document["effects"])
         screen.wrapped(" " * MARK, sizes, "", most=MOST_LINES - screen.lines)
+
+
+def _beside(diagnosis: Diagnosis) -> list[str]:
+    """What has to be known beside the answer, and no other line says."""
+    document = diagnosis.document
+    found = [findings.left_open, findings.impossible, findings.time_step]
+    return [*diagnosis_findings.suspicions(diagnosis), *(text for told in found for text in told(document))]
 
 
 class _Screen:

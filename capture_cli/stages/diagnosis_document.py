@@ -24,6 +24,7 @@ from capture_cli.stages.result_document import (
     measured_arrays,
     noise_floor_of,
     start_arrays,
+    time_step_of,
 )
 from capture_cli.stores.diagnosis import FORMAT, VERSION, Diagnosis
 from capture_cli.stores.measured_log import MeasuredLog
@@ -75,6 +76,7 @@ def _document(found: Explanation, curves: list[dict[str, Any]]) -> dict[str, Any
             after.again.point[: len(task.space)],
             [(a.placed.effect, after.again.point[after.again.columns(a.name)]) for a in found.accepted],
         ),
+        "time_step": time_step_of(found.shorter_step, after.again.space, after.again.point),
         "absorbed": _absorbed(before.again, after.again, sure.sd),
         "candidates": [_candidate(c) for c in _ranked(found)],
         "localisation": curves,

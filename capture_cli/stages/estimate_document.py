@@ -12,13 +12,12 @@ from capture_cli.identifiers.base import Trial
 from capture_cli.identifiers.intervals import Intervals, intervals
 from capture_cli.identifiers.least_squares import CONVERGED_GAIN
 from capture_cli.identifiers.rounds import Rounds
-from capture_cli.parameters import ParameterSpace
 from capture_cli.protocol.held_out import HeldOut, held_out
 from capture_cli.protocol.model_fits import TOLERANCE, Fit, PartFit
 from capture_cli.protocol.prepared_log import PreparedLog
-from capture_cli.protocol.time_step import ShorterStep, shorter_step
+from capture_cli.protocol.time_step import shorter_step
 from capture_cli.reports.findings import NOT_ALIKE, beyond_chance
-from capture_cli.reports.quantities import bound, scaled_unit, significant, with_unit
+from capture_cli.reports.quantities import significant
 from capture_cli.sim.coordinate_sources import unmeasured_joints
 from capture_cli.stages.earlier_estimate import EarlierEstimate
 from capture_cli.stages.estimation import Found
@@ -32,6 +31,7 @@ from capture_cli.stages.result_document import (
     measured_arrays,
     noise_floor_of,
     start_arrays,
+    time_step_of,
 )
 from capture_cli.stores.estimate import FORMAT, HISTORY, VERSION, Estimate
 from capture_cli.stores.output import sha256
@@ -39,7 +39,6 @@ from capture_cli.tasks.base import ActionTask, Task
 
 ROUGH = 1.0  # of the objective over k: a standard error
 DISAGREE_P = 0.01  # of all parameters together, Bonferroni
-MOST_NAMED = 3  # parameters
 
 
 class Report:
@@ -171,7 +170,11 @@ class Report:
             "impossible_inertia": impossible_inertia_of(prepared.task, self.best.parameters),
             "unmeasured_joints": _unmeasured_joints(prepared.task),
             "open_loops": dict(prepared.starts.open_loops),
-            "time_step": self._time_step(found),
+            "time_step": time_step_of(
+                shorter_step(self.fits, self.result.part, self.result.at, found),
+                self.space,
+                self.best.parameters,
+            ),
             "correlation": _correlation(found.covariance).tolist(),
             "recordings": None if recordings is None else recordings["document"],
             "split": {
@@ -184,18 +187,12 @@ class Report:
                 {"parameters": self.space.to_dict(b.parameters), "error": float(b.error)}
                 for b in self.history
             ],
+            "misread": None,
             "cut_short": self.result.cut_short,
             "in_context": self._in_context(),
             "next_command": None,
         }
         return document
-
-    def _time_step(self, found: Intervals) -> dict | None:
-        """What the model's time step is in the estimate; None where nothing, or nothing that a user could change."""
-        if isinstance(self.prepared.task, ActionTask):
-            return None
-        shorter = shorter_step(self.fits, self.result.part, self.result.at, found)
-        return None if shorter is None else _time_step(shorter, self.space, self.best.parameters)
 
     def _in_context(self) -> dict | None:
         """What the rounds over the episodes gave; those of the earlier estimate where there were none now."""
@@ -271,22 +268,6 @@ def _agreement(names, values: np.ndarray, sd: np.ndarray, gain: float, parameter
     }
 
 
-def _time_step(shorter: ShorterStep, space: ParameterSpace, point: np.ndarray) -> dict:
-    would_be = {space.names[i]: (float(shorter.point[i]), float(point[i])) for i in shorter.moved}
-    units = {p.name: p.unit for p in space.parameters}
-    said = ", ".join(
-        f"{name} would be about {with_unit(significant(there), units[name])} ({significant(here)})"
-        for name, (there, here) in list(would_be.items())[:MOST_NAMED]
-    )
-    factor, unit = scaled_unit("s", shorter.finer)
-    text = (
-        f"The model's time step is in the estimate: in steps of {bound(shorter.finer * factor)} {unit}, and not "
-        f'{bound(shorter.step * factor)}, {said}. Give the model a shorter timestep, or integrator="RK4".'
-    )
-    parameters = {name: there for name, (there, _) in would_be.items()}
-    return {"finer": shorter.finer, "parameters": parameters, "text": text}
-
-
 def _unmeasured_joints(task: Task) -> list[str]:
     """Joints whose position at the start of a window is a guess: no output, action or loop of the model says it."""
     if isinstance(task, ActionTask) or task.model.neq:
@@ -304,7 +285,9 @@ def _undetermined(found: Intervals, names) -> list[dict]:
         text = (
             f"this log does not determine {names[main[0]]}"
             if len(main) == 1
-            else "only a combination of " + ", ".join(names[i] for i in main) + " shows in the outputs"
+            else "only a combination of "
+            + ", ".join(names[i] for i in sorted(main))
+            + " shows in the outputs"
         )
         result.append({"combination": combination, "sd_over_range": float(min(sd, 1e6)), "text": text})
     return result
@@ -330,11 +313,16 @@ def _summary(
         )
     if verdict == "unexplained":
         why = "The search was not finished." if cut_short else "The model lacks something."
-        return f"These parameters do not explain the log: the {beyond_chance(lacking)}. {why}"
+        return unexplained(lacking, why)
     if verdict == "not-identifiable":
         names = dict.fromkeys(name for u in undetermined for name in u["combination"])
         return f"The fit reaches the noise floor, but the log does not determine {', '.join(names)}."
     return f"The parameters explain the log: the error is {significant(lacking['normalized'])} times the noise floor."
+
+
+def unexplained(lacking: dict[str, Any], why: str) -> str:
+    """The summary where the fit leaves something, `lacking`."""
+    return f"These parameters do not explain the log: the {beyond_chance(lacking)}. {why}"
 
 
 def _correlation(covariance: np.ndarray) -> np.ndarray:

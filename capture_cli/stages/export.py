@@ -34,11 +34,16 @@ WithValues = Mapping[str, tuple[Effect, np.ndarray]]  # {NAME@SITE: (effect, its
 
 @dataclass(frozen=True)
 class Exported:
-    """model: the MJCF. companion: the Python module beside it, None where nothing needs one; effects: those in it."""
+    """model: the MJCF. companion: the Python module beside it, None where nothing needs one; effects: those in it.
+
+    verdict, summary: those of what was exported.
+    """
 
     model: Path
     companion: Path | None
     effects: tuple[str, ...]
+    verdict: str
+    summary: str
 
 
 def export(*, result: Path, out: Path, task: str | None = None, force: bool = False) -> Exported:
@@ -87,7 +92,7 @@ def export(*, result: Path, out: Path, task: str | None = None, force: bool = Fa
             files.enter_context(new_file(companion, force=force)).write_text(module, encoding="utf-8")
     if stale:
         module_path.unlink()
-    return Exported(out, companion, tuple(beside))
+    return Exported(out, companion, tuple(beside), found["verdict"], found.get("summary", ""))
 
 
 def _is_exported(path: Path) -> bool:

@@ -6,22 +6,24 @@ import importlib
 import shlex
 import threading
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from capture_cli.identifiers.least_squares import LeastSquares
 from capture_cli.protocol.log_checks import check_parameters_move_outputs
+from capture_cli.protocol.misread_channels import misread_channels
 from capture_cli.protocol.model_fits import ModelFits
 from capture_cli.protocol.prepare import prepare
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.protocol.repeated_noise import with_noise_of_repeats
 from capture_cli.protocol.residual_noise import with_noise_of_residual
-from capture_cli.reports.findings import is_fit_explained
+from capture_cli.reports.findings import is_fit_explained, suspicions
 from capture_cli.stages.chosen_identifier import ChosenIdentifier, choose_identifier
 from capture_cli.stages.earlier_estimate import EarlierEstimate
-from capture_cli.stages.estimate_document import Report
+from capture_cli.stages.estimate_document import Report, unexplained
 from capture_cli.stages.estimation import (
     ROUNDS,
     Found,
@@ -93,9 +95,14 @@ def identify(
         search = _Search(prepared, chosen, progress, starts, rounds, options["seed"], threads, earlier)
         result = search.run()
         estimate = Report(result, chosen.name, options["seed"], earlier, progress).estimate()
-    lacking = estimate.document["verdict"] == "unexplained" and not is_fit_explained(estimate.document)
-    if lacking and not estimate.document["cut_short"]:
-        estimate.document["next_command"] = shlex.join(
+        document = estimate.document
+        if suspicions(estimate) and not isinstance(found, ActionTask):
+            document["misread"] = _misread(search, options["window"])
+        if document["misread"] and document["lack_of_fit"]["lacking"]:
+            document["summary"] = unexplained(document["lack_of_fit"], "A channel seems to be misread.")
+    lacking = document["verdict"] == "unexplained" and not is_fit_explained(document)
+    if lacking and not document["cut_short"] and not document["misread"]:
+        document["next_command"] = shlex.join(
             ["capture", "diagnose", "--real-log", str(real_log), "--estimate", str(out)]
         )
     with new_directory(out, force=force or resume) as folder:
@@ -178,6 +185,17 @@ class _Search:
             return found
         found = with_longer_differences(found, self.progress, seed=self.seed, threads=self.threads)
         return unstuck(found, self.progress, seed=self.seed)
+
+
+def _misread(search: _Search, window: float | None) -> dict[str, Any] | None:
+    """A channel whose sign or unit leaves what no physics would; None where none is found."""
+    progress = search.progress
+
+    def tell(done: int, total: int) -> None:
+        progress.step(progress.part("other signs and units,", done, total))
+
+    found = misread_channels(search.prepared, window, search.threads, tell)
+    return None if found is None else {**asdict(found), "text": found.text}
 
 
 def _import_meanwhile(modules: Sequence[str]) -> None:

@@ -80,11 +80,19 @@ def propose(
             raise OptionError(f"--amplitude: {machine.name!r} is driven by actions", cure="leave it out")
         if policy is not None:
             return _by_policy(machine, policy, estimate, generator)
-        return _action(machine, known, candidates, generator, threads)
+        return _doubted(_action(machine, known, candidates, generator, threads), estimate)
     if policy is not None:
         raise OptionError(f"--policy: {machine.name!r} has no actions", cure="leave it out")
     farthest = _farthest(Path(result), machine, estimate, amplitude or {})
-    return _multisine(machine, known, farthest, generator, threads)
+    return _doubted(_multisine(machine, known, farthest, generator, threads), estimate)
+
+
+def _doubted(proposed: dict[str, Any], estimate: Estimate) -> dict[str, Any]:
+    """What is proposed for the estimate, and what that is worth where the model lacks something."""
+    if estimate.document["verdict"] != "unexplained":
+        return proposed
+    doubt = "; the model does not explain its log, and then what is expected means little"
+    return {**proposed, "text": proposed["text"] + doubt}
 
 
 def _machine(folder: Path, task: str | None, kind: type[Result]) -> tuple[Task, str]:

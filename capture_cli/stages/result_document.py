@@ -13,12 +13,15 @@ from capture_cli.parameters import ParameterSpace
 from capture_cli.protocol.held_out import HeldOut
 from capture_cli.protocol.model_fits import PartFit
 from capture_cli.protocol.prepared_log import PreparedLog
-from capture_cli.reports.quantities import significant, with_unit
+from capture_cli.protocol.time_step import ShorterStep
+from capture_cli.reports.quantities import bound, scaled_unit, significant, with_unit
 from capture_cli.sim.engine import ModelFields
 from capture_cli.sim.impossible_inertia import impossible_inertias
 from capture_cli.simulator import Begun
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.tasks.base import Task
+
+MOST_NAMED = 3  # parameters that a sentence says
 
 
 def error_of(prepared: PreparedLog, on: PartFit) -> dict[str, Any] | None:
@@ -94,6 +97,27 @@ def impossible_inertia_of(
         {"body": i.body, "moments": i.moments, "text": f"{_sentence(i.text)} {_sentence(i.cure)}"}
         for i in impossible_inertias(fields)
     ]
+
+
+def time_step_of(
+    shorter: ShorterStep | None, space: ParameterSpace, point: np.ndarray
+) -> dict[str, Any] | None:
+    """Where parameters, `space` at `point` (parameter,), would be in shorter steps; None where they would be there."""
+    if shorter is None:
+        return None
+    would_be = {space.names[i]: (float(shorter.point[i]), float(point[i])) for i in shorter.moved}
+    units = {p.name: p.unit for p in space.parameters}
+    said = ", ".join(
+        f"{name} would be about {with_unit(significant(there), units[name])} ({significant(here)})"
+        for name, (there, here) in list(would_be.items())[:MOST_NAMED]
+    )
+    factor, unit = scaled_unit("s", shorter.finer)
+    text = (
+        f"The model's time step is in the estimate: in steps of {bound(shorter.finer * factor)} {unit}, and not "
+        f'{bound(shorter.step * factor)}, {said}. Give the model a shorter timestep, or integrator="RK4".'
+    )
+    parameters = {name: there for name, (there, _) in would_be.items()}
+    return {"finer": shorter.finer, "parameters": parameters, "text": text}
 
 
 def _sentence(words: str) -> str:

@@ -70,6 +70,7 @@ SHAPE = {  # of what is read of diagnosis.json
     "task": TEXT,
     "log": {"path": TEXT, "first_time?": NUMBER},
     "verdict": TEXT,
+    "summary?": TEXT,
     "parameters": {str: {"value": NUMBER}},
     "effects": [{"name": TEXT, "site": TEXT, "parameters": {str: {"value": NUMBER, "high": NUMBER}}}],
     "next_experiment?": or_none(OBJECT),

@@ -85,6 +85,7 @@ SHAPE = {  # of what is read of estimate.json
     "rounds": [OBJECT],
     "split": {"how": TEXT},
     "verdict": TEXT,
+    "summary?": TEXT,
 }
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.metadata
-import json
 import platform
 import time
 from collections.abc import Mapping
@@ -12,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from capture_cli import __version__
+from capture_cli.json_text import json_text
 from capture_cli.stores.output import PROVENANCE, sha256
 
 FORMAT, VERSION = "capture/provenance", 1
@@ -55,4 +55,4 @@ class Provenance:
 
 def write_json(path: Path, document: Mapping[str, Any]) -> None:
     """Write `document`, refusing NaN and infinity, which JSON does not have."""
-    path.write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    path.write_text(json_text(document) + "\n", encoding="utf-8")

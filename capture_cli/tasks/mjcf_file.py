@@ -19,6 +19,11 @@ from capture_cli.sim.target_names import least_value, object_id, parse_target, s
 from capture_cli.tasks.base import Channel, LogColumns, Task
 
 FORMAT = 1
+_JOINT_SENSORS = {
+    int(mujoco.mjtJoint.mjJNT_HINGE): "jointpos",
+    int(mujoco.mjtJoint.mjJNT_SLIDE): "jointpos",
+    int(mujoco.mjtJoint.mjJNT_BALL): "ballquat",
+}
 _AXES = {1: ("",), 2: ("_x", "_y"), 3: ("_x", "_y", "_z"), 4: ("_w", "_x", "_y", "_z")}
 
 
@@ -122,10 +127,7 @@ class MjcfFile(Task):
         _known(entry, {"column", "unit", "scale", "offset", "noise_sd", "period", "sparse"}, where)
         number = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_SENSOR, name)
         if number < 0:
-            names = [self.model.sensor(i).name for i in range(self.model.nsensor)]
-            raise ModelError(
-                f"{where}: the model has no sensor {name!r}", cure=did_you_mean(name, filter(None, names))
-            )
+            raise ModelError(f"{where}: the model has no sensor {name!r}", cure=self._sensor_to_take(name))
         if self.model.sensor_history[number, 0] or self.model.sensor_interval[number].any():
             raise ModelError(
                 f"{where}: the sensor has a delay or an interval, and windows begin with an empty memory",
@@ -170,6 +172,17 @@ class MjcfFile(Task):
             )
             for i in range(size)
         ]
+
+    def _sensor_to_take(self, name: str) -> str:
+        """The cure where no sensor is called `name`."""
+        names = [self.model.sensor(i).name for i in range(self.model.nsensor)]
+        joint = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_JOINT, name)
+        kind = _JOINT_SENSORS.get(int(self.model.jnt_type[joint])) if joint >= 0 else None
+        if kind:
+            return (
+                f'add <{kind} name="{name}" joint="{name}"/> under <sensor> of the model: outputs are sensors'
+            )
+        return did_you_mean(name, filter(None, names))
 
     @staticmethod
     def _log_columns(entry: dict[str, Any], where: str) -> LogColumns:

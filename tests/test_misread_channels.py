@@ -1,0 +1,99 @@
+"""A wrong sign or unit of a channel is named; a model that lacks something is not mistaken for one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from capture_cli.protocol.misread_channels import FACTORS, Misread, Reading, misread_channels
+from capture_cli.protocol.prepare import prepare
+from capture_cli.stages import identify as stage
+from capture_cli.stages.record import record
+from capture_cli.stores import output
+from capture_cli.stores.measured_log import MeasuredLog
+from capture_cli.tasks import load_task
+
+MACHINES = Path(__file__).resolve().parents[1] / "benchmarks" / "machines"
+NOISE = {"slider": 5e-4, "arm": 1e-3}
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory) -> dict[str, MeasuredLog]:
+    folder = tmp_path_factory.mktemp("logs")
+    made = {}
+    for machine, noise in NOISE.items():
+        path = folder / f"{machine}.zarr"
+        options = dict(random_parameters=True, noise=noise, episodes=4, duration=1.5, rate=100.0, seed=1)
+        made[machine] = replace(record(task=task(machine), out=path, threads=1, **options).log, path=path)
+    return made
+
+
+def task(machine: str) -> str:
+    return str(MACHINES / machine / "task.toml")
+
+
+def misread(log: MeasuredLog, machine: str) -> Misread | None:
+    prepared = prepare(log, load_task(task(machine)), window=None, test=None, seed=0, threads=1)
+    return misread_channels(prepared, None, 1, lambda done, total: None)
+
+
+def multiplied(log: MeasuredLog, kind: str, channels: list[int], factor: float) -> MeasuredLog:
+    values = getattr(log, kind).copy()
+    values[:, channels] *= factor
+    return replace(log, **{kind: values})
+
+
+@pytest.mark.parametrize("factor", FACTORS)
+def test_an_output_of_another_sign_or_unit_is_named(logs, factor):
+    log = multiplied(logs["slider"], "outputs", [0], 1 / factor)
+    found = misread(log, "slider")
+    assert Reading("outputs", (log.output_names[0],), factor) in found.readings
+    assert found.after < 0.1 < found.before
+    assert FACTORS[factor] in found.text
+
+
+@pytest.mark.parametrize(
+    ("kind", "channels", "factor"),
+    [("inputs", [0], -1.0), ("outputs", [1], -1.0), ("outputs", [0, 1], np.pi / 180)],
+)
+def test_of_two_joints_the_one_or_both_are_named(logs, kind, channels, factor):
+    log = logs["arm"]
+    names = log.input_names if kind == "inputs" else log.output_names
+    found = misread(multiplied(log, kind, channels, 1 / factor), "arm")
+    assert found.readings == (Reading(kind, tuple(names[k] for k in channels), factor),)
+
+
+@pytest.mark.parametrize("machine", NOISE)
+def test_of_a_log_that_was_read_rightly_nothing_is_named(logs, machine):
+    assert misread(logs[machine], machine) is None
+
+
+def test_a_model_that_lacks_much_has_no_misread_channel(tmp_path):
+    effects = ["coulomb-friction@x=25.0", "control-delay@drive=0.08"]
+    log = record(
+        task=task("slider"),
+        out=tmp_path / "log.zarr",
+        effects=effects,
+        noise=5e-4,
+        episodes=4,
+        duration=1.5,
+        rate=100.0,
+        threads=1,
+    ).log
+    assert misread(replace(log, path=tmp_path / "log.zarr"), "slider") is None
+
+
+def test_identify_says_it_and_does_not_ask_for_a_diagnosis(logs, tmp_path, monkeypatch):
+    monkeypatch.setattr(stage, "_write_pages", lambda *_: None)
+    monkeypatch.setattr(output, "_sync", lambda _: None)
+    log = multiplied(logs["slider"], "outputs", [0], -1.0)
+    log.write(tmp_path / "log.zarr")
+    found = stage.identify(
+        real_log=tmp_path / "log.zarr", task=task("slider"), out=tmp_path / "estimate", threads=1, quiet=True
+    ).document
+    assert {"kind": "outputs", "channels": ("q",), "factor": -1.0} in found["misread"]["readings"]
+    assert found["next_command"] is None
+    assert "misread" in found["summary"]
