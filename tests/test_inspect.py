@@ -369,6 +369,27 @@ def test_a_heading_that_begins_anew_after_a_turn_is_found(tmp_path, slider_task)
     assert "in 4 places" in turn["message"]
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "where", "key"),
+    [
+        ('"q_m"', '"q_mm"', "output q", "scale = 0.001"),
+        ('"q_m"', '"q_mm"\nscale = 0.001', None, None),
+        ('"t_s"', '"t_ms"', "time", "time_scale = 0.001"),
+    ],
+)
+def test_a_column_named_for_another_unit_is_asked_about(tmp_path, slider_task, old, new, where, key):
+    text = slider_task.read_text()
+    assert old in text
+    slider_task.write_text(text.replace(old, new, 1))
+    found = [
+        f
+        for f in inspected(sound_log(), tmp_path, slider_task)["findings"]
+        if "its name ends" in f["message"]
+    ]
+    assert [f["where"] for f in found] == ([] if where is None else [where])
+    assert all(key in f["cure"] and f["severity"] == "warning" for f in found)
+
+
 def hinged(slider_task: Path) -> None:
     """The slider turned into a hinge that a servo moves, and whose speed is measured too."""
     model = slider_task.parent / "model.xml"

@@ -20,7 +20,7 @@ from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.tasks.base import ActionTask
 
 FINER = "finer-time-step"
-MATERIAL = 0.01  # of a value, or of its range where that is larger by ten times: less is nobody's concern
+MATERIAL = 0.003  # of a value, or of its range where that is larger by ten times: less is nobody's concern
 SURE = 2.0  # sd of the estimate: less is lost in them
 
 

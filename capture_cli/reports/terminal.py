@@ -194,7 +194,7 @@ def _parameters(document: Mapping[str, Any], *, wide: bool) -> list[list[str]]:
 
 def _errors(errors: list[findings.OutputError]) -> list[list[str]]:
     """The outputs that stand farthest above their floor, in the order of the log."""
-    farthest = sorted(errors, key=lambda e: -(e.ratio or 0.0))[:MOST_OUTPUTS]
+    farthest = sorted(errors, key=lambda e: -(e.ratio or 0.0))[: _shown(len(errors), MOST_OUTPUTS)]
     rows = [["output", "fitted", "held out", "nominal", "noise floor", "over the floor"]]
     for e in (e for e in errors if e in farthest):
         nominal = with_unit(significant(e.nominal), e.nominal_unit)
@@ -206,9 +206,18 @@ def _errors(errors: list[findings.OutputError]) -> list[list[str]]:
 
 def _few(notes: list[str], outputs: int) -> list[str]:
     """As many notes as fit, and what else the report holds."""
-    left = {"notes": len(notes) - MOST_NOTES, "outputs nearer to their floor": outputs - MOST_OUTPUTS}
+    shown = _shown(len(notes), MOST_NOTES)
+    left = {
+        "notes": len(notes) - shown,
+        "outputs nearer to their floor": outputs - _shown(outputs, MOST_OUTPUTS),
+    }
     more = [f"{what} ({count})" for what, count in left.items() if count > 0]
-    return notes[:MOST_NOTES] + ([f"Only in the report: {' and '.join(more)}."] if more else [])
+    return notes[:shown] + ([f"Only in the report: {' and '.join(more)}."] if more else [])
+
+
+def _shown(count: int, most: int) -> int:
+    """How many of so many: one too many takes no more room than to say so."""
+    return count if count <= most + 1 else most
 
 
 def _answer(document: Mapping[str, Any]) -> str:

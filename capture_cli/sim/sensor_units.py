@@ -67,6 +67,12 @@ _OF_JOINTS = {
     _S.mjSENS_JOINTVEL: {_HINGE: "rad/s", _SLIDE: "m/s"},
     _S.mjSENS_JOINTACTFRC: {_HINGE: "N m", _SLIDE: "N"},
 }
+_CURRENTS, _VOLTAGES = {"mA": 1e-3}, {"mV": 1e-3}
+_TIMES = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+# Endings of names that mean a unit, and nothing else as in, g or turn do, and Nm, which is N m as well
+_IN_NAMES = re.compile(
+    r"(?:^|[^a-zA-Z])((?:[um]rad|deg|degs|degrees?|[umck]m)(?:(?:/|_per_|p|_)s|ps)?|dps|rpm|rps|kph|mph|kN|m[AV]|[mun]s)\W*$"
+)
 _DEGREES = re.compile(r"(deg(ree)?s?|°)(?![a-z])")
 
 
@@ -88,6 +94,20 @@ def refuse_other_units(
         "with that as it is after `scale`",
         cure=f'write unit = "{own}"; and if the column is in {unit.strip()}, scale = {factor:.8g}',
     )
+
+
+def unit_in_name(column: str, own: str) -> tuple[str, float] | None:
+    """The unit that a column's name ends in, as that of theta_deg does, and how many `own` there are in one; None where
+    it ends in none that is another form of it.
+    """
+    found = _IN_NAMES.search(column.strip())
+    forms = {**_FORMS, "A": _CURRENTS, "V": _VOLTAGES, "s": _TIMES}.get(own)
+    if found is None or forms is None:
+        return None
+    written = found[1].replace("dps", "deg/s")
+    per_second = re.fullmatch(r"(.*?)(?:/|_per_|_|p)s", written)
+    unit = f"{per_second[1]}/s" if per_second and per_second[1] in (*_LENGTHS, *_ANGLES) else written
+    return (unit, forms[unit]) if unit in forms else None
 
 
 def _reported(model: mujoco.MjModel, sensor: int) -> str | None:

@@ -86,7 +86,7 @@ def diagnose_prepared(
     """What `diagnose` finds in a log that was made ready, from the values `nominal` (parameter,) of its task."""
 
     def tell(what: str, number: int, total: int, found: Sequence[str]) -> None:
-        so_far = f"; found so far: {', '.join(found)}" if found else ""
+        so_far = f"; found {', '.join(found)}" if found else ""
         progress.step(progress.part(what, number, total) + so_far)
 
     return diagnosis_of(explain(prepared, nominal, settings, tell))

@@ -13,6 +13,7 @@ import numpy as np
 
 from capture_cli.reports.quantities import percent, with_unit
 from capture_cli.sim.contacts import can_touch
+from capture_cli.sim.sensor_units import unit_in_name
 from capture_cli.sim.windows import SHORTEST_EPISODE
 from capture_cli.stores.measured_log import FEWEST_OF_A_SPARSE, LARGEST, MeasuredLog
 from capture_cli.tasks.base import Channel, Task
@@ -59,6 +60,7 @@ def task_findings(log: MeasuredLog, document: Mapping[str, Any], task: Task) -> 
     return [
         *found,
         *_shared_columns(task),
+        *_units_in_names(task),
         *_lengths(document["episodes"], task),
         *_ranges(log, task),
         *_turns(log, task),
@@ -381,6 +383,25 @@ def _ranges(log: MeasuredLog, task: Task) -> Iterator[Finding]:
                     f"{percent(share, 1)} of the samples lie outside the joint's range ({low:g}, {high:g})",
                     "check scale and offset (degrees, another zero?), or the joint's range",
                 )
+
+
+def _units_in_names(task: Task) -> Iterator[Finding]:
+    """Columns whose name ends in another unit than they are read in, with no scale."""
+    columns = [
+        *((f"input {c.name}", c.column, c.unit, c.scale, "scale") for c in task.inputs),
+        *((f"output {c.name}", c.column, c.unit, c.scale, "scale") for c in task.outputs),
+        ("time", task.log.time, "s", task.log.time_scale, "[log] time_scale"),
+    ]
+    for where, column, unit, scale, key in columns:
+        named = unit_in_name(column, unit) if scale == 1 else None
+        if named:
+            written, factor = named
+            yield finding(
+                "warning",
+                where,
+                f"column {column!r} is read as {unit}, and its name ends in {written}",
+                f"write {key} = {factor:.8g} if it is in {written}, and import again",
+            )
 
 
 def _turns(log: MeasuredLog, task: Task) -> Iterator[Finding]:

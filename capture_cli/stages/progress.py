@@ -22,7 +22,9 @@ class Progress:
         if not quiet and sys.stderr.isatty():
             from tqdm import tqdm
 
-            self.bar = tqdm(desc=what, unit=unit, total=total, file=sys.stderr, leave=False)
+            # how many there were says nothing where nobody knows how many there will be
+            form = "{desc} {elapsed}{postfix}" if total is None else None
+            self.bar = tqdm(desc=what, unit=unit, total=total, file=sys.stderr, leave=False, bar_format=form)
 
     def __enter__(self) -> Progress:
         return self
