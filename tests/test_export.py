@@ -533,13 +533,21 @@ def test_a_diagnosis_that_is_mistyped_is_refused(changed, fault, tasks, tmp_path
 def test_the_command_says_what_it_wrote(tasks, tmp_path):
     diagnosis(tmp_path / "d", tasks["slider"], found_at("cogging@x", where="slider"))
 
-    def run(*options: str) -> str:
+    def run(*options: str) -> subprocess.CompletedProcess:
         command = [sys.executable, "-m", "capture_cli", "export", "d", "--out", "m.xml", *options]
-        return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True).stdout
+        return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
 
     said = run()
-    assert "m.xml: written" in said and "m_effects.py: written; it applies cogging@x" in said
-    assert json.loads(run("--force", "--json")) == {"model": "m.xml", "companion": "m_effects.py"}
+    assert "m.xml: written" in said.stdout
+    assert "m_effects.py: written; it applies cogging@x" in said.stdout
+    assert said.stderr == ""
+    assert json.loads(run("--force", "--json").stdout) == {"model": "m.xml", "companion": "m_effects.py"}
+    file = tmp_path / "d" / "diagnosis.json"
+    doubted = {"verdict": "unexplained", "summary": "This is not all."}
+    file.write_text(json.dumps(json.loads(file.read_text()) | doubted))
+    said = run("--force")
+    assert said.stderr == "warning: d is 'unexplained'. This is not all.\n"
+    assert run("--force", "--quiet").stderr == ""
 
 
 def test_every_effect_of_the_catalogue_says_how_it_is_exported():

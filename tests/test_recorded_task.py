@@ -82,6 +82,13 @@ def test_of_a_diagnosis_its_experiment_is_proposed_and_nothing_else(made):
         propose(result=Path("diagnosis"), policy="random")
 
 
+def test_what_is_proposed_for_a_model_that_lacks_something_says_so(made):
+    doubt = "does not explain its log"
+    assert doubt not in propose(result=Path("estimate"))["text"]
+    edit(made / "estimate" / "estimate.json", '"verdict": "explained"', '"verdict": "unexplained"')
+    assert doubt in propose(result=Path("estimate"))["text"]
+
+
 def test_a_model_that_changed_since_is_refused(made):
     edit(made / "model.xml", 'mass="2"', 'mass="3"')
     for run in (
