@@ -338,7 +338,7 @@ def test_where_a_shorter_time_step_would_put_the_parameters_is_said(plant, ident
     found = identify(log, coarse).document
     assert found["parameters"]["damping"]["value"] < 8.7
     assert found["time_step"]["finer"] == 0.005
-    assert found["time_step"]["parameters"] == {"damping": pytest.approx(9.0, rel=0.01)}
+    assert found["time_step"]["parameters"]["damping"] == pytest.approx(9.0, rel=0.01)
     assert any(
         "in steps of 5 ms, and not 20, damping would be about 9.01" in note for note in findings.notes(found)
     )
@@ -353,6 +353,20 @@ def test_a_log_that_was_simulated_in_the_models_own_steps_is_not_said_to_be_othe
         1.4, abs=4 * found["parameters"]["mass"]["sd"]
     )
     assert found["time_step"] is None
+
+
+def test_where_stops_are_hit_the_windows_count_that_a_shorter_step_explains_as_well(plant, identify, coarse):
+    model = coarse.parent / "model.xml"
+    stops = '<joint name="x" limited="true" range="-0.06 0.06" solreflimit="0.06 0.7"'
+    model.write_text(model.read_text().replace('<joint name="x"', stops))
+    options = {"parameters": {"mass": 1.4, "damping": 9.0}, "rate": 50.0, "episodes": 6}
+    found = identify(
+        plant(coarse, name="real", effects=["finer-time-step@quarter"], **options), coarse
+    ).document
+    here, there = found["parameters"]["mass"]["value"], found["time_step"]["parameters"]["mass"]
+    assert here - 1.4 > 0.1
+    assert abs(there - 1.4) < (here - 1.4) / 4
+    assert identify(plant(coarse, name="own", **options), coarse).document["time_step"] is None
 
 
 def test_where_a_shorter_time_step_would_put_what_is_beside_an_effect_is_said(

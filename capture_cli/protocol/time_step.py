@@ -21,6 +21,10 @@ from capture_cli.tasks.base import ActionTask
 
 FINER = "finer-time-step"
 MATERIAL = 0.003  # of a value, or of its range where that is larger by ten times: less is nobody's concern
+AS_WELL = (
+    9.0  # of the objective over k: a window that such steps explain no worse by more is explained by them
+)
+MOST_WINDOWS = 0.75  # of those simulated have to be
 SURE = 2.0  # sd of the estimate: less is lost in them
 
 
@@ -43,22 +47,32 @@ def shorter_step(fits: ModelFits, part: PreparedLog, fit: Fit, found: Intervals)
 
     None as well where the task is a built-in one, or the steps are shorter already: nobody could change them.
     From one simulation of as many windows as a score needs, by the sensitivities of the fit. Where contacts make the
-    error rough these say too little.
+    error rough these hold in most windows and not in all: there the windows count that are as good in such steps once
+    they are simulated where the sensitivities lead, and the log has to be better explained by them.
     """
     task = fits.prepared.task
-    if not len(fit.space) or fit.at.evidence.rough or isinstance(task, ActionTask):
+    if not len(fit.space) or isinstance(task, ActionTask):
         return None
     if any(placed.kind == FINER for placed in fit.effects):
         return None
     model = task.model
     finer = Placed(FINER, REGISTRY.get(FINER)(model, "quarter"))
     part, at = thinned(part, fit)
-    residuals, diverged = fits.probe(part, replace(fit, at=at), finer, np.zeros((1, 0)))
-    if diverged.any():
+    there = _in_steps_of(fits, part, replace(fit, at=at), finer)
+    if there is None:
         return None
-    left, begin = _lowest(at, at.scatter)
-    left_there, end = _lowest(replace(at, residual=residuals[0]), at.scatter)
-    if left_there > left + AS_GOOD * at.scatter:
+    k, worse = at.scatter, AS_GOOD
+    if at.evidence.rough:
+        led = _in_steps_of(fits, part, _led(fit, there, k), finer)
+        if led is None:
+            return None
+        keep = np.flatnonzero(led.objectives(k) <= at.objectives(k) + AS_WELL * k)
+        if len(keep) < MOST_WINDOWS * len(part.windows):
+            return None
+        at, there, worse = at.windows(keep), there.windows(keep), -AS_GOOD
+    left, begin = _lowest(at, k)
+    left_there, end = _lowest(there, k)
+    if left_there > left + worse * k:
         return None
     change = (end - begin) * fit.space.span
     size = np.maximum(np.abs(fit.point), 0.1 * fit.space.span)
@@ -67,6 +81,23 @@ def shorter_step(fits: ModelFits, part: PreparedLog, fit: Fit, found: Intervals)
     point = np.clip(fit.point + change, fit.space.low, fit.space.high)
     step = float(model.opt.timestep)
     return ShorterStep(step, step / finer.effect.substeps, point, moved) if moved else None
+
+
+def _in_steps_of(fits: ModelFits, part: PreparedLog, fit: Fit, finer: Placed) -> Linearization | None:
+    """The linearization of the fit with the residual of the steps of `finer`; None where a window diverges."""
+    residuals, diverged = fits.probe(part, fit, finer, np.zeros((1, 0)))
+    return None if diverged.any() else replace(fit.at, residual=residuals[0])
+
+
+def _led(fit: Fit, there: Linearization, k: float) -> Fit:
+    """The fit moved, starts too, to where the linearization is lowest."""
+    dx = there.bounded_step(k, -there.x, 1 - there.x)
+    x = np.clip(there.x + dx, 0, 1)
+    return replace(
+        fit,
+        point=fit.space.from_unit(x),
+        at=replace(there, x=x, offsets=there.start_offsets(dx, k)),
+    )
 
 
 def _lowest(at: Linearization, k: float) -> tuple[float, np.ndarray]:

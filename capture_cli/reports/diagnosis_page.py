@@ -268,7 +268,15 @@ def _parameters(document: Mapping[str, Any]) -> str:
         lead = "Estimate and 95 % interval, drawn between the bounds the task declares."
         return section("Declared parameters", table(PARAMETER_HEAD, rows, numeric=(1, 2, 3)), lead=lead)
     rows = [_moved_row(row, document["parameters"][row.name]) for row in moved]
-    head = ["parameter", "declared model, refitted", "with what was found", "sd", "95 % interval", "moved by", ""]
+    head = [
+        "parameter",
+        "declared model, refitted",
+        "with what was found",
+        "sd",
+        "95 % interval",
+        "moved by",
+        "",
+    ]
     chart = plot(
         "absorbed",
         height=diagnosis_plots.absorbed_height(document),

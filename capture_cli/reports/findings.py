@@ -104,7 +104,8 @@ def notes(document: Mapping[str, Any]) -> list[str]:
     found += time_step(document)
     recordings = document["recordings"]
     if recordings and not recordings["agree"]:
-        found.append(recordings["text"])
+        behind = "; here the time step may be that" if document.get("time_step") else ""
+        found.append(recordings["text"] + behind)
     left = document["lack_of_fit"]["normalized"]
     if left < TOO_GOOD:
         size = significant(left, 2)
