@@ -253,3 +253,17 @@ def test_what_a_log_could_not_hold_is_refused(slider_task, tmp_path, options, sa
     if "parameters" in options:
         assert "choose from their ranges: mass = 0, and its range is" in caught.value.cure
     assert not list(tmp_path.glob("log*"))
+
+
+@pytest.mark.parametrize(("delay", "doubted"), [(0.012, 0), (12.0, 1)])
+def test_an_effect_beyond_its_range_is_doubted(slider_task, tmp_path, delay, doubted):
+    made = record(
+        task=slider_task,
+        out=tmp_path / "log.zarr",
+        duration=1.0,
+        amplitude={"drive": 3.0},
+        effects=[f"control-delay@drive={delay}"],
+        threads=1,
+    )
+    assert len(made.doubts) == doubted
+    assert all("control-delay@drive.delay = 12 s is outside the range" in doubt for doubt in made.doubts)

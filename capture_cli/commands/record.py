@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -100,6 +101,8 @@ def record(
         threads=threads,
         force=force,
     )
+    for doubt in () if quiet else recording.doubts:
+        print(f"warning: {doubt}", file=sys.stderr)
     if json_:
         print_json(recording.truth)
     elif not quiet:

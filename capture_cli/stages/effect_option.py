@@ -57,6 +57,19 @@ def refuse_negative(option: str, parameter: Parameter, value: float) -> None:
         )
 
 
+def beyond_range(placed: Sequence[Placed], values: np.ndarray) -> list[str]:
+    """What of the effects' `values` (parameter,) lies outside the ranges in which they are looked for, in words.
+
+    A truth may well; 12 where 12 ms was meant does, too.
+    """
+    parameters = [(one.name, p) for one in placed for p in one.effect.space.parameters]
+    return [
+        f"{name}.{p.name} = {value:g} {p.unit} is outside the range in which it is looked for, {p.low:g} to {p.high:g}"
+        for (name, p), value in zip(parameters, values, strict=True)
+        if not p.low <= value <= p.high
+    ]
+
+
 def refuse_without_effect(
     task: Task, point: np.ndarray, placed: Sequence[Placed], values: np.ndarray
 ) -> None:

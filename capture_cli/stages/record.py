@@ -16,7 +16,12 @@ from capture_cli.parameters import ParameterSpace
 from capture_cli.sim.windows import cut
 from capture_cli.simulator import Simulator
 from capture_cli.stages.drive import Drive, DriveOptions, drive
-from capture_cli.stages.effect_option import parse_effects, refuse_negative, refuse_without_effect
+from capture_cli.stages.effect_option import (
+    beyond_range,
+    parse_effects,
+    refuse_negative,
+    refuse_without_effect,
+)
 from capture_cli.stages.recorded_task import task_inputs
 from capture_cli.stages.white_noise import standard_deviations
 from capture_cli.stores.measured_log import MeasuredLog
@@ -31,10 +36,11 @@ TRUTH = ("parameters", "effects")  # options that a log's provenance keeps to it
 
 @dataclass(frozen=True)
 class Recording:
-    """What a record made: the log, and the truth it was made with."""
+    """What a record made: the log, the truth it was made with, and what of that may be a slip, in words."""
 
     log: MeasuredLog
     truth: dict
+    doubts: Sequence[str] = ()
 
 
 def record(
@@ -134,7 +140,7 @@ def record(
         write_json(file, known)
         log.write(folder)
         provenance.write(folder)
-    return Recording(log, known)
+    return Recording(log, known, beyond_range(placed, effect_values))
 
 
 def _point(
