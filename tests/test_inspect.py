@@ -437,6 +437,23 @@ def test_an_angle_in_degrees_beside_one_in_rad_is_found(tmp_path, slider_task, s
         assert words in finding["message"] and "scale = 0.017453293" in finding["cure"]
 
 
+def test_an_angle_that_goes_against_its_servo_is_found(tmp_path, slider_task):
+    hinged(slider_task)
+    time = np.tile(np.arange(STEPS) / RATE, 2)
+    asked, angle = 0.4 * np.sin(5 * time), 0.3 - 0.4 * np.sin(5 * time - 0.1)
+    speed = -2 * np.cos(5 * time - 0.1)
+    log = replace(
+        sound_log(),
+        inputs=asked[:, None],
+        outputs=np.stack([angle, speed], axis=1),
+        input_units=("rad",),
+        output_names=("q", "w"),
+        output_units=("rad", "rad/s"),
+    )
+    (found,) = (f for f in inspected(log, tmp_path, slider_task)["findings"] if "negative scale" in f["cure"])
+    assert found["where"] == "output q" and "where input drive goes up" in found["message"]
+
+
 @pytest.mark.parametrize(
     ("old", "new", "where", "words"),
     [

@@ -429,7 +429,9 @@ def _turns(log: MeasuredLog, task: Task) -> Iterator[Finding]:
 
 
 def _degrees(log: MeasuredLog, task: Task) -> Iterator[Finding]:
-    """Angles of hinges that are 57.3 times, or a 57.3th of, what another channel says of the same motion."""
+    """Angles of hinges that are 57.3 times, or a 57.3th of, what another channel says of the same motion; or go against
+    it.
+    """
     for k, c, joint in _hinge_outputs(task, mujoco.mjtSensor.mjSENS_JOINTPOS):
         angle = log.outputs[:, k]
         others = [
@@ -443,8 +445,18 @@ def _degrees(log: MeasuredLog, task: Task) -> Iterator[Finding]:
             if _follows(task.model, i.index, joint)
         ]
         for name, how, reference in others:
-            factor = _factor(angle, reference, log.episodes)
-            if factor is None:
+            likeness, factor = _likeness(angle, reference, log.episodes)
+            if likeness < -ALIKE:
+                yield finding(
+                    "warning",
+                    f"output {c.name}",
+                    f"goes down where {how}{name} goes up: does one of them count the other way?",
+                    "write a negative scale under the one that does, and import again",
+                )
+            if (
+                abs(likeness) < ALIKE
+                or min(abs(factor * DEGREES - 1), abs(factor / DEGREES - 1)) > LIKE_DEGREES
+            ):
                 continue
             large, small = (f"output {c.name}", name) if factor > 1 else (name, f"output {c.name}")
             yield finding(
@@ -484,17 +496,18 @@ def _integral(speed: np.ndarray, log: MeasuredLog) -> np.ndarray:
     return grown
 
 
-def _factor(values: np.ndarray, reference: np.ndarray, episodes: Sequence[slice]) -> float | None:
-    """How many times as far as `reference` `values` (step,) go, if the two are alike but for degrees in one of them."""
+def _likeness(values: np.ndarray, reference: np.ndarray, episodes: Sequence[slice]) -> tuple[float, float]:
+    """Correlation of `values` (step,) with `reference` within episodes, and how many times as far they go.
+
+    0 and 1 where samples lack or nothing moves.
+    """
     both = np.stack([values, reference])
     moves = np.concatenate([both[:, e] - both[:, e].mean(axis=1, keepdims=True) for e in episodes], axis=1)
     with np.errstate(invalid="ignore", over="ignore"):
         (own, cross), (_, theirs) = moves @ moves.T
-    if not cross**2 > ALIKE**2 * own * theirs:  # nor where samples lack
-        return None
-    factor = np.sqrt(own / theirs)
-    near = min(abs(factor * DEGREES - 1), abs(factor / DEGREES - 1))
-    return float(factor) if near < LIKE_DEGREES else None
+    if not (np.isfinite([own, cross, theirs]).all() and own > 0 and theirs > 0):
+        return 0.0, 1.0
+    return float(cross / np.sqrt(own) / np.sqrt(theirs)), float(np.sqrt(own / theirs))
 
 
 def _outside(values: np.ndarray, limits: np.ndarray, *, slack: float) -> tuple[float, float, float]:
