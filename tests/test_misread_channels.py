@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from capture_cli.protocol.misread_channels import FACTORS, Misread, Reading, misread_channels
+from capture_cli.protocol.misread_channels import FACTORS, Misread, Reading, _groups, misread_channels
 from capture_cli.protocol.prepare import prepare
 from capture_cli.stages import identify as stage
+from capture_cli.stages.inspect import inspect
 from capture_cli.stages.record import record
 from capture_cli.stores import output
 from capture_cli.stores.measured_log import MeasuredLog
@@ -46,7 +48,7 @@ def multiplied(log: MeasuredLog, kind: str, channels: list[int], factor: float) 
     return replace(log, **{kind: values})
 
 
-@pytest.mark.parametrize("factor", FACTORS)
+@pytest.mark.parametrize("factor", [-1.0, 1e-3, np.pi / 180])
 def test_an_output_of_another_sign_or_unit_is_named(logs, factor):
     log = multiplied(logs["slider"], "outputs", [0], 1 / factor)
     found = misread(log, "slider")
@@ -86,6 +88,21 @@ def test_a_model_that_lacks_much_has_no_misread_channel(tmp_path):
     assert misread(replace(log, path=tmp_path / "log.zarr"), "slider") is None
 
 
+def test_an_attitude_is_read_as_it_is(tmp_path):
+    """Its four numbers are of one length, whatever the unit."""
+    (tmp_path / "model.xml").write_text(
+        '<mujoco><worldbody><body><joint name="b" type="ball"/><geom size=".1"/><site name="s"/></body></worldbody>'
+        '<sensor><ballquat name="turn" joint="b"/><gyro name="w" site="s"/></sensor></mujoco>'
+    )
+    (tmp_path / "task.toml").write_text(
+        'format = 1\nname = "top"\nmodel = "model.xml"\n'
+        '[outputs.turn]\ncolumn = ["a", "b", "c", "d"]\nunit = "1"\n'
+        '[outputs.w]\ncolumn = ["x", "y", "z"]\nunit = "rad/s"\n'
+    )
+    groups = list(_groups(SimpleNamespace(task=load_task(str(tmp_path / "task.toml")))))
+    assert [names for _, names in groups] == [("w_x",), ("w_y",), ("w_z",), ("w_x", "w_y", "w_z")]
+
+
 def test_identify_says_it_and_does_not_ask_for_a_diagnosis(logs, tmp_path, monkeypatch):
     monkeypatch.setattr(stage, "_write_pages", lambda *_: None)
     monkeypatch.setattr(output, "_sync", lambda _: None)
@@ -97,3 +114,5 @@ def test_identify_says_it_and_does_not_ask_for_a_diagnosis(logs, tmp_path, monke
     assert {"kind": "outputs", "channels": ("q",), "factor": -1.0} in found["misread"]["readings"]
     assert found["next_command"] is None
     assert "misread" in found["summary"]
+    (verdict,) = (f for f in inspect(tmp_path / "estimate", None)["findings"] if f["where"] == "verdict")
+    assert verdict["cure"] == found["misread"]["text"]

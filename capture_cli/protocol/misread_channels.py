@@ -10,8 +10,7 @@ import numpy as np
 from capture_cli.errors import CaptureError
 from capture_cli.protocol.model_fits import ModelFits
 from capture_cli.protocol.prepare import prepare
-from capture_cli.protocol.prepared_log import PreparedLog
-from capture_cli.tasks.base import Channel
+from capture_cli.protocol.prepared_log import PreparedLog, attitudes
 
 FACTORS = {  # by which a channel may have to be multiplied
     -1.0: "times -1",
@@ -102,9 +101,13 @@ def misread_channels(
 
 
 def _groups(prepared: PreparedLog) -> Iterator[tuple[str, tuple[str, ...]]]:
-    """Each channel, and those of one kind and unit together: who forgets a factor forgets it of all joints."""
-    for kind in ("inputs", "outputs"):
-        channels: tuple[Channel, ...] = getattr(prepared.task, kind)
+    """Each channel, and those of one kind and unit together: who forgets a factor forgets it of all joints.
+
+    Not those of attitudes, whose four numbers have no scale.
+    """
+    task = prepared.task
+    outputs = np.delete(np.arange(len(task.outputs)), np.concatenate([[], *attitudes(task)]).astype(int))
+    for kind, channels in (("inputs", task.inputs), ("outputs", [task.outputs[k] for k in outputs])):
         by_unit: dict[str, list[str]] = {}
         for channel in channels:
             by_unit.setdefault(channel.unit, []).append(channel.name)

@@ -21,9 +21,7 @@ from capture_cli.tasks.base import ActionTask
 
 FINER = "finer-time-step"
 MATERIAL = 0.003  # of a value, or of its range where that is larger by ten times: less is nobody's concern
-AS_WELL = (
-    9.0  # of the objective over k: a window that such steps explain no worse by more is explained by them
-)
+AS_WELL = 9.0  # of the objective over k: no worse by more, a window is explained as well
 MOST_WINDOWS = 0.75  # of those simulated have to be
 SURE = 2.0  # sd of the estimate: less is lost in them
 

@@ -322,6 +322,7 @@ def _verdict(result: Mapping[str, Any], path: Path) -> list[dict[str, str]]:
             log = ["--real-log", result["log"]["path"]] if result.get("log") else []
             command = shlex.join(["capture", "diagnose", *log, "--estimate", str(path)])
             cure = NOT_ALIKE if is_fit_explained(result) else f"`{command}` looks for what the model lacks"
+            cure = result["misread"]["text"] if result.get("misread") else cure
         found.append(
             finding("warning", "verdict", "the residual is above the noise floor: unexplained", cure)
         )
