@@ -26,7 +26,7 @@ ROWS = (
     ("simulator", "worlds", "observation_noise", "multisine"),
     ("tasks", "effects"),
     ("sim", "stores"),
-    ("autocorrelation", "named_arrays", "parameters", "registry"),
+    ("autocorrelation", "json_text", "named_arrays", "parameters", "registry"),
     ("errors",),
     ("__init__",),
 )

@@ -21,11 +21,13 @@ from capture_cli.stages.record import record
 MACHINES = Path(__file__).parents[1] / "benchmarks" / "machines"
 
 
-def judged_by_blocks(parameters: int, squares: float, blocks: np.ndarray) -> SimpleNamespace:
+def judged_by_blocks(
+    parameters: int, squares: float, blocks: np.ndarray, place: str = "force"
+) -> SimpleNamespace:
     """A candidate that leaves `squares` where it was fitted, and `blocks` (block,) where it is judged."""
     return SimpleNamespace(
         name=f"with-{parameters}",
-        placed=SimpleNamespace(effect=SimpleNamespace(parameters=range(parameters))),
+        placed=SimpleNamespace(effect=SimpleNamespace(parameters=range(parameters), place=place)),
         score=SimpleNamespace(response=np.eye(3)[parameters]),
         fit=SimpleNamespace(squares=squares, at=SimpleNamespace(fitted_hidden=np.zeros(4))),
         select=SimpleNamespace(correlation_steps=1.0, blocks=lambda length: blocks),
@@ -55,6 +57,34 @@ def test_parameters_that_gain_nothing_are_not_taken_for_a_steady_trifle(monkeypa
     models = ModelComparison.__new__(ModelComparison)
     models.seed = 0
     assert models.as_good(one_sided, spring) is as_good
+
+
+@pytest.mark.parametrize(
+    ("mine", "other", "behind", "is_first"),
+    [
+        (("force", 1), ("model", 1), 0.5, True),
+        (("force", 1), ("model", 1), 3.0, False),
+        (("force", 1), ("model", 2), 0.0, False),
+        (("model", 1), ("model", 1), -0.5, False),
+        (("model", 1), ("force", 1), -0.5, False),
+        (("force", 1), ("force", 1), -0.5, False),
+    ],
+)
+def test_of_two_that_do_as_well_the_one_that_mujoco_has_comes_first(
+    monkeypatch, mine, other, behind, is_first
+):
+    """A drag in one direction, of a ball that only falls, and the drag that MuJoCo has; behind: of BIC."""
+    monkeypatch.setattr(model_comparison, "effective_samples", lambda _: 1000.0)
+    blocks = 10 + np.random.default_rng(0).normal(0, 0.5, 60)
+    found, rival = (
+        judged_by_blocks(parameters, 1000.0 * np.exp(less / 1000.0), blocks, place)
+        for (place, parameters), less in ((mine, 0.0), (other, behind))
+    )
+    models = ModelComparison.__new__(ModelComparison)
+    models.seed = 0
+    best, others = models.best(found, [rival])
+    assert best is (rival if is_first else found)
+    assert others == [found if is_first else rival]
 
 
 @dataclass

@@ -27,6 +27,7 @@ AS_LIKELY = 4.0  # of twice the log likelihood, two sd: of less no difference is
 CLEARLY_BETTER = 10.0  # of BIC: "very strong" (Kass & Raftery 1995)
 STRONG = 6.0  # of BIC, odds of 20 to 1: of less no winner is made, however steadily it comes
 CHANCE = 3.0  # sd of what hidden states of windows take by chance, beyond its mean, which is not counted
+AS_PLAIN = 1.0  # of BIC: by no more than this may what MuJoCo has itself be behind, to come first
 BETTER, TIED = "better", "tied with {mine}: this log cannot tell them apart"
 WORSE, NOT_WORTH_IT = "{mine} explains more", "no better than {mine}, with more parameters"
 SAME_RESPONSE = 0.9999  # cosine of two effects' responses beyond which no parameter value tells them apart
@@ -228,15 +229,30 @@ class ModelComparison:
         return effective_samples(best.fit) * (self.loss(other) - self.loss(best))
 
     def best(self, mine: Candidate, others: list[Candidate]) -> tuple[Candidate, list[Candidate]]:
-        """The candidate that no other is better than, and the others. None that was beaten comes back."""
+        """The candidate that no other is better than, and the others. None that was beaten comes back.
+
+        Of those that do as well one that MuJoCo has itself: it is the plainer, and is exported without a companion.
+        """
         beaten: list[Candidate] = []
         while True:
             left = [c for c in others if not any(c is b for b in beaten)]
             better = next((c for c in left if self.compare(mine, c) == BETTER), None)
             if better is None:
-                return mine, others
+                break
             beaten.append(mine)
             mine, others = better, [mine, *(c for c in others if c is not better)]
+        plainer = next((c for c in others if self._is_plainer(mine, c)), None)
+        return (
+            (mine, others) if plainer is None else (plainer, [mine, *(c for c in others if c is not plainer)])
+        )
+
+    def _is_plainer(self, mine: Candidate, other: Candidate) -> bool:
+        """Whether `other` is tied with `mine`, no worse by what counts, and MuJoCo has it and not `mine`."""
+        places = [c.placed.effect.place == "model" for c in (mine, other)]
+        more, gain = self._more_and_gain(mine, other)
+        return (
+            places == [False, True] and more == 0 and gain > -AS_PLAIN and self.compare(mine, other) == TIED
+        )
 
     def compare(self, mine: Candidate, other: Candidate) -> str:
         """BETTER, TIED or why not, of `other` in the place of `mine`."""
