@@ -355,6 +355,15 @@ def test_errors_stand_beside_the_floor():
     assert "all, over the noise floor" in page.text and f"{ratio[0]:.1f} → {ratio[-1]:.2f} ×" in page.text
 
 
+def test_starts_that_hide_what_is_missing_are_named():
+    """Of a crane without its friction 7.9 noise floors are left where it was fitted, and 15.8 where it was judged."""
+    diagnosis = make()
+    declared = diagnosis.document["stages"][0]
+    assert "Believe the others" not in Page(render(diagnosis, None)).text
+    declared["fit"]["normalized"] = 0.5 * declared["select"]["normalized"]
+    assert "Believe the others" in Page(render(diagnosis, None)).text
+
+
 def test_what_is_not_there_is_not_shown():
     plain = Page(render(make(), None)).text
     assert "Next experiment" not in plain and "As a formula" not in plain

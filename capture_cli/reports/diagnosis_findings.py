@@ -34,6 +34,7 @@ TITLES = {
 }
 # Of each part of the log, in the words of diagnosis.json: what it was for.
 PARTS = {"fit": "fitted", "select": "selecting", "test": "held out"}
+HIDDEN = 0.7  # of the error on what judges: what was fitted is seldom so much easier
 MOVED = 2.0  # sd: more than chance moves a parameter
 WORTH_A_LOGARITHM = 15.0  # errors that differ by more than this factor
 TELLING = 0.1  # share of a residual's variance that is worth a word
@@ -219,6 +220,16 @@ def left_over(document: Mapping[str, Any]) -> str:
     if document["verdict"] not in ("effect-found", "tied") or not lack["lacking"]:
         return ""
     return f"A little is left: the {beyond_chance(lack)}"
+
+
+def starts_hide(document: Mapping[str, Any]) -> bool:
+    """Whether the declared model leaves far less of what was fitted than of what judged it, from the same recordings:
+    the starts of windows make up for what is missing (docs/concepts.md, Starts).
+    """
+    declared = document["stages"][0]
+    return (
+        bool(declared["select"]) and declared["fit"]["normalized"] < HIDDEN * declared["select"]["normalized"]
+    )
 
 
 def suspicions(diagnosis: Diagnosis) -> list[str]:

@@ -217,6 +217,11 @@ def _errors(diagnosis: Diagnosis) -> str:
         "each fitted again. Selecting: windows that decide which effects are accepted. Held-out windows were "
         "looked at once, at the end. No model can do better than the noise floor."
     )
+    if findings.starts_hide(diagnosis.document):
+        lead += (
+            " The declared model has far less error on what was fitted than on what selected: the starts of the fitted "
+            "windows have moved to hide what is missing. Believe the others."
+        )
     chart = plot(
         "stages",
         height=diagnosis_plots.stages_height(diagnosis),
