@@ -31,12 +31,12 @@ def export(
     from capture_cli.stages.export import export as stage
 
     written = stage(result=result, out=out, task=task, force=force)
+    if written.verdict in ("unexplained", "not-identifiable") and not quiet:
+        print(f"warning: {result} is {written.verdict!r}. {written.summary}", file=sys.stderr)
     if json_:
         beside = {"companion": str(written.companion)} if written.companion else {}
         print_json({"model": str(written.model), **beside})
-    if written.verdict in ("unexplained", "not-identifiable") and not quiet:
-        print(f"warning: {result} is {written.verdict!r}. {written.summary}", file=sys.stderr)
-    if not json_ and not quiet:
+    elif not quiet:
         print(f"{out}: written; load it with mujoco.MjModel.from_xml_path({str(out)!r})")
         if written.companion:
             print(

@@ -106,8 +106,9 @@ def _groups(prepared: PreparedLog) -> Iterator[tuple[str, tuple[str, ...]]]:
     Not those of attitudes, whose four numbers have no scale.
     """
     task = prepared.task
-    outputs = np.delete(np.arange(len(task.outputs)), np.concatenate([[], *attitudes(task)]).astype(int))
-    for kind, channels in (("inputs", task.inputs), ("outputs", [task.outputs[k] for k in outputs])):
+    turned = {k for attitude in attitudes(task) for k in attitude.tolist()}
+    outputs = [c for k, c in enumerate(task.outputs) if k not in turned]
+    for kind, channels in (("inputs", task.inputs), ("outputs", outputs)):
         by_unit: dict[str, list[str]] = {}
         for channel in channels:
             by_unit.setdefault(channel.unit, []).append(channel.name)

@@ -52,6 +52,9 @@ _FORMS: dict[str, dict[str, float]] = {
             for length in ("mm", "cm", "in", "ft")
         },
     },
+    "A": {"mA": 1e-3},
+    "V": {"mV": 1e-3},
+    "s": {"ms": 1e-3, "us": 1e-6, "ns": 1e-9},
 }
 _OF_SENSORS = {
     "m": (_S.mjSENS_FRAMEPOS, _S.mjSENS_SUBTREECOM, _S.mjSENS_RANGEFINDER, _S.mjSENS_GEOMDIST),
@@ -67,8 +70,6 @@ _OF_JOINTS = {
     _S.mjSENS_JOINTVEL: {_HINGE: "rad/s", _SLIDE: "m/s"},
     _S.mjSENS_JOINTACTFRC: {_HINGE: "N m", _SLIDE: "N"},
 }
-_CURRENTS, _VOLTAGES = {"mA": 1e-3}, {"mV": 1e-3}
-_TIMES = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 # Endings of names that mean a unit, and nothing else as in, g or turn do, and Nm, which is N m as well
 _IN_NAMES = re.compile(
     r"(?:^|[^a-zA-Z])((?:[um]rad|deg|degs|degrees?|[umck]m)(?:(?:/|_per_|p|_)s|ps)?|dps|rpm|rps|kph|mph|kN|m[AV]|[mun]s)\W*$"
@@ -101,7 +102,7 @@ def unit_in_name(column: str, own: str) -> tuple[str, float] | None:
     it ends in none that is another form of it.
     """
     found = _IN_NAMES.search(column.strip())
-    forms = {**_FORMS, "A": _CURRENTS, "V": _VOLTAGES, "s": _TIMES}.get(own)
+    forms = _FORMS.get(own)
     if found is None or forms is None:
         return None
     written = found[1].replace("dps", "deg/s")

@@ -57,15 +57,14 @@ def refuse_negative(option: str, parameter: Parameter, value: float) -> None:
         )
 
 
-def beyond_range(placed: Sequence[Placed], values: np.ndarray) -> list[str]:
-    """What of the effects' `values` (parameter,) lies outside the ranges in which they are looked for, in words.
+def beyond_range(parameters: Sequence[Parameter], values: np.ndarray) -> list[str]:
+    """Which `values` (parameter,) of effects lie outside the ranges in which they are looked for, in words.
 
     A truth may well; 12 where 12 ms was meant does, too.
     """
-    parameters = [(one.name, p) for one in placed for p in one.effect.space.parameters]
     return [
-        f"{name}.{p.name} = {value:g} {p.unit} is outside the range in which it is looked for, {p.low:g} to {p.high:g}"
-        for (name, p), value in zip(parameters, values, strict=True)
+        f"{p.name} = {value:g} {p.unit} is outside the range in which it is looked for, {p.low:g} to {p.high:g}"
+        for p, value in zip(parameters, values, strict=True)
         if not p.low <= value <= p.high
     ]
 

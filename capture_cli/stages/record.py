@@ -140,7 +140,7 @@ def record(
         write_json(file, known)
         log.write(folder)
         provenance.write(folder)
-    return Recording(log, known, beyond_range(placed, effect_values))
+    return Recording(log, known, beyond_range(simulator.space.parameters[len(point) :], effect_values))
 
 
 def _point(
