@@ -676,11 +676,31 @@ def test_a_stdout_that_is_closed():
     assert (done.returncode, done.stderr) == (0, "")
 
 
-def test_commands_are_completed():
+@pytest.mark.parametrize(
+    ("typed", "offered"),
+    [
+        ("diag", ["diagnose"]),
+        ("identify --task ", ["air-hockey", "scooping", "scooping-distance", "arm.toml"]),
+        ("record --effect coulomb", ["coulomb-friction"]),
+        ("effects coulomb", ["coulomb-friction"]),
+        ("gen-histories --search b", ["binary"]),
+        ("eval-sim2sim --identifier c", ["capture", "capture-refined", "cma-es", "compass"]),
+        ("identify --fail-on ", ["unexplained", "not-identifiable"]),
+        ("identify --task nothing", []),
+    ],
+)
+def test_commands_and_values_are_completed(tmp_path, typed, offered):
     """What the script of `--show-completion bash` runs when a user presses tab."""
-    asked = {"_CAPTURE_COMPLETE": "complete_bash", "COMP_WORDS": "capture diag", "COMP_CWORD": "1"}
+    (tmp_path / "arm.toml").touch()
+    words = f"capture {typed}"
+    asked = {"_CAPTURE_COMPLETE": "complete_bash", "COMP_WORDS": words, "COMP_CWORD": str(words.count(" "))}
     program = "import sys; sys.argv = ['capture']; from capture_cli.cli import main; main()"
     done = subprocess.run(
-        [sys.executable, "-c", program], env=ENVIRONMENT | asked, capture_output=True, text=True, check=False
+        [sys.executable, "-c", program],
+        env=ENVIRONMENT | asked,
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
     )
-    assert done.stdout.split() == ["diagnose"]
+    assert done.stdout.split() == offered

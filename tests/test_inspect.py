@@ -372,8 +372,9 @@ def test_a_heading_that_begins_anew_after_a_turn_is_found(tmp_path, slider_task)
 @pytest.mark.parametrize(
     ("old", "new", "where", "key"),
     [
-        ('"q_m"', '"q_mm"', "output q", "scale = 0.001"),
+        ('"q_m"', '"q_mm"', "output q", 'column_unit = "mm"'),
         ('"q_m"', '"q_mm"\nscale = 0.001', None, None),
+        ('"q_m"', '"q_mm"\ncolumn_unit = "mm"', None, None),
         ('"t_s"', '"t_ms"', "time", "time_scale = 0.001"),
     ],
 )
@@ -434,7 +435,7 @@ def test_an_angle_in_degrees_beside_one_in_rad_is_found(tmp_path, slider_task, s
     assert len(found) == len(said)
     for finding, words in zip(found, said, strict=True):
         assert finding["severity"] == "warning" and finding["where"] == "output q"
-        assert words in finding["message"] and "scale = 0.017453293" in finding["cure"]
+        assert words in finding["message"] and 'column_unit = "deg' in finding["cure"]
 
 
 def test_an_angle_that_goes_against_its_servo_is_found(tmp_path, slider_task):

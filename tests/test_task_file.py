@@ -307,24 +307,26 @@ def test_a_sensor_of_an_angle_reports_no_degrees(write, tmp_path, unit, right):
         TaskError, match=rf"outputs\.q\]: unit = '{unit}' .* the sensor reports {right}:"
     ) as caught:
         load_task(str(path))
-    assert f'unit = "{right}"' in caught.value.cure and "scale = 0.017453293" in caught.value.cure
+    assert (
+        caught.value.cure == f'write unit = "{right}"; and if the column is in {unit}, column_unit = "{unit}"'
+    )
 
 
 @pytest.mark.parametrize(
     ("unit", "sensor", "right", "scale"),
     [
-        ("mm", 'jointpos name="q" joint="a"', "m", "0.001"),
-        ("µm", 'jointpos name="q" joint="a"', "m", "1e-06"),
-        ("cm/s", 'jointvel name="q" joint="a"', "m/s", "0.01"),
-        ("km/h", 'jointvel name="q" joint="a"', "m/s", "0.27777778"),
-        ("kN", 'jointactuatorfrc name="q" joint="a"', "N", "1000"),
-        ("mrad", 'jointpos name="q" joint="a" hinge', "rad", "0.001"),
-        ("RPM", 'jointvel name="q" joint="a" hinge', "rad/s", "0.10471976"),
-        ("rev/min", 'jointvel name="q" joint="a" hinge', "rad/s", "0.10471976"),
-        ("deg s^-1", 'jointvel name="q" joint="a" hinge', "rad/s", "0.017453293"),
-        ("mN m", 'jointactuatorfrc name="q" joint="a" hinge', "N m", "0.001"),
-        ("N·mm", 'jointactuatorfrc name="q" joint="a" hinge', "N m", "0.001"),
-        ("kgf cm", 'jointactuatorfrc name="q" joint="a" hinge', "N m", "0.0980665"),
+        ("mm", 'jointpos name="q" joint="a"', "m", 0.001),
+        ("µm", 'jointpos name="q" joint="a"', "m", 1e-06),
+        ("cm/s", 'jointvel name="q" joint="a"', "m/s", 0.01),
+        ("km/h", 'jointvel name="q" joint="a"', "m/s", 0.27777778),
+        ("kN", 'jointactuatorfrc name="q" joint="a"', "N", 1000),
+        ("mrad", 'jointpos name="q" joint="a" hinge', "rad", 0.001),
+        ("RPM", 'jointvel name="q" joint="a" hinge', "rad/s", 0.10471976),
+        ("rev/min", 'jointvel name="q" joint="a" hinge', "rad/s", 0.10471976),
+        ("deg s^-1", 'jointvel name="q" joint="a" hinge', "rad/s", 0.017453293),
+        ("mN m", 'jointactuatorfrc name="q" joint="a" hinge', "N m", 0.001),
+        ("N·mm", 'jointactuatorfrc name="q" joint="a" hinge', "N m", 0.001),
+        ("kgf cm", 'jointactuatorfrc name="q" joint="a" hinge', "N m", 0.0980665),
     ],
 )
 def test_a_sensor_reports_its_unit_without_a_prefix(write, tmp_path, unit, sensor, right, scale):
@@ -335,7 +337,30 @@ def test_a_sensor_reports_its_unit_without_a_prefix(write, tmp_path, unit, senso
     (tmp_path / "model.xml").write_text(model)
     with pytest.raises(TaskError, match=rf"outputs\.q\]: unit = .* the sensor reports {right}:") as caught:
         load_task(str(path))
-    assert caught.value.cure.endswith(f'unit = "{right}"; and if the column is in {unit}, scale = {scale}')
+    assert caught.value.cure.endswith(
+        f'unit = "{right}"; and if the column is in {unit}, column_unit = "{unit}"'
+    )
+    path = write(('unit = "m"', f'column_unit = "{unit}"\nunit = "{right}"\nscale = -2'))
+    assert load_task(str(path)).outputs[0].scale == pytest.approx(-2 * scale)
+
+
+@pytest.mark.parametrize(
+    ("unit", "column_unit", "said", "cure"),
+    [
+        (
+            "m",
+            "deg",
+            "column_unit = 'deg' is no unit of what unit = 'm' measures",
+            "write one of m, nm, um, mm",
+        ),
+        ("counts", "deg", "no other units are known of unit = 'counts'", "scale = ..."),
+    ],
+)
+def test_a_column_of_something_else_is_refused(write, unit, column_unit, said, cure):
+    path = write(('unit = "m"', f'unit = "{unit}"\ncolumn_unit = "{column_unit}"'))
+    with pytest.raises(TaskError, match=r"outputs\.q\]: .*" + said) as caught:
+        load_task(str(path))
+    assert cure in caught.value.cure
 
 
 @pytest.mark.parametrize(

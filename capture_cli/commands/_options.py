@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from capture_cli.commands._completion import tasks, words
+
 LARGEST_SEED = 2**32 - 1  # that every generator of random numbers takes
 _TASK = "Built-in task, or path of a task.toml."
 
@@ -24,8 +26,8 @@ TakenSeed = Annotated[
 ]
 Seed = Annotated[int, typer.Option("--seed", min=0, max=LARGEST_SEED, help="Seed of every random choice.")]
 Threads = Annotated[int | None, typer.Option("--threads", min=1, help="Threads; all cores by default.")]
-Task = Annotated[str, typer.Option("--task", help=_TASK)]
-OptionalTask = Annotated[str | None, typer.Option("--task", help=_TASK)]
+Task = Annotated[str, typer.Option("--task", help=_TASK, autocompletion=tasks)]
+OptionalTask = Annotated[str | None, typer.Option("--task", help=_TASK, autocompletion=tasks)]
 LogOut = Annotated[Path, typer.Option("--out", help="Measured log to write (.zarr).")]
 RealLog = Annotated[Path, typer.Option("--real-log", help="Measured log (.zarr).")]
 Test = Annotated[
@@ -38,8 +40,18 @@ Result = Annotated[Path, typer.Argument(help="Estimate or diagnosis directory.")
 CheckpointOut = Annotated[Path, typer.Option("--out", help="Checkpoint directory to write.")]
 Resume = Annotated[bool, typer.Option("--resume", help="Go on with a run that ended early.")]
 ActionPolicy = Annotated[
-    str, typer.Option("--policy", help="Who chooses actions: random, or a checkpoint directory.")
+    str,
+    typer.Option(
+        "--policy",
+        help="Who chooses actions: random, or a checkpoint directory.",
+        autocompletion=words("random"),
+    ),
 ]
 ObservationNoise = Annotated[
-    str, typer.Option("--noise", help="On what is measured: none, scale or label, as in the paper.")
+    str,
+    typer.Option(
+        "--noise",
+        help="On what is measured: none, scale or label, as in the paper.",
+        autocompletion=words("none", "scale", "label"),
+    ),
 ]

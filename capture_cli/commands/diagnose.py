@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from capture_cli.commands._completion import words
 from capture_cli.commands._config import Config
 from capture_cli.commands._options import (
     Force,
@@ -50,7 +51,10 @@ def diagnose(
         ),
     ] = True,
     fail_on: Annotated[
-        str | None, typer.Option("--fail-on", help="Exit with 3 on this verdict: unexplained.")
+        str | None,
+        typer.Option(
+            "--fail-on", help="Exit with 3 on this verdict: unexplained.", autocompletion=words("unexplained")
+        ),
     ] = None,
     seed: TakenSeed = None,
     threads: Threads = None,

@@ -6,10 +6,14 @@ from typing import Annotated
 
 import typer
 
+from capture_cli.commands._completion import effects as names_of_effects
 from capture_cli.commands._options import Json, OptionalTask
 from capture_cli.commands._results import console, print_json
 
-Name = Annotated[str | None, typer.Argument(help="Of one effect: its law, and where it sits.")]
+Name = Annotated[
+    str | None,
+    typer.Argument(help="Of one effect: its law, and where it sits.", autocompletion=names_of_effects),
+]
 
 
 def effects(name: Name = None, task: OptionalTask = None, json_: Json = False) -> None:

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from capture_cli.commands._completion import identifiers, tasks, words
 from capture_cli.commands._config import Config
 from capture_cli.commands._options import (
     ActionPolicy,
@@ -25,15 +26,22 @@ def eval_sim2sim(
     out: Annotated[Path, typer.Option("--out", help="Evaluation directory to write.")],
     identifier: Annotated[
         list[str],
-        typer.Option("--identifier", help="A name, a checkpoint directory, or NAME=DIRECTORY."),
+        typer.Option(
+            "--identifier",
+            help="A name, a checkpoint directory, or NAME=DIRECTORY.",
+            autocompletion=identifiers,
+        ),
     ],
-    task: Annotated[str | None, typer.Option("--task", help="Built-in task with actions.")] = None,
+    task: Annotated[
+        str | None, typer.Option("--task", help="Built-in task with actions.", autocompletion=tasks)
+    ] = None,
     policy: ActionPolicy = "random",
     suite: Annotated[
         str | None,
         typer.Option(
             "--suite",
             help="paper: all its comparisons; --identifier and --policy take folders of checkpoints.",
+            autocompletion=words("paper"),
         ),
     ] = None,
     cell: Annotated[

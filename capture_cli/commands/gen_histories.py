@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from capture_cli.commands._completion import searches, words
 from capture_cli.commands._config import Config
 from capture_cli.commands._options import (
     ActionPolicy,
@@ -30,7 +31,9 @@ def gen_histories(
     search: Annotated[
         str,
         typer.Option(
-            "--search", help="Strategy: randomized-binary, binary, linear-interpolation or scattered."
+            "--search",
+            help="Strategy: randomized-binary, binary, linear-interpolation or scattered.",
+            autocompletion=searches,
         ),
     ] = "randomized-binary",
     pairs: Annotated[int, typer.Option("--pairs", min=1, help="Number of histories.")] = 1000,
@@ -61,7 +64,12 @@ def gen_histories(
         ),
     ] = None,
     executor: Annotated[
-        str, typer.Option("--executor", help="Where to simulate: local, or ray for a cluster.")
+        str,
+        typer.Option(
+            "--executor",
+            help="Where to simulate: local, or ray for a cluster.",
+            autocompletion=words("local", "ray"),
+        ),
     ] = "local",
     address: Annotated[
         str | None, typer.Option("--address", help="Address of the Ray cluster; one is started without.")

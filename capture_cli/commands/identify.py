@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from capture_cli.commands._completion import words
 from capture_cli.commands._config import Config
 from capture_cli.commands._options import (
     Force,
@@ -38,6 +39,7 @@ def identify(
         typer.Option(
             "--identifier",
             help="least-squares, cma-es, or a directory of train-sysid; default the task's own, or least-squares.",
+            autocompletion=words("least-squares", "cma-es"),
         ),
     ] = None,
     test: Test = None,
@@ -53,7 +55,11 @@ def identify(
     ] = None,
     fail_on: Annotated[
         str | None,
-        typer.Option("--fail-on", help="Exit with 3 on these verdicts: unexplained, not-identifiable."),
+        typer.Option(
+            "--fail-on",
+            help="Exit with 3 on these verdicts: unexplained, not-identifiable.",
+            autocompletion=words("unexplained", "not-identifiable"),
+        ),
     ] = None,
     seed: TakenSeed = None,
     threads: Threads = None,

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from capture_cli.commands._completion import words
 from capture_cli.commands._config import Config
 from capture_cli.commands._options import Force, OptionalTask, Result, Seed, Threads
 from capture_cli.commands._results import print_json
@@ -18,7 +19,12 @@ def propose(
     result: Result,
     task: OptionalTask = None,
     policy: Annotated[
-        str | None, typer.Option("--policy", help="Let this policy choose, rather than what tells most.")
+        str | None,
+        typer.Option(
+            "--policy",
+            help="Let this policy choose, rather than what tells most.",
+            autocompletion=words("random"),
+        ),
     ] = None,
     candidates: Annotated[
         int, typer.Option("--candidates", min=1, help="Random actions that are compared.")

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from capture_cli.commands._completion import effects, words
 from capture_cli.commands._config import Config
 from capture_cli.commands._options import Force, Json, LogOut, Quiet, Seed, Task, Threads
 from capture_cli.commands._results import print_json
@@ -18,23 +19,36 @@ def record(
     task: Task,
     out: LogOut,
     world: Annotated[
-        str, typer.Option("--world", help="plant, or robosuite: the whole scene, driven by its robot.")
+        str,
+        typer.Option(
+            "--world",
+            help="plant, or robosuite: the whole scene, driven by its robot.",
+            autocompletion=words("plant", "robosuite"),
+        ),
     ] = "plant",
     param: Annotated[list[str], typer.Option("--param", help="NAME=VALUE; others are nominal.")] = [],  # noqa: B006
     random_parameters: Annotated[
         bool, typer.Option("--random-parameters", help="Draw the others at random.")
     ] = False,
-    effect: Annotated[list[str], typer.Option("--effect", help="NAME@SITE.PARAMETER=VALUE.")] = [],  # noqa: B006
+    effect: Annotated[
+        list[str], typer.Option("--effect", help="NAME@SITE.PARAMETER=VALUE.", autocompletion=effects)
+    ] = [],  # noqa: B006
     noise: Annotated[list[str], typer.Option("--noise", help="SD for all outputs, or OUTPUT=SD.")] = [],  # noqa: B006
     episodes: Annotated[int, typer.Option("--episodes", min=1, help="Number of episodes.")] = 1,
     policy: Annotated[
         str | None,
-        typer.Option("--policy", help="Who chooses the actions of a task that has some; default random."),
+        typer.Option(
+            "--policy",
+            help="Who chooses the actions of a task that has some; default random.",
+            autocompletion=words("random"),
+        ),
     ] = None,
     belief: Annotated[
         str,
         typer.Option(
-            "--belief", help="What the policy takes the parameters for: nominal, or random each time."
+            "--belief",
+            help="What the policy takes the parameters for: nominal, or random each time.",
+            autocompletion=words("nominal", "random"),
         ),
     ] = "nominal",
     actions_from: Annotated[

@@ -6,15 +6,18 @@ from typing import Annotated
 
 import typer
 
+from capture_cli.commands._completion import tasks, words
 from capture_cli.commands._config import Config
 from capture_cli.commands._options import CheckpointOut, Force, Json, Quiet, Seed, Threads
 from capture_cli.commands._results import console, print_json
 
 
 def train_policy(
-    task: Annotated[str, typer.Option("--task", help="Built-in task with a reward.")],
+    task: Annotated[str, typer.Option("--task", help="Built-in task with a reward.", autocompletion=tasks)],
     out: CheckpointOut,
-    policy: Annotated[str, typer.Option("--policy", help="What to train: sac.")] = "sac",
+    policy: Annotated[
+        str, typer.Option("--policy", help="What to train: sac.", autocompletion=words("sac"))
+    ] = "sac",
     steps: Annotated[int, typer.Option("--steps", help="Episodes.")] = 150_000,
     envs: Annotated[int, typer.Option("--envs", help="Episodes simulated at once.")] = 64,
     updates: Annotated[int, typer.Option("--updates", help="Gradient steps after each of these.")] = 16,
@@ -30,7 +33,14 @@ def train_policy(
     evaluations: Annotated[
         int, typer.Option("--evaluations", help="Points of the evaluation curve; what --resume goes on from.")
     ] = 30,
-    device: Annotated[str, typer.Option("--device", help="Of the networks: cpu, cuda or auto.")] = "cpu",
+    device: Annotated[
+        str,
+        typer.Option(
+            "--device",
+            help="Of the networks: cpu, cuda or auto.",
+            autocompletion=words("cpu", "cuda", "auto"),
+        ),
+    ] = "cpu",
     seed: Seed = 0,
     threads: Threads = None,
     force: Force = False,

@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from capture_cli.commands._completion import words
 from capture_cli.commands._config import Config
 from capture_cli.commands._options import CheckpointOut, Force, Json, Quiet, Resume, Seed
 from capture_cli.commands._results import console, print_json
@@ -21,11 +22,16 @@ def train_sysid(
         typer.Option(
             "--identifier",
             help="capture, capture-refined, expert-distillation, posterior or tunenet.",
+            autocompletion=words("capture", "capture-refined", "expert-distillation", "posterior", "tunenet"),
         ),
     ] = "capture",
     tokens: Annotated[
         str,
-        typer.Option("--tokens", help="trajectory: one token each; step: one per state, as in the paper."),
+        typer.Option(
+            "--tokens",
+            help="trajectory: one token each; step: one per state, as in the paper.",
+            autocompletion=words("trajectory", "step"),
+        ),
     ] = "trajectory",
     window: Annotated[
         int | None,
@@ -56,10 +62,20 @@ def train_sysid(
         ),
     ] = 10,
     precision: Annotated[
-        str, typer.Option("--precision", help="float32, bfloat16, or auto: bfloat16 on a GPU.")
+        str,
+        typer.Option(
+            "--precision",
+            help="float32, bfloat16, or auto: bfloat16 on a GPU.",
+            autocompletion=words("auto", "float32", "bfloat16"),
+        ),
     ] = "auto",
     device: Annotated[
-        str, typer.Option("--device", help="cpu, cuda, or auto: a GPU if there is one.")
+        str,
+        typer.Option(
+            "--device",
+            help="cpu, cuda, or auto: a GPU if there is one.",
+            autocompletion=words("auto", "cpu", "cuda"),
+        ),
     ] = "auto",
     threads: Annotated[
         int, typer.Option("--threads", min=1, help="CPU threads; another number rounds otherwise.")

@@ -1,4 +1,4 @@
-"""Units that an output of a task.toml is not in: MuJoCo's sensors report m, rad, s, N and N m without a prefix."""
+"""Units of logs beside those of a model: MuJoCo's sensors report m, rad, s, N and N m, without a prefix."""
 
 from __future__ import annotations
 
@@ -86,15 +86,36 @@ def refuse_other_units(
     tendons and the user's own. entry: the output's table; where: its place, for the error.
     """
     own = _reported(model, sensor)
-    factor = None if own is None else _factor(unit, own)
-    if factor is None:
+    if own is None or _factor(unit, own) is None:
         return
     scale = entry.get("scale", 1.0)
     raise TaskError(
         f"{where}: unit = {unit!r} with scale = {scale}, and the sensor reports {own}: what the log has is compared "
         "with that as it is after `scale`",
-        cure=f'write unit = "{own}"; and if the column is in {unit.strip()}, scale = {factor:.8g}',
+        cure=f'write unit = "{own}"; and if the column is in {unit.strip()}, column_unit = "{unit.strip()}"',
     )
+
+
+def factor_between(written: str, own: str, where: str) -> float:
+    """How many of the unit `own` there are in one `written`: 1e-3 for mm and m.
+
+    Raises TaskError, with `where`, if one is no form of the other, or `own` is none of the units that have others.
+    """
+    if _plain(written) == _plain(own):
+        return 1.0
+    base = next((unit for unit in _FORMS if _plain(unit) == _plain(own)), None)
+    if base is None:
+        raise TaskError(
+            f"{where}: column_unit = {written!r}, and no other units are known of unit = {own!r}",
+            cure="give the factor between them instead: scale = ...",
+        )
+    factor = _factor(written, base)
+    if factor is None:
+        raise TaskError(
+            f"{where}: column_unit = {written!r} is no unit of what unit = {own!r} measures",
+            cure=f"write one of {', '.join([base, *_FORMS[base]][:12])}, or the factor between them: scale = ...",
+        )
+    return factor
 
 
 def unit_in_name(column: str, own: str) -> tuple[str, float] | None:

@@ -388,19 +388,20 @@ def _ranges(log: MeasuredLog, task: Task) -> Iterator[Finding]:
 def _units_in_names(task: Task) -> Iterator[Finding]:
     """Columns whose name ends in another unit than they are read in, with no scale."""
     columns = [
-        *((f"input {c.name}", c.column, c.unit, c.scale, "scale") for c in task.inputs),
-        *((f"output {c.name}", c.column, c.unit, c.scale, "scale") for c in task.outputs),
-        ("time", task.log.time, "s", task.log.time_scale, "[log] time_scale"),
+        *((f"input {c.name}", c.column, c.unit, c.scale) for c in task.inputs),
+        *((f"output {c.name}", c.column, c.unit, c.scale) for c in task.outputs),
+        ("time", task.log.time, "s", task.log.time_scale),
     ]
-    for where, column, unit, scale, key in columns:
+    for where, column, unit, scale in columns:
         named = unit_in_name(column, unit) if scale == 1 else None
         if named:
             written, factor = named
+            key = f"[log] time_scale = {factor:.8g}" if where == "time" else f'column_unit = "{written}"'
             yield finding(
                 "warning",
                 where,
                 f"column {column!r} is read as {unit}, and its name ends in {written}",
-                f"write {key} = {factor:.8g} if it is in {written}, and import again",
+                f"write {key} if it is in {written}, and import again",
             )
 
 
@@ -459,11 +460,12 @@ def _degrees(log: MeasuredLog, task: Task) -> Iterator[Finding]:
             ):
                 continue
             large, small = (f"output {c.name}", name) if factor > 1 else (name, f"output {c.name}")
+            degrees = "deg/s" if how and large == name else "deg"
             yield finding(
                 "warning",
                 f"output {c.name}",
                 f"moves {factor:.3g} times as far as {how}{name} says: is {large} in degrees, and {small} in rad?",
-                f"write scale = {1 / DEGREES:.9f} under the one in degrees, as the model is in rad, and import again",
+                f'write column_unit = "{degrees}" under {large}, as the model is in rad, and import again',
             )
 
 

@@ -14,7 +14,7 @@ from capture_cli.errors import ModelError, TaskError, did_you_mean
 from capture_cli.parameters import Parameter, ParameterSpace
 from capture_cli.sim.engine import silence_mujoco
 from capture_cli.sim.mjcf import free_centres
-from capture_cli.sim.sensor_units import refuse_other_units
+from capture_cli.sim.sensor_units import factor_between, refuse_other_units
 from capture_cli.sim.target_names import least_value, object_id, parse_target, split_target
 from capture_cli.tasks.base import Channel, LogColumns, Task
 
@@ -92,7 +92,7 @@ class MjcfFile(Task):
         return Parameter(name, unit, low, high, min(max(nominal, low), high)), targets
 
     def _input(self, name: str, entry: dict[str, Any], where: str) -> Channel:
-        _known(entry, {"column", "unit", "scale", "offset", "interpolate"}, where)
+        _known(entry, {"column", "unit", "column_unit", "scale", "offset", "interpolate"}, where)
         number = object_id(self.model, "actuator", name, where)
         self._check_actuator(number, name, where)
         how = _value(entry, "interpolate", str, where, default="hold")
@@ -124,7 +124,9 @@ class MjcfFile(Task):
             )
 
     def _output(self, name: str, entry: dict[str, Any], where: str) -> list[Channel]:
-        _known(entry, {"column", "unit", "scale", "offset", "noise_sd", "period", "sparse"}, where)
+        _known(
+            entry, {"column", "unit", "column_unit", "scale", "offset", "noise_sd", "period", "sparse"}, where
+        )
         number = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_SENSOR, name)
         if number < 0:
             raise ModelError(f"{where}: the model has no sensor {name!r}", cure=self._sensor_to_take(name))
@@ -225,14 +227,20 @@ def _positive(entry: dict[str, Any], key: str, where: str, *, cure: str, default
 
 
 def _scale(entry: dict[str, Any], where: str) -> float:
-    """The factor on a channel's column. Raises TaskError where it is 0, which would leave nothing of the column."""
+    """The factor on a channel's column: `scale`, times what brings `column_unit` to `unit`.
+
+    Raises TaskError where it is 0, which would leave nothing of the column, or the units are of different things.
+    """
     scale = _value(entry, "scale", float, where, default=1.0)
     if scale == 0:
         raise TaskError(
             f"{where}: scale = 0 makes every value the same",
             cure="give the factor that brings the column to the unit, or leave it out if that is 1",
         )
-    return scale
+    if "column_unit" not in entry:
+        return scale
+    unit, written = (_value(entry, key, str, where) for key in ("unit", "column_unit"))
+    return scale * factor_between(written, unit, where)
 
 
 def _set_once(texts: list[str], name: str, set_by: dict[str, str], where: str) -> None:
