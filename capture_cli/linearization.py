@@ -81,9 +81,10 @@ class Evidence:
         return residual.reshape(*residual.shape[:-2], -1)
 
     def standing_out(self, residual: np.ndarray) -> np.ndarray:
-        """The windows that a model with the residual (window, row) explains far worse than most."""
-        squares = np.square(residual).sum(axis=1) / np.maximum(self.mask.sum(axis=(1, 2)), 1)
-        return np.flatnonzero(squares > STANDS_OUT * np.median(squares))
+        """The windows that a model with the residual (window, row) explains far worse than most that have samples."""
+        count = self.mask.sum(axis=(1, 2))
+        squares = np.square(residual).sum(axis=1) / np.maximum(count, 1)
+        return np.flatnonzero(squares > STANDS_OUT * np.median(squares[count > 0]))
 
     def other_starts(
         self, offsets: np.ndarray, stuck: np.ndarray, drawn: np.ndarray | None = None

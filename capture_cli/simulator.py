@@ -215,8 +215,8 @@ class Simulator:
         """Numbers of the simulations that are run at a time: fewer where each has controls of its own."""
         drives = self.begins_early or any(effect.place == "control" for _, effect in self.effects)
         tape = windows.tape.shape[1] * self.task.model.nu * np.dtype(float).itemsize
-        parts = -(-simulations * tape * drives // TAPE_BYTES) or 1
-        return np.array_split(np.arange(simulations), parts)
+        parts = min(-(-simulations * tape * drives // TAPE_BYTES), simulations)
+        return np.array_split(np.arange(simulations), max(parts, 1))
 
     def trajectories(self, parameters: np.ndarray, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """One episode per row: state trajectories (simulation, point, feature) and diverged (simulation,).

@@ -24,7 +24,7 @@ from capture_cli.diagnosis.acceptance import (
 from capture_cli.diagnosis.folds import ENOUGH_WINDOWS, Folds, select_folds
 from capture_cli.diagnosis.lack_of_fit import LackOfFit, lack_held_out
 from capture_cli.diagnosis.localisation import HALF_WIDTH, accelerations, curve, largest_around
-from capture_cli.diagnosis.noise_floor import from_differences, noise_floor
+from capture_cli.diagnosis.noise_floor import from_differences, noise_floor, trimmed_sd
 from capture_cli.diagnosis.score import score
 from capture_cli.diagnosis.split import split_windows
 from capture_cli.errors import LogError, OptionError, OutputError
@@ -134,6 +134,31 @@ def test_repeats_are_not_misled_by_what_a_slightly_different_start_does(start):
     found = repeated(generator, 1e-3 * generator.standard_normal((REPEATS, STEPS)), start)
     assert found.source == ("repeats",)
     assert found.sd[0] == pytest.approx(1e-3, rel=0.06)
+
+
+@pytest.mark.parametrize("locked_at", [0.0, 0.3])
+def test_an_axis_that_rests_does_not_hide_repeats_of_the_others(locked_at):
+    """Its noise is declared; times of day are off by a microsecond, by which a fitted line is, too."""
+    generator = np.random.default_rng(7)
+    time = np.tile(np.arange(STEPS) / 250, 2) + np.repeat([0.0, 1000.0], STEPS)
+    time[STEPS:] += 1e-6 * generator.standard_normal(STEPS)
+    swing = np.tile(np.sin(6 * np.arange(STEPS) / 250), 2) + 1e-3 * generator.standard_normal(2 * STEPS)
+    found = noise_floor(
+        np.stack([swing, np.full(2 * STEPS, locked_at)], axis=1),
+        [slice(0, STEPS), slice(STEPS, 2 * STEPS)],
+        [None, 1e-3],
+        time=time,
+        driven_by=[np.sin(np.arange(STEPS))[:, None]] * 2,
+        block=60,
+    )
+    assert found.source == ("repeats", "declared")
+
+
+@pytest.mark.parametrize("count", [6, 12, 40, 1000])
+def test_a_trimmed_sd_is_right_of_few_numbers_too(count):
+    generator = np.random.default_rng(0)
+    found = [trimmed_sd(generator.standard_normal(count)) for _ in range(3000)]
+    assert np.sqrt(np.mean(np.square(found))) == pytest.approx(1.0, abs=0.03)
 
 
 def test_episodes_that_start_elsewhere_and_copies_are_no_repeats():
@@ -302,9 +327,10 @@ def test_correlation_is_seen_where_starts_were_fitted(memory):
 
 
 def test_blocks_hold_every_square_once():
-    squares = np.random.default_rng(1).random((3, 10))
-    mask = np.ones((3, 10), dtype=bool)
+    squares = np.random.default_rng(1).random((4, 10))
+    mask = np.ones((4, 10), dtype=bool)
     mask[2, 6:] = False
+    mask[3] = False  # a camera that saw nothing for a window
     blocks = block_squares(squares, mask, 3)
     assert blocks.sum() == pytest.approx(squares[mask].sum())
     assert len(blocks) == 3 + 3 + 2

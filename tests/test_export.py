@@ -348,7 +348,10 @@ def test_names_cannot_break_the_module(tmp_path):
     effect = effects.REGISTRY.get("cogging")(model, name)
     path = tmp_path / "m_effects.py"
     path.write_text(companion_module('m"""\n.xml', name, {f"cogging@{name}": (effect, away(effect, 0.3))}))
-    imported(path).Effects(model).step(model, mujoco.MjData(model), [0.0])
+    data = mujoco.MjData(model)
+    data.qpos[0] = 0.01  # where the cogging pulls
+    imported(path).Effects(model).step(model, data, [0.0])
+    assert data.qvel[0] != 0
 
 
 # ---- files and errors ----

@@ -520,6 +520,14 @@ def test_a_parquet_column_of_text_is_refused_with_row_and_value(tmp_path, slider
     assert "'u_N' holds 'off' at row 2 (of 3)" in refusal(tmp_path / "run.parquet", slider_task).message
 
 
+def test_a_decimal_point_in_one_parquet_column_says_what_a_comma_in_another_is_not(tmp_path, slider_task):
+    """As of CSV: one writer wrote all of them."""
+    times = [f"{i / 250:.3f}" for i in range(12)]
+    table = pa.table({"t_s": times, "u_N": ["1,11"] * 12, "q_m": np.zeros(12)})
+    parquet.write_table(table, tmp_path / "run.parquet")
+    assert "'u_N' holds '1,11' at row 1" in refusal(tmp_path / "run.parquet", slider_task).message
+
+
 def test_a_parquet_column_of_times_of_day_is_refused(tmp_path, slider_task):
     times = pa.array([0, 1, 2], pa.timestamp("ms"))
     parquet.write_table(

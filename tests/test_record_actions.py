@@ -8,12 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from capture_cli.errors import OptionError
+from capture_cli.errors import LogError, OptionError
 from capture_cli.protocol.log_starts import as_acted, begins_as_acted
 from capture_cli.protocol.prepare import prepare
 from capture_cli.simulator import Simulator
 from capture_cli.stages.drive import ACTION_RATE
 from capture_cli.stages.identify import identify
+from capture_cli.stages.import_log import import_log
 from capture_cli.stages.record import record
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.tasks import load_task
@@ -148,6 +149,7 @@ def test_identify_recovers_the_planted_parameters(recorded, tmp_path):
         ({"duration": 3.0}, "--duration means nothing"),
         ({"start": {"puck_x": (0.0, 0.1)}}, "--start means nothing"),
         ({"amplitude": {"mallet_vx": 1.0}}, "--amplitude means nothing"),
+        ({"duration": 0.0}, "--duration means nothing"),
         ({"rate": -5.0}, "--rate -5"),
         ({"policy": "nobody"}, "neither a policy nor a checkpoint"),
         ({"belief": "certain"}, "unknown --belief 'certain'"),
@@ -166,3 +168,30 @@ def test_the_truth_is_not_in_the_log(tmp_path, truth):
     with pytest.raises(OptionError, match="must not find its truth"):
         record(task="scooping", out=tmp_path / "log.zarr", truth=tmp_path / truth, threads=1)
     assert not any(tmp_path.iterdir())
+
+
+def test_an_episode_has_one_action(recorded, tmp_path):
+    """Of a file in which it changes within one, episodes were not parted: only the first row's had been kept."""
+    _, made = recorded
+    task, steps = load_task("air-hockey"), made.log.episodes[0]
+    channels = [made.log.inputs[steps], made.log.outputs[steps]]
+    table = np.column_stack(
+        [made.log.time[steps], *channels, np.tile(made.log.actions[0], (len(channels[0]), 1))]
+    )
+    names = [task.log.time, *(c.column for c in (*task.inputs, *task.outputs))]
+    names += [f"action.{name}" for name in task.actions.names]
+
+    def imported():
+        np.savetxt(
+            tmp_path / "run.csv", table, delimiter=",", header=",".join(names), comments="", fmt="%.9g"
+        )
+        return import_log(
+            files=[tmp_path / "run.csv"], task="air-hockey", out=tmp_path / "run.zarr", force=True
+        )
+
+    np.testing.assert_allclose(imported().actions, made.log.actions[:1], rtol=1e-8)
+    table[9:, -1] *= 0.5
+    with pytest.raises(
+        LogError, match=f"column '{names[-1]}' is .* at line 2 and .* at line 11, in one episode"
+    ):
+        imported()

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import binom
+from scipy.stats import binom, truncnorm
 
 from capture_cli.identifiers._sampled_posterior import is_rough, sampled_posterior
 from capture_cli.identifiers.intervals import intervals, unit_covariance
@@ -90,3 +90,34 @@ def test_the_same_seed_says_the_same():
     one, two = (sampled_posterior(found, covariance, evaluate, seed=1) for _ in range(2))
     np.testing.assert_array_equal(one.covariance, two.covariance)
     np.testing.assert_array_equal(one.point, two.point)
+
+
+@pytest.mark.parametrize("off", [-1.0, 0.0, 0.5, 50.0])
+def test_at_a_bound_the_posterior_is_cut_and_not_heaped_up(off):
+    """Nothing of it is below 0: what was drawn there had been moved to the bound, and halved the mean."""
+    sd = NOISE / np.sqrt(STEPS / 3)
+    centre = off * sd
+    truth = truncnorm((0 - centre) / sd, (1 - centre) / sd, centre, sd)
+
+    def shifted(com: float) -> np.ndarray:
+        return (com - centre) * np.linspace(0, 1, STEPS)
+
+    means = []
+    for seed in range(LOGS):
+        space = ParameterSpace([Parameter("com", "m", 0.0, 1.0, 0.5)])
+        evidence = Evidence(
+            space,
+            np.zeros((1, STEPS, 1)),
+            np.ones((1, STEPS, 1), dtype=bool),
+            np.array([NOISE]),
+            np.ones((1, 0)),
+        )
+
+        def evaluate(trial: Trial):
+            outputs = np.stack([shifted(p[0]) for p in trial.parameters])[:, None, :, None]
+            return outputs, np.zeros((len(trial), 1), dtype=bool)
+
+        x, offsets = np.array([max(centre, 0.0)]), np.zeros((1, 0))
+        at = Linearization.from_columns(evidence, x, offsets, *evaluate(columns(evidence, x, offsets)))
+        means.append(sampled_posterior(at, np.array([[sd**2]]), evaluate, seed).mean[0])
+    assert np.mean(means) == pytest.approx(truth.mean(), abs=0.1 * truth.std())

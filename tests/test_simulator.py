@@ -7,6 +7,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from capture_cli.effects import REGISTRY
+from capture_cli.effects.placed import Placed
 from capture_cli.sim.starts import model_starts
 from capture_cli.sim.windows import cut
 from capture_cli.simulator import Simulator
@@ -50,6 +52,16 @@ def test_candidates_that_share_a_window_get_what_each_would_alone(slider, points
         (p, w, x) for p, row in zip(points, offsets[:, :, 0], strict=True) for w, x in enumerate(row)
     }
     assert together.rollouts == len(different)
+
+
+def test_tapes_that_are_larger_than_what_is_run_at_a_time(slider, monkeypatch):
+    task, windows, starts = slider
+    delay = Placed("control-delay", REGISTRY.get("control-delay")(task.model, "drive"))
+    points = np.array([[1.0, 2.0, 0.01], [2.0, 2.0, 0.02]])
+    whole = Simulator(task, [delay], threads=1).simulate(windows, starts, points).outputs
+    monkeypatch.setattr("capture_cli.simulator.TAPE_BYTES", 1)
+    one_by_one = Simulator(task, [delay], threads=1).simulate(windows, starts, points).outputs
+    np.testing.assert_array_equal(one_by_one, whole)
 
 
 def test_without_offsets_too(slider):

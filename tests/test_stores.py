@@ -320,6 +320,15 @@ def test_force_replaces_a_result_and_an_empty_folder(tmp_path):
         assert names(tmp_path) == ["out"]
 
 
+def test_force_replaces_no_device(tmp_path):
+    """As root `--out /dev/null --force` had made a folder of it."""
+    os.mkfifo(tmp_path / "pipe")
+    for new in (new_directory, new_file, resumable_directory):
+        with pytest.raises(OutputError, match="is a device or a pipe"), new(tmp_path / "pipe", force=True):
+            pytest.fail("the block must not be entered")
+    assert (tmp_path / "pipe").is_fifo()
+
+
 def test_force_replaces_a_file_by_a_file_only(tmp_path):
     (tmp_path / "out").write_text("old")
     with pytest.raises(OutputError, match="is a file"), new_directory(tmp_path / "out", force=True):

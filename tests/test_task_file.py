@@ -376,7 +376,8 @@ def test_an_accelerometer_reports_no_weights(write, tmp_path, unit, refused):
 
 @pytest.mark.parametrize("unit", ["m", "1", "counts", "ticks", "px", "V", "N m", "mmHg"])
 def test_words_that_are_no_form_of_a_sensors_unit_are_left_alone(write, unit):
-    load_task(str(write(('unit = "m"', f'unit = "{unit}"'))))
+    (output,) = load_task(str(write(('unit = "m"', f'unit = "{unit}"')))).outputs
+    assert (output.unit, output.scale) == (unit, 1.0)
 
 
 def test_a_control_goes_to_its_actuator_behind_one_of_many_controls(write, tmp_path):

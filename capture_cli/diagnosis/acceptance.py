@@ -133,9 +133,12 @@ def _positive_sum(covariance: np.ndarray) -> float:
 
 
 def block_squares(squares: np.ndarray, mask: np.ndarray, length: int) -> np.ndarray:
-    """Sums of `squares` (window, step) over blocks of about `length` steps that do not cross windows, (block,)."""
+    """Sums of `squares` (window, step) over blocks of about `length` steps that do not cross windows, (block,).
+
+    mask (window, step): the steps that have a sample. A window without any is no block.
+    """
     sums = []
-    for row, valid in zip(squares, mask, strict=True):
+    for row, valid in zip(squares[mask.any(axis=1)], mask[mask.any(axis=1)], strict=True):
         used = row[valid]
         pieces = max(1, len(used) // max(length, 1))
         sums += [piece.sum() for piece in np.array_split(used, pieces)]

@@ -27,7 +27,7 @@ from capture_cli.diagnosis.repeats import FEWEST, SHORTEST, from_repeats, repeat
 ORDERS = range(2, 9)
 STILL_FALLING = 0.9  # the signal still shows at an order if the next one gives less than this share
 TRIMMED = 0.95  # share of the squared differences that is kept
-TRIMMED_MEAN = 0.7588  # mean of a chi-squared(1) variable below its 95 % quantile: P(chi2_3 < q) / 0.95
+PLACE = 1 / 3  # the largest kept of few lies a little above the quantile of the share that they are
 UNEVEN = 0.01  # of the sampling interval: files round times
 SMALLEST = 1e-7  # of the output's own standard deviation: floor for logs without noise
 ROUNDING = 1e-12  # of the largest number: an output that changes by less is always the same
@@ -66,7 +66,8 @@ def noise_floor(
     times = [[time[steps] for steps in own[k]] for k in range(len(declared))]
     sd = shared(np.array([from_differences(s, t) for s, t in zip(series, times, strict=True)]), attitudes)
     source = ["differences"] * len(declared)
-    numbers = repeats(time, driven_by, outputs, episodes, sd, sampled)
+    known_sd = np.array([by if known is None else known for known, by in zip(declared, sd, strict=True)])
+    numbers = repeats(time, driven_by, outputs, episodes, known_sd, sampled)
     groups = [[episodes[number] for number in group] for group in numbers]
     smallest = SMALLEST * outputs.std(axis=0, where=sampled)
     for k, known in enumerate(declared):
@@ -122,8 +123,16 @@ def shared_source(source: Sequence[str], sd: np.ndarray, attitudes: Sequence[np.
 
 def trimmed_sd(numbers: np.ndarray) -> float:
     """The standard deviation of Gaussian `numbers`, the largest left out."""
-    squares = np.sort(np.square(numbers))[: max(1, int(TRIMMED * len(numbers)))]
-    return float(np.sqrt(squares.mean() / TRIMMED_MEAN))
+    kept = max(1, int(TRIMMED * len(numbers)))
+    squares = np.sort(np.square(numbers))[:kept]
+    return float(np.sqrt(squares.mean() / _mean_below((kept + PLACE) / len(numbers))))
+
+
+def _mean_below(share: float) -> float:
+    """The mean of a chi-squared variable of one degree below its quantile q of `share`: P(chi2_3 < q) / share."""
+    from scipy.special import chdtr, chdtri
+
+    return float(chdtr(3, chdtri(1, 1 - share))) / share if share < 1 else 1.0
 
 
 def from_differences(series: Sequence[np.ndarray], times: Sequence[np.ndarray]) -> float:

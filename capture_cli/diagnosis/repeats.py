@@ -20,6 +20,7 @@ SAME = 5.0  # standard deviations of their difference
 DEGREE = 3  # of the polynomial that a start's influence is within a block
 SHORTEST = 2 * (DEGREE + 1)  # samples of such a block
 FEWEST = 200  # degrees of freedom: with fewer the floor would be uncertain by more than 5 %
+ROUNDING = 1e-9  # of the largest number: by so much starts may differ in any case
 LEFT_OF_A_ROW = 0.1  # share of a row's noise that starts cannot take: with less the row says nothing
 
 
@@ -155,5 +156,6 @@ def _same_line(a: tuple[np.ndarray, np.ndarray], b: tuple[np.ndarray, np.ndarray
         inverse = np.linalg.inv(design.T @ design)
         lines.append(inverse @ design.T @ values)
         variances.append(np.diag(inverse))
-    sd = np.sqrt(variances[0] + variances[1]) * noise_sd
+    rounding = ROUNDING * max(np.abs(values).max() for _, values in (a, b))
+    sd = np.sqrt(variances[0] + variances[1]) * max(noise_sd, rounding)
     return bool((np.abs(lines[0] - lines[1]) <= SAME * sd).all())

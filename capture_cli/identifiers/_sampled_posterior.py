@@ -48,7 +48,7 @@ class SampledPosterior:
 
 @dataclass(frozen=True)
 class _Proposal:
-    """A normal distribution that `count` points were drawn from, cut to the unit cube."""
+    """A normal distribution that `count` points were drawn from. Beyond the unit cube the posterior is nothing."""
 
     mean: np.ndarray
     covariance: np.ndarray
@@ -63,7 +63,7 @@ class _Proposal:
     def draw(self, generator: np.random.Generator) -> np.ndarray:
         """(point, p)."""
         off = generator.standard_normal((self.count, len(self.mean))) @ np.linalg.cholesky(self.covariance).T
-        return np.clip(self.mean + off, 0, 1)
+        return self.mean + off
 
     def density(self, x: np.ndarray) -> np.ndarray:
         """At x (point, p), but for what all proposals have in common."""
@@ -123,7 +123,11 @@ def _weights(x: np.ndarray, above: np.ndarray, proposals: list[_Proposal]) -> np
 
 
 def _objectives(at: Linearization, x: np.ndarray, evaluate: Evaluate) -> np.ndarray:
-    """(point,) at x (point, p), in the unit cube, with starts as they are; inf where one diverged."""
-    offsets = np.repeat(at.offsets[None], len(x), axis=0)
-    outputs, diverged = evaluate(Trial(at.evidence.space.from_unit(x), offsets))
-    return trial_objectives(at.evidence, offsets, outputs, diverged, at.scatter).sum(axis=1)
+    """(point,) at x (point, p), with starts as they are; inf beyond the unit cube, and where one diverged."""
+    inside = ((x >= 0) & (x <= 1)).all(axis=1)
+    objectives = np.full(len(x), np.inf)
+    if inside.any():
+        offsets = np.repeat(at.offsets[None], int(inside.sum()), axis=0)
+        outputs, diverged = evaluate(Trial(at.evidence.space.from_unit(x[inside]), offsets))
+        objectives[inside] = trial_objectives(at.evidence, offsets, outputs, diverged, at.scatter).sum(axis=1)
+    return objectives

@@ -175,6 +175,8 @@ class Attribution:
             return current
         joint = self.accepted.pop()
         self._candidate(joint.name).why_rejected = "better at each of its places on its own"
+        for place in places:
+            self._candidate(place.name).why_rejected = None
         self.accepted += [
             Accepted(place, self._candidate(place.name).score, [], joint.support, joint.share)
             for place in places
@@ -287,10 +289,11 @@ class Attribution:
 
         The others are its rivals, and so are those not fitted whose response is nearly its own.
         """
-        best = min(supported, key=self.models.loss)
+        ranked = self._by_loss(supported)
+        best = ranked[0]
         as_good = [c for c in supported if c is best or self.models.as_good(best, c)]
         chosen = min(as_good, key=lambda c: (len(c.placed.effect.parameters), c.fit.squares))
-        rivals = sorted((c for c in supported if c is not chosen), key=self.models.loss)
+        rivals = [c for c in ranked if c is not chosen]
         for candidate in rivals:
             candidate.why_rejected = f"{chosen.name} explains as much with less, or more"
         similar = [c for c in unfitted if abs(similarity(chosen.score.response, c.score.response)) > SIMILAR]
@@ -298,6 +301,11 @@ class Attribution:
         rivals = [replace(c) for c in (*rivals[:RIVALS], *similar[:RIVALS])]
         self.accepted.append(Accepted(chosen.placed, chosen.score, rivals, chosen.support, share))
         return chosen
+
+    def _by_loss(self, candidates: Sequence[Candidate]) -> list[Candidate]:
+        """The best first, by what judges."""
+        order = np.argsort(self.models.losses(candidates), kind="stable")
+        return [candidates[i] for i in order]
 
     # --- backward ---
 

@@ -34,12 +34,12 @@ class JudgedModel:
     judged: PartFit | None
     whole: PartFit
 
-    @property
+    @cached_property
     def lacking(self) -> LackOfFit:
         """What it leaves of what it was fitted to."""
         return lack_of_fit(self.fit.at)
 
-    @property
+    @cached_property
     def intervals(self) -> Intervals:
         """Of the refit, with those of the other minima."""
         return intervals(self.again.at, [m.at for m in self.minima])
@@ -116,7 +116,8 @@ def verdict(
     """A model that does not hold on what was held out explains nothing, however well it fits the rest."""
     if held_out.lacking:
         return "unexplained"
-    tested = held_out_before.evidence.count > 0
+    # where the whole log moved the parameters, the error that was held out is of those before
+    tested = held_out_before.evidence.count > 0 and held_out.whole is None
     if tested and accepted and held_out.lack.normalized >= held_out_before.normalized:
         return "unexplained"
     if not before.lacking:

@@ -12,7 +12,7 @@ from capture_cli.identifiers.base import Trial
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.sim.coordinate_sources import unmeasured_joints
 from capture_cli.sim.engine import Engine
-from capture_cli.sim.windows import SHORTEST_EPISODE
+from capture_cli.sim.windows import SHORTEST_EPISODE, usual_interval
 from capture_cli.simulator import Simulator
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.tasks.base import Channel, Task
@@ -135,7 +135,7 @@ def check_long_enough(log: MeasuredLog, duration: float | None) -> None:
         raise LogError(
             f"{log.path}: no episode has {FEWEST_SAMPLES} samples", cure="record longer, or at a higher rate"
         )
-    interval = float(np.median(np.concatenate([np.diff(log.time[e]) for e in log.episodes])))
+    interval = float(np.median([usual_interval(log.time[e], log.sampled[e]) for e in log.episodes]))
     if duration is not None and duration < FEWEST_IN_WINDOW * interval:
         raise LogError(
             f"{log.path}: a window of {duration:.3g} s holds fewer than {FEWEST_IN_WINDOW} samples, "

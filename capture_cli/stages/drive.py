@@ -50,7 +50,7 @@ class DriveOptions:
         """Raise OptionError where one of these was given, which means nothing here."""
         for name in names:
             value = getattr(self, name)
-            if value and value != getattr(DriveOptions, name):
+            if value not in (None, {}, getattr(DriveOptions, name)):
                 raise OptionError(f"--{name.replace('_', '-')} means nothing: {why}", cure="leave it out")
 
 

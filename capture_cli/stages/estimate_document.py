@@ -105,10 +105,12 @@ class Report:
     def _recordings(self, joint: Intervals):
         """The estimate of each fitted recording alone, from the joint one on; None for a single recording."""
         fit = self.result.part
-        numbers = [n for n in np.unique(fit.recording) if (fit.recording == n).sum() >= 2]
+        fitted = np.unique(fit.recording)
+        numbers = [n for n in fitted if (fit.recording == n).sum() >= 2]
         if len(numbers) < 2 or not len(self.space):
             return None
-        values, sds, names, gains = [], [], [], []
+        names = self.prepared.log.recording_names
+        values, sds, alone, gains = [], [], [], []
         for done, number in enumerate(numbers):
             self.progress.step(self.progress.part("recording on its own,", done, len(numbers)))
             which = fit.recording == number
@@ -122,12 +124,18 @@ class Report:
                 seed=self.seed,
             )
             if own is None:
-                return None
+                continue
             values.append(own.point)
             sds.append(intervals(own.at).sd)
-            names.append(self.prepared.log.recording_names[number])
+            alone.append(names[number])
             gains.append(self._gain(fit.part(which), own))
-        return _agreement(names, np.array(values), np.array(sds), sum(gains), self.space.names, joint)
+        if len(alone) < 2:
+            return None
+        found = _agreement(alone, np.array(values), np.array(sds), sum(gains), self.space.names, joint)
+        left_out = [names[n] for n in fitted if names[n] not in alone]
+        if left_out:
+            found["document"]["text"] += f"; nothing is known of {', '.join(left_out)} alone"
+        return found
 
     def _gain(self, part: PreparedLog, own: Fit) -> float:
         """Of the objective over k: what the fit `own` to the part takes beyond the estimate, with starts of its own."""

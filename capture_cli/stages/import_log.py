@@ -166,6 +166,8 @@ def _read_recording(
         )
     ends = _episode_ends(labels)
     _check_episodes(source, data, ends, rows, task)
+    if actions is not None:
+        _check_one_action_each(source, actions, ends, rows, task)
     _unwrap(data, ends, task)
     scale = np.array([task.log.time_scale, *(c.scale for c in channels)])
     offset = np.array([0.0, *(c.offset for c in channels)])
@@ -324,6 +326,25 @@ def _check_episodes(
     back = np.flatnonzero(interval <= 0)
     if back.size:
         raise _not_increasing(source, data, rows, back, task)
+
+
+def _check_one_action_each(
+    source: SourceFile, actions: np.ndarray, ends: np.ndarray, rows: np.ndarray, task: ActionTask
+) -> None:
+    """Raise LogError where an action (step, action) changes inside an episode: several episodes may have become one."""
+    begins = np.array([0, *ends[:-1]])
+    changed = np.argwhere(actions != np.repeat(actions[begins], ends - begins, axis=0))
+    if changed.size:
+        row, k = changed[0]
+        begin = begins[np.searchsorted(ends, row, side="right")]
+        name = f"action.{task.actions.names[k]}"
+        raise LogError(
+            f"{source.path}: column {name!r} is {actions[begin, k]:.6g} at {source.place(rows[begin])} and "
+            f"{actions[row, k]:.6g} at {source.place(rows[row])}, in one episode, which has one action",
+            cure="part the episodes by a column, or write the action of an episode into every row of it"
+            if task.log.episode is None
+            else f"correct the column {task.log.episode!r}: an episode begins where it changes",
+        )
 
 
 def _unwrap(data: np.ndarray, ends: np.ndarray, task: Task) -> None:

@@ -269,7 +269,11 @@ class ParquetFile(SourceFile):
         table = self._read(list(dict.fromkeys(names)))
         if not table.num_rows:
             raise LogError(f"{self.path} has no rows", cure="record it again, or leave it out")
-        columns = {name: self._column(name, table[name]) for name in table.column_names}
+        texts = {name: table[name].to_pylist() for name in table.column_names if _is_text(table[name])}
+        columns = self._numbers_of(texts) if texts else {}
+        for name in table.column_names:
+            if name not in texts:
+                columns[name] = self._column(name, table[name])
         return np.column_stack([columns[name] for name in names])
 
     def labels(self, name):
@@ -290,10 +294,7 @@ class ParquetFile(SourceFile):
 
     def _column(self, name: str, column) -> np.ndarray:
         import pyarrow as pa
-        from pyarrow import types
 
-        if types.is_string(column.type) or types.is_large_string(column.type):
-            return self._numbers_of({name: column.to_pylist()})[name]
         try:
             return column.cast(pa.float64(), safe=False).to_numpy().astype(float)
         except pa.ArrowException as error:
@@ -302,3 +303,10 @@ class ParquetFile(SourceFile):
                 f"{self.place(0)} holds {str(column[0].as_py())!r:.60}",
                 cure=AS_A_NUMBER,
             ) from error
+
+
+def _is_text(column) -> bool:
+    """Whether an Arrow column holds texts."""
+    from pyarrow import types
+
+    return types.is_string(column.type) or types.is_large_string(column.type)

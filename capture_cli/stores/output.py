@@ -124,6 +124,10 @@ def refuse_existing(path: Path, *, force: bool) -> None:
             )
     if not path.exists():
         return
+    if not (path.is_file() or path.is_dir()):
+        raise OutputError(
+            f"{path} is a device or a pipe, not a file or a folder", cure="choose another --out"
+        )
     if not force:
         raise OutputError(f"{path} exists already", cure="choose another --out, or add --force to replace it")
     if path.is_dir() and any(path.iterdir()) and not (path / PROVENANCE).is_file():
