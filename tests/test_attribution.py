@@ -318,3 +318,25 @@ def test_an_effect_of_all_sensors_is_tried_at_each_that_is_in_the_log(
     found = json.loads((out / "diagnosis.json").read_text())["effects"]
     delays = {e["site"]: e["parameters"]["delay"]["value"] for e in found}
     assert delays == pytest.approx({"q": 0.012, "v": 0.02}, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("effects", "rounds"),
+    [
+        (["coulomb-friction@shoulder=0.15", "coulomb-friction@elbow=0.1"], 1),
+        (["coulomb-friction@shoulder=0.15", "sensor-delay@q2=0.02"], 2),
+    ],
+)
+def test_what_is_missing_at_every_joint_is_found_at_once(tmp_path, monkeypatch, without_pages, effects, rounds):
+    """Of two effects of two kinds the first is not spread to other places for it."""
+    catalogue, forward, begun = attribution.all_candidates, Attribution._forward, []
+    few = ("coulomb-friction", "sensor-delay", "joint-spring", "cogging")
+    monkeypatch.setattr(
+        attribution, "all_candidates", lambda log: [c for c in catalogue(log) if c.placed.kind in few]
+    )
+    monkeypatch.setattr(Attribution, "_forward", lambda self, fit: begun.append(fit) or forward(self, fit))
+    log, task = tmp_path / "log.zarr", str(MACHINES / "arm" / "task.toml")
+    record(task=task, out=log, effects=effects, noise=1e-4, episodes=4, duration=2, rate=100, threads=1)
+    found = diagnose(real_log=log, task=task, out=tmp_path / "d", quiet=True, most_effects=rounds).document
+    assert {f"{e['name']}@{e['site']}" for e in found["effects"]} == {e.split("=")[0] for e in effects}
+    assert found["verdict"] == "effect-found" and len(begun) == rounds

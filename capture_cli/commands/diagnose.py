@@ -42,7 +42,12 @@ def diagnose(
     window: Window = None,
     starts: Starts = 3,
     most_effects: Annotated[
-        int, typer.Option("--most-effects", min=1, help="Stop when so many effects are found.")
+        int,
+        typer.Option(
+            "--most-effects",
+            min=1,
+            help="Stop when so many effects are found; one at several places at once counts as one.",
+        ),
     ] = 6,
     expression: Annotated[
         bool,

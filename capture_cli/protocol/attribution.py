@@ -42,6 +42,9 @@ MINOR, MOST_MINOR = 0.05, 2
 # Of a range. A result file says "at its bound" from AT_BOUND on; but a descent gives up where its trust region is this
 # small, and an effect that ends so near to where its range does is drawn there.
 NEAR_BOUND = 1e-3
+MOST_OF_IT = (
+    0.5  # of the squared error above the noise floor: what an effect's other places must take together
+)
 PAIRED = 3  # rivals of each of two effects that are exchanged at once
 RIVALS = 4  # other candidates that an accepted effect is compared with once everything else is in the model
 # Before it is said that nothing explains the log, the next best are fitted, as often as there are pairs here: those of
@@ -59,6 +62,7 @@ class Accepted:
 
     score: when it entered, and so are those of the rivals: later, with it in the model, they answer to what it leaves.
     share: of the squared error above the noise floor of the declared model, what it took when it entered.
+    along: whether it came with another of its kind, at another place.
     """
 
     placed: Placed
@@ -66,6 +70,7 @@ class Accepted:
     rivals: list[Candidate]
     support: Support
     share: float
+    along: bool = False
     tied: list[Candidate] = field(default_factory=list)
 
     @property
@@ -81,8 +86,9 @@ class Attribution:
     """Forward selection with a backward step.
 
     folds: what is fitted, and what judges; nothing judges where the log is one window long. is_explained: whether a
-    model leaves nothing but noise. most_effects: to add. candidates: the whole catalogue where None. on_step is told
-    what is being tried, the number of it, of how many, and what was found so far.
+    model leaves nothing but noise. most_effects: to add; what comes along with another is not counted. candidates: the
+    whole catalogue where None. on_step is told what is being tried, the number of it, of how many, and what was found
+    so far.
     """
 
     def __init__(
@@ -100,6 +106,7 @@ class Attribution:
         self.most_effects = most_effects
         self.on_step = on_step
         self.candidates = all_candidates(fits.prepared) if candidates is None else list(candidates)
+        self.ranked: list[Candidate] = []  # what the last round's scores speak for, best first
         self.accepted: list[Accepted] = []
         self.excess = TINY  # squared error above the noise floor of the declared model
 
@@ -107,7 +114,7 @@ class Attribution:
         """Add effects to the declared model until none is accepted or nothing is left; returns the last model."""
         current = declared
         self.models.know(declared)
-        while len(self.accepted) < self.most_effects and not self.models.is_explained(current):
+        while self._count < self.most_effects and not self.models.is_explained(current):
             known = len(self.accepted)
             if not known:
                 self.excess = max(current.error**2 - 1, TINY)
@@ -120,13 +127,17 @@ class Attribution:
                 withdrawn.why_rejected = "without it, fitted again from where it led, the model does as well"
                 current = better
                 continue
-            current = self._at_each_place(found.fit)
+            current = self._at_other_places(self._at_each_place(found.fit))
             current = self._backward(current, self.accepted[:known], Support.reason_against_entry)
             if len(self._minor) >= MOST_MINOR and not self.models.is_explained(current):
                 break
         current = self._without_minor(current)
         current = self._backward(current, self.accepted, Support.reason_against)
         return self._compare_with_rivals(self._in_pairs(current))
+
+    @property
+    def _count(self) -> int:
+        return sum(not a.along for a in self.accepted)
 
     @property
     def _minor(self) -> list[Accepted]:
@@ -161,7 +172,7 @@ class Attribution:
         places = [
             c.placed for c in self.candidates if c.placed.kind == name and c.placed.effect.site != GLOBAL
         ]
-        if len(places) < 2 or len(self.accepted) - 1 + len(places) > self.most_effects:
+        if len(places) < 2:
             return current
         size = len(together.parameters)
         rest, own = current.point[: len(current.point) - size], current.point[len(current.point) - size :]
@@ -178,10 +189,58 @@ class Attribution:
         for place in places:
             self._candidate(place.name).why_rejected = None
         self.accepted += [
-            Accepted(place, self._candidate(place.name).score, [], joint.support, joint.share)
-            for place in places
+            Accepted(place, self._candidate(place.name).score, [], joint.support, joint.share, along=k > 0)
+            for k, place in enumerate(places)
         ]
         return fit
+
+    def _at_other_places(self, current: Fit) -> Fit:
+        """The newest effect at its other places, too, all at once, where that takes most of what is left: of friction
+        that a model lacks, it lacks that of every joint.
+        """
+        newest = self.accepted[-1]
+        if self.models.is_explained(current):
+            return current
+        kin = self._kin(newest)
+        if not kin:
+            return current
+        self._step("refit", 0, 1)
+        effects = [*current.effects, *(c.placed for c in kin)]
+        fit = self.models.fit(effects, np.concatenate([current.point, *(c.start for c in kin)]), current)
+        if fit is None or any(self._implausible(current, fit, c) for c in kin):
+            return current
+        taken = current.error**2 - fit.error**2
+        if taken < MOST_OF_IT * (current.error**2 - 1):
+            return current
+        rivals = {r.placed.kind for r in newest.rivals}
+        for candidate in kin:
+            site = candidate.placed.effect.site
+            own = [c for c in self.ranked if c.placed.effect.site == site and c.placed.kind in rivals]
+            accepted = Accepted(
+                candidate.placed,
+                candidate.score,
+                [replace(c) for c in own[:RIVALS]],
+                newest.support,
+                taken / self.excess,
+                along=True,
+            )
+            self.accepted.append(accepted)
+            candidate.why_rejected = None
+        return self._backward(fit, self.accepted[-len(kin) :], Support.reason_against)
+
+    def _kin(self, newest: Accepted) -> list[Candidate]:
+        """The newest effect at its other places, as far as the last round's scores speak for it; one of each place."""
+        inside = {a.name for a in self.accepted}
+        taken = {newest.placed.effect.variant_of}
+        kin = []
+        for candidate in self.ranked:
+            effect = candidate.placed.effect
+            is_kin = candidate.placed.kind == newest.placed.kind and candidate.name not in inside
+            if is_kin and GLOBAL not in (effect.site, newest.placed.effect.site):
+                if effect.variant_of not in taken:
+                    kin.append(candidate)
+                taken.add(effect.variant_of)
+        return kin
 
     def _step(self, what: str, number: int, total: int) -> None:
         self.on_step(what, number, total, [a.name for a in self.accepted])
@@ -197,6 +256,7 @@ class Attribution:
             self._step("score", number, len(tried))
             score_at_null(narrow, candidate)
         ranked = sorted((c for c in tried if c.why_rejected is None), key=lambda c: -c.score.gain)
+        self.ranked = ranked
         refitted, others = worth_a_refit(ranked)
         supported = self._refit_all(current, refitted, len(tried))
         for worth, material in FURTHER:
