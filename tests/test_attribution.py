@@ -13,7 +13,7 @@ import pytest
 from capture_cli.effects.placed import Placed
 from capture_cli.linearization import Evidence
 from capture_cli.parameters import Parameter, ParameterSpace
-from capture_cli.protocol import attribution, model_comparison
+from capture_cli.protocol import attribution, forward_round, model_comparison
 from capture_cli.protocol.attribution import Accepted, Attribution
 from capture_cli.protocol.candidates import Candidate
 from capture_cli.protocol.model_comparison import TIED, WORSE, ModelComparison
@@ -245,7 +245,7 @@ def test_two_effects_are_exchanged_at_once(are_kin, monkeypatch):
     ]
     selection.on_step = lambda *_: None
     selection._backward = lambda fit, *_: fit
-    monkeypatch.setattr(attribution, "_at_end", lambda *_: {})
+    monkeypatch.setattr(attribution, "at_end", lambda *_: {})
     before = SizedFit([second, friction, filtered], np.array([0.0, 1.0, 2.0, 3.0, 4.0]))
     after = selection._in_pairs(before)
     if not are_kin:
@@ -262,7 +262,7 @@ def test_two_effects_are_exchanged_at_once(are_kin, monkeypatch):
 def test_rivals_are_compared_by_what_they_answered_in_one_round(tmp_path, monkeypatch, without_pages):
     """Later, with the accepted effect in the model, a rival answers to what that one leaves."""
     rounds, compared = {}, []
-    score, forward, compare = attribution.score_at_null, Attribution._forward, ModelComparison.compare
+    score, forward, compare = forward_round.score_at_null, Attribution._forward, ModelComparison.compare
 
     def tagged(narrow, candidate):
         score(narrow, candidate)
@@ -284,7 +284,7 @@ def test_rivals_are_compared_by_what_they_answered_in_one_round(tmp_path, monkey
     monkeypatch.setattr(
         attribution, "all_candidates", lambda log: [c for c in catalogue(log) if c.placed.kind in few]
     )
-    monkeypatch.setattr(attribution, "score_at_null", tagged)
+    monkeypatch.setattr(forward_round, "score_at_null", tagged)
     monkeypatch.setattr(Attribution, "_forward", begin)
     monkeypatch.setattr(ModelComparison, "compare", judged)
     effects = ["control-delay@drive=0.006", "coulomb-friction@x=0.1"]
@@ -327,7 +327,9 @@ def test_an_effect_of_all_sensors_is_tried_at_each_that_is_in_the_log(
         (["coulomb-friction@shoulder=0.15", "sensor-delay@q2=0.02"], 2),
     ],
 )
-def test_what_is_missing_at_every_joint_is_found_at_once(tmp_path, monkeypatch, without_pages, effects, rounds):
+def test_what_is_missing_at_every_joint_is_found_at_once(
+    tmp_path, monkeypatch, without_pages, effects, rounds
+):
     """Of two effects of two kinds the first is not spread to other places for it."""
     catalogue, forward, begun = attribution.all_candidates, Attribution._forward, []
     few = ("coulomb-friction", "sensor-delay", "joint-spring", "cogging")

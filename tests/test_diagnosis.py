@@ -32,13 +32,13 @@ from capture_cli.identifiers.base import Best
 from capture_cli.identifiers.intervals import intervals
 from capture_cli.linearization import Evidence, Linearization
 from capture_cli.parameters import Parameter, ParameterSpace
-from capture_cli.protocol.attribution import MATERIAL, _slight
 from capture_cli.protocol.candidates import REFITTED, all_candidates, worth_a_refit
 from capture_cli.protocol.explain import starts_found
 from capture_cli.protocol.explanation import verdict as judged_as
 from capture_cli.protocol.held_out import HeldOut
 from capture_cli.protocol.log_parts import FIT, SELECT, TEST, LogParts
 from capture_cli.protocol.model_fits import ModelFits, PartFit
+from capture_cli.protocol.plausibility import MATERIAL, slight
 from capture_cli.protocol.prepare import prepare
 from capture_cli.protocol.residual_curves import residual_curves
 from capture_cli.reports.diagnosis_findings import summary
@@ -184,7 +184,7 @@ def test_folds_judge_only_what_was_not_fitted():
     [(10.0, 9.6, True), (10.0, 9.3, False), (1.12, 1.0, False), (1.12, 1.11, True), (3.0, 1.0, False)],
 )
 def test_an_effect_has_to_take_a_tenth_of_what_is_above_the_floor(before, after, is_slight):
-    why = _slight(SimpleNamespace(error=before), SimpleNamespace(error=after), MATERIAL)
+    why = slight(SimpleNamespace(error=before), SimpleNamespace(error=after), MATERIAL)
     assert (why is not None) == is_slight
 
 

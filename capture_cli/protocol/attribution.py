@@ -11,17 +11,11 @@ import numpy as np
 from capture_cli.diagnosis.acceptance import TINY, Support, bic_gain
 from capture_cli.diagnosis.folds import Folds
 from capture_cli.diagnosis.lack_of_fit import NEAR_FLOOR
-from capture_cli.diagnosis.score import Score, similarity
+from capture_cli.diagnosis.score import Score
 from capture_cli.effects.base import GLOBAL
 from capture_cli.effects.placed import Placed
-from capture_cli.identifiers.intervals import intervals
-from capture_cli.protocol.candidates import (
-    Candidate,
-    all_candidates,
-    score_at_null,
-    thinned,
-    worth_a_refit,
-)
+from capture_cli.protocol.candidates import Candidate, all_candidates
+from capture_cli.protocol.forward_round import RIVALS, ForwardRound
 from capture_cli.protocol.model_comparison import (
     CLEARLY_BETTER,
     TIED,
@@ -29,31 +23,18 @@ from capture_cli.protocol.model_comparison import (
     ModelComparison,
     effective_samples,
 )
-from capture_cli.protocol.model_fits import Fit, ModelFits, PartFit, least
-from capture_cli.protocol.narrow_shapes import NarrowShapes
+from capture_cli.protocol.model_fits import Fit, ModelFits, PartFit
+from capture_cli.protocol.plausibility import at_end, implausible
 
 MOST_EFFECTS = 6
-# Of the squared error above the noise floor: an effect that takes less away corrects a model that is wrong otherwise
-MATERIAL = 0.1
 # Of what the declared model leaves above the noise floor: one that takes less is minor. A model that is wrong in a way
 # that no effect is takes any number of minor ones, so they stand only where with them nothing is left, or one alone
 # comes near the floor.
 MINOR, MOST_MINOR = 0.05, 2
-# Of a range. A result file says "at its bound" from AT_BOUND on; but a descent gives up where its trust region is this
-# small, and an effect that ends so near to where its range does is drawn there.
-NEAR_BOUND = 1e-3
-MOST_OF_IT = (
-    0.5  # of the squared error above the noise floor: what an effect's other places must take together
-)
+# Of the squared error above the noise floor: what an effect's other places must take together
+MOST_OF_IT = 0.5
 PAIRED = 3  # rivals of each of two effects that are exchanged at once
-RIVALS = 4  # other candidates that an accepted effect is compared with once everything else is in the model
-# Before it is said that nothing explains the log, the next best are fitted, as often as there are pairs here: those of
-# this share of the best score, which have to take this share of what is above the noise floor. Where contacts make the
-# error rough, and where a declared parameter has to make way, a score at null says little; but what begins with next to
-# none of it is believed only where it explains nearly all.
-FURTHER = (0.2, MATERIAL), (0.2, MATERIAL), (0.1, 0.9)
 ALSO_ENOUGH = "; but with it, too, no more is left than chance allows"  # of a rival that is not as good
-SIMILAR = 0.97  # cosine of responses beyond which a candidate that was not fitted may still be a rival
 
 
 @dataclass
@@ -207,7 +188,7 @@ class Attribution:
         self._step("refit", 0, 1)
         effects = [*current.effects, *(c.placed for c in kin)]
         fit = self.models.fit(effects, np.concatenate([current.point, *(c.start for c in kin)]), current)
-        if fit is None or any(self._implausible(current, fit, c) for c in kin):
+        if fit is None or any(implausible(self.models, current, fit, c.placed) for c in kin):
             return current
         taken = current.error**2 - fit.error**2
         if taken < MOST_OF_IT * (current.error**2 - 1):
@@ -245,127 +226,23 @@ class Attribution:
     def _step(self, what: str, number: int, total: int) -> None:
         self.on_step(what, number, total, [a.name for a in self.accepted])
 
-    # --- forward ---
-
     def _forward(self, current: Fit) -> Candidate | None:
+        """The effect that is accepted next, with its fit; None where none is."""
         inside = {a.name for a in self.accepted}
-        tried = [c for c in self.candidates if c.name not in inside]
-        part, at = thinned(self.models.fit_part, current)
-        narrow = NarrowShapes(self.models.fits, part, replace(current, at=at))
-        for number, candidate in enumerate(tried):
-            self._step("score", number, len(tried))
-            score_at_null(narrow, candidate)
-        ranked = sorted((c for c in tried if c.why_rejected is None), key=lambda c: -c.score.gain)
-        self.ranked = ranked
-        refitted, others = worth_a_refit(ranked)
-        supported = self._refit_all(current, refitted, len(tried))
-        for worth, material in FURTHER:
-            if supported or self.accepted or not others:
-                break
-            least_gain = worth * ranked[0].score.gain
-            refitted, left = worth_a_refit([c for c in others if c.score.gain > least_gain])
-            others = [*left, *(c for c in others if c.score.gain <= least_gain)]
-            supported = self._refit_all(current, refitted, len(tried), material)
-        for candidate in others:
-            candidate.why_rejected = (
-                f"explains less at first sight ({candidate.score.gain:.3g} of {ranked[0].score.gain:.3g})"
-            )
-        if not supported:
+        found = ForwardRound(
+            self.models,
+            current,
+            [c for c in self.candidates if c.name not in inside],
+            patient=not self.accepted,
+            on_step=self._step,
+        )
+        self.ranked, choice = found.ranked, found.choose()
+        if choice is None:
             return None
-        return self._choose(current, supported, others)
-
-    def _refit_all(
-        self, current: Fit, candidates: Sequence[Candidate], tried: int, material: float = MATERIAL
-    ) -> list[Candidate]:
-        """Fit the model with each of the candidates in it; those that are supported, and take `material`."""
-        before, best = self.models.judge(current), None
-        # fits with hidden states take long: they come last, and are given up where they stay far behind
-        for number, candidate in enumerate(sorted(candidates, key=lambda c: len(c.placed.effect.states))):
-            self._step("refit", number, len(candidates))
-            self._refit(current, candidate, before, tried, best)
-            best = least([best, candidate.fit])
-            if candidate.why_rejected is None:
-                candidate.why_rejected = _slight(current, candidate.fit, material)
-        return [c for c in candidates if c.why_rejected is None]
-
-    def _refit(
-        self, current: Fit, candidate: Candidate, before: PartFit | None, tried: int, rival: Fit | None
-    ) -> None:
-        """Fit the model with the candidate in it, and judge; given up where it stays far behind `rival`."""
-        declared = self._nudged(current, candidate)
-        starts = [s for s in (candidate.start, candidate.start_elsewhere) if s is not None]
-        starts = [np.concatenate([declared, s]) for s in starts]
-        effects = [*current.effects, candidate.placed]
-        fit = self.models.fit(effects, starts[0], current, rival, starts[1:])
-        if candidate.start_doubted is not None and (fit is None or not self.models.is_explained(fit)):
-            start = np.concatenate([declared, candidate.start_doubted])
-            fit = self.models.explained_from(start, effects, current) or fit
-        if fit is None or fit.squares >= current.squares:
-            far = fit is not None and not fit.finished
-            candidate.why_rejected = (
-                f"fitted jointly it stays far behind {rival.effects[-1].name}"
-                if far
-                else "fitted jointly it explains nothing more"
-            )
-            return
-        candidate.fit = fit
-        candidate.support, candidate.select = self._support(current, fit, candidate.placed, before, tried)
-        reason = candidate.support.reason_against_entry()
-        candidate.why_rejected = reason or self._implausible(current, fit, candidate)
-
-    @staticmethod
-    def _nudged(current: Fit, candidate: Candidate) -> np.ndarray:
-        """The current parameters, moved along with the effect's linear step."""
-        return current.space.from_unit(current.at.x + candidate.score.parameters)
-
-    def _implausible(self, current: Fit, fit: Fit, candidate: Candidate) -> str | None:
-        """Evidence against an effect that leaves something: at a bound, or driving a declared parameter to one.
-
-        Where nothing is left, that is where they are, but for what is vague at a bound. A declared parameter may fall
-        to zero: then it had been standing in for the effect. Nor does it count where the log hardly determines it: then
-        it may be anywhere.
-        """
-        effect, at_end = candidate.placed.effect, _at_end(fit, candidate.placed)
-        vague = next((at_end[name] for name in effect.vague_at_end if name in at_end), None)
-        if vague or self.models.is_explained(fit):
-            return vague
-        doubt = effect.doubt(fit.point[fit.columns(candidate.name)], self.models.fits.prepared.log.longest)
-        if doubt or at_end:
-            return doubt or next(iter(at_end.values()))
-        x = fit.space.to_unit(fit.point)
-        size = len(current.point)
-        was = current.at.x
-        determined = intervals(fit.at).identifiable
-        for i in range(size):
-            at_bound = min(x[i], 1 - x[i]) < NEAR_BOUND <= min(was[i], 1 - was[i])
-            bound = fit.space.low[i] if x[i] < 0.5 else fit.space.high[i]
-            if determined[i] and bound != 0 and at_bound:
-                return f"it drives {fit.space.names[i]} to its bound ({fit.point[i]:.3g})"
-        return None
-
-    def _choose(self, current: Fit, supported: list[Candidate], unfitted: list[Candidate]) -> Candidate:
-        """The best of the candidates that are supported; among those it cannot be told from, the simplest, and then
-        the one that fits best.
-
-        The others are its rivals, and so are those not fitted whose response is nearly its own.
-        """
-        ranked = self._by_loss(supported)
-        best = ranked[0]
-        as_good = [c for c in supported if c is best or self.models.as_good(best, c)]
-        chosen = min(as_good, key=lambda c: (len(c.placed.effect.parameters), c.fit.squares))
-        rivals = [c for c in ranked if c is not chosen]
-        for candidate in rivals:
-            candidate.why_rejected = f"{chosen.name} explains as much with less, or more"
-        similar = [c for c in unfitted if abs(similarity(chosen.score.response, c.score.response)) > SIMILAR]
+        chosen, rivals = choice
         share = (current.error**2 - chosen.fit.error**2) / self.excess
-        rivals = [replace(c) for c in (*rivals[:RIVALS], *similar[:RIVALS])]
         self.accepted.append(Accepted(chosen.placed, chosen.score, rivals, chosen.support, share))
         return chosen
-
-    def _by_loss(self, candidates: Sequence[Candidate]) -> list[Candidate]:
-        """The best first, by what judges."""
-        order = np.argsort(self.models.losses(candidates), kind="stable")
-        return [candidates[i] for i in order]
 
     # --- backward ---
 
@@ -422,7 +299,7 @@ class Attribution:
                     continue
                 self._step("compare", 0, 1)
                 fit = self._exchanged(current, pair, rivals)
-                if fit is None or any(_at_end(fit, r.placed) for r in rivals):
+                if fit is None or any(at_end(fit, r.placed) for r in rivals):
                     continue
                 if self.models.is_better(best, fit):
                     best, exchanged = fit, tuple(zip(pair, rivals, strict=True))
@@ -498,7 +375,7 @@ class Attribution:
         before = self.models.judge(without)
         support, select = self._support(without, fit, rival.placed, before, len(self.candidates))
         found = Candidate(rival.placed, rival.score, rival.start, fit, select, support)
-        if support.reason_against() or self._implausible(without, fit, found):
+        if support.reason_against() or implausible(self.models, without, fit, found.placed):
             return None
         return found
 
@@ -507,25 +384,3 @@ def _are_kin(one: Accepted, other: Accepted) -> bool:
     """Whether one did for the other's job as well, or another candidate for both of theirs."""
     names, others = ({a.name, *(r.name for r in a.rivals)} for a in (one, other))
     return bool(names & others)
-
-
-def _at_end(fit: Fit, placed: Placed) -> dict[str, str]:
-    """Parameters of an effect in `fit` that are at the end of their range, other than at null, and how to say so."""
-    effect, own = placed.effect, fit.columns(placed.name)
-    x, space, found = fit.space.to_unit(fit.point), fit.space, {}
-    for i, name in zip(range(own.start, own.stop), effect.space.names, strict=True):
-        null = (space.nominal[i] - space.low[i]) / space.span[i]
-        if min(x[i], 1 - x[i]) < NEAR_BOUND and abs(x[i] - null) > NEAR_BOUND and name not in effect.shares:
-            found[name] = (
-                f"it would have to be at the end of its range ({space.names[i]} = {fit.point[i]:.3g})"
-            )
-    return found
-
-
-def _slight(current: Fit, fit: Fit, material: float) -> str | None:
-    """Why `fit`, which has to take this share, is no explanation of what `current` leaves above the noise, or None."""
-    excess = current.error**2 - 1
-    taken = current.error**2 - fit.error**2
-    if taken >= material * excess:
-        return None
-    return f"it takes {taken / excess:.1%} of what is above the noise floor: that is no explanation of it"

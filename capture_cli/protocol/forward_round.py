@@ -1,0 +1,131 @@
+"""One round of forward selection: score every candidate, fit the model with each of the best, choose one that holds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from capture_cli.diagnosis.score import similarity
+from capture_cli.protocol.candidates import Candidate, score_at_null, thinned, worth_a_refit
+from capture_cli.protocol.model_comparison import ModelComparison
+from capture_cli.protocol.model_fits import Fit, PartFit, least
+from capture_cli.protocol.narrow_shapes import NarrowShapes
+from capture_cli.protocol.plausibility import MATERIAL, implausible, slight
+
+RIVALS = 4  # other candidates that an accepted effect is compared with once everything else is in the model
+# Before it is said that nothing explains the log, the next best are fitted, as often as there are pairs here: those of
+# this share of the best score, which have to take this share of what is above the noise floor. Where contacts make the
+# error rough, and where a declared parameter has to make way, a score at null says little; but what begins with next to
+# none of it is believed only where it explains nearly all.
+FURTHER = (0.2, MATERIAL), (0.2, MATERIAL), (0.1, 0.9)
+SIMILAR = 0.97  # cosine of responses beyond which a candidate that was not fitted may still be a rival
+
+
+class ForwardRound:
+    """What may be added to the model `current`.
+
+    candidates: those that are not in it. patient: whether the next best are fitted, too, where the best do not hold.
+    on_step is told what is being tried, the number of it, and of how many.
+
+    ranked: candidates that their scores speak for, best first. supported: those that hold on what judges.
+    """
+
+    def __init__(
+        self,
+        models: ModelComparison,
+        current: Fit,
+        candidates: Sequence[Candidate],
+        *,
+        patient: bool,
+        on_step: Callable[[str, int, int], None],
+    ):
+        self.models = models
+        self.current = current
+        self.tried = len(candidates)
+        self.on_step = on_step
+        self.ranked = self._scored(candidates)
+        self.supported, self._unfitted = self._fitted(patient=patient)
+
+    def _scored(self, candidates: Sequence[Candidate]) -> list[Candidate]:
+        part, at = thinned(self.models.fit_part, self.current)
+        narrow = NarrowShapes(self.models.fits, part, replace(self.current, at=at))
+        for number, candidate in enumerate(candidates):
+            self.on_step("score", number, len(candidates))
+            score_at_null(narrow, candidate)
+        return sorted((c for c in candidates if c.why_rejected is None), key=lambda c: -c.score.gain)
+
+    def _fitted(self, *, patient: bool) -> tuple[list[Candidate], list[Candidate]]:
+        """Those that are supported, and those that were not worth a fit."""
+        refitted, others = worth_a_refit(self.ranked)
+        supported = self._refit_all(refitted, MATERIAL)
+        for worth, material in FURTHER:
+            if supported or not patient or not others:
+                break
+            least_gain = worth * self.ranked[0].score.gain
+            refitted, left = worth_a_refit([c for c in others if c.score.gain > least_gain])
+            others = [*left, *(c for c in others if c.score.gain <= least_gain)]
+            supported = self._refit_all(refitted, material)
+        for candidate in others:
+            best = self.ranked[0].score.gain
+            candidate.why_rejected = (
+                f"explains less at first sight ({candidate.score.gain:.3g} of {best:.3g})"
+            )
+        return supported, others
+
+    def _refit_all(self, candidates: Sequence[Candidate], material: float) -> list[Candidate]:
+        """Fit the model with each of the candidates in it; those that are supported, and take `material`."""
+        before, best = self.models.judge(self.current), None
+        # fits with hidden states take long: they come last, and are given up where they stay far behind
+        for number, candidate in enumerate(sorted(candidates, key=lambda c: len(c.placed.effect.states))):
+            self.on_step("refit", number, len(candidates))
+            self._refit(candidate, before, best)
+            best = least([best, candidate.fit])
+            if candidate.why_rejected is None:
+                candidate.why_rejected = slight(self.current, candidate.fit, material)
+        return [c for c in candidates if c.why_rejected is None]
+
+    def _refit(self, candidate: Candidate, before: PartFit | None, rival: Fit | None) -> None:
+        """Fit the model with the candidate in it, and judge; given up where it stays far behind `rival`."""
+        current = self.current
+        # the current parameters, moved along with the effect's linear step
+        declared = current.space.from_unit(current.at.x + candidate.score.parameters)
+        starts = [s for s in (candidate.start, candidate.start_elsewhere) if s is not None]
+        starts = [np.concatenate([declared, s]) for s in starts]
+        effects = [*current.effects, candidate.placed]
+        fit = self.models.fit(effects, starts[0], current, rival, starts[1:])
+        if candidate.start_doubted is not None and (fit is None or not self.models.is_explained(fit)):
+            start = np.concatenate([declared, candidate.start_doubted])
+            fit = self.models.explained_from(start, effects, current) or fit
+        if fit is None or fit.squares >= current.squares:
+            far = fit is not None and not fit.finished
+            candidate.why_rejected = (
+                f"fitted jointly it stays far behind {rival.effects[-1].name}"
+                if far
+                else "fitted jointly it explains nothing more"
+            )
+            return
+        candidate.fit = fit
+        candidate.support, candidate.select = self.models.support(
+            current, fit, candidate.placed, before, self.tried * candidate.shapes_tried
+        )
+        reason = candidate.support.reason_against_entry()
+        candidate.why_rejected = reason or implausible(self.models, current, fit, candidate.placed)
+
+    def choose(self) -> tuple[Candidate, list[Candidate]] | None:
+        """The best of the supported candidates; among those it cannot be told from, the simplest, and then the one that
+        fits best. With it its rivals: the others, and those not fitted whose response is nearly its own.
+        """
+        if not self.supported:
+            return None
+        order = np.argsort(self.models.losses(self.supported), kind="stable")
+        best = self.supported[order[0]]
+        as_good = [c for c in self.supported if c is best or self.models.as_good(best, c)]
+        chosen = min(as_good, key=lambda c: (len(c.placed.effect.parameters), c.fit.squares))
+        rivals = [self.supported[i] for i in order if self.supported[i] is not chosen]
+        for candidate in rivals:
+            candidate.why_rejected = f"{chosen.name} explains as much with less, or more"
+        response = chosen.score.response
+        similar = [c for c in self._unfitted if abs(similarity(response, c.score.response)) > SIMILAR]
+        return chosen, [replace(c) for c in (*rivals[:RIVALS], *similar[:RIVALS])]
