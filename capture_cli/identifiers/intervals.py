@@ -5,8 +5,8 @@ A^-1 J'M (e + B b), A = J'MJ, e the residual process and b the starts' error. It
 A^-1 [J'M (G + B B') M J] A^-1 with G the residual's autocovariance, pooled over windows and tapered (Newey & West
 1987), rather than the outer product of scores: far less noisy when windows are few.
 
-Where contacts make the error rough a descent ends on a bump, short of where the sensitivities over long differences
-say that the bottom is. How far short is a part of the estimate's error, and its square is added to the covariance.
+Where contacts make the error rough a descent ends on a bump, short of where the sensitivities say that the bottom is.
+How far short is a part of the estimate's error, and its square is added to the covariance.
 """
 
 from __future__ import annotations
@@ -128,9 +128,7 @@ def unit_covariance(at: Linearization) -> tuple[np.ndarray, float]:
 
 
 def _left_to_go(at: Linearization) -> np.ndarray:
-    """Square (p, p), in the unit cube, of the step that a descent could not take for bumps; 0 where there are none."""
-    if not at.evidence.rough:
-        return np.zeros((len(at.x),) * 2)
+    """Square (p, p), in the unit cube, of the step that a descent could not take; next to 0 where it took it."""
     return np.outer(at.whole_step, at.whole_step)
 
 

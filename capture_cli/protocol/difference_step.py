@@ -43,16 +43,35 @@ def difference_step(
         return 0.0, 0
     point = space.nominal if point is None else point
     offsets = np.zeros_like(prepared.starts.sd) if offsets is None else offsets
-    some = np.unique(np.linspace(0, len(prepared.windows) - 1, WINDOWS).astype(int))
+    some = _evenly_spread(prepared)
     few, offsets = prepared.part(some), offsets[some]
     simulator = Simulator(prepared.task, engine=Engine(model, threads))
-    starts = few.starts
-    motion = simulator.motion(few.windows, starts.starts, point, offsets, starts.reported)
-    if not motion.contacts.any() and not at_stops(model, motion.qpos):
+    if not _hits(few, simulator, point, offsets):
         return 0.0, simulator.rollouts
     rough = (_disagreement(few, simulator, point, offsets) > AGREE).any(axis=1)
     longer = next((s for s, r in zip(STEPS[1:], rough[1:], strict=False) if not r), STEPS[-1])
     return longer if rough[0] else 0.0, simulator.rollouts
+
+
+def hits_something(
+    prepared: PreparedLog, simulator: Simulator, point: np.ndarray, offsets: np.ndarray
+) -> bool:
+    """Whether bodies touch or joints stop, at `point` (parameter,) with starts at `offsets` (window, state)."""
+    model = prepared.task.model
+    if not (can_touch(model) or model.jnt_limited.any()):
+        return False
+    some = _evenly_spread(prepared)
+    return _hits(prepared.part(some), simulator, point, offsets[some])
+
+
+def _evenly_spread(prepared: PreparedLog) -> np.ndarray:
+    return np.unique(np.linspace(0, len(prepared.windows) - 1, WINDOWS).astype(int))
+
+
+def _hits(part: PreparedLog, simulator: Simulator, point: np.ndarray, offsets: np.ndarray) -> bool:
+    starts = part.starts
+    motion = simulator.motion(part.windows, starts.starts, point, offsets, starts.reported)
+    return bool(motion.contacts.any()) or at_stops(part.task.model, motion.qpos)
 
 
 def _disagreement(

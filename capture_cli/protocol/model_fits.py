@@ -269,7 +269,7 @@ class ModelFits:
         for _ in range(WAYS_OUT if part.difference_step else 1):
             if fit is None or not fit.finished or not _may_be_stuck(fit, rival):
                 break
-            way = self.way_out(part, fit)
+            way = self.way_out(part, fit, whole_step=bool(part.difference_step))
             further = None if way is None else descend(*way)
             if further is None or further.squares >= fit.squares:
                 break
@@ -310,22 +310,24 @@ class ModelFits:
         fit = self.at(part, effects, best, solver.at)
         return replace(fit, finished=not (solver.gave_up or fit.is_far_behind(rival)))
 
-    def way_out(self, part: PreparedLog, fit: Fit) -> tuple[np.ndarray, np.ndarray] | None:
+    def way_out(
+        self, part: PreparedLog, fit: Fit, *, whole_step: bool
+    ) -> tuple[np.ndarray, np.ndarray] | None:
         """A better point (parameter,), and offsets (window, state), that no step of all of them together leads to; None
         where there is none.
 
         Where stops are hit the start of a window has many minima, and a step of all parameters is refused for the few
         windows that it would leave in a worse one. So windows are fitted alone: where the parameters are, from where
-        they begin and from where they were measured; and, where contacts need long differences, a whole step on.
+        they begin and from where they were measured; and, where asked for, a whole step on.
         """
         k, before = fit.at.scatter, fit.at.objectives(fit.at.scatter)
         found = self.starts_at(part, fit, TOLERANCE, fit.offsets, np.zeros_like(fit.offsets))
         offsets = np.stack([fit.offsets, found.offsets])
         best, values = best_trials(offsets, np.stack([before, found.objectives(k)]))
         ways = [(values.sum(), fit.point, best)]
-        if part.difference_step and len(fit.point):
+        if whole_step and len(fit.point):
             point = fit.space.from_unit(fit.at.x + fit.at.whole_step)
-            there = self.starts_at(part, replace(fit, point=point), TOLERANCE, fit.offsets)
+            there = self.starts_at(part, replace(fit, point=point), TOLERANCE, best)
             ways.append((there.objectives(k).sum(), point, there.offsets))
         value, point, offsets = min(ways, key=lambda way: way[0])
         return (point, offsets) if before.sum() - value > AS_GOOD * k else None

@@ -16,7 +16,7 @@ from capture_cli.identifiers.least_squares import LeastSquares
 from capture_cli.identifiers.rounds import Rounds, finite
 from capture_cli.linearization import Linearization
 from capture_cli.parameters import ParameterSpace
-from capture_cli.protocol.difference_step import difference_step
+from capture_cli.protocol.difference_step import difference_step, hits_something
 from capture_cli.protocol.log_checks import all_diverged
 from capture_cli.protocol.log_starts import as_acted
 from capture_cli.protocol.model_fits import TOLERANCE, WAYS_OUT, Fit, ModelFits
@@ -73,12 +73,6 @@ class Found:
     def lacking(self) -> bool:
         """Whether something is left that the noise does not explain."""
         return self.best.error > CLEARLY or lack_of_fit(self.at.at).lacking
-
-    @property
-    def stands_out(self) -> bool:
-        """Whether windows are explained far worse than most; a few may be too few for something to be `lacking`."""
-        at = self.at.at
-        return len(at.evidence.standing_out(at.residual)) > 0
 
     @property
     def contradicted(self) -> bool | None:
@@ -214,14 +208,16 @@ def with_longer_differences(found: Found, progress: Progress, *, seed: int, thre
 
 
 def unstuck(found: Found, progress: Progress, *, seed: int) -> Found:
-    """`found`; where bodies touch or joints stop and something is left, or windows are far worse than most, from where
-    there is a way out, as long as there is one.
+    """`found`; where bodies touch or joints stop, from where there is a way out, as long as there is one.
+
+    Where all is explained, too: a descent may end where no step of parameters and starts together is one down, standard
+    deviations from the bottom, and its intervals would not know.
     """
     fits, part = found.fits, found.part
+    if not hits_something(part, fits.simulator([]), found.best.parameters, found.best.offsets):
+        return found
     for _ in range(WAYS_OUT):
-        if not part.difference_step or not (found.lacking or found.stands_out):
-            break
-        way = fits.way_out(part, found.at)
+        way = fits.way_out(part, found.at, whole_step=True)
         if way is None:
             break
         x, offsets = way
