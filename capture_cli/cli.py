@@ -113,7 +113,10 @@ def main() -> None:
         _discard_stdout()  # the reader of our pipe went away: nothing is wrong
     except MemoryError:
         _fail(
-            "error: out of memory\n  cure: use a shorter --window, fewer --starts, or a shorter log", 2, debug
+            "error: out of memory\n  cure: ask for less at once: a shorter log or --duration, fewer --pairs, episodes "
+            "or --starts",
+            2,
+            debug,
         )
     except Exception as error:
         # of --out those who write it say so

@@ -58,6 +58,9 @@ class FitError(CaptureError):
     """A fit that cannot start or go on: a parameter moves nothing, every trial diverges, a training does."""
 
 
+MANY = 20  # names: where one is near, more are not listed beside it
+
+
 def did_you_mean(name: str, candidates: Iterable[str]) -> str:
     """The end of a message that lists what exists, nearest names first."""
     candidates = sorted(set(candidates))
@@ -66,5 +69,6 @@ def did_you_mean(name: str, candidates: Iterable[str]) -> str:
     same = [c for c in candidates if c.casefold() == name.casefold()]
     close = same or difflib.get_close_matches(name, candidates, n=3, cutoff=0.5)
     if close:
-        return f"did you mean {', '.join(map(repr, close))}? There are: {', '.join(candidates)}"
+        near = f"did you mean {', '.join(map(repr, close))}?"
+        return near if len(candidates) > MANY else f"{near} There are: {', '.join(candidates)}"
     return f"there are: {', '.join(candidates)}"

@@ -456,6 +456,7 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str]]] = {
             "inputs.INPUT.path": "each file it read",
             "inputs.INPUT.sha256": "and its hash",
             "capture": "version of capture",
+            "code": "sha256 of its sources: two checkouts of one version may differ",
             "python": "version of Python",
             "packages.PACKAGE": "versions of what the numbers depend on",
             "platform": "operating system and processor",

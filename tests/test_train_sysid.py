@@ -431,23 +431,23 @@ def test_of_many_differences_the_first_are_named():
     actions = [[Parameter(f"{name}{k}", "N", -1, 1, 0) for k in range(22)] for name in "ab"]
     mine, theirs = (changed(actions=ParameterSpace(a)) for a in actions)
     (line,) = mine.differences(theirs)
-    assert line.startswith("actions: a0 [-1, 1] N here, b0 [-1, 1] N there; a1") and line.endswith(
+    assert line.startswith("actions: a0 [-1, 1] N, and here b0 [-1, 1] N; a1") and line.endswith(
         "; and 19 more"
     )
     assert mine.differences(changed(task="other", actions=ParameterSpace(actions[1]))) == [
-        "task: 'toy' here, 'other' there"
+        "the task 'toy', and this is 'other'"
     ]
 
 
 @pytest.mark.parametrize(
     "other, message",
     [
-        (changed(task="scooping"), "task: 'toy' here, 'scooping' there"),
+        (changed(task="scooping"), "the task 'toy', and this is 'scooping'"),
         (
             changed(space=ParameterSpace([Parameter("mass", "kg", 0, 1, 0.5)])),
             r"parameters: .* mass \[0, 1\] kg",
         ),
-        (changed(point_times=np.array([0.1, 0.2])), "points: 6 up to 1.2 s here, 2 up to 0.2 s there"),
+        (changed(point_times=np.array([0.1, 0.2])), "points: 6 up to 1.2 s, and here 2 up to 0.2 s"),
         (changed(features=SIGNATURE.features[:1]), "features: "),
     ],
 )

@@ -17,6 +17,8 @@ def _read_config(context: typer.Context, path: Path | None) -> Path | None:
         return path
     import tomllib
 
+    if not path.is_file():
+        raise OptionError(f"--config {path} does not exist, or is no file", cure="check the path")
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:

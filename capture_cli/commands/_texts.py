@@ -53,10 +53,10 @@ def standard_deviations(texts: list[str], option: str) -> dict[str, float] | flo
     return named_numbers(texts, option) if texts else 0.0
 
 
-def chosen_verdicts(text: str | None) -> set[str]:
-    possible = {"unexplained", "not-identifiable"}
+def chosen_verdicts(text: str | None, *possible: str) -> set[str]:
+    """The verdicts of --fail-on, comma-separated, each one of the `possible`. Raises OptionError."""
     verdicts = {v.strip() for v in (text or "").split(",") if v.strip()}
-    for verdict in verdicts - possible:
+    for verdict in sorted(verdicts - set(possible)):
         raise OptionError(f"--fail-on {verdict!r}", cure=did_you_mean(verdict, possible))
     return verdicts
 

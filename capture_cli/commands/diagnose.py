@@ -23,6 +23,8 @@ from capture_cli.commands._options import (
 from capture_cli.commands._results import console, print_json
 from capture_cli.commands._texts import chosen_verdicts
 
+VERDICTS = ("unexplained", "effect-found", "tied")  # that --fail-on may name
+
 
 def diagnose(
     real_log: RealLog,
@@ -58,7 +60,9 @@ def diagnose(
     fail_on: Annotated[
         str | None,
         typer.Option(
-            "--fail-on", help="Exit with 3 on this verdict: unexplained.", autocompletion=words("unexplained")
+            "--fail-on",
+            help="Exit with 3 on these verdicts: unexplained, effect-found, tied.",
+            autocompletion=words(*VERDICTS),
         ),
     ] = None,
     seed: TakenSeed = None,
@@ -74,7 +78,7 @@ def diagnose(
     """
     from capture_cli.stages.diagnose import diagnose as stage
 
-    verdicts = chosen_verdicts(fail_on)
+    verdicts = chosen_verdicts(fail_on, *VERDICTS)
     out = out or Path(f"{real_log.stem}.diagnosis")
     diagnosis = stage(
         real_log=real_log,

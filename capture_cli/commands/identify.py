@@ -24,6 +24,8 @@ from capture_cli.commands._options import (
 from capture_cli.commands._results import console, print_json
 from capture_cli.commands._texts import chosen_verdicts
 
+VERDICTS = ("unexplained", "not-identifiable")  # that --fail-on may name
+
 
 def identify(
     real_log: RealLog,
@@ -58,7 +60,7 @@ def identify(
         typer.Option(
             "--fail-on",
             help="Exit with 3 on these verdicts: unexplained, not-identifiable.",
-            autocompletion=words("unexplained", "not-identifiable"),
+            autocompletion=words(*VERDICTS),
         ),
     ] = None,
     seed: TakenSeed = None,
@@ -77,7 +79,7 @@ def identify(
     """
     from capture_cli.stages.identify import identify as stage
 
-    verdicts = chosen_verdicts(fail_on)
+    verdicts = chosen_verdicts(fail_on, *VERDICTS)
     out = out or Path(f"{real_log.stem}.estimate")
     estimate = stage(
         real_log=real_log,

@@ -120,7 +120,6 @@ def record(
     if json_:
         print_json(recording.truth)
     elif not quiet:
-        steps, episodes_ = len(recording.log.time), len(recording.log.episode_ends)
-        print(
-            f"{out}: {steps} steps in {episodes_} episode(s); truth in {truth or out.with_suffix('.truth.json')}"
-        )
+        steps, count = len(recording.log.time), len(recording.log.episode_ends)
+        of_episodes = f"{count} episode{'s' * (count > 1)}"
+        print(f"{out}: {steps} steps in {of_episodes}; truth in {truth or out.with_suffix('.truth.json')}")

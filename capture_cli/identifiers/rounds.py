@@ -71,12 +71,12 @@ class Signature:
         )
 
     def differences(self, other: Signature) -> list[str]:
-        """How `other` differs, one line each: "task: 'a' here, 'b' there". Nominal values do not matter.
+        """How `other` differs, one line each: "the task 'a', and this is 'b'". Nominal values do not matter.
 
         Where the tasks differ nothing else needs to be said.
         """
         if self.task != other.task:
-            return [f"task: {self.task!r} here, {other.task!r} there"]
+            return [f"the task {self.task!r}, and this is {other.task!r}"]
         lines = []
         for what in ("space", "actions"):
             mine, theirs = ([_range(p) for p in getattr(s, what)] for s in (self, other))
@@ -87,13 +87,13 @@ class Signature:
         lines += _unlike("features", mine, theirs)
         times = self.point_times, other.point_times
         if len(times[0]) != len(times[1]) or not np.allclose(*times, atol=1e-9):
-            lines.append(f"points: {_times(times[0])} here, {_times(times[1])} there")
+            lines.append(f"points: {_times(times[0])}, and here {_times(times[1])}")
         return lines
 
 
 def _unlike(what: str, mine: Sequence[str], theirs: Sequence[str]) -> list[str]:
     """The line that says in what two lists of names differ, the first MOST_NAMED; none where they are alike."""
-    pairs = [f"{a} here, {b} there" for a, b in zip_longest(mine, theirs, fillvalue="none") if a != b]
+    pairs = [f"{a}, and here {b}" for a, b in zip_longest(mine, theirs, fillvalue="none") if a != b]
     more = f"; and {len(pairs) - MOST_NAMED} more" if len(pairs) > MOST_NAMED else ""
     return [f"{what}: {'; '.join(pairs[:MOST_NAMED])}{more}"] if pairs else []
 

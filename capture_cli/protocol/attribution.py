@@ -36,6 +36,8 @@ MOST_OF_IT = 0.5
 PAIRED = 3  # rivals of each of two effects that are exchanged at once
 ALSO_ENOUGH = "; but with it, too, no more is left than chance allows"  # of a rival that is not as good
 
+STEPS_AS_WELL = "{mine} does as well, and so do steps of this length"
+
 
 @dataclass
 class Accepted:
@@ -345,6 +347,8 @@ class Attribution:
             best, others = self.models.best(self._candidate_of(current, accepted), others)
             for other in others:
                 verdict = self.models.compare(best, other)
+                if verdict == TIED and _are_steps(best.placed, other.placed):
+                    verdict = STEPS_AS_WELL
                 enough = verdict == WORSE and self.models.is_explained(other.fit)
                 self._candidate(other.name).why_rejected = (
                     verdict.format(mine=best.name) + ALSO_ENOUGH * enough
@@ -378,6 +382,11 @@ class Attribution:
         if support.reason_against() or implausible(self.models, without, fit, found.placed):
             return None
         return found
+
+
+def _are_steps(one: Placed, other: Placed) -> bool:
+    """Whether they are the model's motion in shorter steps of two lengths: no experiment would tell them apart."""
+    return one.kind == other.kind and one.effect.substeps > 1 and not one.effect.parameters
 
 
 def _are_kin(one: Accepted, other: Accepted) -> bool:

@@ -57,7 +57,7 @@ class Misread:
     @property
     def text(self) -> str:
         return (
-            f"As the log was read, a fit leaves {100 * self.before:.0f} % of the motion within windows, and "
+            f"As the log was read, a fit is off by {100 * self.before:.0f} % of the motion within windows, and by "
             f"{100 * self.after:.2g} % with {', or with '.join(r.text for r in self.readings)}: mend that scale in the "
             "task file, and import the log again."
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from capture_cli.protocol.log_checks import check_fits
 from capture_cli.protocol.prepared_log import attitudes
 from capture_cli.sim.quaternion_signs import continuous
 from capture_cli.sim.windows import Windows
+from capture_cli.stages.recorded_task import recorded_task
 from capture_cli.stores.document_shape import NUMBER, TEXT, WHOLE, check_shape, or_none
 from capture_cli.stores.estimate import HISTORY, Estimate
 from capture_cli.stores.measured_log import MeasuredLog
@@ -34,11 +36,12 @@ OPTIONS = {  # that are taken over
 
 @dataclass(frozen=True)
 class EarlierEstimate:
-    """options: those that it was made with. episodes: how many the log had then."""
+    """options, provenance: those that it was made with. episodes: how many the log had then."""
 
     path: Path
     estimate: Estimate
     options: dict[str, Any]
+    provenance: Mapping[str, Any]
     episodes: int
 
     @classmethod
@@ -46,9 +49,14 @@ class EarlierEstimate:
         """The estimate at `path`. Raises CaptureError."""
         estimate = Estimate.read(path)
         again = "make the estimate again with `capture identify`"
-        options = read_provenance(path, again)["options"]
+        provenance = read_provenance(path, again)
+        options = provenance["options"]
         check_shape(options, OPTIONS, f"{path / PROVENANCE}: options", again)
-        return cls(path, estimate, options, estimate.document["rollouts"]["measured"])
+        return cls(path, estimate, options, provenance, estimate.document["rollouts"]["measured"])
+
+    def task(self, real_log: Path) -> str:
+        """The `--task` it was made with: a name, or where the file is now. Raises OptionError where it is gone."""
+        return recorded_task(self.path, self.provenance, str(real_log))
 
     def check(self, task: Task, log: MeasuredLog) -> None:
         """Raise CaptureError where it is of another task, other parameters, or not of the first episodes of `log`."""

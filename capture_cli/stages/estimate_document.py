@@ -264,9 +264,9 @@ def _agreement(names, values: np.ndarray, sd: np.ndarray, gain: float, parameter
     worst = parameters[int(np.argmin(p_values))]
     spread = np.ptp([document[worst]["values"]])
     text = (
-        f"the {len(names)} recordings agree"
+        f"The {len(names)} recordings agree"
         if agree
-        else f"the {len(names)} recordings disagree, most about {worst} "
+        else f"The {len(names)} recordings disagree, most about {worst} "
         f"(spread {spread:.3g}, p = {min(p_values):.1g}): it changed between them, or stands in for something that did"
     )
     return {

@@ -77,7 +77,7 @@ class IdentifierCheckpoint:
         differences = self.model.signature.differences(signature)
         if differences:
             raise OptionError(
-                f"{where} was trained for something else: {'; '.join(differences)}",
+                f"{where} was trained for something else, {'; '.join(differences)}",
                 cure=f"choose a checkpoint of the task {signature.task!r}, or {_AGAIN}",
             )
 

@@ -75,8 +75,9 @@ def identify(
     earlier = None
     if resume:
         earlier = EarlierEstimate.read(out)
+        taken = earlier.options | {"task": earlier.task(real_log) if task is None else task}
         for name in ("task", "identifier", "test", "window", "seed"):
-            options[name] = options[name] if options[name] is not None else earlier.options[name]
+            options[name] = options[name] if options[name] is not None else taken[name]
     options["seed"] = options["seed"] or 0
     found = find_task(options["task"], log)
     if earlier is not None:

@@ -311,7 +311,16 @@ def _channel_names(kind: str, names, units, channels: Sequence[Channel], task: s
 
 
 def _shared_columns(task: Task) -> Iterator[Finding]:
-    """Outputs that are measured by a column which another channel reads, too."""
+    """Channels that read a column which another reads, too."""
+    driving: dict[str, Channel] = {}
+    for channel in task.inputs:
+        if driving.setdefault(channel.column, channel) is not channel:
+            yield finding(
+                "warning",
+                f"input {channel.name}",
+                f"reads column {channel.column!r}, as input {driving[channel.column].name} does",
+                "nothing to do if one command drives both; otherwise give each its column, and import the files again",
+            )
     readers = {c.column: ("input", c) for c in reversed(task.inputs)}
     for output in task.outputs:
         kind, first = readers.setdefault(output.column, ("output", output))

@@ -140,7 +140,22 @@ def record(
         write_json(file, known)
         log.write(folder)
         provenance.write(folder)
-    return Recording(log, known, beyond_range(simulator.space.parameters[len(point) :], effect_values))
+    drawn = np.concatenate([point, effect_values])
+    doubts = [*beyond_range(simulator.space.parameters, drawn), *_repeated(driven.actions, policy, belief)]
+    return Recording(log, known, doubts)
+
+
+def _repeated(actions: np.ndarray | None, policy: str | None, belief: str) -> list[str]:
+    """Whether a policy chose the same action (episode, action) again and again, in words."""
+    if actions is None or policy is None or belief != "nominal":
+        return []
+    different = len(np.unique(actions.round(6), axis=0))
+    if different == len(actions):
+        return []
+    return [
+        f"the policy chose {different} action{'s' * (different > 1)} for {len(actions)} episodes, as it takes the "
+        "parameters for nominal in each: --belief random has it act for others, and more is seen"
+    ]
 
 
 def _point(

@@ -84,5 +84,9 @@ def _refuse_other(found: dict[str, Any], wanted: dict[str, Any], where: str) -> 
 
 
 def _short(value: Any) -> str:
-    text = str(value)
+    """A checkpoint by its name, and the beginning of its hash."""
+    if isinstance(value, dict) and "name" in value:
+        text = value["name"] + (f" ({value['sha256'][:12]})" if value.get("sha256") else "")
+    else:
+        text = str(value)
     return text if len(text) <= 60 else f"{text[:57]}..."

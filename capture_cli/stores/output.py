@@ -17,6 +17,7 @@ PARTIAL = ".partial-"
 REPLACED = ".replaced-"
 UNFINISHED = ".unfinished"
 PROVENANCE = "provenance.json"
+LONGEST = 200  # characters of a path in a message
 
 
 @contextmanager
@@ -117,6 +118,10 @@ def refuse_existing(path: Path, *, force: bool) -> None:
     does: a slip of the hand (`--out . --force`) must not cost a user's own files.
     """
     path = Path(path)
+    try:
+        path.exists()
+    except OSError as error:  # a name that is too long
+        raise _as_output_error(error, path) from error
     for folder in path.parents:
         if folder.is_file():
             raise OutputError(
@@ -239,6 +244,7 @@ def _as_output_error(error: OSError, path: Path) -> OutputError:
         return OutputError(
             f"the disk is full: {path} was not written", cure="free some space, or choose another --out"
         )
+    named = str(path) if len(str(path)) <= LONGEST else f"{str(path)[:LONGEST]}..."
     return OutputError(
-        f"cannot write {path}: {error.strerror or error}", cure="choose an --out you may write to"
+        f"cannot write {named}: {error.strerror or error}", cure="choose an --out you may write to"
     )

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import hashlib
 import importlib.metadata
 import platform
 import time
 from collections.abc import Mapping
 from datetime import UTC, datetime
+from functools import cache
 from pathlib import Path
 from typing import Any
 
+import capture_cli
 from capture_cli import __version__
 from capture_cli.json_text import json_text
 from capture_cli.stores.output import PROVENANCE, sha256
@@ -41,6 +44,7 @@ class Provenance:
             "options": self.options,
             "inputs": self.inputs,
             "capture": __version__,
+            "code": code_hash(),
             "python": platform.python_version(),
             "packages": {name: importlib.metadata.version(name) for name in PACKAGES},
             "platform": platform.platform(),
@@ -51,6 +55,16 @@ class Provenance:
     def write(self, folder: Path) -> None:
         """Write provenance.json into `folder`."""
         write_json(folder / PROVENANCE, self.document())
+
+
+@cache
+def code_hash() -> str:
+    """Of the program's own sources: two checkouts of one version may differ."""
+    package = Path(capture_cli.__file__).parent
+    digest = hashlib.sha256()
+    for file in sorted(package.rglob("*.py")):
+        digest.update(file.relative_to(package).as_posix().encode() + b"\0" + file.read_bytes())
+    return digest.hexdigest()
 
 
 def write_json(path: Path, document: Mapping[str, Any]) -> None:

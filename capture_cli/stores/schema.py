@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -191,14 +192,15 @@ def open_group(path: Path):
     if not path.is_dir():
         raise StoreError(
             f"{path} is a file, not a Zarr store",
-            cure="read it in first: `capture import-log FILE --task task.toml`",
+            cure=f"read it in first: `capture import-log {shlex.quote(str(path))} --task task.toml "
+            f"--out {shlex.quote(path.stem)}.zarr`",
         )
     try:
         return zarr.open_group(str(path), mode="r")
     except Exception as error:
         raise StoreError(
             f"{path} is not a readable Zarr group: {type(error).__name__}: {error}",
-            cure="check the path; a log is read in by `capture import-log FILE --task task.toml`",
+            cure="check the path; a log is read in by `capture import-log FILE --task task.toml --out LOG.zarr`",
         ) from error
 
 

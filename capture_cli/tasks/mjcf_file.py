@@ -207,7 +207,10 @@ def compile_model(path: Path, moved_centres: Collection[str] = ()) -> mujoco.MjM
     """
     silence_mujoco()
     if not path.is_file():
-        raise ModelError(f"the model {path} does not exist", cure="correct `model = ...` in the task.toml")
+        found = "is a folder" if path.is_dir() else "does not exist"
+        raise ModelError(
+            f"the model {path} {found}", cure="correct `model = ...` in the task.toml: a path from its folder"
+        )
     try:
         spec = mujoco.MjSpec.from_file(str(path))
         free_centres(spec, moved_centres)
