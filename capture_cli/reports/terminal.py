@@ -89,10 +89,9 @@ def print_diagnosis(diagnosis: Diagnosis, console: Console, out_path: Path) -> N
     if screen.lines + len(rows) + 2 <= MOST_LINES:
         screen.blank()
         screen.table(rows)
-    elif screen.lines + 1 < MOST_LINES:
+    elif screen.lines < MOST_LINES:
         sizes = "; ".join(f"{words.placed(e)} {_sizes(e)}".strip() for e in document["effects"])
-        screen.blank()
-        screen.wrapped(f"{'sizes':<{MARK}}", sizes, "dim", most=MOST_LINES - screen.lines - 1)
+        screen.wrapped(f"{'  sizes':<{MARK}}", sizes, "dim", most=MOST_LINES - screen.lines)
 
 
 def _beside(diagnosis: Diagnosis) -> list[str]:
