@@ -377,6 +377,17 @@ def test_force_replaces_an_output_and_nothing_else(capture, log, tmp_path, witho
     assert (mine / "thesis.tex").read_text() == "years of work"
 
 
+def test_inspect_ends_with_3_on_warnings_where_it_is_asked_to(capture, tmp_path):
+    assert capture(*RECORD, "--episodes", 2, "--out", "run.zarr")[0] == 0
+    assert capture("inspect", "run.zarr", "--fail-on", "warning")[0] == 0
+    task = tmp_path / "slider" / "task.toml"
+    shutil.copytree(SLIDER.parent, task.parent)
+    task.write_text(task.read_text().replace("window = ", "window = 0.02 #"))
+    assert capture("inspect", "run.zarr", "--task", task)[0] == 0
+    assert capture("inspect", "run.zarr", "--task", task, "--fail-on", "warning")[0] == 3
+    assert capture("inspect", "run.zarr", "--fail-on", "note")[0] == 2
+
+
 def test_a_finding_that_is_an_error_ends_inspect_with_2(capture, log, tmp_path):
     assert capture("inspect", log)[0] == 0
     damaged = tmp_path / "damaged.zarr"

@@ -12,6 +12,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from capture_cli import cli
 from capture_cli.errors import LogError, OptionError, OutputError, StoreError
 from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.earlier_estimate import EarlierEstimate
@@ -96,6 +97,35 @@ def test_a_machine_is_driven_no_further_than_its_log_was_wherever_that_is(slider
     record(out=tmp_path / "a" / "s.zarr", duration=4, amplitude={"drive": 9}, rate=200, force=True, **options)
     with pytest.raises(OptionError, match="has changed since"):
         propose(**again)
+
+
+def test_a_proposal_as_a_csv_is_in_the_columns_and_units_of_the_log(
+    slider_task, tmp_path, capsys, monkeypatch
+):
+    text = slider_task.read_text()
+    old = 'column = "u_N"\n'
+    assert old in text
+    slider_task.write_text(
+        text.replace(old, 'column = "drive [mN], set"\ncolumn_unit = "mN"\noffset = 0.5\n')
+        + "time_scale = 1e-3\n"
+    )
+    options = {"task": str(slider_task), "threads": 1}
+    record(out=tmp_path / "s.zarr", duration=3, amplitude={"drive": 5}, noise=1e-3, rate=100, **options)
+    identify(real_log=tmp_path / "s.zarr", out=tmp_path / "e", quiet=True, **options)
+    monkeypatch.setattr(
+        sys, "argv", ["capture", "propose", str(tmp_path / "e"), "--csv", str(tmp_path / "p.csv")]
+    )
+    with pytest.raises(SystemExit, match="^0$"):
+        cli.main()
+    proposal = json.loads(capsys.readouterr().out)
+    head, *rows = (tmp_path / "p.csv").read_text().splitlines()
+    assert head == 't_s,"drive [mN], set"'
+    time, drive = np.array([row.split(",") for row in rows], dtype=float).T
+    np.testing.assert_allclose(1e-3 * time, proposal["time_s"], rtol=1e-7)
+    np.testing.assert_allclose(1e-3 * drive + 0.5, proposal["inputs"]["drive"], rtol=1e-7, atol=1e-9)
+    for read in (slider_task, tmp_path / "e"):
+        with pytest.raises(OutputError, match=r"--csv .* which is read"):
+            propose(result=tmp_path / "e", csv=read, threads=1)
 
 
 def test_a_machine_of_ones_own_is_to_be_driven_by_a_multisine(slider_task, tmp_path):

@@ -53,12 +53,12 @@ def standard_deviations(texts: list[str], option: str) -> dict[str, float] | flo
     return named_numbers(texts, option) if texts else 0.0
 
 
-def chosen_verdicts(text: str | None, *possible: str) -> set[str]:
-    """The verdicts of --fail-on, comma-separated, each one of the `possible`. Raises OptionError."""
-    verdicts = {v.strip() for v in (text or "").split(",") if v.strip()}
-    for verdict in sorted(verdicts - set(possible)):
-        raise OptionError(f"--fail-on {verdict!r}", cure=did_you_mean(verdict, possible))
-    return verdicts
+def chosen(text: str | None, *possible: str) -> set[str]:
+    """What --fail-on names, comma-separated, each one of the `possible`. Raises OptionError."""
+    names = {v.strip() for v in (text or "").split(",") if v.strip()}
+    for name in sorted(names - set(possible)):
+        raise OptionError(f"--fail-on {name!r}", cure=did_you_mean(name, possible))
+    return names
 
 
 def _finite(text: str) -> float:

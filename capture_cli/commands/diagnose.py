@@ -21,7 +21,7 @@ from capture_cli.commands._options import (
     Window,
 )
 from capture_cli.commands._results import console, print_json
-from capture_cli.commands._texts import chosen_verdicts
+from capture_cli.commands._texts import chosen
 
 VERDICTS = ("unexplained", "effect-found", "tied")  # that --fail-on may name
 
@@ -78,7 +78,7 @@ def diagnose(
     """
     from capture_cli.stages.diagnose import diagnose as stage
 
-    verdicts = chosen_verdicts(fail_on, *VERDICTS)
+    verdicts = chosen(fail_on, *VERDICTS)
     out = out or Path(f"{real_log.stem}.diagnosis")
     diagnosis = stage(
         real_log=real_log,

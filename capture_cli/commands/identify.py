@@ -22,7 +22,7 @@ from capture_cli.commands._options import (
     Window,
 )
 from capture_cli.commands._results import console, print_json
-from capture_cli.commands._texts import chosen_verdicts
+from capture_cli.commands._texts import chosen
 
 VERDICTS = ("unexplained", "not-identifiable")  # that --fail-on may name
 
@@ -79,7 +79,7 @@ def identify(
     """
     from capture_cli.stages.identify import identify as stage
 
-    verdicts = chosen_verdicts(fail_on, *VERDICTS)
+    verdicts = chosen(fail_on, *VERDICTS)
     out = out or Path(f"{real_log.stem}.estimate")
     estimate = stage(
         real_log=real_log,

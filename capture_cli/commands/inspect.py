@@ -7,14 +7,24 @@ from typing import Annotated
 
 import typer
 
+from capture_cli.commands._completion import words
 from capture_cli.commands._config import Config
 from capture_cli.commands._inspection import show_inspection
 from capture_cli.commands._options import Json, OptionalTask
+from capture_cli.commands._texts import chosen
 
 
 def inspect(
     path: Annotated[Path, typer.Argument(help="A log, or any other output of `capture`.")],
     task: OptionalTask = None,
+    fail_on: Annotated[
+        str | None,
+        typer.Option(
+            "--fail-on",
+            help="Exit with 3 on findings of this severity: warning.",
+            autocompletion=words("warning"),
+        ),
+    ] = None,
     json_: Json = False,
     config: Config = None,
 ) -> None:
@@ -22,6 +32,10 @@ def inspect(
 
     Example: capture inspect run.zarr --task task.toml
     """
+    severities = chosen(fail_on, "warning")
     document = show_inspection(path, task, json_, quiet=False)
-    if any(f["severity"] == "error" for f in document["findings"]):
+    found = {f["severity"] for f in document["findings"]}
+    if "error" in found:
         raise typer.Exit(2)
+    if found & severities:
+        raise typer.Exit(3)

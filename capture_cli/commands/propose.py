@@ -33,6 +33,9 @@ def propose(
         list[str], typer.Option("--amplitude", help="INPUT=VALUE, above 0: how far an input may be driven.")
     ] = [],  # noqa: B006
     out: Annotated[Path | None, typer.Option("--out", help="File to write; default stdout.")] = None,
+    csv: Annotated[
+        Path | None, typer.Option("--csv", help="Also the inputs, in the columns and units of the log.")
+    ] = None,
     seed: Seed = 0,
     threads: Threads = None,
     force: Force = False,
@@ -46,8 +49,9 @@ def propose(
     from capture_cli.stores.output import new_file, refuse_existing
     from capture_cli.stores.provenance import write_json
 
-    if out is not None:
-        refuse_existing(out, force=force)
+    for file in (out, csv):
+        if file is not None:
+            refuse_existing(file, force=force)
     document = stage(
         result=result,
         task=task,
@@ -57,7 +61,13 @@ def propose(
         seed=seed,
         threads=threads,
         out=out,
+        csv=csv,
     )
+    if csv is not None:
+        from capture_cli.stages.proposal_csv import proposal_csv
+
+        with new_file(csv, force=force) as file:
+            file.write_text(proposal_csv(document, result, task), encoding="utf-8")
     if out is None:
         print_json(document)
     else:

@@ -40,18 +40,21 @@ def propose(
     seed: int = 0,
     threads: int | None = None,
     out: Path | None = None,
+    csv: Path | None = None,
 ) -> dict[str, Any]:
     """What to do next, given the estimate or diagnosis directory `result`: the document of proposal.json.
 
     Of a task of actions, the one of `candidates` random actions that tells most about what the estimate leaves open;
     with `policy`, the action it chooses for the estimate. Of any other machine, the most telling of a menu of
     multisines that peak at `amplitude` or below (what the log's inputs peaked at where not given). Of a diagnosis, the
-    experiment that would separate what is tied. out: where the document will go. Raises CaptureError.
+    experiment that would separate what is tied. out, csv: where the document, and its inputs, will go. Raises
+    CaptureError.
     """
-    diagnosed = (Path(result) / "diagnosis.json").is_file()
-    machine, log = _machine(Path(result), task, Diagnosis if diagnosed else Estimate)
-    if out is not None:
-        refuse_inputs(out, [result, log, policy, *task_inputs(machine).values()])
+    diagnosed = _is_diagnosis(Path(result))
+    machine, log = proposed_machine(Path(result), task)
+    for path, option in ((out, "--out"), (csv, "--csv")):
+        if path is not None:
+            refuse_inputs(path, [result, log, policy, *task_inputs(machine).values()], option=option)
     check_amplitude(machine, amplitude or {})
     check_above_zero(machine, amplitude or {}, "the log did")
     if diagnosed:
@@ -95,8 +98,13 @@ def _doubted(proposed: dict[str, Any], estimate: Estimate) -> dict[str, Any]:
     return {**proposed, "text": proposed["text"] + doubt}
 
 
-def _machine(folder: Path, task: str | None, kind: type[Result]) -> tuple[Task, str]:
-    """The task of the result in `folder`, and where its log was."""
+def _is_diagnosis(folder: Path) -> bool:
+    return (folder / "diagnosis.json").is_file()
+
+
+def proposed_machine(folder: Path, task: str | None) -> tuple[Task, str]:
+    """The task of the result in `folder`, `task` where that is given, and where its log was. Raises CaptureError."""
+    kind: type[Result] = Diagnosis if _is_diagnosis(folder) else Estimate
     log = kind.read_document(folder)["log"]["path"]
     provenance = read_provenance(folder, kind.CURE)
     return load_recorded(folder, provenance, task, log), log
