@@ -115,7 +115,7 @@ def test_a_proposal_as_a_csv_is_in_the_columns_and_units_of_the_log(
     monkeypatch.setattr(
         sys, "argv", ["capture", "propose", str(tmp_path / "e"), "--csv", str(tmp_path / "p.csv")]
     )
-    with pytest.raises(SystemExit, match="^0$"):
+    with pytest.raises(SystemExit, match=r"^0$"):
         cli.main()
     proposal = json.loads(capsys.readouterr().out)
     head, *rows = (tmp_path / "p.csv").read_text().splitlines()
