@@ -24,6 +24,7 @@ PATIENCE = 2  # rounds
 DAMPING_STEP = 10.0
 BEGUN = 4  # of the places where a window may begin, that it is begun at
 SEARCHES = 2  # times that windows which stand out are begun elsewhere
+AXIS_SHARES = (-1.0, -0.3, 0.3, 1.0)  # of a state's sd, by which it alone is moved
 DRAWN = 16  # places where they are, drawn from what is known of starts beforehand
 # Where contacts make the error jump no slope leads to the bottom: so many places are drawn, and then so often so many
 # about the best of them, each time nearer by that factor.
@@ -41,10 +42,12 @@ def fit_starts(
     *,
     tolerance: float,
     also: np.ndarray | None = None,
+    thorough: bool = False,
 ) -> Linearization:
     """The linearization where starts near `offsets` (window, state), or near those in `also`, are the best.
 
-    The evidence has no parameters. tolerance: of the objective over k, summed over windows.
+    The evidence has no parameters. tolerance: of the objective over k, summed over windows. thorough: whether windows
+    that stand out after all are begun with one state after the other elsewhere.
     """
     found = _settled(evidence, evaluate, offsets, tolerance)
     if also is not None:
@@ -58,8 +61,7 @@ def fit_starts(
         others = evidence.other_starts(found.offsets, stuck, drawn)[:, stuck]
         if not others.size:
             break
-        rest = np.setdiff1d(np.arange(len(offsets)), stuck)
-        k = scatter(evidence.rows(rest), found.residual[rest])  # what windows leave that did not get stuck
+        k = _scatter_of_others(found, stuck)
         before = found.windows(stuck)
         own = _of_windows(evaluate, stuck)
         if evidence.rough:
@@ -68,7 +70,30 @@ def fit_starts(
         found = found.with_windows(stuck, after)
         if (before.objectives(k) - after.objectives(k)).sum() < tolerance * k:
             break
-    return found
+    return _along_axes(found, evaluate, tolerance) if thorough else found
+
+
+def _scatter_of_others(found: Linearization, stuck: np.ndarray) -> float:
+    """k of what the windows leave that are not `stuck`."""
+    rest = np.setdiff1d(np.arange(len(found.residual)), stuck)
+    return scatter(found.evidence.rows(rest), found.residual[rest])
+
+
+def _along_axes(found: Linearization, evaluate: EvaluateWindows, tolerance: float) -> Linearization:
+    """`found`, with the windows that still stand out begun where one state is another: a height that nothing measures,
+    by which a wheel is pressed to the floor or is in the air. Draws of all states at once are nowhere near.
+    """
+    stuck = found.evidence.standing_out(found.residual)
+    if not stuck.size:
+        return found
+    before, own = found.windows(stuck), _of_windows(evaluate, stuck)
+    k = _scatter_of_others(found, stuck)
+    for state in found.evidence.movable:
+        for share in AXIS_SHARES:
+            moved = before.offsets.copy()
+            moved[:, state] += share * before.evidence.start_sd[:, state]
+            before = _or_from(before, own, moved, tolerance, k)
+    return found.with_windows(stuck, before)
 
 
 def _of_windows(evaluate: EvaluateWindows, which: np.ndarray) -> EvaluateWindows:

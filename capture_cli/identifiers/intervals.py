@@ -30,6 +30,7 @@ from capture_cli.parameters import AT_BOUND, ParameterSpace
 
 # Posterior sd beyond this share of the range: the 95 % interval spans two thirds of what was known before.
 UNDETERMINED_SD = 1 / 6
+FAR = 2.0  # of the residual's variance over that of the noise, times its correlation time
 LOST_SD = 1.0  # of the range, where the log says nothing at all
 
 
@@ -128,7 +129,12 @@ def unit_covariance(at: Linearization) -> tuple[np.ndarray, float]:
 
 
 def _left_to_go(at: Linearization) -> np.ndarray:
-    """Square (p, p), in the unit cube, of the step that a descent could not take; next to 0 where it took it."""
+    """Square (p, p), in the unit cube, of the step that a descent could not take; next to 0 where it took it.
+
+    Not where the error is smooth and far from noise: there a descent ends early on purpose.
+    """
+    if not at.evidence.rough and at.scatter > FAR:
+        return np.zeros((len(at.x),) * 2)
     return np.outer(at.whole_step, at.whole_step)
 
 

@@ -222,7 +222,8 @@ class _Protocol:
         offsets = None if again is None else again.offsets
         parts = [self.fits.on(self.prepared.part(seen), again or fit, offsets=offsets)]
         if not seen.all():
-            parts.append(self.fits.on(self.prepared.part(~seen), again or fit))
+            thorough = not lack_of_fit((again or fit).at).lacking
+            parts.append(self.fits.on(self.prepared.part(~seen), again or fit, thorough=thorough))
         order = np.argsort(np.concatenate([np.flatnonzero(seen), np.flatnonzero(~seen)]))
         return PartFit.concatenate(parts).rows(order)
 

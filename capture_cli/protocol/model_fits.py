@@ -311,7 +311,7 @@ class ModelFits:
         return replace(fit, finished=not (solver.gave_up or fit.is_far_behind(rival)))
 
     def way_out(
-        self, part: PreparedLog, fit: Fit, *, whole_step: bool
+        self, part: PreparedLog, fit: Fit, *, whole_step: bool, worth: float = AS_GOOD
     ) -> tuple[np.ndarray, np.ndarray] | None:
         """A better point (parameter,), and offsets (window, state), that no step of all of them together leads to; None
         where there is none.
@@ -319,6 +319,7 @@ class ModelFits:
         Where stops are hit the start of a window has many minima, and a step of all parameters is refused for the few
         windows that it would leave in a worse one. So windows are fitted alone: where the parameters are, from where
         they begin and from where they were measured; and, where asked for, a whole step on.
+        worth: of the objective over k, what a way out has to gain.
         """
         k, before = fit.at.scatter, fit.at.objectives(fit.at.scatter)
         found = self.starts_at(part, fit, TOLERANCE, fit.offsets, np.zeros_like(fit.offsets))
@@ -330,7 +331,7 @@ class ModelFits:
             there = self.starts_at(part, replace(fit, point=point), TOLERANCE, best)
             ways.append((there.objectives(k).sum(), point, there.offsets))
         value, point, offsets = min(ways, key=lambda way: way[0])
-        return (point, offsets) if before.sum() - value > AS_GOOD * k else None
+        return (point, offsets) if before.sum() - value > worth * k else None
 
     def minima(self, part: PreparedLog, fit: Fit, seed: int) -> list[Fit]:
         """`fit` and where descents end that begin within its reach, best first.
@@ -427,6 +428,8 @@ class ModelFits:
         fit: Fit,
         tolerance: float = TOLERANCE,
         offsets: np.ndarray | None = None,
+        *,
+        thorough: bool = False,
     ) -> PartFit:
         """A part of the log at the fit's parameters, with starts refined by the rule they were fitted by.
 
@@ -436,7 +439,7 @@ class ModelFits:
         if begin is None:
             begin = np.zeros((len(part.windows), fit.offsets.shape[1]))
             begin = self._with_states_found(part, fit.effects, fit.point, begin, fit.effects)
-        return PartFit.of(self.starts_at(part, fit, tolerance, begin))
+        return PartFit.of(self.starts_at(part, fit, tolerance, begin, thorough=thorough))
 
     def starts_at(
         self,
@@ -445,6 +448,8 @@ class ModelFits:
         tolerance: float,
         offsets: np.ndarray,
         also: np.ndarray | None = None,
+        *,
+        thorough: bool = False,
     ) -> Linearization:
         """The starts of the part's windows at the fit's parameters, from `offsets` or `also` (window, state) on."""
         simulator = self.simulator(fit.effects)
@@ -456,7 +461,7 @@ class ModelFits:
             padding = evidence.measured.shape[1] - outputs.shape[2]
             return np.pad(outputs, ((0, 0), (0, 0), (0, padding), (0, 0))), diverged
 
-        return fit_starts(evidence, evaluate, offsets, tolerance=tolerance, also=also)
+        return fit_starts(evidence, evaluate, offsets, tolerance=tolerance, also=also, thorough=thorough)
 
     def probe(
         self,

@@ -72,7 +72,9 @@ class Report:
         offsets[~self.is_test] = fit.offsets
         if self.is_test.any():
             test = self.prepared.part(self.is_test)
-            offsets[self.is_test] = self.fits.on(test, fit, self._start_tolerance(lacking.lacking)).offsets
+            tolerance = self._start_tolerance(lacking.lacking)
+            on_test = self.fits.on(test, fit, tolerance, thorough=not lacking.lacking)
+            offsets[self.is_test] = on_test.offsets
         simulated, nominal, diverged = self._curves(offsets)
         recordings = self._recordings(found)
         whole = self._whole(offsets, simulated)

@@ -36,6 +36,7 @@ CLEARLY = 2.0  # noise floors: beyond what chance allows of any log worth the na
 FAR = 3.0  # noise floors: a log this far from explained may be explained from somewhere else
 AROUND, AROUND_POINTS = 0.1, 81  # of the range, about the answer to labels, which leave as much open
 ROUNDS = 100  # of simulations, at most, unless told otherwise
+ONE_SD = 1.0  # of the objective over k, by which an estimate that is off by its standard deviation is above the bottom
 AGAIN = 20  # rounds, at most, of a descent from a better point near where one ended
 JUDGED_BY = 3  # entries of the log, at most, that the estimates of all rounds are compared on
 
@@ -217,7 +218,7 @@ def unstuck(found: Found, progress: Progress, *, seed: int) -> Found:
     if not hits_something(part, fits.simulator([]), found.best.parameters, found.best.offsets):
         return found
     for _ in range(WAYS_OUT):
-        way = fits.way_out(part, found.at, whole_step=True)
+        way = fits.way_out(part, found.at, whole_step=True, worth=ONE_SD)
         if way is None:
             break
         x, offsets = way
