@@ -141,7 +141,7 @@ def moved_by_each() -> dict[str, np.ndarray]:
 
 
 def test_every_parameter_matters_to_many_episodes(moved_by_each):
-    assert list(moved_by_each) == AirHockey().space.names
+    assert tuple(moved_by_each) == AirHockey().space.names
     for name, difference in moved_by_each.items():
         assert (difference > 0.05).mean() > 0.3, name
 

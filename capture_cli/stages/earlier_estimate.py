@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -36,13 +36,13 @@ OPTIONS = {  # that are taken over
 
 @dataclass(frozen=True)
 class EarlierEstimate:
-    """options, provenance: those that it was made with. episodes: how many the log had then."""
+    """options, provenance: with which it was made. episodes: how many the log had then."""
 
     path: Path
     estimate: Estimate
     options: dict[str, Any]
-    provenance: Mapping[str, Any]
     episodes: int
+    provenance: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod
     def read(cls, path: Path) -> EarlierEstimate:
@@ -52,7 +52,7 @@ class EarlierEstimate:
         provenance = read_provenance(path, again)
         options = provenance["options"]
         check_shape(options, OPTIONS, f"{path / PROVENANCE}: options", again)
-        return cls(path, estimate, options, provenance, estimate.document["rollouts"]["measured"])
+        return cls(path, estimate, options, estimate.document["rollouts"]["measured"], provenance)
 
     def task(self, real_log: Path) -> str:
         """The `--task` it was made with: a name, or where the file is now. Raises OptionError where it is gone."""
