@@ -407,6 +407,8 @@ def test_the_law_of_what_was_found_stands_in_its_page():
         in page
     )
     assert "direction-dependent-viscous: <code>asymmetry</code> is added forward.</p>" in page
+    of_six = render(RECORDS["many"](), None)
+    assert of_six.count("(N or N m) is added to the joint&#x27;s frictionloss.") == 1
 
 
 @pytest.mark.parametrize("name", ["full", "short"])

@@ -127,7 +127,7 @@ def _effects(document: Mapping[str, Any]) -> str:
         "p, unseen",
     ]
     parts = [table(head, rows, numeric=(2, 3, 4, 6, 7))] if rows else []
-    parts += [_law(effect) for effect in document["effects"]]
+    parts += dict.fromkeys(_law(effect) for effect in document["effects"])
     parts += [
         f"<p>{escape(findings.placed(e))} is <span class=unsure>tied</span> with "
         f"{escape(findings.listed(e['tied_with']))}: on this log they explain the same.</p>"
