@@ -123,6 +123,10 @@ def test_of_two_that_do_as_well_the_one_that_mujoco_has_comes_first(
 class Named:
     site: str
 
+    @property
+    def variant_of(self) -> str:
+        return self.site
+
 
 @dataclass
 class FakeFit:
@@ -342,3 +346,20 @@ def test_what_is_missing_at_every_joint_is_found_at_once(
     found = diagnose(real_log=log, task=task, out=tmp_path / "d", quiet=True, most_effects=rounds).document
     assert {f"{e['name']}@{e['site']}" for e in found["effects"]} == {e.split("=")[0] for e in effects}
     assert found["verdict"] == "effect-found" and len(begun) == rounds
+
+
+@pytest.mark.parametrize("spreads", [True, False])
+def test_terms_of_an_expression_are_no_other_places_of_the_first(spreads):
+    """All are of one kind: with the first that is found, dozens would be fitted at once."""
+    first, other = (Placed("expression", Named(site)) for site in ("x: v", "x: v|v|"))
+    tried = []
+    selection = Attribution.__new__(Attribution)
+    selection.spreads, selection.on_step = spreads, lambda *_: None
+    selection.models = SimpleNamespace(
+        is_explained=lambda _: False, fit=lambda effects, *_: tried.append(effects)
+    )
+    selection.accepted = [Accepted(first, None, [], None, 0.9)]
+    selection.ranked = [Candidate(other, start=np.zeros(1))]
+    current = SimpleNamespace(effects=[first], point=np.zeros(1))
+    assert selection._at_other_places(current) is current
+    assert tried == ([[first, other]] if spreads else [])

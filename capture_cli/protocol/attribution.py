@@ -70,8 +70,9 @@ class Attribution:
 
     folds: what is fitted, and what judges; nothing judges where the log is one window long. is_explained: whether a
     model leaves nothing but noise. most_effects: to add; what comes along with another is not counted. candidates: the
-    whole catalogue where None. on_step is told what is being tried, the number of it, of how many, and what was found
-    so far.
+    whole catalogue where None. spreads: whether what was found at one place is tried at all the others at once, which
+    terms of an expression are not. on_step is told what is being tried, the number of it, of how many, and what was
+    found so far.
     """
 
     def __init__(
@@ -83,10 +84,12 @@ class Attribution:
         is_explained: Callable[[Fit], bool],
         most_effects: int = MOST_EFFECTS,
         candidates: Sequence[Candidate] | None = None,
+        spreads: bool = True,
         on_step: Callable[[str, int, int, Sequence[str]], None] = lambda *_: None,
     ):
         self.models = ModelComparison(fits, folds, seed=seed, is_explained=is_explained)
         self.most_effects = most_effects
+        self.spreads = spreads
         self.on_step = on_step
         self.candidates = all_candidates(fits.prepared) if candidates is None else list(candidates)
         self.ranked: list[Candidate] = []  # what the last round's scores speak for, best first
@@ -182,7 +185,7 @@ class Attribution:
         that a model lacks, it lacks that of every joint.
         """
         newest = self.accepted[-1]
-        if self.models.is_explained(current):
+        if not self.spreads or self.models.is_explained(current):
             return current
         kin = self._kin(newest)
         if not kin:

@@ -182,6 +182,7 @@ class _Protocol:
             is_explained=lambda fit: not lack_of_fit(fit.at).lacking,
             most_effects=self.settings.most_effects,
             candidates=candidates,
+            spreads=candidates is None,
             on_step=self.on_step,
         )
 
