@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from capture_cli.errors import OptionError
-from capture_cli.stages.propose import proposed_machine
+from capture_cli.stages.proposed_machine import proposed_machine
 from capture_cli.tasks.base import ActionTask
 
 

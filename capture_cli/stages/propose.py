@@ -17,14 +17,15 @@ from capture_cli.simulator import Simulator
 from capture_cli.stages.drive import Drive, acted
 from capture_cli.stages.planned_episodes import Known, planned
 from capture_cli.stages.policy_checkpoint import load_policy
+from capture_cli.stages.proposed_machine import is_diagnosis, proposed_machine
 from capture_cli.stages.recorded_log import recorded_log
-from capture_cli.stages.recorded_task import load_recorded, task_inputs
+from capture_cli.stages.recorded_task import task_inputs
 from capture_cli.stores.diagnosis import EXPERIMENT, Diagnosis
 from capture_cli.stores.document_shape import NUMBER, check_shape, or_none
 from capture_cli.stores.estimate import Estimate
 from capture_cli.stores.output import PROVENANCE, refuse_inputs
 from capture_cli.stores.proposal import FORMAT, VERSION
-from capture_cli.stores.result import Result, read_provenance
+from capture_cli.stores.result import read_provenance
 from capture_cli.tasks.base import ActionTask, Task
 
 CANDIDATES = 48  # actions that are compared
@@ -50,7 +51,7 @@ def propose(
     experiment that would separate what is tied. out, csv: where the document, and its inputs, will go. Raises
     CaptureError.
     """
-    diagnosed = _is_diagnosis(Path(result))
+    diagnosed = is_diagnosis(Path(result))
     machine, log = proposed_machine(Path(result), task)
     for path, option in ((out, "--out"), (csv, "--csv")):
         if path is not None:
@@ -96,18 +97,6 @@ def _doubted(proposed: dict[str, Any], estimate: Estimate) -> dict[str, Any]:
         return proposed
     doubt = "; the model does not explain its log, and then what is expected means little"
     return {**proposed, "text": proposed["text"] + doubt}
-
-
-def _is_diagnosis(folder: Path) -> bool:
-    return (folder / "diagnosis.json").is_file()
-
-
-def proposed_machine(folder: Path, task: str | None) -> tuple[Task, str]:
-    """The task of the result in `folder`, `task` where that is given, and where its log was. Raises CaptureError."""
-    kind: type[Result] = Diagnosis if _is_diagnosis(folder) else Estimate
-    log = kind.read_document(folder)["log"]["path"]
-    provenance = read_provenance(folder, kind.CURE)
-    return load_recorded(folder, provenance, task, log), log
 
 
 def _window(folder: Path) -> float | None:
