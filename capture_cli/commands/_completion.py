@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
@@ -13,33 +14,17 @@ def words(*offered: str) -> Completion:
     return _beginning(lambda: offered)
 
 
+def plug_ins(package: str) -> Completion:
+    """Names of the registry of `package`, which is imported when a user asks for them."""
+    return _beginning(lambda: importlib.import_module(package).REGISTRY.names())
+
+
 def tasks(incomplete: str) -> list[str]:
     """Built-in tasks, and the TOML files of the folder."""
     from capture_cli.tasks import REGISTRY
 
     files = sorted(p.name for p in Path().glob("*.toml") if p.name != "pyproject.toml")
     return _beginning(lambda: [*REGISTRY.names(), *files])(incomplete)
-
-
-def effects(incomplete: str) -> list[str]:
-    """Names of the catalogue."""
-    from capture_cli.effects import REGISTRY
-
-    return _beginning(REGISTRY.names)(incomplete)
-
-
-def identifiers(incomplete: str) -> list[str]:
-    """Identifiers that may be evaluated, trained or not."""
-    from capture_cli.identifiers import REGISTRY
-
-    return _beginning(REGISTRY.names)(incomplete)
-
-
-def searches(incomplete: str) -> list[str]:
-    """Search strategies of histories."""
-    from capture_cli.search import REGISTRY
-
-    return _beginning(REGISTRY.names)(incomplete)
 
 
 def _beginning(offered: Callable[[], Iterable[str]]) -> Completion:
@@ -49,3 +34,8 @@ def _beginning(offered: Callable[[], Iterable[str]]) -> Completion:
         return [name for name in offered() if name.startswith(incomplete)]
 
     return complete
+
+
+effects = plug_ins("capture_cli.effects")
+identifiers = plug_ins("capture_cli.identifiers")
+searches = plug_ins("capture_cli.search")

@@ -55,3 +55,18 @@ ObservationNoise = Annotated[
         autocompletion=words("none", "scale", "label"),
     ),
 ]
+Device = Annotated[
+    str,
+    typer.Option(
+        "--device",
+        help="Of the networks: cpu, cuda, or auto: a GPU if there is one.",
+        autocompletion=words("auto", "cpu", "cuda"),
+    ),
+]
+
+
+def fail_on_option(what: str, names: tuple[str, ...]):
+    """--fail-on, which may name these."""
+    return typer.Option(
+        "--fail-on", help=f"Exit with 3 on {what}: {', '.join(names)}.", autocompletion=words(*names)
+    )

@@ -7,7 +7,6 @@ from typing import Annotated
 
 import typer
 
-from capture_cli.commands._completion import words
 from capture_cli.commands._config import Config
 from capture_cli.commands._options import (
     Force,
@@ -19,6 +18,7 @@ from capture_cli.commands._options import (
     TakenSeed,
     Threads,
     Window,
+    fail_on_option,
 )
 from capture_cli.commands._results import console, print_json
 from capture_cli.commands._texts import chosen
@@ -57,14 +57,7 @@ def diagnose(
             "--expression/--no-expression", help="Whether to look for a formula of what no effect explains."
         ),
     ] = True,
-    fail_on: Annotated[
-        str | None,
-        typer.Option(
-            "--fail-on",
-            help="Exit with 3 on these verdicts: unexplained, effect-found, tied.",
-            autocompletion=words(*VERDICTS),
-        ),
-    ] = None,
+    fail_on: Annotated[str | None, fail_on_option("these verdicts", VERDICTS)] = None,
     seed: TakenSeed = None,
     threads: Threads = None,
     force: Force = False,

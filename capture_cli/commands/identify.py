@@ -20,6 +20,7 @@ from capture_cli.commands._options import (
     Test,
     Threads,
     Window,
+    fail_on_option,
 )
 from capture_cli.commands._results import console, print_json
 from capture_cli.commands._texts import chosen
@@ -55,14 +56,7 @@ def identify(
             help="Most rounds: an episode each if the identifier is learned, else a batch of simulations each.",
         ),
     ] = None,
-    fail_on: Annotated[
-        str | None,
-        typer.Option(
-            "--fail-on",
-            help="Exit with 3 on these verdicts: unexplained, not-identifiable.",
-            autocompletion=words(*VERDICTS),
-        ),
-    ] = None,
+    fail_on: Annotated[str | None, fail_on_option("these verdicts", VERDICTS)] = None,
     seed: TakenSeed = None,
     threads: Threads = None,
     force: Force = False,

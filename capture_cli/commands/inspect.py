@@ -7,24 +7,18 @@ from typing import Annotated
 
 import typer
 
-from capture_cli.commands._completion import words
 from capture_cli.commands._config import Config
 from capture_cli.commands._inspection import show_inspection
-from capture_cli.commands._options import Json, OptionalTask
+from capture_cli.commands._options import Json, OptionalTask, fail_on_option
 from capture_cli.commands._texts import chosen
+
+SEVERITIES = ("warning",)  # that --fail-on may name
 
 
 def inspect(
     path: Annotated[Path, typer.Argument(help="A log, or any other output of `capture`.")],
     task: OptionalTask = None,
-    fail_on: Annotated[
-        str | None,
-        typer.Option(
-            "--fail-on",
-            help="Exit with 3 on findings of this severity: warning.",
-            autocompletion=words("warning"),
-        ),
-    ] = None,
+    fail_on: Annotated[str | None, fail_on_option("findings of this severity", SEVERITIES)] = None,
     json_: Json = False,
     config: Config = None,
 ) -> None:
@@ -32,7 +26,7 @@ def inspect(
 
     Example: capture inspect run.zarr --task task.toml
     """
-    severities = chosen(fail_on, "warning")
+    severities = chosen(fail_on, *SEVERITIES)
     document = show_inspection(path, task, json_, quiet=False)
     found = {f["severity"] for f in document["findings"]}
     if "error" in found:

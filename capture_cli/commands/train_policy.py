@@ -8,7 +8,7 @@ import typer
 
 from capture_cli.commands._completion import tasks, words
 from capture_cli.commands._config import Config
-from capture_cli.commands._options import CheckpointOut, Force, Json, Quiet, Seed, Threads
+from capture_cli.commands._options import CheckpointOut, Device, Force, Json, Quiet, Seed, Threads
 from capture_cli.commands._results import console, print_json
 
 
@@ -33,14 +33,7 @@ def train_policy(
     evaluations: Annotated[
         int, typer.Option("--evaluations", help="Points of the evaluation curve; what --resume goes on from.")
     ] = 30,
-    device: Annotated[
-        str,
-        typer.Option(
-            "--device",
-            help="Of the networks: cpu, cuda or auto.",
-            autocompletion=words("cpu", "cuda", "auto"),
-        ),
-    ] = "cpu",
+    device: Device = "cpu",
     seed: Seed = 0,
     threads: Threads = None,
     force: Force = False,

@@ -8,7 +8,7 @@ import typer
 
 from capture_cli.commands._completion import words
 from capture_cli.commands._config import Config
-from capture_cli.commands._options import CheckpointOut, Force, Json, Quiet, Resume, Seed
+from capture_cli.commands._options import CheckpointOut, Device, Force, Json, Quiet, Resume, Seed
 from capture_cli.commands._results import console, print_json
 
 
@@ -69,14 +69,7 @@ def train_sysid(
             autocompletion=words("auto", "float32", "bfloat16"),
         ),
     ] = "auto",
-    device: Annotated[
-        str,
-        typer.Option(
-            "--device",
-            help="cpu, cuda, or auto: a GPU if there is one.",
-            autocompletion=words("auto", "cpu", "cuda"),
-        ),
-    ] = "auto",
+    device: Device = "auto",
     threads: Annotated[
         int, typer.Option("--threads", min=1, help="CPU threads; another number rounds otherwise.")
     ] = 1,

@@ -135,7 +135,8 @@ def _left_to_go(at: Linearization) -> np.ndarray:
     """
     if not at.evidence.rough and at.scatter > FAR:
         return np.zeros((len(at.x),) * 2)
-    return np.outer(at.whole_step, at.whole_step)
+    step = at.whole_step
+    return np.outer(step, step)
 
 
 def _scatter_of_minima(at: Linearization, minima: Sequence[Linearization]) -> np.ndarray:

@@ -35,7 +35,6 @@ MINOR, MOST_MINOR = 0.05, 2
 MOST_OF_IT = 0.5
 PAIRED = 3  # rivals of each of two effects that are exchanged at once
 ALSO_ENOUGH = "; but with it, too, no more is left than chance allows"  # of a rival that is not as good
-
 STEPS_AS_WELL = "{mine} does as well, and so do steps of this length"
 
 

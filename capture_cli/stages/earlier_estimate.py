@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -36,13 +36,12 @@ OPTIONS = {  # that are taken over
 
 @dataclass(frozen=True)
 class EarlierEstimate:
-    """options, provenance: with which it was made. episodes: how many the log had then."""
+    """provenance: of how it was made. episodes: how many the log had then."""
 
     path: Path
     estimate: Estimate
-    options: dict[str, Any]
+    provenance: Mapping[str, Any]
     episodes: int
-    provenance: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod
     def read(cls, path: Path) -> EarlierEstimate:
@@ -50,9 +49,13 @@ class EarlierEstimate:
         estimate = Estimate.read(path)
         again = "make the estimate again with `capture identify`"
         provenance = read_provenance(path, again)
-        options = provenance["options"]
-        check_shape(options, OPTIONS, f"{path / PROVENANCE}: options", again)
-        return cls(path, estimate, options, estimate.document["rollouts"]["measured"], provenance)
+        check_shape(provenance["options"], OPTIONS, f"{path / PROVENANCE}: options", again)
+        return cls(path, estimate, provenance, estimate.document["rollouts"]["measured"])
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """With which it was made."""
+        return self.provenance["options"]
 
     def task(self, real_log: Path) -> str:
         """The `--task` it was made with: a name, or where the file is now. Raises OptionError where it is gone."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -28,11 +30,8 @@ def proposal_csv(document: Mapping[str, Any], result: Path, task: str | None = N
                     f"--csv: column {channel.column!r} drives several inputs, and what is proposed for them differs",
                     cure="give each its own column in the task.toml, or take the JSON",
                 )
-    rows = zip(*values.values(), strict=True)
-    lines = [",".join(_quoted(name) for name in values), *(",".join(f"{v:.9g}" for v in row) for row in rows)]
-    return "\n".join(lines) + "\n"
-
-
-def _quoted(name: str) -> str:
-    """A name as a CSV has it."""
-    return '"' + name.replace('"', '""') + '"' if set(name) & set(',"\n') else name
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(values)
+    writer.writerows([f"{v:.9g}" for v in row] for row in zip(*values.values(), strict=True))
+    return text.getvalue()

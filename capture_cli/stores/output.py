@@ -119,7 +119,7 @@ def refuse_existing(path: Path, *, force: bool) -> None:
     """
     path = Path(path)
     try:
-        path.exists()
+        there = path.exists()
     except OSError as error:  # a name that is too long
         raise _as_output_error(error, path) from error
     for folder in path.parents:
@@ -127,7 +127,7 @@ def refuse_existing(path: Path, *, force: bool) -> None:
             raise OutputError(
                 f"cannot write {path}: {folder} is a file, not a folder", cure="choose another --out"
             )
-    if not path.exists():
+    if not there:
         return
     if not (path.is_file() or path.is_dir()):
         raise OutputError(

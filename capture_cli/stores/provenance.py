@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import importlib.metadata
 import platform
 import time
@@ -61,10 +60,7 @@ class Provenance:
 def code_hash() -> str:
     """Of the program's own sources: two checkouts of one version may differ."""
     package = Path(capture_cli.__file__).parent
-    digest = hashlib.sha256()
-    for file in sorted(package.rglob("*.py")):
-        digest.update(file.relative_to(package).as_posix().encode() + b"\0" + file.read_bytes())
-    return digest.hexdigest()
+    return sha256(package, {file.relative_to(package).as_posix() for file in package.rglob("*.py")})
 
 
 def write_json(path: Path, document: Mapping[str, Any]) -> None:
