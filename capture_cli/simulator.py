@@ -321,7 +321,7 @@ class Simulator:
         """
         starts, hidden = begun.starts, begun.hidden
         elapsed = starts.time - began
-        controls, row = self._drive(tapes, steps, each, begun, elapsed)
+        controls, row = self._drive(tapes, steps, each, begun, elapsed, first)
         measures = self._measures
         rollouts = self.engine.rollout(
             starts=starts,
@@ -397,7 +397,13 @@ class Simulator:
         return sum((own.effect.drift(each[:, own.parameters], elapsed) for own in self._placed), none)
 
     def _drive(
-        self, tapes: _Tapes, steps: int, each: np.ndarray, begun: Begun, elapsed: np.ndarray
+        self,
+        tapes: _Tapes,
+        steps: int,
+        each: np.ndarray,
+        begun: Begun,
+        elapsed: np.ndarray,
+        first: np.ndarray | None,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Controls (simulation or row, steps, nu) as the actuators receive them, and which of them are whose."""
         acting = [
@@ -409,13 +415,13 @@ class Simulator:
         memory = sum(effect.memory(values) for effect, values in acting)
         # one step at least: what came first is taken to have been for ever
         past = max(min(int(np.ceil(memory / self.task.timestep)), lead), 1)
-        first = elapsed - past * self.task.timestep
+        since = elapsed - past * self.task.timestep
         at = begun.drift[:, None] / self.task.timestep + np.arange(lead - past, lead + steps)
         controls = _between(controls, tapes.row, at)
         unknown = at < lead - tapes.known[:, None]
         controls += unknown[..., None] * self._before(begun.hidden)[:, None]
         for effect, values in acting:
-            controls = effect.drive(controls, values, self.task.timestep, elapsed=first)
+            controls = effect.drive(controls, values, self.task.timestep, elapsed=since, first=first)
         return controls[:, past:], np.arange(len(each))
 
     def _before(self, hidden: np.ndarray) -> np.ndarray:

@@ -79,6 +79,26 @@ class Recordings:
 
 
 @dataclass(frozen=True)
+class Driven:
+    """What a log drives: time (step,), s; controls of actuators, by their numbers, (step,); episodes: of its steps."""
+
+    time: np.ndarray
+    controls: Mapping[int, np.ndarray]
+    episodes: Sequence[slice]
+
+    def episode_of(self, step: np.ndarray) -> np.ndarray:
+        """The number of the episode that each step of the log is of."""
+        return np.searchsorted([e.stop for e in self.episodes], step, side="right")
+
+    def of_episode(self, number: int, actuator: int) -> tuple[np.ndarray, np.ndarray]:
+        """Time since the episode began, s, and the control of the actuator, 0 where the log has none, (step,) each."""
+        own = self.episodes[number]
+        time = self.time[own]
+        controls = self.controls.get(actuator)
+        return time - time[0], np.zeros(len(time)) if controls is None else controls[own]
+
+
+@dataclass(frozen=True)
 class Reports:
     """What a log has of sensors: time (step,), s; values (step, column of sensordata), nan where there is none.
 
@@ -168,12 +188,14 @@ class Effect(ABC):
         seen: Mapping[int, JointMotion],
         recordings: Recordings | None = None,
         reports: Reports | None = None,
+        driven: Driven | None = None,
     ) -> None:
         """What the log that it is looked for in is like, from which ranges of parameters follow.
 
         window: s, for how long it is followed at a time; longest: s, of the longest episode; logged: the columns of
         sensordata that the log has; seen: the motion of each joint, by its number, whose position they say; reports:
-        what is in those columns. recordings: those of the log; None where nobody says, as if all were one.
+        what is in those columns; driven: its controls. recordings: those of the log; None where nobody says, as if all
+        were one.
         """
         self.window, self.longest, self.logged = window, longest, logged
 
@@ -287,10 +309,12 @@ class Effect(ABC):
         timestep: float,
         *,
         elapsed: np.ndarray | float = 0.0,
+        first: np.ndarray | None = None,
     ) -> np.ndarray:
         """Place "control": ctrl (simulation, grid, nu), on the model's grid, as the actuators receive it.
 
-        elapsed (simulation,): s, since the episode began, at the first control.
+        elapsed (simulation,): s, since the episode began, at the first control. first (simulation,): the step of the
+        log that each simulation begins at; None where there is no log.
         """
         return controls
 

@@ -24,7 +24,7 @@ class ControlFade(ActuatorEffect):
     def parameters(self):
         return (Parameter("change", "1", -0.8, 0.8, 0.0), TIME_CONSTANT)
 
-    def drive(self, controls, values, timestep, *, elapsed=0.0):
+    def drive(self, controls, values, timestep, *, elapsed=0.0, **_):
         time = np.reshape(elapsed, (-1, 1)) + timestep * np.arange(controls.shape[1])
         growth = grown(time, **{n: v[:, None] for n, v in self.coefficients(values).items()})
         controls = controls.copy()

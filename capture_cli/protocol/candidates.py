@@ -13,7 +13,7 @@ from capture_cli.diagnosis.acceptance import Support
 from capture_cli.diagnosis.folds import select_folds
 from capture_cli.diagnosis.score import STEP, Score, score, similarity
 from capture_cli.effects import REGISTRY
-from capture_cli.effects.base import Effect, JointMotion, Recordings, Reports
+from capture_cli.effects.base import Driven, Effect, JointMotion, Recordings, Reports
 from capture_cli.effects.placed import Placed
 from capture_cli.linearization import Linearization
 from capture_cli.protocol.log_windows import clock
@@ -73,17 +73,18 @@ def all_candidates(prepared: PreparedLog) -> list[Candidate]:
     """Every effect at every site of the model that could show in the log."""
     model = _as_driven(prepared)
     every = [Placed(name, cls(model, site)) for name, cls in REGISTRY.items() for site in cls.sites(model)]
-    windows = prepared.windows
-    log = {
+    windows, log = prepared.windows, prepared.log
+    known = {
         "window": float(windows.grid_steps.max() * windows.timestep),
-        "longest": prepared.log.longest,
+        "longest": log.longest,
         "logged": frozenset(c.index for c in prepared.task.outputs),
         "seen": _seen(prepared),
         "reports": _reports(prepared),
         "recordings": _recordings(prepared),
+        "driven": Driven(clock(log), _controls(prepared), log.episodes),
     }
     for _, effect in every:
-        effect.look_in(**log)
+        effect.look_in(**known)
     return [Candidate(e) for e in every if e.effect.shows]
 
 
@@ -93,7 +94,7 @@ def _seen(prepared: PreparedLog) -> dict[int, JointMotion]:
     if reported is None:
         return {}
     known = stretches(log.time, log.sampled, log.episodes)
-    controls = {c.index: log.inputs[:, k] for k, c in enumerate(prepared.task.inputs)}
+    controls = _controls(prepared)
     seen = {}
     for source in sources_of(model, [c.sensor for c in prepared.task.outputs]):
         if source.kind != "position" or len(source.dofs) != 1:
@@ -112,6 +113,11 @@ def _seen(prepared: PreparedLog) -> dict[int, JointMotion]:
                 float(low), float(high), float(speed), path, known, noise, log.time, controls
             )
     return seen
+
+
+def _controls(prepared: PreparedLog) -> dict[int, np.ndarray]:
+    """Those of each actuator that the log drives, (step,), by its number."""
+    return {c.index: prepared.log.inputs[:, k] for k, c in enumerate(prepared.task.inputs)}
 
 
 def _recordings(prepared: PreparedLog) -> Recordings:

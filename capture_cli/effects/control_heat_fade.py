@@ -1,0 +1,97 @@
+"""A motor that gives less, the hotter its own current has made it."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.signal import lfilter
+
+from capture_cli.effects._actuator_effect import ActuatorEffect, without_target
+from capture_cli.effects._fade import TIME_CONSTANT
+from capture_cli.effects.base import Driven
+from capture_cli.parameters import Parameter
+
+# Of a control as large as the largest, held for ever; motors are rated for a fraction of that, and a fifth of it is
+# a twenty-fifth of the heat
+LARGEST = 8.0
+MOST_BEFORE = 0.5
+STEP = 0.02  # s, of the heat over a log: a twenty-fifth of the shortest time constant
+
+
+class HeatFade:
+    """What a motor loses of its control follows the square of it: lost' = (fade control^2 - lost) / time_constant.
+
+    before: lost as it begins.
+    """
+
+    def __init__(self, *, fade, before, time_constant, timestep):
+        self.fade, self.lost = fade, before + 0.0 * fade
+        self.kept = np.exp(-timestep / time_constant)
+
+    def __call__(self, control):
+        arrives = control * np.maximum(1 - self.lost, 0.0)
+        self.lost = self.kept * self.lost + (1 - self.kept) * self.fade * np.square(control)
+        return arrives
+
+
+class ControlHeatFade(ActuatorEffect):
+    """The control arrives 1 - lost times as large, time_constant lost' = `fade` control^2 - lost (1/ctrl^2, s): magnets
+    and windings that warm with the current. `before` is what is lost already as an episode begins.
+    """
+
+    summary = "a control arrives smaller, the more of it there was: a motor that its own current warms"
+    where = "every actuator whose control is a force or a voltage"
+    shapes = ("time_constant",)
+    kernel = HeatFade
+    _driven: Driven | None = None
+
+    @classmethod
+    def sites(cls, model):
+        return without_target(model)
+
+    def look_in(self, *, driven=None, **log):
+        super().look_in(**log)
+        self._driven = driven
+
+    @property
+    def parameters(self):
+        return (
+            Parameter("fade", "1/ctrl^2", 0.0, LARGEST / self.scale**2, 0.0),
+            Parameter("before", "1", 0.0, MOST_BEFORE, 0.0),
+            TIME_CONSTANT,
+        )
+
+    def drive(self, controls, values, timestep, *, elapsed=0.0, first=None):
+        fade, before, time_constant = values.T
+        elapsed = np.broadcast_to(elapsed, len(values))
+        lost = before * np.exp(-np.maximum(elapsed, 0.0) / time_constant)
+        if first is not None and self._driven is not None:
+            lost = lost + fade * self._heat(first, elapsed, time_constant)
+        fading = HeatFade(fade=fade, before=lost, time_constant=time_constant, timestep=timestep)
+        controls = controls.copy()
+        column = self.columns[0]
+        for step in range(controls.shape[1]):
+            controls[:, step, column] = fading(controls[:, step, column])
+            fading.lost = np.where(elapsed + step * timestep < 0, lost, fading.lost)  # not before it began
+        return controls
+
+    def _heat(self, first: np.ndarray, elapsed: np.ndarray, time_constant: np.ndarray) -> np.ndarray:
+        """The square of the log's control through the lag, (simulation,): of the episodes that the steps `first` of the
+        log are in, `elapsed` s after they began.
+        """
+        episode = self._driven.episode_of(first)
+        heat = np.zeros(len(first))
+        pairs, which = np.unique(np.stack([episode, time_constant]), axis=1, return_inverse=True)
+        for number, (of, lag) in enumerate(pairs.T):
+            own = which == number
+            time, square = self._squares(int(of))
+            kept = np.exp(-STEP / lag)
+            felt = lfilter([0.0, 1 - kept], [1.0, -kept], square)
+            heat[own] = np.interp(elapsed[own], time, felt)
+        return heat
+
+    def _squares(self, episode: int) -> tuple[np.ndarray, np.ndarray]:
+        """Times (point,), s since the episode began, and the mean square of the control from each to the next."""
+        time, control = self._driven.of_episode(episode, self.actuators[0])
+        grid = STEP * np.arange(int(np.ceil(time[-1] / STEP)) + 1)
+        total = np.concatenate([[0.0], np.cumsum(np.square(control[:-1]) * np.diff(time))])
+        return grid, np.diff(np.interp(np.append(grid, grid[-1] + STEP), time, total)) / STEP
