@@ -142,6 +142,30 @@ def test_a_parameter_may_set_several_targets(write):
     assert fields["body_mass"][:, 1:].tolist() == [[2.0, 2.0], [3.0, 3.0]]
 
 
+@pytest.mark.parametrize("swapped", [False, True])
+@pytest.mark.parametrize(
+    ("scaling", "absolute", "field"),
+    [
+        ("body:left:mass", "body:left:inertia_y", "body_inertia"),
+        ("body:left:inertia", "body:left:inertia_z", "body_inertia"),
+        ("geom:l:size", "geom:l:size_y", "geom_size"),
+    ],
+)
+def test_a_number_is_what_it_says_whichever_parameter_stands_first(write, scaling, absolute, field, swapped):
+    pair = (absolute, scaling) if swapped else (scaling, absolute)
+    second = f'[parameters.second]\nset = "{pair[1]}"\nlow = 0.01\nhigh = 9.0\nunit = "-"\n'
+    path = write(("body:left:mass", pair[0]), ("low = 0.5", "low = 0.01"), extra=second)
+    box = MODEL.replace('name="l" size=".1"', 'name="l" type="box" size=".1 .2 .3"')
+    (path.parent / "model.xml").write_text(box)
+    task = load_task(str(path))
+    fields = ModelFields(task.model, 1)
+    task.write(fields, np.where(swapped, [[0.09, 3.0]], [[3.0, 0.09]]))
+    unscaled = getattr(task.model, field)[1 if field == "body_inertia" else 0]
+    written = fields[field][0, 1 if field == "body_inertia" else 0]
+    assert (written == 0.09).sum() == 1
+    assert (written != unscaled).all()
+
+
 @pytest.mark.parametrize(
     ("target", "refused"),
     [

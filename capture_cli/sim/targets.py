@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import ClassVar
 
 import mujoco
 import numpy as np
@@ -19,7 +20,13 @@ CONTACT_IMPEDANCE = 0.95  # MuJoCo's default solimp dmax
 
 
 class Target(ABC):
-    """One number of a model."""
+    """One number of a model.
+
+    scales: whether it multiplies what other targets may set; it is then written before them, so that a number that is
+    set is what it says it is.
+    """
+
+    scales: ClassVar[bool] = False
 
     @abstractmethod
     def read(self, model: mujoco.MjModel) -> float:
@@ -49,6 +56,7 @@ class FieldTarget(Target):
 class BodyMass(Target):
     """Mass, kg; the inertia follows in proportion, as for a body of the same shape."""
 
+    scales = True
     body: int
 
     def read(self, model):
@@ -67,6 +75,7 @@ class BodyMass(Target):
 class BodyInertia(Target):
     """A factor on the three principal moments of inertia (1: as in the model)."""
 
+    scales = True
     body: int
 
     def read(self, model):
@@ -82,6 +91,10 @@ class GeomSize(Target):
 
     geom: int
     index: tuple
+
+    @property
+    def scales(self):
+        return self.index == (slice(None),)
 
     def read(self, model):
         return float(model.geom_size[self.geom][self.index].flat[0])

@@ -67,9 +67,9 @@ class MjcfFile(Task):
         self.log = self._log_columns(table.get("log", {}), f"{where}: [log]")
 
     def write(self, fields, parameters):
-        for column, targets in enumerate(self._targets):
-            for target in targets:
-                target.write(fields, parameters[:, column])
+        each = [(column, target) for column, targets in enumerate(self._targets) for target in targets]
+        for column, target in sorted(each, key=lambda pair: not pair[1].scales):
+            target.write(fields, parameters[:, column])
 
     def _parameter(self, name: str, entry: dict[str, Any], set_by: dict[str, str], where: str):
         """The parameter and its targets. set_by: which parameter sets each target so far; `name` is added."""
