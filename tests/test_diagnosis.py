@@ -11,6 +11,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from coloured_noise import coloured
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from scipy.stats import ttest_1samp
 
@@ -26,7 +28,7 @@ from capture_cli.diagnosis.lack_of_fit import LackOfFit, lack_held_out
 from capture_cli.diagnosis.localisation import HALF_WIDTH, accelerations, curve, largest_around
 from capture_cli.diagnosis.noise_floor import from_differences, noise_floor, trimmed_sd
 from capture_cli.diagnosis.score import score
-from capture_cli.diagnosis.split import split_windows
+from capture_cli.diagnosis.split import UNEQUAL, split_windows
 from capture_cli.errors import LogError, OptionError, OutputError
 from capture_cli.identifiers.base import Best
 from capture_cli.identifiers.intervals import intervals
@@ -242,15 +244,58 @@ def test_few_windows_are_all_judged_once():
 
 def test_two_episodes_hold_out_the_last():
     split = split_windows(
-        episode=np.array([0, 0, 1, 1]), recording=np.array([0, 0]), recording_names=["a"], test=None, seed=0
+        episode=np.array([0, 0, 1, 1]),
+        samples=np.full(4, 50),
+        recording=np.array([0, 0]),
+        recording_names=["a"],
+        test=None,
+        seed=0,
     )
     assert split.is_test.tolist() == [False, False, True, True]
+
+
+@given(
+    st.lists(st.integers(1, 40), min_size=2, max_size=9),
+    st.integers(0, 3),
+)
+def test_neither_what_is_fitted_nor_what_is_held_out_is_next_to_nothing(windows, seed):
+    """However long the episodes are, and in whatever order: of a log of two windows at least, all as long."""
+    episode = np.repeat(np.arange(len(windows)), windows)
+    names = [f"run {i}" for i in range(len(windows))]
+    split = split_windows(
+        episode=episode,
+        samples=np.full(len(episode), 100),
+        recording=np.arange(len(windows)),
+        recording_names=names,
+        test=None,
+        seed=seed,
+    )
+    assert 0.05 <= split.is_test.mean() <= 2 / 3
+    whole = all(len(set(split.is_test[episode == e])) == 1 for e in range(len(windows)))
+    assert whole or split.how.endswith(UNEQUAL)
+
+
+@pytest.mark.parametrize(
+    ("windows", "held"), [((1, 40), 10), ((40, 1), 10), ((10, 40), 10), ((9, 12, 1), 12)]
+)
+def test_of_unequal_episodes_those_are_held_out_that_leave_enough(windows, held):
+    episode = np.repeat(np.arange(len(windows)), windows)
+    split = split_windows(
+        episode=episode,
+        samples=np.full(len(episode), 100),
+        recording=np.arange(len(windows)),
+        recording_names=["a", "b", "c"][: len(windows)],
+        test=None,
+        seed=0,
+    )
+    assert split.is_test.sum() == held
 
 
 def split_of(episodes: int, recordings: int):
     """The default split of a log of so many episodes in so many recordings, three windows each."""
     return split_windows(
         episode=np.repeat(np.arange(episodes), 3),
+        samples=np.full(3 * episodes, 50),
         recording=np.arange(episodes) % recordings,
         recording_names=[f"run {i}" for i in range(recordings)],
         test=None,
@@ -268,7 +313,12 @@ def test_what_is_held_out_is_named():
 @pytest.mark.parametrize(("windows", "held"), [(2, 1), (4, 1), (7, 2), (40, 10)])
 def test_of_a_single_episode_the_last_windows_are_held_out(windows, held):
     split = split_windows(
-        episode=np.zeros(windows, dtype=int), recording=np.zeros(1), recording_names=["a"], test=None, seed=0
+        episode=np.zeros(windows, dtype=int),
+        samples=np.full(windows, 50),
+        recording=np.zeros(1),
+        recording_names=["a"],
+        test=None,
+        seed=0,
     )
     assert split.is_test.tolist() == [False] * (windows - held) + [True] * held
     assert split.how == f"last {held} of {windows} windows held out"
@@ -278,6 +328,7 @@ def test_of_a_single_episode_the_last_windows_are_held_out(windows, held):
 def test_holding_out_nothing_has_to_be_said(test):
     windows = {
         "episode": np.array([0, 0, 1, 1]),
+        "samples": np.full(4, 50),
         "recording": np.array([0, 1]),
         "recording_names": ["a", "b"],
     }

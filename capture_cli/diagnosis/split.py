@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 
@@ -11,7 +11,11 @@ import numpy as np
 from capture_cli.errors import LogError, OptionError
 
 TEST_SHARE = 0.25
+# Of the samples, that whole episodes may keep back: with fewer what judges says nothing, with more what is fitted does
+LEAST_HELD, MOST_HELD = 0.05, 2 / 3
 ENOUGH_EPISODES = 4  # to choose those that are kept back at random, rather than the last
+DRAWS = 20  # of episodes that are about as long as they should be
+UNEQUAL = "the episodes are too unequal to hold out whole ones"
 MOST_NAMED = 5  # episodes that are kept back and named
 
 
@@ -45,26 +49,50 @@ class EarlierSplit:
 
 
 def split_windows(
-    *, episode: np.ndarray, recording: np.ndarray, recording_names: Sequence[str], test: str | None, seed: int
+    *,
+    episode: np.ndarray,
+    samples: np.ndarray,
+    recording: np.ndarray,
+    recording_names: Sequence[str],
+    test: str | None,
+    seed: int,
 ) -> Split:
     """Split windows by recording (`test`, names or patterns divided by commas), by episode, or by contiguous block.
 
-    episode (window,); recording (episode,). `test` "none" keeps nothing back. Raises OptionError for a pattern that
-    matches no recording or all of them, or where there is none; LogError where the log is too short.
+    episode (window,): the number of each window's; samples (window,): how many it has; recording (episode,). `test`
+    "none" keeps nothing back. Raises OptionError for a pattern that matches no recording or all of them, or where there
+    is none; LogError where the log is too short.
     """
     if test == "none":
         return Split(np.zeros(len(episode), dtype=bool), "nothing held out")
     if test is not None:
         return _by_recording(episode, recording, recording_names, test)
-    episodes = np.unique(episode)
-    if len(episodes) >= ENOUGH_EPISODES:
-        count = max(1, round(TEST_SHARE * len(episodes)))
-        held = np.random.default_rng(seed).choice(episodes, size=count, replace=False)
-        names = [recording_names[i] for i in recording]
-        return Split(np.isin(episode, held), episodes_held_out(held, len(episodes), names))
-    if len(episodes) > 1:
-        return Split(episode == episodes[-1], f"last of {len(episodes)} episodes held out")
-    return _last_block(episode)
+    episodes, of_window = np.unique(episode, return_inverse=True)
+    if len(episodes) == 1:
+        return _last_block(len(episode))
+    shares = np.bincount(of_window, weights=samples) / samples.sum()
+    for held in _tries(len(episodes), seed):
+        if LEAST_HELD <= shares[held].sum() <= MOST_HELD:
+            names = [recording_names[i] for i in recording]
+            return Split(np.isin(of_window, held), _said(episodes[held], len(episodes), names))
+    block = _last_block(len(episode))
+    return Split(block.is_test, f"{block.how}: {UNEQUAL}")
+
+
+def _tries(count: int, seed: int) -> Iterator[np.ndarray]:
+    """Of so many episodes the numbers of those that may be kept back, the most welcome first."""
+    if count < ENOUGH_EPISODES:
+        yield from (np.array([last]) for last in reversed(range(count)))
+        return
+    generator = np.random.default_rng(seed)
+    size = max(1, round(TEST_SHARE * count))
+    yield from (generator.choice(count, size=size, replace=False) for _ in range(DRAWS))
+
+
+def _said(held: np.ndarray, count: int, names: Sequence[str]) -> str:
+    if count < ENOUGH_EPISODES and held[0] == count - 1:
+        return f"last of {count} episodes held out"
+    return episodes_held_out(held, count, names)
 
 
 def episodes_held_out(held: Sequence[int], count: int, names: Sequence[str] = ()) -> str:
@@ -101,13 +129,13 @@ def _by_recording(episode, recording, names, test: str) -> Split:
     return Split(is_test, "recordings held out: " + ", ".join(names[i] for i in held))
 
 
-def _last_block(episode: np.ndarray) -> Split:
-    is_test = np.zeros(len(episode), dtype=bool)
-    if len(episode) < 2:
+def _last_block(windows: int) -> Split:
+    is_test = np.zeros(windows, dtype=bool)
+    if windows < 2:
         raise LogError(
             "the log is one window long: too short to hold any back",
             cure="set a shorter `window` under [log] (--window 0.5 is half a second), record more, or pass --test none",
         )
-    count = max(1, round(TEST_SHARE * len(episode)))
+    count = max(1, round(TEST_SHARE * windows))
     is_test[-count:] = True
-    return Split(is_test, f"last {count} of {len(episode)} windows held out")
+    return Split(is_test, f"last {count} of {windows} windows held out")

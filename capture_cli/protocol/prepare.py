@@ -59,6 +59,7 @@ def prepare(
         if held_out is not None
         else split_windows(
             episode=windows.episode,
+            samples=windows.samples,
             recording=log.recording,
             recording_names=log.recording_names,
             test=test,
