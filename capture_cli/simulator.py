@@ -383,7 +383,7 @@ class Simulator:
             own.effect.force(
                 each[:, own.parameters], timestep, states=hidden[:, own.states], began=began, first=first
             )
-            for own in self._placed
+            for own in sorted(self._placed, key=lambda own: own.effect.reads_acceleration)
         ]
         return [f for f in forces if f is not None]
 

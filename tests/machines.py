@@ -189,7 +189,7 @@ def run(model: mujoco.MjModel, *effect_values, count: int = 1, starts=None, tape
     step, fields, forces = model.opt.timestep, ModelFields(model, count), []
     tape = controls(model, count) if tape is None else tape
     starts = starts or start(model, count)
-    for effect, values in effect_values:
+    for effect, values in sorted(effect_values, key=lambda pair: pair[0].reads_acceleration):
         effect.write(fields, values)
         tape = effect.drive(tape, values, step, elapsed=starts.time)
         forces += [f for f in [effect.force(values, step)] if f]  # substeps belong to effects without a force

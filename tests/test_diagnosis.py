@@ -39,7 +39,7 @@ from capture_cli.protocol.explain import starts_found
 from capture_cli.protocol.explanation import verdict as judged_as
 from capture_cli.protocol.held_out import HeldOut
 from capture_cli.protocol.log_parts import FIT, SELECT, TEST, LogParts
-from capture_cli.protocol.model_fits import ModelFits, PartFit
+from capture_cli.protocol.model_fits import Fit, ModelFits, PartFit
 from capture_cli.protocol.plausibility import MATERIAL, slight
 from capture_cli.protocol.prepare import prepare
 from capture_cli.protocol.residual_curves import residual_curves
@@ -186,8 +186,28 @@ def test_folds_judge_only_what_was_not_fitted():
     [(10.0, 9.6, True), (10.0, 9.3, False), (1.12, 1.0, False), (1.12, 1.11, True), (3.0, 1.0, False)],
 )
 def test_an_effect_has_to_take_a_tenth_of_what_is_above_the_floor(before, after, is_slight):
-    why = slight(SimpleNamespace(error=before), SimpleNamespace(error=after), MATERIAL)
+    why = slight(left_by([before]), left_by([after]), MATERIAL)
     assert (why is not None) == is_slight
+    # nor does it matter how far below its floor another output is
+    assert (
+        slight(left_by([before, 0.3, 0.3]), left_by([after, 0.3, 0.3]), MATERIAL) is not None
+    ) == is_slight
+
+
+def left_by(errors: list[float]) -> Fit:
+    """A fit that leaves `errors` (output,) times the noise floor."""
+    size = len(errors)
+    evidence = Evidence(
+        ParameterSpace([]),
+        np.zeros((2, 50, size)),
+        np.ones((2, 50, size), dtype=bool),
+        np.ones(size),
+        np.zeros((2, 1)),
+    )
+    none = np.zeros((2, 50 * size, 0))
+    residual = np.broadcast_to(errors, (2, 50, size)).reshape(2, -1)
+    at = Linearization(evidence, np.zeros(0), np.zeros((2, 1)), residual, none, none)
+    return Fit((), evidence.space, np.zeros(0), at)
 
 
 def test_candidates_that_say_the_same_leave_room_for_others():

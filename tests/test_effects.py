@@ -112,6 +112,24 @@ def test_a_batch_in_chunks_is_its_simulations_one_by_one(name, monkeypatch):
     assert np.array_equal(batch, alone)
 
 
+FORCES = [n for n in NAMES if effects.REGISTRY.get(n).place == "force"]
+
+
+@pytest.mark.parametrize("name", [n for n in FORCES if effects.REGISTRY.get(n).reads_acceleration])
+def test_forces_act_as_one_in_whatever_order_they_are_named(name):
+    """As a simulation begins there is an acceleration to follow: that under all forces that do not follow it."""
+    matters = False
+    for where, effect in placed(name)[:2]:
+        # an encoder on the motor moves the start as well, and whoever comes after it begins there
+        here = [o for n in FORCES if n != name for w, o in placed(n)[:3] if w == where and "+" not in o.site]
+        for other in here if "+" not in effect.site else []:
+            pair = [(e, away(e, 0.2)[None]) for e in (effect, other)]
+            (one, _), (swapped, _) = run(machine(where), *pair), run(machine(where), *reversed(pair))
+            np.testing.assert_allclose(one, swapped, atol=1e-9, err_msg=f"{where}: {other}")
+            matters |= np.abs(one - run(machine(where), pair[0])[0]).max() > 1e-4
+    assert matters
+
+
 MEASUREMENTS = [n for n in NAMES if effects.REGISTRY.get(n).place == "measurement"]
 
 

@@ -30,6 +30,7 @@ SPEEDS = (int(_S.mjSENS_JOINTVEL), int(_S.mjSENS_ACTUATORVEL))
 class TransmissionEffect(JointForce):
     """An effect between a motor and the joint that it drives. Its kernel is a TwoMass."""
 
+    reads_acceleration = True
     where = (
         "every hinge and slide joint that an actuator drives; "
         "JOINT+SENSOR where that sensor, of it or of its actuator, is the motor's"

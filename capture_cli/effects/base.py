@@ -130,6 +130,8 @@ class Effect(ABC):
         the start of a simulation each is 0 where nothing else is said, and commonly within 1.
     states_mean: what each of them is at 1, with its unit, for docs/effects.md.
     states_before: whether the states are what was before an episode began: known where a simulation begins inside one.
+    reads_acceleration: whether its force follows the acceleration. Of several forces such are added last, so that, as a
+        simulation begins, they know what the others do, in whatever order the effects are named.
     reads_actuators: whether it has a `pick_up`, for which a simulation keeps what its actuators give.
     reports_late: whether it has a `lateness`, for which a simulation begins before its window.
     window, longest, logged: of the log that it is looked for in, as `look_in` is given them; None where in no log.
@@ -156,6 +158,7 @@ class Effect(ABC):
     states_tried: np.ndarray = np.zeros((0, 0))
     states_anywhere: ClassVar[bool] = False
     states_scored: ClassVar[np.ndarray] = np.zeros((1, 0))
+    reads_acceleration: ClassVar[bool] = False
     reads_actuators: ClassVar[bool] = False
     reports_late: ClassVar[bool] = False
     substeps: int = 1

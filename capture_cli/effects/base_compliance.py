@@ -61,6 +61,7 @@ class BaseCompliance(VibrationEffect):
     """
 
     place = "force"
+    reads_acceleration = True
     summary = "the machine stands on something that gives: a table, a stand, a vehicle on its springs"
     where = "each axis of the world along which an actuator can push the base"
     kernel = SprungBase

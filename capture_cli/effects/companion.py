@@ -159,7 +159,7 @@ def _step(pieces: Pieces, substeps: int) -> Iterator[str]:
     known: set[str] = set()
     for block in _blocks(pieces, "force"):
         late = _late(block)
-        if late - known:
+        if late and (not known or "qacc" in late - known):  # which is that under the forces before it
             yield _FIRST
         known |= late
         yield block
@@ -197,8 +197,8 @@ def _late(block: str) -> set[str]:
 
 
 def _blocks(pieces: Pieces, place: str) -> Iterator[str]:
-    """The lines of each effect at `place` under a line that says which it is."""
-    for name, (effect, piece) in pieces.items():
+    """The lines of each effect at `place` under a line that says which it is, in the order of simulations."""
+    for name, (effect, piece) in sorted(pieces.items(), key=lambda item: item[1][0].reads_acceleration):
         if effect.place == place:
             yield "\n".join([f"# {_title(name, effect)}", *piece.lines])
 

@@ -37,6 +37,7 @@ class InternalMomentum(Effect):
     """
 
     place = "force"
+    reads_acceleration = True
     summary = "a part that spins inside a body that turns: a fan, a spindle, a wheel"
     where = "every body that joints turn about more than one axis"
 

@@ -45,6 +45,7 @@ class LooseMass(VibrationEffect, JointForce):
     """
 
     summary = "something inside that is not fixed: a liquid that sloshes, a load that swings"
+    reads_acceleration = True
     kernel = Oscillator
 
     @property

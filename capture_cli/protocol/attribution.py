@@ -102,7 +102,7 @@ class Attribution:
         while self._count < self.most_effects and not self.models.is_explained(current):
             known = len(self.accepted)
             if not known:
-                self.excess = max(current.error**2 - 1, TINY)
+                self.excess = max(current.excess, TINY)
             found = self._forward(current)
             if found is None:
                 break
@@ -194,8 +194,8 @@ class Attribution:
         fit = self.models.fit(effects, np.concatenate([current.point, *(c.start for c in kin)]), current)
         if fit is None or any(implausible(self.models, current, fit, c.placed) for c in kin):
             return current
-        taken = current.error**2 - fit.error**2
-        if taken < MOST_OF_IT * (current.error**2 - 1):
+        taken = current.excess - fit.excess
+        if taken < MOST_OF_IT * current.excess:
             return current
         rivals = {r.placed.kind for r in newest.rivals}
         for candidate in kin:
@@ -244,7 +244,7 @@ class Attribution:
         if choice is None:
             return None
         chosen, rivals = choice
-        share = (current.error**2 - chosen.fit.error**2) / self.excess
+        share = (current.excess - chosen.fit.excess) / self.excess
         self.accepted.append(Accepted(chosen.placed, chosen.score, rivals, chosen.support, share))
         return chosen
 

@@ -178,6 +178,16 @@ class Fit:
         """RMSE over the noise floor, over all outputs."""
         return float(np.sqrt(np.square(self.at.residual).sum() / self.at.evidence.count))
 
+    @cached_property
+    def excess(self) -> float:
+        """Squared error above the noise floor, per sample, of the outputs that are above it: one whose floor is too
+        high makes up for nothing in another.
+        """
+        evidence = self.at.evidence
+        squares = np.square(self.at.residual.reshape(evidence.measured.shape)).sum(axis=(0, 1))
+        above = np.maximum(squares - evidence.mask.sum(axis=(0, 1)), 0.0)
+        return float(above.sum() / evidence.count)
+
 
 class ModelFits:
     """Fits models of `prepared.task` plus effects, on one engine."""

@@ -54,8 +54,7 @@ def at_end(fit: Fit, placed: Placed) -> dict[str, str]:
 
 def slight(current: Fit, fit: Fit, material: float) -> str | None:
     """Why `fit`, which has to take this share, is no explanation of what `current` leaves above the noise, or None."""
-    excess = current.error**2 - 1
-    taken = current.error**2 - fit.error**2
-    if taken >= material * excess:
+    taken = current.excess - fit.excess
+    if taken >= material * current.excess:
         return None
-    return f"it takes {taken / excess:.1%} of what is above the noise floor: that is no explanation of it"
+    return f"it takes {taken / current.excess:.1%} of what is above the noise floor: that is no explanation of it"

@@ -20,6 +20,7 @@ from capture_cli.sim.contacts import can_touch
 CHUNK_BYTES = 256 << 20
 CHUNK_SIMULATIONS = 8192
 STATES = ("qpos", "qvel", "act")
+APPLIED = ("qfrc_applied", "xfrc_applied")
 WORKED_OUT = ("ncon", "actuator_force")  # in a step, of the state before it
 
 
@@ -59,20 +60,35 @@ class World:
 
     rows: which simulations of the whole call these are, to pick per-simulation coefficients with.
     Any MjData field can be read as an attribute; fields that are not state lag by one step, as in mj_step, except at
-    the first step.
+    the first step. There the acceleration, qacc, is that under the forces that were added before it is first read.
+    stepped: whether that step is done.
     """
 
     def __init__(self, runner: batch.Batch, rows: np.ndarray):
         self._runner = runner
+        self.stepped = False
         self.rows = rows
         self._varied: dict[str, tuple[np.ndarray, np.ndarray]] = {}
 
     def __getattr__(self, name: str) -> np.ndarray:
         value = self._runner.bind(name)
-        if not value.flags.writeable:  # not state: filled by the next call only
-            self._runner.forward()
+        is_state = value.flags.writeable
+        if not is_state:  # filled by the next call only
+            self._work_out()
         setattr(self, name, value)
         return value
+
+    def _work_out(self) -> None:
+        """Fill the fields that are no state: in the first step under the forces under which qacc was first read."""
+        applied = [self._runner.bind(name) for name in APPLIED]
+        now = [force.copy() for force in applied]
+        if self.stepped or "qacc" not in vars(self):
+            self._applied = now
+        for force, then in zip(applied, self._applied, strict=True):
+            force[...] = then
+        self._runner.forward()
+        for force, own in zip(applied, now, strict=True):
+            force[...] = own
 
     def vary(self, name: str) -> np.ndarray:
         """Live values of a model field that a force changes with the state, (simulation, ...).
@@ -270,7 +286,7 @@ def _step_with_forces(
     runner, rows, tape: np.ndarray, forces: Sequence[Force], names: Sequence[str], substeps: int
 ) -> Recorded:
     world = World(runner, rows)
-    ctrl, joint_force, body_force = (runner.bind(n) for n in ("ctrl", "qfrc_applied", "xfrc_applied"))
+    ctrl, joint_force, body_force = (runner.bind(n) for n in ("ctrl", *APPLIED))
     live = {name: runner.bind(name) for name in names}
     recorded = {name: _room(view, tape.shape[1]) for name, view in live.items()}
     reports = [force.report for force in forces if hasattr(force, "report")]
@@ -293,6 +309,7 @@ def _step_with_forces(
             runner.step()
         except batch.SimulationError as error:
             bad[error.ids] = True
+        world.stepped = True
         bad |= _warned(runner)
         if inside:
             continue
