@@ -369,6 +369,28 @@ def test_a_sensor_reports_its_unit_without_a_prefix(write, tmp_path, unit, senso
 
 
 @pytest.mark.parametrize(
+    ("unit", "sensor", "right"),
+    [
+        ("deg", "jointvel", "rad/s"),
+        ("deg/s", "jointpos", "rad"),
+        ("rpm", "jointpos", "rad"),
+    ],
+)
+def test_a_sensor_of_what_turns_reports_no_other_power_of_time(write, tmp_path, unit, sensor, right):
+    path = write(('unit = "m"', f'unit = "{unit}"'))
+    model = MODEL.replace('type="slide"', 'type="hinge"')
+    (tmp_path / "model.xml").write_text(model.replace('jointpos name="q"', f'{sensor} name="q"'))
+    with pytest.raises(TaskError, match=rf"unit = '{unit}', and the sensor reports {right}, which") as caught:
+        load_task(str(path))
+    assert f'write unit = "{right}"' in caught.value.cure
+    path = write(('unit = "m"', f'column_unit = "{unit}"\nunit = "{right}"'))
+    with pytest.raises(
+        TaskError, match=f"column_unit = '{unit}' is no unit of what unit = '{right}' measures"
+    ):
+        load_task(str(path))
+
+
+@pytest.mark.parametrize(
     ("unit", "column_unit", "said", "cure"),
     [
         (

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from typing import Any
+from itertools import product
+from typing import Any, NamedTuple
 
 import mujoco
 
@@ -13,49 +14,68 @@ from capture_cli.errors import TaskError
 
 _S = mujoco.mjtSensor
 _HINGE, _SLIDE = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
-_PER_TIME = {"/s": 1.0, "/min": 1 / 60, "/h": 1 / 3600}
-# How many of the sensor's own unit there are in one of these, without blanks
-_LENGTHS = {"nm": 1e-9, "um": 1e-6, "mm": 1e-3, "cm": 1e-2, "dm": 0.1, "km": 1e3, "in": 0.0254, "ft": 0.3048}
 _TURN = 2 * math.pi
-_ANGLES = {
-    **{"urad": 1e-6, "mrad": 1e-3},
-    **{name: _TURN / 360 for name in ("deg", "degs", "degree", "degrees", "°")},
-    **{name: _TURN for name in ("rev", "revs", "revolution", "revolutions", "turn", "turns")},
-}
-_FORCES = {"uN": 1e-6, "mN": 1e-3, "cN": 1e-2, "daN": 10.0, "kN": 1e3, "MN": 1e6}
-_WEIGHTS = {"gf": 9.80665e-3, "kgf": 9.80665, "kp": 9.80665, "lbf": 4.4482216153}
-
-
-def _speeds(own: str, lengths: Mapping[str, float]) -> dict[str, float]:
-    """Lengths or angles, and their `own` unit, per second, minute and hour."""
-    per_time = {f"{n}{t}": f * s for n, f in {own: 1.0, **lengths}.items() for t, s in _PER_TIME.items()}
-    return {name: factor for name, factor in per_time.items() if name != f"{own}/s"}
-
-
-def _accelerations(lengths: Mapping[str, float]) -> dict[str, float]:
-    return {f"{name}/s^2": factor for name, factor in lengths.items()}
-
-
-_FORMS: dict[str, dict[str, float]] = {
-    "m": _LENGTHS,
-    "rad": _ANGLES,
-    "m/s": _speeds("m", _LENGTHS) | {"kph": 1 / 3.6, "mph": 0.44704},
-    "rad/s": _speeds("rad", _ANGLES) | {"rpm": _TURN / 60, "rps": _TURN},
-    "m/s^2": _accelerations(_LENGTHS) | {"g": 9.80665, "mg": 9.80665e-3},
-    "rad/s^2": _accelerations(_ANGLES),
-    "N": _FORCES | _WEIGHTS,
-    "N m": {
-        **{f"{force}m": factor for force, factor in (_FORCES | _WEIGHTS).items()},
-        **{
-            f"{force}{length}": factor * _LENGTHS[length]
-            for force, factor in ({"N": 1.0} | _FORCES | _WEIGHTS).items()
-            for length in ("mm", "cm", "in", "ft")
-        },
+_GRAVITY = 9.80665  # m/s^2
+# How many of the first there are in one of each
+_SIZES: dict[str, dict[str, float]] = {
+    "m": {
+        **{"m": 1.0, "nm": 1e-9, "um": 1e-6, "mm": 1e-3, "cm": 1e-2, "dm": 0.1, "km": 1e3},
+        **{"in": 0.0254, "ft": 0.3048},
     },
-    "A": {"mA": 1e-3},
-    "V": {"mV": 1e-3},
-    "s": {"ms": 1e-3, "us": 1e-6, "ns": 1e-9},
+    "rad": {
+        **{"rad": 1.0, "urad": 1e-6, "mrad": 1e-3},
+        **{name: _TURN / 360 for name in ("deg", "degs", "degree", "degrees", "°")},
+        **{name: _TURN for name in ("rev", "revs", "revolution", "revolutions", "turn", "turns")},
+    },
+    "s": {
+        **{"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
+        **{name: 1.0 for name in ("sec", "secs", "second", "seconds")},
+        **{name: 60.0 for name in ("min", "mins", "minute", "minutes")},
+        **{name: 3600.0 for name in ("h", "hr", "hrs", "hour", "hours")},
+    },
+    "N": {
+        **{"N": 1.0, "uN": 1e-6, "mN": 1e-3, "cN": 1e-2, "daN": 10.0, "kN": 1e3, "MN": 1e6},
+        **{"gf": 1e-3 * _GRAVITY, "kgf": _GRAVITY, "kp": _GRAVITY, "lbf": 4.4482216153},
+    },
+    "A": {"A": 1.0, "mA": 1e-3},
+    "V": {"V": 1.0, "mV": 1e-3},
 }
+
+
+class _Unit(NamedTuple):
+    """How many SI units there are in one, and its dimension: the powers of the keys of _SIZES, in their order."""
+
+    factor: float
+    powers: tuple[int, ...]
+
+    @classmethod
+    def of(cls, factor: float, **powers: int) -> _Unit:
+        return cls(factor, tuple(powers.get(base, 0) for base in _SIZES))
+
+    def times(self, other: _Unit, power: int) -> _Unit:
+        powers = (a + power * b for a, b in zip(self.powers, other.powers, strict=True))
+        return _Unit(self.factor * other.factor**power, tuple(powers))
+
+    @property
+    def turns(self) -> bool:
+        """Whether it is one of angles, or of these per time."""
+        return self.powers[[*_SIZES].index("rad")] != 0
+
+
+_SHORT = {
+    "g": _Unit.of(_GRAVITY, m=1, s=-2),
+    "mg": _Unit.of(1e-3 * _GRAVITY, m=1, s=-2),
+    "kph": _Unit.of(1 / 3.6, m=1, s=-1),
+    "mph": _Unit.of(0.44704, m=1, s=-1),
+    "rpm": _Unit.of(_TURN / 60, rad=1, s=-1),
+    "rps": _Unit.of(_TURN, rad=1, s=-1),
+    "dps": _Unit.of(_TURN / 360, rad=1, s=-1),
+}
+_NAMED = _SHORT | {
+    name: _Unit.of(size, **{base: 1}) for base, sizes in _SIZES.items() for name, size in sizes.items()
+}
+_WORD = re.compile(r"([a-zA-Z°]+)(?:\^?([+-]?\d))?")  # m, s^-2, s2
+_SIGNS = str.maketrans({**dict(zip("⁻¹²³µμ−", "-123uu-", strict=True)), **dict.fromkeys("·⋅*.", " ")})
 _OF_SENSORS = {
     "m": (_S.mjSENS_FRAMEPOS, _S.mjSENS_SUBTREECOM, _S.mjSENS_RANGEFINDER, _S.mjSENS_GEOMDIST),
     "m/s": (_S.mjSENS_FRAMELINVEL, _S.mjSENS_VELOCIMETER, _S.mjSENS_SUBTREELINVEL),
@@ -72,21 +92,33 @@ _OF_JOINTS = {
 }
 # Endings of names that mean a unit, and nothing else as in, g or turn do, and Nm, which is N m as well
 _IN_NAMES = re.compile(
-    r"(?:^|[^a-zA-Z])((?:[um]rad|deg|degs|degrees?|[umck]m)(?:(?:/|_per_|p|_)s|ps)?|dps|rpm|rps|kph|mph|kN|m[AV]|[mun]s)\W*$"
+    r"(?:^|[^a-zA-Z])(?:(?P<short>dps|rpm|rps|kph|mph|kN|m[AV]|[mun]s)"
+    r"|(?P<of>[um]rad|deg|degs|degrees?|[umck]m)"
+    r"(?:(?:/|_per_)(?P<time>ms|s|sec|min|minute|h|hr|hour)|(?P<second>[p_]s))?)\W*$"
 )
-_DEGREES = re.compile(r"(deg(ree)?s?|°)(?![a-z])")
 
 
 def refuse_other_units(
     entry: Mapping[str, Any], unit: str, model: mujoco.MjModel, sensor: int, where: str
 ) -> None:
-    """Raise TaskError where `unit` is another form of what the sensor reports, as mrad, deg or rpm are.
+    """Raise TaskError where `unit` is another form of what the sensor reports, as mrad, deg or rpm are, or, of what
+    turns, per another power of time, as deg where it reports rad/s.
 
-    Nothing is said of words that are no units, nor of sensors whose unit depends on what drives or measures: actuators,
-    tendons and the user's own. entry: the output's table; where: its place, for the error.
+    Nothing is said of words that are no units, nor of other dimensions: a joint that slides may stand for anything. Nor
+    of sensors whose unit depends on what drives or measures: actuators, tendons and the user's own. entry: the output's
+    table; where: its place, for the error.
     """
     own = _reported(model, sensor)
-    if own is None or _factor(unit, own) is None:
+    written = _readings(unit)
+    if own is None or not written:
+        return
+    factor = _ratio(unit, own)
+    if factor is None and written[0].turns and _readings(own)[0].turns:
+        raise TaskError(
+            f"{where}: unit = {unit!r}, and the sensor reports {own}, which measures something else",
+            cure=f'write unit = "{own}" if the column has that, or name a sensor that reports {unit.strip()}',
+        )
+    if factor is None or factor == 1:
         return
     scale = entry.get("scale", 1.0)
     raise TaskError(
@@ -97,23 +129,22 @@ def refuse_other_units(
 
 
 def factor_between(written: str, own: str, where: str) -> float:
-    """How many of the unit `own` there are in one `written`: 1e-3 for mm and m.
+    """How many of the unit `own` there are in one `written`: 1e-3 for mm and m, 1 / 60 for deg/min and deg/s.
 
-    Raises TaskError, with `where`, if one is no form of the other, or `own` is none of the units that have others.
+    Raises TaskError, with `where`, if one is no unit of what the other measures, or `own` is no unit known here.
     """
     if _plain(written) == _plain(own):
         return 1.0
-    base = next((unit for unit in _FORMS if _plain(unit) == _plain(own)), None)
-    if base is None:
+    if not _readings(own):
         raise TaskError(
             f"{where}: column_unit = {written!r}, and no other units are known of unit = {own!r}",
             cure="give the factor between them instead: scale = ...",
         )
-    factor = _factor(written, base)
+    factor = _ratio(written, own)
     if factor is None:
         raise TaskError(
             f"{where}: column_unit = {written!r} is no unit of what unit = {own!r} measures",
-            cure=f"write one of {', '.join([base, *_FORMS[base]][:12])}, or the factor between them: scale = ...",
+            cure=f"write one of {', '.join(_forms(own))}, or the factor between them: scale = ...",
         )
     return factor
 
@@ -123,13 +154,13 @@ def unit_in_name(column: str, own: str) -> tuple[str, float] | None:
     it ends in none that is another form of it.
     """
     found = _IN_NAMES.search(column.strip())
-    forms = _FORMS.get(own)
-    if found is None or forms is None:
+    if found is None:
         return None
-    written = found[1].replace("dps", "deg/s")
-    per_second = re.fullmatch(r"(.*?)(?:/|_per_|_|p)s", written)
-    unit = f"{per_second[1]}/s" if per_second and per_second[1] in (*_LENGTHS, *_ANGLES) else written
-    return (unit, forms[unit]) if unit in forms else None
+    unit = (found["short"] or found["of"]).replace("dps", "deg/s")
+    if found["time"] or found["second"]:
+        unit = f"{unit}/{found['time'] or 's'}"
+    factor = _ratio(unit, own)
+    return None if factor in (None, 1.0) else (unit, factor)
 
 
 def _reported(model: mujoco.MjModel, sensor: int) -> str | None:
@@ -142,20 +173,62 @@ def _reported(model: mujoco.MjModel, sensor: int) -> str | None:
     return next((unit for unit, kinds in _OF_SENSORS.items() if kind in map(int, kinds)), None)
 
 
-def _factor(unit: str, own: str) -> float | None:
-    """How many `own` there are in one `unit`; None where that is no other form of it."""
-    written, forms = _plain(unit), _FORMS[own]
-    for known in (written, written.lower()):
-        if known in forms and ("N" not in written or known == written):  # N m is no nm
-            return forms[known]
-    degrees = _DEGREES.match(written.lower())
-    return _TURN / 360 if degrees and own.startswith("rad") else None
+def _ratio(unit: str, own: str) -> float | None:
+    """How many `own` there are in one `unit`; None where they are no units of the same dimension."""
+    for one, other in product(_readings(unit), _readings(own)):
+        if one.powers == other.powers:
+            return one.factor / other.factor
+    return None
+
+
+def _readings(unit: str) -> list[_Unit]:
+    """What `unit` may mean, the likeliest first; empty where it is no unit known here.
+
+    A product of words with powers, and after each "/" of those that it is divided by.
+    """
+    readings = [_Unit.of(1.0)]
+    for number, part in enumerate(_plain(unit).split("/")):
+        for word in part.split() or [""]:
+            found = _WORD.fullmatch(word)
+            if found is None:
+                return []
+            meant = _meant(found[1], int(found[2] or 1))
+            readings = [r.times(m, -1 if number else 1) for r, m in product(readings, meant)]
+    return readings
+
+
+def _meant(word: str, power: int) -> list[_Unit]:
+    """What a word to a `power` may mean: one unit, or two without a blank, the longer one first, as in Nm and ms^-2.
+
+    But mN is no m N: of what is one unit two are made only where there is a power.
+    """
+    one = _known(word)
+    meant = [] if one is None else [_Unit.of(1.0).times(one, power)]
+    if one is not None and power == 1:
+        return meant
+    for length in range(len(word) - 1, 0, -1):
+        left, right = _known(word[:length]), _known(word[length:])
+        if left is not None and right is not None:
+            meant.append(left.times(right, power))
+    return meant
+
+
+def _known(name: str) -> _Unit | None:
+    """The unit of this name, in lower case if not as it is: MM, RPM. But Nm is no nm."""
+    return _NAMED.get(name) or (None if name.lower() == "nm" else _NAMED.get(name.lower()))
+
+
+def _forms(own: str) -> list[str]:
+    """Some units of what `own` measures, itself first, each under one name."""
+    first, rest = re.fullmatch(r"([a-zA-Z°]+)(.*)", _plain(own)).groups()
+    short = [name for name, unit in _SHORT.items() if unit.powers == _readings(own)[0].powers]
+    sizes = next((sizes for sizes in _SIZES.values() if first in sizes), {})
+    alike = [name for name, size in sizes.items() if name == next(n for n in sizes if sizes[n] == size)]
+    return list(dict.fromkeys([own, *short, *(name + rest for name in alike)]))
 
 
 def _plain(unit: str) -> str:
-    """A unit as the forms are written: without blanks, dots and asterisks, "/s", "/s^2", u for micro."""
-    text = unit.replace("²", "^2").replace("**", "^").replace("µ", "u").replace("μ", "u")
-    text = re.sub(r"[\s·⋅.*]", "", text)
-    text = re.sub(r"(?i)/sec(ond)?s?", "/s", text)
-    text = re.sub(r"/s/s$|/s2$|s\^?[-−]2$|s⁻²$", "/s^2", text)
-    return re.sub(r"(?<=[a-z°])s\^?[-−]1$|s⁻¹$", "/s", text)
+    """A unit as it is parsed: "/" for per, u for micro, powers as 2 and -1 or after ^, blanks for dots and *."""
+    text = unit.replace("**", "^").translate(_SIGNS)
+    text = re.sub(r"[\s_]per[\s_]", "/", text)
+    return " ".join(text.split())
