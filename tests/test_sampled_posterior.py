@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom, truncnorm
 
-from capture_cli.identifiers._sampled_posterior import is_rough, sampled_posterior
+from capture_cli.identifiers._sampled_posterior import AWAY, is_rough, sampled_posterior
 from capture_cli.identifiers.intervals import intervals, unit_covariance
 from capture_cli.linearization import Evidence, Linearization, Trial, columns
 from capture_cli.parameters import Parameter, ParameterSpace
@@ -49,6 +49,36 @@ def rod(com: float) -> np.ndarray:
 def test_an_error_that_is_a_parabola_is_left_to_its_curvature():
     at, evaluate = linearized(ramp, at=0.5, truth=0.5)
     assert not is_rough(at, unit_covariance(at)[0], evaluate)
+
+
+@pytest.mark.parametrize("ratio", [0.05, 20.0])
+def test_two_parameters_that_are_nearly_one_are_compared_along_their_ridge(ratio):
+    """Outputs that are straight for some sd and bend far from the ridge, where a parameter moved by as much as belongs
+    to the other, `ratio` times as well known, would be.
+    """
+    time = np.linspace(0, 1, STEPS)
+    shapes = np.stack([time, ratio * (time + 0.1 * time**2)])
+    space = ParameterSpace([Parameter(name, "1", 0.0, 1.0, 0.5, step=1e-6) for name in ("drag", "mass")])
+    sd = NOISE * min(1.0, ratio)  # so that both are known to some hundredths of their ranges
+    noise = sd * np.random.default_rng(3).standard_normal(STEPS)
+    noise -= shapes.T @ np.linalg.lstsq(shapes.T, noise, rcond=None)[0]  # the estimate is the best
+    measured = noise[None, :, None]
+    evidence = Evidence(space, measured, measured != 0, np.array([sd]), np.ones((1, 0)))
+    asked = []
+
+    def evaluate(trial: Trial):
+        asked.append(trial.parameters - 0.5)
+        straight = asked[-1] @ shapes
+        outputs = straight + straight**3 / sd**2
+        return outputs[:, None, :, None], np.zeros((len(trial), 1), dtype=bool)
+
+    x, offsets = np.full(2, 0.5), np.zeros((1, 0))
+    at = Linearization.from_columns(evidence, x, offsets, *evaluate(columns(evidence, x, offsets)))
+    covariance, _ = unit_covariance(at)
+    assert abs(covariance[0, 1]) > 0.99 * np.sqrt(np.diag(covariance).prod())
+    assert not is_rough(at, covariance, evaluate)
+    distance = np.einsum("np,pq,nq->n", asked[-1], np.linalg.inv(covariance), asked[-1])
+    assert np.sqrt(distance) == pytest.approx(np.full(4, AWAY))
 
 
 def test_where_starts_are_fitted_the_curvature_is_all_there_is():

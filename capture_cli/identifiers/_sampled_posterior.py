@@ -79,7 +79,9 @@ def is_rough(at: Linearization, covariance: np.ndarray, evaluate: Evaluate) -> b
         return False
     k = at.scatter
     sd = np.sqrt(np.maximum(np.diag(covariance), SMALLEST_SD**2))
-    moves = np.clip(at.x + AWAY * np.concatenate([covariance / sd, -covariance / sd]), 0, 1) - at.x
+    # row k: where the others are likeliest with parameter k so far off, `AWAY` sd by the whole covariance
+    ridges = AWAY * covariance / sd[:, None]
+    moves = np.clip(at.x + np.concatenate([ridges, -ridges]), 0, 1) - at.x
     expected = -np.array([at.predicted_gain(dx, at.offsets, k) for dx in moves])
     rises = _objectives(at, at.x + moves, evaluate) - at.objectives(k).sum()
     apart = (rises < expected / ALIKE) | (rises > ALIKE * expected)
