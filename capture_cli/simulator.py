@@ -298,7 +298,7 @@ class Simulator:
             windows.grid + int(np.ceil(more.max(initial=0.0) / windows.timestep)),
             each,
             began=(windows.time - windows.elapsed)[row],
-            first=windows.first[row],
+            first=None if windows.first is None else windows.first[row],
             keep_states=keep_states,
         )
         return _from(rollouts, begun.early / windows.timestep) if begun.early.any() else rollouts

@@ -11,11 +11,13 @@ import numpy as np
 import pytest
 
 from capture_cli.effects import REGISTRY
+from capture_cli.effects.base import JointMotion
 from capture_cli.effects.placed import Placed
 from capture_cli.protocol import next_experiment as menu
 from capture_cli.protocol.model_fits import ModelFits
 from capture_cli.protocol.next_experiment import BANDS, SHARES, driven_window, next_experiment
 from capture_cli.protocol.prepare import prepare
+from capture_cli.sim.starts import model_starts
 from capture_cli.stages.propose import propose
 from capture_cli.stages.record import record
 from capture_cli.tasks import load_task
@@ -49,6 +51,21 @@ def test_an_experiment_that_tells_two_effects_apart_is_found_and_what_it_took_is
     assert found["separation"] > 3
     assert found["text"].startswith("to tell it from cubic-stiffness@x: drive from rest")
     assert fits.rollouts == 2 * len(BANDS) * len(SHARES)
+
+
+def test_an_experiment_does_not_begin_where_the_log_did(fits):
+    """A spring that crept after the joint to where the log has it first would pull there."""
+    task = fits.prepared.task
+    spring = REGISTRY.get("viscoelastic-spring")(task.model, "x")
+    time = 0.01 * np.arange(200)
+    path = 0.3 + 0.05 * np.sin(5 * time)
+    seen = JointMotion(0.25, 0.35, 0.25, path, [slice(0, 200)], 0.0, time)
+    spring.look_in(window=1.0, longest=2.0, logged=frozenset({0}), seen={spring.joint: seen})
+    windows = driven_window(task, time, np.zeros((200, len(task.inputs))))
+    point = np.append(task.space.nominal, [120.0, 0.3])  # N/m, s
+    starts = model_starts(task.model, 1).starts
+    simulated = fits.simulator([Placed("spring", spring)]).simulate(windows, starts, point[None])
+    assert np.abs(simulated.outputs).max() < 1e-4, "it is at rest, and nothing drives it"
 
 
 def test_nothing_tells_a_model_from_itself(fits):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import product
 from typing import Any
 
@@ -64,8 +65,8 @@ def experiment_times(task: Task, duration: float = DURATION) -> np.ndarray:
 
 
 def driven_window(task: Task, time: np.ndarray, tape: np.ndarray) -> Windows:
-    """One window under the inputs `tape` (step, input) at `time` (step,), in which nothing was measured."""
-    return cut(
+    """One window under the inputs `tape` (step, input) at `time` (step,), in which nothing was measured: of no log."""
+    windows = cut(
         time=time,
         inputs=tape,
         outputs=np.zeros((len(time), len(task.outputs))),
@@ -74,6 +75,7 @@ def driven_window(task: Task, time: np.ndarray, tape: np.ndarray) -> Windows:
         duration=None,
         linear=task.linear,
     )
+    return replace(windows, first=None)
 
 
 def _separation(fits: ModelFits, mine: Fit, other: Fit, windows: Windows) -> float:

@@ -27,7 +27,8 @@ MOST_DRIFT = 0.05
 class Windows:
     """Windows of a log, padded to one shape.
 
-    episode (window,): which episode each comes from. first (window,): its first step in the log.
+    episode (window,): which episode each comes from. first (window,): its first step in the log; None of what is in no
+    log, which effects that know one are not to look up there.
     time (window,): s, at its start, by the clock it was cut by. elapsed (window,): s, since its episode began.
     known (window,): s, since its inputs are known: since then, or since a gap.
     grid_steps (window,): model steps needed.
@@ -39,7 +40,7 @@ class Windows:
     """
 
     episode: np.ndarray
-    first: np.ndarray
+    first: np.ndarray | None
     time: np.ndarray
     elapsed: np.ndarray
     known: np.ndarray
@@ -84,7 +85,7 @@ class Windows:
         return replace(
             self,
             episode=self.episode[keep],
-            first=self.first[keep],
+            first=None if self.first is None else self.first[keep],
             time=self.time[keep],
             elapsed=self.elapsed[keep],
             known=self.known[keep],
