@@ -12,6 +12,7 @@ from capture_cli.effects.base import Effect
 from capture_cli.effects.placed import Placed
 from capture_cli.parameters import ParameterSpace
 from capture_cli.sim.engine import Engine, Force, ModelFields, Rollouts, Starts
+from capture_cli.sim.input_tapes import InputTapes, KeptTapes
 from capture_cli.sim.reported_motion import ReportedMotion
 from capture_cli.sim.starts import shift
 from capture_cli.sim.windows import Windows, at_times
@@ -85,15 +86,14 @@ class _Runs:
 
 
 @dataclass(frozen=True)
-class _Tapes:
-    """Controls (row, lead + steps, nu), of which `lead` come before the first step; the last are held after the end.
+class _Drives:
+    """What drives simulations; the last inputs are held after the end of a tape.
 
     row (simulation,): which of them drives each. known (simulation,): how many before the first step are from the log.
     """
 
-    controls: np.ndarray
+    tapes: InputTapes
     row: np.ndarray
-    lead: int
     known: np.ndarray
 
 
@@ -214,7 +214,7 @@ class Simulator:
     def _at_a_time(self, simulations: int, windows: Windows) -> list[np.ndarray]:
         """Numbers of the simulations that are run at a time: fewer where each has controls of its own."""
         drives = self.begins_early or any(effect.place == "control" for _, effect in self.effects)
-        tape = windows.tape.shape[1] * self.task.model.nu * np.dtype(float).itemsize
+        tape = (windows.tapes.lead + windows.tapes.stop) * self.task.model.nu * np.dtype(float).itemsize
         parts = min(-(-simulations * tape * drives // TAPE_BYTES), simulations)
         return np.array_split(np.arange(simulations), max(parts, 1))
 
@@ -234,7 +234,7 @@ class Simulator:
         none = np.zeros(count)
         rollouts = self._step(
             Begun(episodes.starts, hidden=np.zeros((count, self.hidden_states)), early=none, drift=none),
-            _Tapes(task.controls(episodes.inputs), np.arange(count), lead=0, known=none.astype(int)),
+            _Drives(KeptTapes(episodes.inputs), np.arange(count), known=none.astype(int)),
             task.grid_steps,
             np.asarray(parameters, dtype=float),
             began=none,
@@ -294,7 +294,7 @@ class Simulator:
         more = begun.early + ahead + self._drift(each, np.full(len(row), length))
         rollouts = self._step(
             begun,
-            _Tapes(self.task.controls(windows.tape), row, windows.lead, windows.known_lead[row]),
+            _Drives(windows.tapes, row, windows.known_lead[row]),
             windows.grid + int(np.ceil(more.max(initial=0.0) / windows.timestep)),
             each,
             began=(windows.time - windows.elapsed)[row],
@@ -306,7 +306,7 @@ class Simulator:
     def _step(
         self,
         begun: Begun,
-        tapes: _Tapes,
+        drives: _Drives,
         steps: int,
         each: np.ndarray,
         *,
@@ -321,7 +321,7 @@ class Simulator:
         """
         starts, hidden = begun.starts, begun.hidden
         elapsed = starts.time - began
-        controls, row = self._drive(tapes, steps, each, begun, elapsed, first)
+        controls, row = self._drive(drives, steps, each, begun, elapsed, first)
         measures = self._measures
         rollouts = self.engine.rollout(
             starts=starts,
@@ -398,7 +398,7 @@ class Simulator:
 
     def _drive(
         self,
-        tapes: _Tapes,
+        drives: _Drives,
         steps: int,
         each: np.ndarray,
         begun: Begun,
@@ -409,16 +409,21 @@ class Simulator:
         acting = [
             (own.effect, each[:, own.parameters]) for own in self._placed if own.effect.place == "control"
         ]
-        controls, lead = tapes.controls, tapes.lead
-        if not acting and not begun.drift.any() and lead + steps <= controls.shape[1]:
-            return controls[:, lead : lead + steps], tapes.row
+        tapes, lead = drives.tapes, drives.tapes.lead
+        used, row = np.unique(drives.row, return_inverse=True)
+        if not acting and not begun.drift.any() and steps <= tapes.stop:
+            return self.task.controls(tapes.inputs(used, 0, steps)), row
         memory = sum(effect.memory(values) for effect, values in acting)
         # one step at least: what came first is taken to have been for ever
         past = max(min(int(np.ceil(memory / self.task.timestep)), lead), 1)
         since = elapsed - past * self.task.timestep
         at = begun.drift[:, None] / self.task.timestep + np.arange(lead - past, lead + steps)
-        controls = _between(controls, tapes.row, at)
-        unknown = at < lead - tapes.known[:, None]
+        reached = np.clip(at, 0, lead + tapes.stop - 1)
+        begin, stop = int(reached.min()), min(int(reached.max()) + 2, lead + tapes.stop)
+        controls = self.task.controls(tapes.inputs(used, begin - lead, stop - lead))
+        reached -= begin
+        controls = _between(controls, row, reached)
+        unknown = at < lead - drives.known[:, None]
         controls += unknown[..., None] * self._before(begun.hidden)[:, None]
         for effect, values in acting:
             controls = effect.drive(controls, values, self.task.timestep, elapsed=since, first=first)
@@ -467,9 +472,8 @@ def _distinct(
 def _between(controls: np.ndarray, row: np.ndarray, at: np.ndarray) -> np.ndarray:
     """Controls (row, grid, nu) of `row` (simulation,) at fractional grid points (simulation, step).
 
-    Of a part of a step it is the mean over the step. Beyond either end the last value is held.
+    Of a part of a step it is the mean over the step.
     """
-    at = np.clip(at, 0, controls.shape[1] - 1)
     before = np.floor(at).astype(int)
     left = controls[row[:, None], before]
     right = controls[row[:, None], np.minimum(before + 1, controls.shape[1] - 1)]

@@ -31,6 +31,7 @@ from capture_cli.effects.base import GLOBAL, PLACES, Driven, Effect, JointMotion
 from capture_cli.errors import ModelError
 from capture_cli.sim import engine as engine_module
 from capture_cli.sim.engine import Engine, ModelFields, Starts
+from capture_cli.sim.input_tapes import KeptTapes
 from capture_cli.sim.starts import model_starts
 from capture_cli.sim.windows import LEAD, cut
 from capture_cli.simulator import Simulator
@@ -789,7 +790,7 @@ def test_an_actuator_knows_in_a_window_what_came_before_it(name, value, toleranc
     assert len(at) > 4
     np.testing.assert_allclose(simulated, expected, rtol=0, atol=tolerance)
     held = Simulator(task, [(name, effect)], threads=1).simulate(
-        replace(windows, tape=windows.tape[:, windows.lead :], lead=0), starts, point[None]
+        replace(windows, tapes=KeptTapes(windows.controls)), starts, point[None]
     )
     assert np.abs(held.outputs[0] - expected)[1:].max() > 1e-4
 

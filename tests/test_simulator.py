@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from capture_cli.effects import REGISTRY
+from capture_cli.effects.base import GLOBAL
 from capture_cli.effects.placed import Placed
 from capture_cli.sim.starts import model_starts
-from capture_cli.sim.windows import cut
+from capture_cli.sim.windows import Windows, cut
 from capture_cli.simulator import Simulator
 from capture_cli.stages.tapes import tape_task
 from capture_cli.tasks import load_task
 
 
-@pytest.fixture
-def slider(slider_task):
-    task = load_task(str(slider_task))
+def cut_windows(task) -> Windows:
+    """Windows of two short episodes."""
     time = np.arange(90) / 100
-    windows = cut(
+    return cut(
         time=time,
         inputs=np.sin(7 * time)[:, None],
         outputs=np.zeros((90, 1)),
@@ -29,6 +31,12 @@ def slider(slider_task):
         duration=0.2,
         linear=np.array([False]),
     )
+
+
+@pytest.fixture
+def slider(slider_task):
+    task = load_task(str(slider_task))
+    windows = cut_windows(task)
     return task, windows, model_starts(task.model, len(windows)).starts
 
 
@@ -62,6 +70,24 @@ def test_tapes_that_are_larger_than_what_is_run_at_a_time(slider, monkeypatch):
     monkeypatch.setattr("capture_cli.simulator.TAPE_BYTES", 1)
     one_by_one = Simulator(task, [delay], threads=1).simulate(windows, starts, points).outputs
     np.testing.assert_array_equal(one_by_one, whole)
+
+
+@pytest.mark.parametrize(
+    ("name", "site", "value"),
+    [("control-delay", "drive", 0.013), ("control-lag", "drive", 0.03), ("sensor-clock-rate", GLOBAL, 0.02)],
+)
+def test_inputs_that_are_read_off_the_log_drive_as_those_kept_do(slider, name, site, value, monkeypatch):
+    task, _, starts = slider
+    points = np.array([[1.0, 2.0, value], [2.0, 2.0, value / 2]])
+    outputs = []
+    for bound in (math.inf, 0):
+        monkeypatch.setattr("capture_cli.sim.input_tapes.KEPT_BYTES", bound)
+        windows = cut_windows(task)
+        placed = Placed(name, REGISTRY.get(name)(task.model, site))
+        for effects, at in (([placed], points), ([], points[:, :2])):
+            outputs.append(Simulator(task, effects, threads=1).simulate(windows, starts, at).outputs)
+    for kept, read in zip(outputs[:2], outputs[2:], strict=True):
+        np.testing.assert_array_equal(kept, read)
 
 
 def test_without_offsets_too(slider):

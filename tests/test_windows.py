@@ -47,6 +47,12 @@ def steps_of(windows: Windows) -> list[np.ndarray]:
     return [np.arange(a, a + n) for a, n in zip(windows.first, windows.samples, strict=True)]
 
 
+def whole_tape(windows: Windows) -> np.ndarray:
+    """All inputs that are known around each window, (window, lead + stop, input)."""
+    tapes = windows.tapes
+    return tapes.inputs(np.arange(len(windows)), -tapes.lead, tapes.stop)
+
+
 def is_gap(time: np.ndarray) -> np.ndarray:
     """Which intervals of an episode are gaps, (step - 1,)."""
     if len(time) < 3:
@@ -109,7 +115,7 @@ def test_inputs_are_held_or_interpolated_on_the_grid(times, duration, linear):
 @given(episodes(), st.sampled_from(DURATIONS), st.booleans())
 def test_the_past_of_a_window_is_that_of_its_log_back_to_a_gap(times, duration, linear):
     windows, log = windows_of(times, duration, linear)
-    lead = windows.lead
+    lead, tape = windows.tapes.lead, whole_tape(windows)
     for w, steps in enumerate(steps_of(windows)):
         begin = np.cumsum([len(t) for t in times])[windows.episode[w]] - len(times[windows.episode[w]])
         before = is_gap(times[windows.episode[w]])[: steps[0] - begin]
@@ -121,25 +127,25 @@ def test_the_past_of_a_window_is_that_of_its_log_back_to_a_gap(times, duration, 
             t = windows.time[w] - (lead - g) * TIMESTEP
             held = mean_over_step(time, inputs, t)
             expected = [held[0], np.interp(t, time, inputs[:, 1]) if linear else held[1]]
-            np.testing.assert_allclose(windows.tape[w, g], expected, rtol=1e-12, atol=1e-12)
+            np.testing.assert_allclose(tape[w, g], expected, rtol=1e-12, atol=1e-12)
 
 
 def test_the_past_is_no_longer_than_any_actuator_remembers():
     windows, _ = windows_of([np.arange(4000) / 256], 0.5)
-    assert windows.lead == LEAD / TIMESTEP
+    assert windows.tapes.lead == LEAD / TIMESTEP
     whole, _ = windows_of([np.arange(400) / 256], None)
-    assert whole.lead == 0
+    assert whole.tapes.lead == 0
 
 
 def test_inputs_are_known_after_a_window_as_far_as_a_clock_may_drift():
     time = np.arange(4000) / 256
     windows, log = windows_of([time], 0.5)
-    ahead = windows.tape.shape[1] - windows.lead - windows.grid
+    ahead = windows.tapes.stop - windows.grid
     assert ahead == np.ceil(MOST_DRIFT * windows.time[-1] / TIMESTEP)
     np.testing.assert_array_equal(windows.elapsed, windows.time - time[0])
     after = windows.time[0] + TIMESTEP * (windows.grid + np.arange(ahead))
     held = [mean_over_step(time, log["inputs"], t)[0] for t in after]
-    np.testing.assert_allclose(windows.tape[0, windows.lead + windows.grid :, 0], held, rtol=1e-12)
+    np.testing.assert_allclose(whole_tape(windows)[0, -ahead:, 0], held, rtol=1e-12)
 
 
 @settings(max_examples=60, deadline=None)
@@ -190,7 +196,9 @@ def test_rows_keep_windows_and_trim_padding(times, duration, random):
         for name in ("index", "weight", "measured", "mask"):
             np.testing.assert_array_equal(getattr(some, name)[row, :n], getattr(windows, name)[w, :n])
         np.testing.assert_array_equal(some.controls[row, :g], windows.controls[w, :g])
-        np.testing.assert_array_equal(some.tape[row, : some.lead], windows.tape[w, : windows.lead])
+        np.testing.assert_array_equal(
+            whole_tape(some)[row], whole_tape(windows)[w, : whole_tape(some).shape[1]]
+        )
         assert some.elapsed[row] == windows.elapsed[w]
     by_mask = windows.rows(np.isin(np.arange(len(windows)), keep))
     np.testing.assert_array_equal(by_mask.measured, some.measured)

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-# A sample this close before a grid point, in steps, belongs to it: times in files are rounded.
-GRID_TOLERANCE = 1e-3
+from capture_cli.sim.input_tapes import GRID_TOLERANCE, InputTapes, input_tapes
+
 # A gap this many usual sampling intervals long ends a window: nobody knows what drove the machine in it.
 GAP_FACTOR = 20.0
 # of a window: an episode a little shorter still is one
@@ -32,8 +32,7 @@ class Windows:
     time (window,): s, at its start, by the clock it was cut by. elapsed (window,): s, since its episode began.
     known (window,): s, since its inputs are known: since then, or since a gap.
     grid_steps (window,): model steps needed.
-    tape (window, lead + grid + ahead, input): inputs at the model's steps, from `lead` steps before the window to some
-    after it; where the log does not reach so far, its first and last values.
+    tapes: inputs at the model's steps, in the windows and around them.
     index (window, step), weight (window, step): a sample lies between grid points index and index + 1, at weight.
     measured (window, step, output): 0 where not sampled. mask (window, step): False for padding.
     sampled (window, step, output): False for padding, and where an output has no sample.
@@ -45,8 +44,7 @@ class Windows:
     elapsed: np.ndarray
     known: np.ndarray
     grid_steps: np.ndarray
-    tape: np.ndarray
-    lead: int
+    tapes: InputTapes
     index: np.ndarray
     weight: np.ndarray
     measured: np.ndarray
@@ -65,12 +63,12 @@ class Windows:
     @property
     def controls(self) -> np.ndarray:
         """Inputs inside the windows, (window, grid, input)."""
-        return self.tape[:, self.lead : self.lead + self.grid]
+        return self.tapes.inputs(np.arange(len(self)), 0, self.grid)
 
     @property
     def known_lead(self) -> np.ndarray:
         """How many of the inputs before each window are known, (window,), in model steps."""
-        return np.minimum(np.rint(self.known / self.timestep).astype(int), self.lead)
+        return np.minimum(np.rint(self.known / self.timestep).astype(int), self.tapes.lead)
 
     @property
     def samples(self) -> np.ndarray:
@@ -90,7 +88,7 @@ class Windows:
             elapsed=self.elapsed[keep],
             known=self.known[keep],
             grid_steps=self.grid_steps[keep],
-            tape=self.tape[keep, : self.tape.shape[1] - spare],
+            tapes=self.tapes.rows(keep, self.tapes.stop - spare),
             index=self.index[keep, :steps],
             weight=self.weight[keep, :steps],
             measured=self.measured[keep, :steps],
@@ -143,12 +141,17 @@ def cut(
     grid_steps = np.array([_grid_steps(time[a:b], timestep) for a, b in zip(first, stop, strict=True)])
     lead = _steps(known.max(), timestep)
     ahead = _steps(MOST_DRIFT * elapsed.max(), timestep)
-    tape_steps = timestep * np.arange(-lead, grid_steps.max() + ahead)
-    tape = []
-    for number, since, a in zip(episode, begun, first, strict=True):
+    tapes = input_tapes(
+        time,
+        inputs,
+        timestep,
+        linear,
+        first=first,
         # the input after a window's last sample is known, if not an episode's
-        own = slice(since, episodes[number].stop)
-        tape.append(inputs_at(time[a] + tape_steps, time[own], inputs[own], timestep, linear))
+        known=np.stack([begun, [episodes[number].stop for number in episode]], axis=1),
+        lead=lead,
+        stop=int(grid_steps.max()) + ahead,
+    )
     mask = _padded(np.ones(len(time), dtype=bool), first, stop)
     position = np.where(mask, _padded(time, first, stop) - time[first][:, None], 0.0) / timestep
     index = np.floor(position + GRID_TOLERANCE).astype(np.int64)
@@ -159,8 +162,7 @@ def cut(
         elapsed=elapsed,
         known=known,
         grid_steps=grid_steps,
-        tape=np.stack(tape),
-        lead=lead,
+        tapes=tapes,
         index=index,
         weight=np.maximum(position - index, 0.0),
         measured=_padded(outputs, first, stop),
@@ -245,44 +247,6 @@ def _steps(duration: float, timestep: float) -> int:
 
 def _grid_steps(time: np.ndarray, timestep: float) -> int:
     return int(np.floor((time[-1] - time[0]) / timestep + GRID_TOLERANCE)) + 2
-
-
-def inputs_at(
-    times: np.ndarray, time: np.ndarray, inputs: np.ndarray, timestep: float, linear: np.ndarray
-) -> np.ndarray:
-    """Inputs (step, input), sampled at `time`, for the steps that begin at `times`: held, or interpolated where
-    `linear` (input,).
-
-    Of one that changes inside a step it is the mean over the step; of an interpolated one what it is at the step's
-    beginning, not in its middle: a step kicks velocities and then moves positions with the new ones, which is leapfrog
-    with kicks at `times`, and positions are right to the second order (docs/findings.md).
-    """
-    tolerance = GRID_TOLERANCE * timestep
-    held = _held(time, times, tolerance)
-    values = inputs[held]
-    changes = np.flatnonzero(_held(time, times + timestep, -tolerance) > held)
-    if changes.size:
-        values[changes] = _mean_from(time, inputs, times[changes], timestep)
-    for k in np.flatnonzero(linear):
-        values[:, k] = np.interp(times, time, inputs[:, k])
-    return values
-
-
-def _held(time: np.ndarray, times: np.ndarray, tolerance: float) -> np.ndarray:
-    """Which of the samples at `time` are held at `times`: the last of those before; the first before all."""
-    return np.clip(np.searchsorted(time, times + tolerance, side="right") - 1, 0, len(time) - 1)
-
-
-def _mean_from(time: np.ndarray, inputs: np.ndarray, times: np.ndarray, duration: float) -> np.ndarray:
-    """The mean of held inputs over `duration` s from each of `times`, (time, input)."""
-    edges = np.stack([times, times + duration])
-    held = _held(time, edges, 0.0)
-    own = slice(held.min(), held.max() + 1)
-    time, inputs, held = time[own], inputs[own], held - own.start
-    whole = np.zeros_like(inputs)
-    np.cumsum(inputs[:-1] * np.diff(time)[:, None], axis=0, out=whole[1:])
-    begin, end = whole[held] + inputs[held] * (edges - time[held])[..., None]
-    return (end - begin) / duration
 
 
 def at_times(series: np.ndarray, steps: np.ndarray) -> np.ndarray:

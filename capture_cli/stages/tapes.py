@@ -23,7 +23,8 @@ from capture_cli.protocol.nominal_motion import nominal_motion
 from capture_cli.protocol.prepare import prepare
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.sim.engine import Starts
-from capture_cli.sim.windows import Windows, inputs_at
+from capture_cli.sim.input_tapes import inputs_at
+from capture_cli.sim.windows import Windows
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.tasks.base import Task
 from capture_cli.tasks.tape_task import TapeTask, actions_of, resample
