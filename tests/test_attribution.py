@@ -32,8 +32,8 @@ def judged_by_blocks(
         name=f"with-{parameters}",
         placed=SimpleNamespace(effect=SimpleNamespace(parameters=range(parameters), place=place)),
         score=SimpleNamespace(response=np.eye(3)[parameters]),
-        fit=SimpleNamespace(squares=squares, at=SimpleNamespace(fitted_hidden=np.zeros(4))),
-        select=SimpleNamespace(correlation_steps=1.0, blocks=lambda length: blocks, squares=blocks),
+        fit=SimpleNamespace(penalised_squares=squares, at=SimpleNamespace(fitted_hidden=np.zeros(4))),
+        select=SimpleNamespace(correlation_steps=1.0, blocks=lambda length: blocks, penalised_squares=blocks),
     )
 
 

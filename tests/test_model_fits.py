@@ -213,10 +213,10 @@ def test_a_free_number_in_every_window_does_not_make_a_model_the_better_one(tmp_
     assert held.at.fitted_hidden.sum() == judged_held.fitted_hidden.sum() == 0
     for one, other in ((free, held), (judged, judged_held)):
         left, left_held = (np.square(getattr(f, "at", f).residual).sum() for f in (one, other))
-        squares, squares_held = np.sum(one.squares), np.sum(other.squares)
+        squares, squares_held = np.sum(one.penalised_squares), np.sum(other.penalised_squares)
         assert left < squares and left_held == pytest.approx(squares_held)
         assert abs(squares - squares_held) < left_held - left
-    assert judged.blocks(1000).sum() == pytest.approx(judged.squares.sum())
+    assert judged.blocks(1000).sum() == pytest.approx(judged.penalised_squares.sum())
 
 
 def _hold_hidden(monkeypatch) -> None:
@@ -242,7 +242,7 @@ def test_offsets_of_the_machine_are_carried_to_another_model_and_hidden_ones_are
     assert rich.offsets.shape[1] == declared.offsets.shape[1] + len(effect.states)
     assert np.abs(rich.offsets[:, -2:]).max() > 0
     back = fits.fit(prepared, [], truth[:size], offsets=rich.offsets, tolerance=EXACT)
-    assert back.squares == pytest.approx(declared.squares, rel=1e-2)
+    assert back.penalised_squares == pytest.approx(declared.penalised_squares, rel=1e-2)
     residuals, diverged = fits.probe(prepared, declared, Placed("compliance", effect), truth[None, size:])
     assert residuals.shape[0] == 1 and not diverged.any()
 

@@ -128,4 +128,4 @@ class Experiment:
             return np.inf
         evidence = fit.at.evidence
         freedom = evidence.count - len(fit.space) - fit.at.fitted_starts
-        return float(np.sqrt(max(fit.squares / freedom - 1.0, 0.0)))
+        return float(np.sqrt(max(fit.penalised_squares / freedom - 1.0, 0.0)))

@@ -166,7 +166,7 @@ class Attribution:
         if fit is None:
             return current
         added = size * (len(places) - 1)
-        gain = bic_gain(current.squares, fit.squares, effective_samples(fit), added)
+        gain = bic_gain(current.penalised_squares, fit.penalised_squares, effective_samples(fit), added)
         if gain < CLEARLY_BETTER:
             return current
         joint = self.accepted.pop()

@@ -98,7 +98,7 @@ class ForwardRound:
         if candidate.start_doubted is not None and (fit is None or not self.models.is_explained(fit)):
             start = np.concatenate([declared, candidate.start_doubted])
             fit = self.models.explained_from(start, effects, current) or fit
-        if fit is None or fit.squares >= current.squares:
+        if fit is None or fit.penalised_squares >= current.penalised_squares:
             far = fit is not None and not fit.finished
             candidate.why_rejected = (
                 f"fitted jointly it stays far behind {rival.effects[-1].name}"
@@ -122,7 +122,7 @@ class ForwardRound:
         order = np.argsort(self.models.losses(self.supported), kind="stable")
         best = self.supported[order[0]]
         as_good = [c for c in self.supported if c is best or self.models.as_good(best, c)]
-        chosen = min(as_good, key=lambda c: (len(c.placed.effect.parameters), c.fit.squares))
+        chosen = min(as_good, key=lambda c: (len(c.placed.effect.parameters), c.fit.penalised_squares))
         rivals = [self.supported[i] for i in order if self.supported[i] is not chosen]
         for candidate in rivals:
             candidate.why_rejected = f"{chosen.name} explains as much with less, or more"

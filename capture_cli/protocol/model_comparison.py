@@ -122,7 +122,7 @@ class ModelComparison:
         )
         if again is None:
             return None
-        gain = bic_gain(current.squares, again.squares, effective_samples(again), 0)
+        gain = bic_gain(current.penalised_squares, again.penalised_squares, effective_samples(again), 0)
         if gain < CLEARLY_BETTER:
             return None
         self.know(again)
@@ -174,12 +174,12 @@ class ModelComparison:
         added = max(len(placed.effect.parameters), 1)  # to be there or not is a choice, too
         samples = effective_samples(fit)
         free = samples - len(fit.space)
-        p_fit = ratio_p_value(before_fit.squares, fit.squares, free, added, hypotheses)
-        gain = bic_gain(before_fit.squares, fit.squares, samples, added)
+        p_fit = ratio_p_value(before_fit.penalised_squares, fit.penalised_squares, free, added, hypotheses)
+        gain = bic_gain(before_fit.penalised_squares, fit.penalised_squares, samples, added)
         after = self.judge(fit)
         if after is None:
             return Support(p_fit, None, gain, None), None
-        ratio = float(after.squares.sum() / before.squares.sum())
+        ratio = float(after.penalised_squares.sum() / before.penalised_squares.sum())
         return Support(p_fit, self._paired(before, after), gain, ratio), after
 
     # --- compared ---
@@ -196,16 +196,19 @@ class ModelComparison:
     def is_better(self, fit: Fit, other: Fit) -> bool:
         """Whether the model `other` is clearly better than `fit` by BIC, and no worse on what judges."""
         more = len(other.point) - len(fit.point)
-        if bic_gain(fit.squares, other.squares, effective_samples(other), more) < CLEARLY_BETTER:
+        if (
+            bic_gain(fit.penalised_squares, other.penalised_squares, effective_samples(other), more)
+            < CLEARLY_BETTER
+        ):
             return False
         before, after = self.judge(fit), self.judge(other)
-        return after is None or after.squares.sum() <= before.squares.sum()
+        return after is None or after.penalised_squares.sum() <= before.penalised_squares.sum()
 
     def _more_and_gain(self, mine: Candidate, other: Candidate) -> tuple[int, float]:
         """How many parameters `other` has more than `mine`, and what its fit gains by BIC."""
         more = len(other.placed.effect.parameters) - len(mine.placed.effect.parameters)
         samples = effective_samples(other.fit)
-        return more, bic_gain(mine.fit.squares, other.fit.squares, samples, more)
+        return more, bic_gain(mine.fit.penalised_squares, other.fit.penalised_squares, samples, more)
 
     @staticmethod
     def losses(candidates: Sequence[Candidate]) -> np.ndarray:
@@ -217,8 +220,8 @@ class ModelComparison:
         """
         judged = [c.select for c in candidates if c.select is not None]
         if len(judged) < len(candidates):
-            return np.log([c.fit.squares for c in candidates])
-        length = _block_length(min(judged, key=lambda part: part.squares.sum()))
+            return np.log([c.fit.penalised_squares for c in candidates])
+        length = _block_length(min(judged, key=lambda part: part.penalised_squares.sum()))
         return np.array([np.log(np.maximum(part.blocks(length), TINY)).mean() for part in judged])
 
     def _indistinct(self, best: Candidate, other: Candidate) -> bool:

@@ -82,13 +82,13 @@ class PartFit:
         )
 
     @property
-    def squares(self) -> np.ndarray:
-        """Sum of squares of each window, (window,), with what hidden states took of it by chance: see `Fit.squares`."""
-        return np.square(self.residual).sum(axis=1) * self._without_chance
+    def penalised_squares(self) -> np.ndarray:
+        """Sum of squared residuals of each window, (window,), and what hidden states took of it by chance alone."""
+        return np.square(self.residual).sum(axis=1) * self._penalty
 
     @property
-    def _without_chance(self) -> np.ndarray:
-        """By what a window's squares are larger than what is left of them, (window,)."""
+    def _penalty(self) -> np.ndarray:
+        """Factor on the squares of each window, (window,), for the free numbers that its hidden states are."""
         count = self.evidence.mask.sum(axis=(1, 2))
         return 1 + self.fitted_hidden / np.maximum(count, 1)
 
@@ -98,9 +98,9 @@ class PartFit:
         return correlation_steps(self.residual.reshape(self.evidence.measured.shape), self.evidence.mask)
 
     def blocks(self, length: int) -> np.ndarray:
-        """Sums of squares over blocks of about `length` steps, (block,), as in `squares`."""
+        """Penalised squares summed over blocks of about `length` steps, (block,)."""
         by_step = np.square(self.residual.reshape(self.evidence.measured.shape)).sum(axis=2)
-        by_step *= self._without_chance[:, None]
+        by_step *= self._penalty[:, None]
         return block_squares(by_step, self.evidence.mask.any(axis=2), length)
 
     @property
@@ -165,7 +165,7 @@ class Fit:
         return self.at.offsets
 
     @cached_property
-    def squares(self) -> float:
+    def penalised_squares(self) -> float:
         """Sum of squared residuals, and what the hidden states of its effects took of it by chance alone.
 
         So that a model is not the better one for having a free number more in every window.
@@ -281,7 +281,7 @@ class ModelFits:
                 break
             way = self.way_out(part, fit, whole_step=bool(part.difference_step))
             further = None if way is None else descend(*way)
-            if further is None or further.squares >= fit.squares:
+            if further is None or further.penalised_squares >= fit.penalised_squares:
                 break
             fit = further
         return fit
@@ -545,5 +545,5 @@ def _may_be_stuck(fit: Fit, rival: Fit | None) -> bool:
 
 
 def least(fits: Sequence[Fit | None]) -> Fit | None:
-    """The fit that leaves least, the first of those that leave as much."""
-    return min((f for f in fits if f is not None), key=lambda f: f.squares, default=None)
+    """The fit with the least penalised squares, the first of those that have as little; None of none."""
+    return min((f for f in fits if f is not None), key=lambda f: f.penalised_squares, default=None)
