@@ -17,7 +17,7 @@ from capture_cli.protocol import attribution, forward_round, model_comparison
 from capture_cli.protocol.attribution import Accepted, Attribution
 from capture_cli.protocol.candidates import Candidate
 from capture_cli.protocol.model_comparison import TIED, WORSE, ModelComparison
-from capture_cli.protocol.model_fits import PartFit
+from capture_cli.protocol.part_fit import PartFit
 from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.record import record
 

@@ -37,9 +37,11 @@ from capture_cli.parameters import Parameter, ParameterSpace
 from capture_cli.protocol.candidates import REFITTED, all_candidates, worth_a_refit
 from capture_cli.protocol.explain import starts_found
 from capture_cli.protocol.explanation import verdict as judged_as
+from capture_cli.protocol.fit import Fit
 from capture_cli.protocol.held_out import HeldOut
 from capture_cli.protocol.log_parts import FIT, SELECT, TEST, LogParts
-from capture_cli.protocol.model_fits import Fit, ModelFits, PartFit
+from capture_cli.protocol.model_fits import ModelFits
+from capture_cli.protocol.part_fit import PartFit
 from capture_cli.protocol.plausibility import MATERIAL, slight
 from capture_cli.protocol.prepare import prepare
 from capture_cli.protocol.residual_curves import residual_curves

@@ -15,8 +15,11 @@ from capture_cli.effects._transmission import TransmissionEffect
 from capture_cli.effects.base import Effect
 from capture_cli.effects.placed import Placed
 from capture_cli.identifiers.intervals import unit_covariance
+from capture_cli.protocol.fit import EXACT, Fit
+from capture_cli.protocol.minima import RETURNED, minima
 from capture_cli.protocol.model_comparison import ModelComparison
-from capture_cli.protocol.model_fits import EXACT, RETURNED, Fit, ModelFits, PartFit
+from capture_cli.protocol.model_fits import ModelFits
+from capture_cli.protocol.part_fit import PartFit
 from capture_cli.protocol.prepare import prepare
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.sim.windows import LEAD
@@ -252,7 +255,7 @@ def test_where_the_error_is_smooth_a_descent_comes_back(tmp_path):
     fits = ModelFits(prepared, 1)
     effect = Placed("coulomb-friction", REGISTRY.get("coulomb-friction")(prepared.task.model, "x"))
     fit = fits.fit(prepared, [effect], np.append(prepared.task.space.nominal, 0.3), tolerance=EXACT)
-    found = fits.minima(prepared, fit, seed=0)
+    found = minima(fits, prepared, fit, seed=0)
     assert len(found) == 2
     sd = np.sqrt(np.diag(unit_covariance(fit.at)[0]))
     np.testing.assert_array_less(np.abs(found[0].at.x - found[1].at.x), RETURNED * sd)

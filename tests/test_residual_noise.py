@@ -10,7 +10,8 @@ import pytest
 from slow_sensors import regular, thinned, with_sparse
 
 from capture_cli.diagnosis.noise_floor import from_differences, white_noise
-from capture_cli.protocol.model_fits import Fit, ModelFits
+from capture_cli.protocol.fit import Fit
+from capture_cli.protocol.model_fits import ModelFits
 from capture_cli.protocol.prepare import prepare
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.protocol.residual_noise import _of_outliers, with_noise_of_residual

@@ -15,6 +15,7 @@ from capture_cli.diagnosis.score import Score
 from capture_cli.effects.base import GLOBAL
 from capture_cli.effects.placed import Placed
 from capture_cli.protocol.candidates import Candidate, all_candidates
+from capture_cli.protocol.fit import Fit
 from capture_cli.protocol.forward_round import RIVALS, ForwardRound
 from capture_cli.protocol.model_comparison import (
     CLEARLY_BETTER,
@@ -23,7 +24,8 @@ from capture_cli.protocol.model_comparison import (
     ModelComparison,
     effective_samples,
 )
-from capture_cli.protocol.model_fits import Fit, ModelFits, PartFit
+from capture_cli.protocol.model_fits import ModelFits
+from capture_cli.protocol.part_fit import PartFit
 from capture_cli.protocol.plausibility import at_end, implausible
 
 MOST_EFFECTS = 6

@@ -16,9 +16,10 @@ from capture_cli.effects import REGISTRY
 from capture_cli.effects.base import Driven, Effect, JointMotion, Recordings, Reports
 from capture_cli.effects.placed import Placed
 from capture_cli.linearization import Linearization
+from capture_cli.protocol.fit import Fit
 from capture_cli.protocol.log_windows import clock
-from capture_cli.protocol.model_fits import Fit, PartFit
 from capture_cli.protocol.narrow_shapes import NarrowShapes
+from capture_cli.protocol.part_fit import PartFit
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.sim.coordinate_sources import sources_of
 from capture_cli.sim.windows import stretches

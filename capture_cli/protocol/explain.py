@@ -14,13 +14,16 @@ from capture_cli.protocol.attribution import MOST_EFFECTS, Attribution
 from capture_cli.protocol.candidates import Candidate
 from capture_cli.protocol.difference_step import difference_step
 from capture_cli.protocol.explanation import Explanation, Expression, JudgedModel
+from capture_cli.protocol.fit import EXACT, Fit, least
 from capture_cli.protocol.held_out import held_out
 from capture_cli.protocol.log_checks import all_diverged, check_parameters_move_outputs
 from capture_cli.protocol.log_parts import FIT, SELECT, TEST, LogParts
 from capture_cli.protocol.log_starts import as_acted, begins_as_acted
+from capture_cli.protocol.minima import minima
 from capture_cli.protocol.model_comparison import ModelComparison
-from capture_cli.protocol.model_fits import EXACT, Fit, ModelFits, PartFit, least
+from capture_cli.protocol.model_fits import ModelFits
 from capture_cli.protocol.next_experiment import next_experiment
+from capture_cli.protocol.part_fit import PartFit
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.protocol.repeated_noise import with_noise_of_repeats
 from capture_cli.protocol.residual_noise import with_noise_of_residual, with_outliers
@@ -201,10 +204,10 @@ class _Protocol:
         name = f"+ {fit.effects[-1].name}" if fit.effects else "declared"
         judged = compared.judge(fit)
         again = self._again(fit, judged)
-        minima = []
+        others = []
         if again is not None and with_minima:
-            again, *minima = self.fits.minima(self.parts.windows(FIT, SELECT), again, self.settings.seed)
-        return JudgedModel(name, fit, again or fit, minima, judged, self._whole(fit, again))
+            again, *others = minima(self.fits, self.parts.windows(FIT, SELECT), again, self.settings.seed)
+        return JudgedModel(name, fit, again or fit, others, judged, self._whole(fit, again))
 
     def _again(self, fit: Fit, judged: PartFit | None) -> Fit | None:
         """`fit` on all that is not test, from where it ended."""

@@ -12,9 +12,10 @@ from capture_cli.diagnosis.lack_of_fit import LackOfFit, lack_of_fit
 from capture_cli.identifiers.intervals import Intervals, intervals
 from capture_cli.protocol.attribution import Accepted
 from capture_cli.protocol.candidates import Candidate
+from capture_cli.protocol.fit import Fit
 from capture_cli.protocol.held_out import HeldOut
 from capture_cli.protocol.log_parts import TEST, LogParts
-from capture_cli.protocol.model_fits import Fit, PartFit
+from capture_cli.protocol.part_fit import PartFit
 from capture_cli.protocol.time_step import ShorterStep
 from capture_cli.simulator import Begun, Motion
 

@@ -9,9 +9,10 @@ import numpy as np
 
 from capture_cli.diagnosis.score import similarity
 from capture_cli.protocol.candidates import Candidate, score_at_null, thinned, worth_a_refit
+from capture_cli.protocol.fit import Fit, least
 from capture_cli.protocol.model_comparison import ModelComparison
-from capture_cli.protocol.model_fits import Fit, PartFit, least
 from capture_cli.protocol.narrow_shapes import NarrowShapes
+from capture_cli.protocol.part_fit import PartFit
 from capture_cli.protocol.plausibility import MATERIAL, implausible, slight
 
 RIVALS = 4  # other candidates that an accepted effect is compared with once everything else is in the model

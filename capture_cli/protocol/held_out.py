@@ -17,7 +17,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from capture_cli.diagnosis.lack_of_fit import LackOfFit, lack_held_out, lack_of_fit
-from capture_cli.protocol.model_fits import EXACT, Fit, ModelFits, PartFit
+from capture_cli.protocol.fit import EXACT, Fit
+from capture_cli.protocol.model_fits import ModelFits
+from capture_cli.protocol.part_fit import PartFit
 
 DRAWN = 32  # points where a fit to the whole log may begin
 BY_CHANCE = 1e-3  # the probability that parameters are farther off than this

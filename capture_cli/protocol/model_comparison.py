@@ -19,7 +19,9 @@ from capture_cli.diagnosis.folds import Folds
 from capture_cli.diagnosis.score import similarity
 from capture_cli.effects.placed import Placed
 from capture_cli.protocol.candidates import Candidate
-from capture_cli.protocol.model_fits import Fit, ModelFits, PartFit, least
+from capture_cli.protocol.fit import Fit, least
+from capture_cli.protocol.model_fits import ModelFits
+from capture_cli.protocol.part_fit import PartFit
 
 AGAIN_ROUNDS = 20  # in which a model without an effect is to get where it got with it
 INDISTINCT = 0.05  # two models are tied where the paired test between them is not below this

@@ -10,7 +10,8 @@ from capture_cli.diagnosis.pulses import NAME, PulseResponse, Pulses
 from capture_cli.effects._periodic_force import PeriodicForce
 from capture_cli.effects.base import Effect
 from capture_cli.effects.placed import Placed
-from capture_cli.protocol.model_fits import Fit, ModelFits
+from capture_cli.protocol.fit import Fit
+from capture_cli.protocol.model_fits import ModelFits
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.simulator import Motion
 

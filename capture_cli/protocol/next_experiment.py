@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from capture_cli.multisine import multisine_tape
-from capture_cli.protocol.model_fits import Fit, ModelFits
+from capture_cli.protocol.fit import Fit
+from capture_cli.protocol.model_fits import ModelFits
 from capture_cli.sim.starts import model_starts
 from capture_cli.sim.windows import Windows, cut
 from capture_cli.tasks.base import Task

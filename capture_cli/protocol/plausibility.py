@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from capture_cli.effects.placed import Placed
 from capture_cli.identifiers.intervals import intervals
+from capture_cli.protocol.fit import Fit
 from capture_cli.protocol.model_comparison import ModelComparison
-from capture_cli.protocol.model_fits import Fit
 
 # Of the squared error above the noise floor: an effect that takes less away corrects a model that is wrong otherwise
 MATERIAL = 0.1

@@ -8,7 +8,7 @@ import numpy as np
 
 from capture_cli.autocorrelation import in_order, own_samples
 from capture_cli.diagnosis.localisation import accelerations, curve, largest_around
-from capture_cli.protocol.model_fits import PartFit
+from capture_cli.protocol.part_fit import PartFit
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.tasks.base import Channel
 

@@ -18,7 +18,7 @@ import numpy as np
 from capture_cli.diagnosis.lack_of_fit import PRACTICAL_OF_ONE
 from capture_cli.diagnosis.noise_floor import NoiseFloor, least_floor, shared, white_noise
 from capture_cli.linearization import Linearization
-from capture_cli.protocol.model_fits import Fit
+from capture_cli.protocol.fit import Fit
 from capture_cli.protocol.prepare import with_noise
 from capture_cli.protocol.prepared_log import PreparedLog, attitudes
 

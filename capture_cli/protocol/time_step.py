@@ -15,7 +15,8 @@ from capture_cli.effects.placed import Placed
 from capture_cli.identifiers.intervals import Intervals
 from capture_cli.linearization import Linearization
 from capture_cli.protocol.candidates import thinned
-from capture_cli.protocol.model_fits import AS_GOOD, Fit, ModelFits
+from capture_cli.protocol.fit import AS_GOOD, Fit
+from capture_cli.protocol.model_fits import ModelFits
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.tasks.base import ActionTask
 

@@ -10,8 +10,8 @@ from capture_cli.identifiers.intervals import Intervals
 from capture_cli.protocol.attribution import Accepted
 from capture_cli.protocol.candidates import Candidate
 from capture_cli.protocol.explanation import Explanation, Expression, JudgedModel
+from capture_cli.protocol.fit import Fit
 from capture_cli.protocol.log_parts import FIT, SELECT, TEST, LogParts
-from capture_cli.protocol.model_fits import Fit
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.protocol.residual_curves import ResidualCurve, residual_curves
 from capture_cli.reports.diagnosis_findings import summary

@@ -12,8 +12,9 @@ from capture_cli.identifiers.base import Trial
 from capture_cli.identifiers.intervals import Intervals, intervals
 from capture_cli.identifiers.least_squares import CONVERGED_GAIN
 from capture_cli.identifiers.rounds import Rounds
+from capture_cli.protocol.fit import TOLERANCE, Fit
 from capture_cli.protocol.held_out import HeldOut, held_out
-from capture_cli.protocol.model_fits import TOLERANCE, Fit, PartFit
+from capture_cli.protocol.part_fit import PartFit
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.protocol.time_step import shorter_step
 from capture_cli.reports.findings import NOT_ALIKE, beyond_chance

@@ -17,10 +17,12 @@ from capture_cli.identifiers.rounds import Rounds, finite
 from capture_cli.linearization import Linearization
 from capture_cli.parameters import ParameterSpace
 from capture_cli.protocol.difference_step import difference_step, hits_something
+from capture_cli.protocol.fit import TOLERANCE, Fit
 from capture_cli.protocol.log_checks import all_diverged
 from capture_cli.protocol.log_starts import as_acted
-from capture_cli.protocol.model_fits import TOLERANCE, WAYS_OUT, Fit, ModelFits
+from capture_cli.protocol.model_fits import ModelFits
 from capture_cli.protocol.prepared_log import PreparedLog
+from capture_cli.protocol.ways_out import WAYS_OUT, way_out
 from capture_cli.simulator import Simulator
 from capture_cli.stages.identifier_checkpoint import IdentifierCheckpoint
 from capture_cli.stages.in_context import InContext, LoggedRounds, logged_rounds, walk_log
@@ -218,7 +220,7 @@ def unstuck(found: Found, progress: Progress, *, seed: int) -> Found:
     if not hits_something(part, fits.simulator([]), found.best.parameters, found.best.offsets):
         return found
     for _ in range(WAYS_OUT):
-        way = fits.way_out(part, found.at, whole_step=True, worth=ONE_SD)
+        way = way_out(fits, part, found.at, whole_step=True, worth=ONE_SD)
         if way is None:
             break
         x, offsets = way

@@ -11,7 +11,7 @@ from capture_cli.diagnosis.lack_of_fit import LackOfFit
 from capture_cli.effects.base import Effect
 from capture_cli.parameters import ParameterSpace
 from capture_cli.protocol.held_out import HeldOut
-from capture_cli.protocol.model_fits import PartFit
+from capture_cli.protocol.part_fit import PartFit
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.protocol.time_step import ShorterStep
 from capture_cli.reports.quantities import bound, scaled_unit, significant, with_unit
