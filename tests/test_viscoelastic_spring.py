@@ -13,6 +13,7 @@ from machines import build
 from test_hysteretic_friction import RIG, SLIDER
 
 from benchmarks._planted.diagnosing import diagnose
+from capture_cli.effects._followed_log import measured_stretches
 from capture_cli.effects.viscoelastic_spring import MaxwellElement, ViscoelasticSpring, followed
 from capture_cli.stages.record import record
 from capture_cli.stores.measured_log import MeasuredLog
@@ -77,12 +78,14 @@ def test_what_creeps_after_a_path_passes_over_gaps_and_uneven_steps(relaxation):
     path[[0, -1]] = 0.0, 1.4
     elapsed = time - time[0]
     expected = 0.7 * (elapsed - relaxation * -np.expm1(-elapsed / relaxation))
-    np.testing.assert_allclose(followed(time, path, relaxation), expected, atol=5e-5)
+    ((_, times, measured),) = measured_stretches(time, path, [slice(0, 1000)])
+    np.testing.assert_allclose(followed(times, measured, relaxation), expected, atol=5e-5)
 
 
-def test_a_path_that_nothing_measured_and_one_of_a_single_step_are_followed():
-    assert not followed(np.arange(3.0), np.full(3, np.nan), 0.1).any()
-    assert followed(np.zeros(1), np.ones(1), 0.1).tolist() == [1.0]
+def test_a_stretch_that_nothing_measured_is_left_out_and_one_of_a_single_step_is_followed():
+    time, path = np.arange(4.0), np.array([np.nan, np.nan, np.nan, 1.0])
+    ((steps, times, measured),) = measured_stretches(time, path, [slice(0, 3), slice(3, 4)])
+    assert steps == slice(3, 4) and followed(times, measured, 0.1).tolist() == [1.0]
 
 
 def rig() -> tuple[ViscoelasticSpring, np.ndarray]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from capture_cli.effects._followed_log import measured_stretches
 from capture_cli.effects._sensor_effect import SensorEffect, quantity
 from capture_cli.effects.base import Reports
 from capture_cli.parameters import Parameter
@@ -84,11 +85,7 @@ def integrated(reports: Reports, columns: slice) -> np.ndarray:
 
     reported = reports.values[:, columns]
     integrals = np.zeros(reported.shape)
-    for steps in reports.stretches:
-        time = reports.time[steps]
-        for column, values in enumerate(reported[steps].T):
-            measured = np.isfinite(values)
-            if measured.any():
-                values = np.interp(time, time[measured], values[measured])
-                integrals[steps, column] = cumulative_trapezoid(values, time, initial=0.0)
+    for column, values in enumerate(reported.T):
+        for steps, time, report in measured_stretches(reports.time, values, reports.stretches):
+            integrals[steps, column] = cumulative_trapezoid(report(time), time, initial=0.0)
     return integrals

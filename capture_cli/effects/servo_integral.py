@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import mujoco
 import numpy as np
 
 from capture_cli.effects._followed_force import FollowedForce
+from capture_cli.effects._followed_log import measured_stretches
 from capture_cli.effects._joint_force import ForceOfKernel
 from capture_cli.effects._kernel import Companion, call
 from capture_cli.effects._places import reference, site_id
@@ -21,7 +24,7 @@ BIAS, GEAR = "actuator_biasprm", "actuator_gear"
 USUAL = 0.3  # s, for which an error lasts, of which no log says how long it did
 LONGEST = 3.0  # s, of kp over ki: what takes longer to take up a load is hardly told from a constant force
 TINY = 1e-12  # of ki: none holds nothing
-KEPT = 16  # integrals of a log's errors: each gear that is tried has another
+KEPT = 16  # integrals of a log's errors, the last ones: each gear that is tried has another
 LEAST_LIMIT = 1e-3  # of how far the integral of the error goes
 ROUNDED = 1e-3  # of how far it commonly is from its mean: less is no way back
 
@@ -77,7 +80,6 @@ class ServoIntegral(FollowedForce):
         self.gear = float(model.actuator_gear[self.actuator, 0])
         self._clamps = not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL
         self._kp = float(model.actuator_gainprm[self.actuator, 0])
-        self._known: dict[tuple[float, float], tuple[np.ndarray, WaysBefore]] = {}
         self._most = USUAL * POSITION_ERROR  # m s or rad s: how far the integral of the error goes
 
     @classmethod
@@ -107,7 +109,7 @@ class ServoIntegral(FollowedForce):
             went = 2 * max(float(np.ptp(z)) for z in parts)  # it may have begun at either end
             self._most = max(went, self._holding(self._kp / LONGEST))
             self._common = float(np.std(np.concatenate([z - z.mean() for z in parts])))
-            self._known.clear()
+            self._integrals = lru_cache(maxsize=KEPT)(self._integrated_ways)
 
     @property
     def shows(self):
@@ -162,15 +164,17 @@ class ServoIntegral(FollowedForce):
         if self._clamps and self.model.actuator_ctrllimited[self.actuator]:
             ctrl = np.clip(ctrl, *self.model.actuator_ctrlrange[self.actuator])
         errors = np.zeros(len(seen.path))
-        for steps in seen.stretches:
-            time, path = seen.time[steps], seen.path[steps]
-            measured = np.isfinite(path)
-            if measured.any():
-                length = gear * np.interp(time, time[measured], path[measured])
-                ways = np.diff(time) * (ctrl[steps][:-1] - (length[1:] + length[:-1]) / 2)
-                ways += timestep / 2 * np.diff(length)  # of a sum of values held, beyond the trapezoids
-                errors[steps][1:] = np.cumsum(ways)
+        for steps, time, path in measured_stretches(seen.time, seen.path, seen.stretches):
+            length = gear * path(time)
+            ways = np.diff(time) * (ctrl[steps][:-1] - (length[1:] + length[:-1]) / 2)
+            ways += timestep / 2 * np.diff(length)  # of a sum of values held, beyond the trapezoids
+            errors[steps][1:] = np.cumsum(ways)
         return errors
+
+    def _integrated_ways(self, timestep: float, gear: float) -> tuple[np.ndarray, WaysBefore]:
+        """The integral of the error, (step,), and how it went to and fro before any step of the log."""
+        errors = self._integrated(timestep, gear)
+        return errors, WaysBefore(errors, self.seen.stretches, ROUNDED * self._common)
 
     def integral(
         self,
@@ -203,20 +207,14 @@ class ServoIntegral(FollowedForce):
         """By how much z grew and fell in turn, unclamped, from the start of the stretch to the steps `first` of the
         log, (simulation, way).
         """
-        if (timestep, gear) not in self._known:
-            if len(self._known) == KEPT:
-                self._known.clear()
-            errors = self._integrated(timestep, gear)
-            ways_before = WaysBefore(errors, self.seen.stretches, ROUNDED * self._common)
-            self._known[timestep, gear] = errors, ways_before
-        errors, ways_before = self._known[timestep, gear]
+        errors, ways_before = self._integrals(timestep, gear)
         ways = ways_before(first)
         before = errors[first] - ways.sum(axis=1)  # all that was before the ways that are remembered
         return np.column_stack([before, ways])
 
 
 class ForceSinceBefore(ForceOfKernel):
-    """That of an integral term that has been at work in the log: it begins with what its gear has made of that."""
+    """The force of an integral term that has been at work in the log: it begins with what its gear made of that."""
 
     def own(self, world):
         own = super().own(world)

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import lru_cache
+
 import numpy as np
 from scipy.signal import lfilter
 
 from capture_cli.effects._followed_force import FollowedForce
+from capture_cli.effects._followed_log import measured_stretches
 from capture_cli.effects._joint_force import ForceOfKernel
 from capture_cli.effects._scales import STIFFEST, free_inertia
 from capture_cli.parameters import Parameter
@@ -13,7 +17,7 @@ from capture_cli.parameters import Parameter
 QUICKEST = 4.0  # steps of the log, or of the model, that relaxing takes: what is quicker is a damper
 SLOWEST = 0.5  # of the longest episode: what is slower is an elastic spring
 FORGOTTEN = 5.0  # times the relaxation time: then nothing is left of what was before
-KEPT = 64  # relaxation times of which it is known where the spring would rest
+KEPT = 64  # relaxation times, the last ones tried, of which it is known where the spring would rest
 
 
 class MaxwellElement:
@@ -70,7 +74,8 @@ class ViscoelasticSpring(FollowedForce):
 
     def look_in(self, **log):
         super().look_in(**log)
-        self._sampled, self._known = 0.0, {}
+        self._sampled = 0.0
+        self._rests = lru_cache(maxsize=KEPT)(self._followed)
         if self.seen is not None and self.seen.stretches:
             self._began = np.zeros(len(self.seen.path))  # s: when the stretch that a step is of did
             for steps in self.seen.stretches:
@@ -102,20 +107,18 @@ class ViscoelasticSpring(FollowedForce):
         left = np.exp(-self._elapsed(first) / relaxation)
         return rest - self.characteristic_travel * stretched * left
 
-    def _rests(self, relaxation: float) -> np.ndarray:
+    def _followed(self, relaxation: float) -> np.ndarray:
         """m or rad: where a spring rests at each step of the log (step,) that was at rest when each stretch began."""
-        if relaxation not in self._known:
-            if len(self._known) == KEPT:
-                self._known.clear()
-            rests = np.zeros(len(self.seen.path))
-            for steps in self.seen.stretches:
-                rests[steps] = followed(self.seen.time[steps], self.seen.path[steps], relaxation)
-            self._known[relaxation] = rests
-        return self._known[relaxation]
+        rests = np.zeros(len(self.seen.path))
+        for steps, time, path in measured_stretches(self.seen.time, self.seen.path, self.seen.stretches):
+            rests[steps] = followed(time, path, relaxation)
+        return rests
 
 
 class ForceSinceBefore(ForceOfKernel):
-    """That of a spring that has crept after the joint in the log: it begins stretched from there to where it is now."""
+    """The force of a spring that has crept after the joint in the log: it begins stretched from there to where the
+    joint is now.
+    """
 
     def own(self, world):
         own = super().own(world)
@@ -123,17 +126,13 @@ class ForceSinceBefore(ForceOfKernel):
         return own
 
 
-def followed(time: np.ndarray, path: np.ndarray, relaxation: float) -> np.ndarray:
-    """What creeps after a path at its difference over `relaxation`, s, from its first value; all (step,).
+def followed(time: np.ndarray, path: Callable[[np.ndarray], np.ndarray], relaxation: float) -> np.ndarray:
+    """What creeps after a path at its difference over `relaxation`, s, from its first value, at `time` (step,), s.
 
-    path: nan where it was not measured, which is taken as straight. Exact for what moves steadily between steps that
-    are even.
+    path: of times (n,). Exact for what moves steadily between steps that are even.
     """
-    measured = np.isfinite(path)
-    if not measured.any():
-        return np.zeros(len(path))
     even = np.linspace(time[0], time[-1], len(time))
-    at = np.interp(even, time[measured], path[measured])
+    at = path(even)
     step = (time[-1] - time[0]) / max(len(time) - 1, 1)
     decay = np.exp(-step / relaxation)
     taken_up = (1 - decay) * relaxation / step if step else 1.0

@@ -1,0 +1,23 @@
+"""What a log did before each of its steps: followed through every stretch of it, straight where it was not measured."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+
+import numpy as np
+
+
+def measured_stretches(
+    time: np.ndarray, values: np.ndarray, stretches: Sequence[slice]
+) -> Iterator[tuple[slice, np.ndarray, Callable[[np.ndarray], np.ndarray]]]:
+    """Each of the `stretches` of a log in which something was measured: its steps, their times (step,), s, and a
+    function that gives the values at any times (n,), straight between samples and held beyond them.
+
+    time, values (step,): of the whole log; values are nan where they were not measured.
+    """
+    for steps in stretches:
+        measured = np.isfinite(values[steps])
+        if measured.any():
+            within = time[steps]
+            yield steps, within, partial(np.interp, xp=within[measured], fp=values[steps][measured])
