@@ -12,15 +12,3 @@ TIME_CONSTANT = Parameter("time_constant", "s", 0.5, 100.0, 10.0)
 def grown(time, *, change, time_constant):
     """How many times as large at `time`, s, since it began: 1 + change (1 - e^(-time / time_constant))."""
     return 1 - change * np.expm1(-np.maximum(time, 0.0) / time_constant)
-
-
-class Growing:
-    """`grown`, since it was first asked: for one simulation that is stepped from the beginning of an episode."""
-
-    def __init__(self, *, change, time_constant):
-        self.change, self.time_constant, self.began = change, time_constant, None
-
-    def __call__(self, time):
-        if self.began is None:
-            self.began = time
-        return grown(time - self.began, change=self.change, time_constant=self.time_constant)

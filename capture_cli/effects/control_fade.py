@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from capture_cli.effects._actuator_effect import ActuatorEffect
-from capture_cli.effects._fade import TIME_CONSTANT, Growing, grown
+from capture_cli.effects._elapsed import Elapsed
+from capture_cli.effects._fade import TIME_CONSTANT, grown
 from capture_cli.effects._kernel import Companion, call
 from capture_cli.effects._places import reference
 from capture_cli.parameters import Parameter
@@ -33,11 +34,13 @@ class ControlFade(ActuatorEffect):
 
     def companion(self, name, values):
         numbers = {n: v[0] for n, v in self.coefficients(values[None]).items()}
-        growth, state = call(name, Growing, ["data.time"], numbers)
+        elapsed, state = call(name, Elapsed, ["data.time"], {})
+        growth, _ = call(name, grown, ["elapsed"], numbers)
         actuator = f"model.actuator({reference(self.model, 'actuator', self.site)})"
         lines = (
             f"at = model.actuator_ctrladr[{actuator}.id]",
+            f"elapsed = {elapsed}",
             f"growth = {growth}",
             "data.ctrl[at] *= growth",
         )
-        return Companion((Growing,), lines, state)
+        return Companion((Elapsed, grown), lines, state)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from capture_cli.effects._fade import TIME_CONSTANT, Growing, grown
+from capture_cli.effects._elapsed import Elapsed
+from capture_cli.effects._fade import TIME_CONSTANT, grown
 from capture_cli.effects._joint_effect import JointEffect
 from capture_cli.effects._joint_force import DAMPING, FRICTION
 from capture_cli.effects._kernel import Companion, call
@@ -39,11 +40,13 @@ class FrictionFade(JointEffect):
 
     def companion(self, name, values):
         numbers = dict(zip(self.space.names, values, strict=True))
-        growth, state = call(name, Growing, ["data.time"], numbers)
+        elapsed, state = call(name, Elapsed, ["data.time"], {})
+        growth, _ = call(name, grown, ["elapsed"], numbers)
         fields = [f"model.{field}" for field in (FRICTION, DAMPING)]
         lines = [
             f"dof = model.joint({reference(self.model, 'joint', self.site)}).dofadr",
+            f"elapsed = {elapsed}",
             f"growth = {growth}",
             *(f"{field}[dof] *= growth" for field in fields),
         ]
-        return Companion((Growing,), tuple(lines), state, tuple(fields))
+        return Companion((Elapsed, grown), tuple(lines), state, tuple(fields))

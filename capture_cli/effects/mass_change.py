@@ -5,6 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
+from capture_cli.effects._elapsed import Elapsed
 from capture_cli.effects._kernel import Companion, call
 from capture_cli.effects._places import reference, site_id
 from capture_cli.effects._scales import moving_bodies
@@ -20,18 +21,6 @@ SCALED = ("body_mass", "body_inertia")
 def steadily(time, *, rate):
     """How many times as large at `time`, s, since it began: 1 + rate time."""
     return 1 + rate * np.maximum(time, 0.0)
-
-
-class Steadily:
-    """`steadily`, since it was first asked: for one simulation that is stepped from the beginning of an episode."""
-
-    def __init__(self, *, rate):
-        self.rate, self.began = rate, None
-
-    def __call__(self, time):
-        if self.began is None:
-            self.began = time
-        return steadily(time - self.began, rate=self.rate)
 
 
 class MassChange(Effect):
@@ -69,11 +58,13 @@ class MassChange(Effect):
         return force
 
     def companion(self, name, values):
-        growth, state = call(name, Steadily, ["data.time"], {"rate": values[0]})
+        elapsed, state = call(name, Elapsed, ["data.time"], {})
+        growth, _ = call(name, steadily, ["elapsed"], {"rate": values[0]})
         fields = tuple(f"model.{field}" for field in SCALED)
         lines = (
             f"body = model.body({reference(self.model, 'body', self.site)}).id",
+            f"elapsed = {elapsed}",
             f"growth = {growth}",
             *(f"{field}[body] *= growth" for field in fields),
         )
-        return Companion((Steadily,), lines, state, fields)
+        return Companion((Elapsed, steadily), lines, state, fields)
