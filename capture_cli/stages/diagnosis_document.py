@@ -17,22 +17,20 @@ from capture_cli.protocol.residual_curves import ResidualCurve, residual_curves
 from capture_cli.reports.diagnosis_findings import summary
 from capture_cli.stages.result_document import (
     attributes_of,
+    common_part,
     error_of,
-    held_out_of,
-    impossible_inertia_of,
     lack_of_fit_of,
     measured_arrays,
-    noise_floor_of,
     start_arrays,
-    time_step_of,
 )
 from capture_cli.stores.diagnosis import FORMAT, VERSION, Diagnosis
 from capture_cli.stores.measured_log import MeasuredLog
-from capture_cli.stores.output import sha256
+
+PARTS = {"fit": FIT, "select": SELECT, "test": TEST}
 
 
 def diagnosis_of(found: Explanation) -> Diagnosis:
-    """What is written of it."""
+    """The diagnosis to write: its document, its arrays and their attributes."""
     curves = residual_curves(
         found.parts.prepared, found.before.whole, found.after.whole, found.motion.contacts
     )
@@ -43,51 +41,37 @@ def diagnosis_of(found: Explanation) -> Diagnosis:
 
 def _document(found: Explanation, curves: list[dict[str, Any]]) -> dict[str, Any]:
     prepared, before, after = found.parts.prepared, found.before, found.after
-    log, task = prepared.log, prepared.task
-    sure = after.intervals
+    log, fit, sure = prepared.log, after.again, after.intervals
+    common = common_part(
+        prepared,
+        fit.space,
+        fit.point,
+        sure,
+        effects=[(a.placed.effect, fit.point[fit.columns(a.name)]) for a in found.accepted],
+        held=found.held_out,
+        shorter=found.shorter_step,
+        parts={name: found.parts.number == part for name, part in PARTS.items()},
+        simulated=found.rollouts,
+    )
     stages = [_stage(found.parts, m) for m in found.models]
-    declared = sure.rows(after.again.space, after.again.point, range(len(task.space)))
     document = {
         "format": FORMAT,
         "version": VERSION,
-        "task": task.name,
-        "log": {
-            "path": str(log.path),
-            "sha256": sha256(log.path),
-            "first_time": float(log.time[0]),
-        },
+        **common,
+        "log": {**common["log"], "first_time": float(log.time[0])},
         "verdict": found.verdict,
-        "summary": None,  # of what follows
-        "effects": [_effect(a, after.again, sure, log) for a in found.accepted],
-        "parameters": dict(zip(task.space.names, declared, strict=True)),
+        "summary": None,  # of all the others
+        "effects": [_effect(a, fit, sure, log) for a in found.accepted],
         "stages": stages,
         "before": {"test": stages[0]["test"]},
         "after": {"test": stages[-1]["test"]},
-        **noise_floor_of(prepared),
         "lack_of_fit": {
             "before": lack_of_fit_of(prepared, before.lacking),
             "after": lack_of_fit_of(prepared, after.lacking),
         },
-        "held_out": held_out_of(
-            prepared, after.again.space, after.again.point, found.held_out, found.parts.number == TEST
-        ),
-        "impossible_inertia": impossible_inertia_of(
-            task,
-            after.again.point[: len(task.space)],
-            [(a.placed.effect, after.again.point[after.again.columns(a.name)]) for a in found.accepted],
-        ),
-        "time_step": time_step_of(found.shorter_step, after.again.space, after.again.point),
-        "absorbed": _absorbed(before.again, after.again, sure.sd),
+        "absorbed": _absorbed(before.again, fit, sure.sd),
         "candidates": [_candidate(c) for c in _ranked(found)],
         "localisation": curves,
-        "split": {
-            "how": prepared.split.how,
-            **{
-                f"{name}_windows": int((found.parts.number == number).sum())
-                for name, number in (("fit", FIT), ("select", SELECT), ("test", TEST))
-            },
-        },
-        "rollouts": {"measured": len(log.episode_ends), "simulated": found.rollouts},
         "next_experiment": found.next_experiment,
         "expression": None if found.expression is None else _expression(prepared, found.expression),
     }

@@ -25,17 +25,13 @@ from capture_cli.stages.estimation import Found
 from capture_cli.stages.progress import Progress
 from capture_cli.stages.result_document import (
     attributes_of,
+    common_part,
     error_of,
-    held_out_of,
-    impossible_inertia_of,
     lack_of_fit_of,
     measured_arrays,
-    noise_floor_of,
     start_arrays,
-    time_step_of,
 )
 from capture_cli.stores.estimate import FORMAT, HISTORY, VERSION, Estimate
-from capture_cli.stores.output import sha256
 from capture_cli.tasks.base import ActionTask, Task
 
 ROUGH = 1.0  # of the objective over k: a standard error
@@ -86,7 +82,7 @@ class Report:
         return Estimate(document, arrays, attributes)
 
     def _start_tolerance(self, lacking: bool) -> float:
-        """Of held-out starts, over k: as exact as the fit was."""
+        """The tolerance of held-out starts, of the objective over k: they are as exact as the fit was."""
         if self.result.in_context is None:
             return CONVERGED_GAIN
         return ROUGH if lacking and not self.result.elsewhere else TOLERANCE
@@ -141,7 +137,9 @@ class Report:
         return found
 
     def _gain(self, part: PreparedLog, own: Fit) -> float:
-        """Of the objective over k: what the fit `own` to the part takes beyond the estimate, with starts of its own."""
+        """By how much less of the objective over k the fit `own` to the part leaves than the estimate does, each with
+        starts of its own.
+        """
         k, together = own.at.scatter, replace(own, point=self.best.parameters)
         there = self.fits.starts_at(part, together, CONVERGED_GAIN, own.offsets)
         return float((there.objectives(k) - own.at.objectives(k)).sum() / k)
@@ -151,49 +149,37 @@ class Report:
     def _document(
         self, found: Intervals, lacking: LackOfFit, whole: PartFit, held: HeldOut, recordings, diverged
     ) -> dict:
-        prepared, log = self.prepared, self.prepared.log
+        prepared, parts = self.prepared, {"fit": ~self.is_test, "test": self.is_test}
+        shorter = shorter_step(self.fits, self.result.part, self.result.at, found)
+        common = common_part(
+            prepared,
+            self.space,
+            self.best.parameters,
+            found,
+            held=held,
+            shorter=shorter,
+            parts=parts,
+            simulated=self.fits.rollouts,
+        )
         undetermined = _undetermined(found, self.space.names)
-        error = {
-            "fit": error_of(prepared, whole.rows(~self.is_test)),
-            "test": error_of(prepared, whole.rows(self.is_test)),
-        }
-        if diverged.any() or lacking.lacking or held.lacking:
-            verdict = "unexplained"
-        else:
-            verdict = "explained" if found.identifiable.all() else "not-identifiable"
         lacks = [lack_of_fit_of(prepared, part) for part in (lacking, held.lack)]
-        rows = found.rows(self.space, self.best.parameters, range(len(self.space)))
-        document = {
+        verdict = _verdict(found, diverged.any() or lacking.lacking or held.lacking)
+        return {
             "format": FORMAT,
             "version": VERSION,
-            "task": prepared.task.name,
-            "log": {"path": str(log.path), "sha256": sha256(log.path), "input_peaks": log.input_peaks},
+            **common,
+            "log": {**common["log"], "input_peaks": prepared.log.input_peaks},
             "identifier": self.identifier,
-            "parameters": dict(zip(self.space.names, rows, strict=True)),
-            "error": error,
-            **noise_floor_of(prepared),
+            "error": {name: error_of(prepared, whole.rows(part)) for name, part in parts.items()},
             "verdict": verdict,
             "summary": _summary(verdict, *lacks, undetermined, diverged, self.result.cut_short is not None),
             "diverged_windows": int(diverged.sum()),
             "lack_of_fit": lacks[0],
-            "held_out": held_out_of(prepared, self.space, self.best.parameters, held, self.is_test),
             "undetermined": undetermined,
-            "impossible_inertia": impossible_inertia_of(prepared.task, self.best.parameters),
             "unmeasured_joints": _unmeasured_joints(prepared.task),
             "open_loops": dict(prepared.starts.open_loops),
-            "time_step": time_step_of(
-                shorter_step(self.fits, self.result.part, self.result.at, found),
-                self.space,
-                self.best.parameters,
-            ),
             "correlation": _correlation(found.covariance).tolist(),
             "recordings": None if recordings is None else recordings["document"],
-            "split": {
-                "how": prepared.split.how,
-                "fit_windows": int((~self.is_test).sum()),
-                "test_windows": int(self.is_test.sum()),
-            },
-            "rollouts": {"measured": len(log.episode_ends), "simulated": self.fits.rollouts},
             "rounds": [
                 {"parameters": self.space.to_dict(b.parameters), "error": float(b.error)}
                 for b in self.history
@@ -203,7 +189,6 @@ class Report:
             "in_context": self._in_context(),
             "next_command": None,
         }
-        return document
 
     def _in_context(self) -> dict | None:
         """What the rounds over the episodes gave; those of the earlier estimate where there were none now."""
@@ -277,6 +262,13 @@ def _agreement(names, values: np.ndarray, sd: np.ndarray, gain: float, parameter
         "sd": sd,
         "document": {"names": names, "agree": bool(agree), "parameters": document, "text": text},
     }
+
+
+def _verdict(found: Intervals, leaves: bool) -> str:
+    """The verdict on an estimate that leaves more than noise in the log, or not."""
+    if leaves:
+        return "unexplained"
+    return "explained" if found.identifiable.all() else "not-identifiable"
 
 
 def _unmeasured_joints(task: Task) -> list[str]:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from capture_cli.diagnosis.lack_of_fit import LackOfFit
 from capture_cli.effects.base import Effect
+from capture_cli.identifiers.intervals import Intervals
 from capture_cli.parameters import ParameterSpace
 from capture_cli.protocol.held_out import HeldOut
 from capture_cli.protocol.part_fit import PartFit
@@ -19,15 +20,53 @@ from capture_cli.sim.engine import ModelFields
 from capture_cli.sim.impossible_inertia import impossible_inertias
 from capture_cli.simulator import Begun
 from capture_cli.stores.measured_log import MeasuredLog
+from capture_cli.stores.output import sha256
 from capture_cli.tasks.base import Task
 
 MOST_NAMED = 3  # parameters that a sentence says
 
 
+def common_part(
+    prepared: PreparedLog,
+    space: ParameterSpace,
+    point: np.ndarray,
+    sure: Intervals,
+    *,
+    effects: Sequence[tuple[Effect, np.ndarray]] = (),
+    held: HeldOut,
+    shorter: ShorterStep | None,
+    parts: Mapping[str, np.ndarray],
+    simulated: int,
+) -> dict[str, Any]:
+    """The keys of the document that an estimate and a diagnosis have in common, by name.
+
+    space, point (parameter,), sure: the parameters of the task, and after them those of effects, where they were found
+    and how well they are known. effects: each with its values (parameter,). held, shorter: what the windows that were
+    held out, and a shorter time step of the model, say of the point. parts: which windows are of "fit", "test" and what
+    else there is, (window,) each. simulated: windows.
+    """
+    task, log = prepared.task, prepared.log
+    declared = sure.rows(space, point, range(len(task.space)))
+    return {
+        "task": task.name,
+        "log": {"path": str(log.path), "sha256": sha256(log.path)},
+        "parameters": dict(zip(task.space.names, declared, strict=True)),
+        **noise_floor_of(prepared),
+        "held_out": held_out_of(prepared, space, point, held, parts["test"]),
+        "impossible_inertia": impossible_inertia_of(task, point[: len(task.space)], effects),
+        "time_step": time_step_of(shorter, space, point),
+        "split": {
+            "how": prepared.split.how,
+            **{f"{name}_windows": int(windows.sum()) for name, windows in parts.items()},
+        },
+        "rollouts": {"measured": len(log.episode_ends), "simulated": simulated},
+    }
+
+
 def error_of(prepared: PreparedLog, on: PartFit) -> dict[str, Any] | None:
     """RMSE and mean absolute error per output, in its unit, and RMSE over the noise floor.
 
-    None where there is no sample; likewise of an output without any.
+    None where there is no sample; the numbers of an output are None where it has none.
     """
     if not on.evidence.count:
         return None
