@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import importlib.util
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from mujoco.batch import SimulationError
@@ -81,10 +82,8 @@ def record(
     start and start_velocity: JOINT -> (low, high), drawn anew for each episode. Raises CaptureError.
     """
     options = {k: v for k, v in locals().items() if k not in ("force", *TRUTH)}
-    refuse_existing(out, force=force)
     truth = truth or out.with_suffix(".truth.json")
-    refuse_existing(truth, force=force)
-    _refuse_inside(truth, out)
+    _refuse_places(truth, out, force=force)
     machine = load_task(task)
     read = [inputs_from, actions_from, _if_path(policy), *task_inputs(machine).values()]
     refuse_inputs(out, read)
@@ -96,57 +95,77 @@ def record(
     )
     placed, effect_values = parse_effects(effects, machine.model)
     simulator = Simulator(machine, placed, threads)
-    names = [c.name for c in machine.outputs]
-    noise_sd = standard_deviations("--noise", noise, names, "the task has no output")
+    noise_sd = _noise_sd(noise, machine)
     generator = np.random.default_rng(seed)
     point = _point(machine.space, parameters or {}, generator if random_parameters else None)
     refuse_without_effect(machine, point, placed, effect_values)
-    asked = DriveOptions(
-        episodes=episodes,
-        duration=duration,
-        rate=rate,
-        policy=policy,
-        belief=belief,
-        actions_from=actions_from,
-        inputs_from=inputs_from,
-        amplitude=amplitude,
-        band=band,
-        start=start,
-        start_velocity=start_velocity,
-    )
-    driven = drive(machine, asked, generator)
-    if world == "plant":
-        outputs = _simulate(simulator, driven, np.concatenate([point, effect_values]))
-    elif effects:
-        raise OptionError(
-            f"--effect means nothing: --world {world} lacks nothing that could be added to it",
-            cure="leave it out",
-        )
-    else:
-        driven, outputs = _in_scene(world, machine, point, driven)
-    outputs = outputs + np.array(noise_sd) * generator.standard_normal(outputs.shape)
+    point = np.concatenate([point, effect_values])
+    asked = DriveOptions(**{field.name: options[field.name] for field in fields(DriveOptions)})
+    driven, outputs = _outputs(world, simulator, point, drive(machine, asked, generator))
+    outputs = outputs + np.array([*noise_sd.values()]) * generator.standard_normal(outputs.shape)
     log = driven.log(machine, outputs, name=out.stem, source="capture record")
-    known = {
-        "format": "capture/truth",
-        "version": 1,
-        "task": machine.name,
-        "world": world,
-        "parameters": machine.space.to_dict(point),
-        "effects": dict(zip(simulator.space.names[len(point) :], effect_values.tolist(), strict=True)),
-        "noise_sd": dict(zip(names, noise_sd, strict=True)),
-        "seed": seed,
-    }
+    known = _truth(world, simulator, point, noise_sd, seed)
     with new_file(truth, force=force) as file, new_directory(out, force=force) as folder:
         write_json(file, known)
         log.write(folder)
         provenance.write(folder)
-    drawn = np.concatenate([point, effect_values])
-    doubts = [*beyond_range(simulator.space.parameters, drawn), *_repeated(driven.actions, policy, belief)]
+    doubts = [*beyond_range(simulator.space.parameters, point), *_repeated(driven.actions, policy, belief)]
     return Recording(log, known, doubts)
 
 
+def _refuse_places(truth: Path, log: Path, *, force: bool) -> None:
+    """Raise OptionError where `truth` or `log` cannot be written there."""
+    for path in (log, truth):
+        refuse_existing(path, force=force)
+    if log.resolve() in (truth.resolve(), *truth.resolve().parents):
+        raise OptionError(
+            f"--truth {truth} is the log at --out {log}, or in it: whoever reads a log must not find its truth",
+            cure="choose another --truth, or leave it out: the truth then goes beside the log",
+        )
+
+
+def _noise_sd(noise: Mapping[str, float] | float, machine: Task) -> dict[str, float]:
+    """The standard deviation of each output's noise, in its unit. Raises OptionError."""
+    names = [c.name for c in machine.outputs]
+    sd = standard_deviations("--noise", noise, names, "the task has no output")
+    return dict(zip(names, sd, strict=True))
+
+
+def _outputs(world: str, simulator: Simulator, point: np.ndarray, driven: Drive) -> tuple[Drive, np.ndarray]:
+    """How the machine was driven in that world, and its outputs (step, output) without noise; point (parameter,): of
+    the task and, after them, of the simulator's effects.
+    """
+    if world == "plant":
+        return driven, _simulate(simulator, driven, point)
+    if simulator.effects:
+        raise OptionError(
+            f"--effect means nothing: --world {world} lacks nothing that could be added to it",
+            cure="leave it out",
+        )
+    return _in_scene(world, simulator.task, point, driven)
+
+
+def _truth(
+    world: str, simulator: Simulator, point: np.ndarray, noise_sd: Mapping[str, float], seed: int
+) -> dict[str, Any]:
+    """The document of the truth, which stands nowhere in the log. point (parameter,): of the task and its effects."""
+    task, values = simulator.task, simulator.space.to_dict(point)
+    return {
+        "format": "capture/truth",
+        "version": 1,
+        "task": task.name,
+        "world": world,
+        "parameters": {name: values[name] for name in task.space.names},
+        "effects": {name: values[name] for name in simulator.space.names[len(task.space) :]},
+        "noise_sd": dict(noise_sd),
+        "seed": seed,
+    }
+
+
 def _repeated(actions: np.ndarray | None, policy: str | None, belief: str) -> list[str]:
-    """Whether a policy chose the same action (episode, action) again and again, in words."""
+    """The doubt, in words, that a policy chose the same action (episode, action) again and again; none where it did
+    not.
+    """
     if actions is None or policy is None or belief != "nominal":
         return []
     different = len(np.unique(actions.round(6), axis=0))
@@ -161,7 +180,7 @@ def _repeated(actions: np.ndarray | None, policy: str | None, belief: str) -> li
 def _point(
     space: ParameterSpace, values: Mapping[str, float], generator: np.random.Generator | None
 ) -> np.ndarray:
-    """(parameter,): those without a value are drawn from `generator`, or nominal where it is None."""
+    """The parameters (parameter,): those without a value are drawn from `generator`, or nominal where it is None."""
     default = None if generator is None else space.from_unit(generator.uniform(size=len(space)))
     point = space.to_vector(values, default=default)
     for parameter, value in zip(space.parameters, point, strict=True):
@@ -171,14 +190,6 @@ def _point(
 
 def _if_path(name: str | None) -> Path | None:
     return Path(name) if name is not None and Path(name).exists() else None
-
-
-def _refuse_inside(truth: Path, log: Path) -> None:
-    if log.resolve() in (truth.resolve(), *truth.resolve().parents):
-        raise OptionError(
-            f"--truth {truth} is the log at --out {log}, or in it: whoever reads a log must not find its truth",
-            cure="choose another --truth, or leave it out: the truth then goes beside the log",
-        )
 
 
 def _in_scene(world: str, machine: Task, point: np.ndarray, driven: Drive) -> tuple[Drive, np.ndarray]:
