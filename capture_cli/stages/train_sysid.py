@@ -33,9 +33,13 @@ from capture_cli.tasks.base import Feature
 
 if TYPE_CHECKING:
     from capture_cli.identifiers._learned import LearnedIdentifier
-    from capture_cli.identifiers._training import Device, Trainer
+    from capture_cli.identifiers._training import Device, Settings, Trainer
+    from capture_cli.identifiers._transformer import Architecture
 
 PRECISIONS = ("auto", "float32", "bfloat16")
+# options of the transformer and of its training, by their names there
+SIZES = ("tokens", "width", "layers", "heads", "dropout")
+TRAINING = ("steps", "batch", "learning_rate", "weight_decay", "validation", "patience", "seed")
 # attributes of a store that the signature holds, or that do not change what is in it
 NOT_OF_HISTORIES = {"complete", "shard_pairs", "task", "parameters", "actions", "features", "point_times"}
 OF_EVERY_KIND = "scattered"  # the search whose histories are meant for posteriors
@@ -89,33 +93,9 @@ def train_sysid(
     refuse_inputs(out, [trains_on])
     where = _device(device, precision, threads)
     # torch is imported from here on: its settings are made
-    from capture_cli.identifiers._training import Settings, Trainer
-    from capture_cli.identifiers._transformer import Architecture
+    from capture_cli.identifiers._training import Trainer
 
-    points, features = signature.trajectory_shape
-    architecture = Architecture(
-        parameters=len(signature.space),
-        actions=len(signature.actions),
-        points=points,
-        features=features,
-        tokens=tokens,
-        window=window,
-        width=width,
-        layers=layers,
-        heads=heads,
-        dropout=dropout,
-        residual=kind.residual,
-    )
-    settings = Settings(
-        steps=steps,
-        batch=batch,
-        learning_rate=learning_rate,
-        warmup=min(warmup, steps // 2),
-        weight_decay=weight_decay,
-        validation=validation,
-        patience=patience,
-        seed=seed,
-    )
+    architecture, settings = _architecture(kind, signature, window, options), _settings(options)
     recipe = {
         "identifier": identifier,
         "task": signature.task,
@@ -124,9 +104,7 @@ def train_sysid(
         "histories": _described(store.attributes),
     }
     if complete:
-        document = read_document(Path(out))
-        check_recipe({name: document.get(name) for name in recipe}, recipe)
-        return document
+        return _trained(out, recipe)
     provenance = Provenance("train-sysid", options, {"histories": trains_on})
     _check_finite(store, quiet)
 
@@ -227,12 +205,48 @@ def _device(device: str, precision: str, threads: int) -> Device:
     return Device(name, low)
 
 
-# --- the work ---
+# --- what is trained, and how ---
+
+
+def _architecture(
+    kind: type[LearnedIdentifier], signature: Signature, window: int, options: Mapping[str, Any]
+) -> Architecture:
+    """The transformer of the sizes in `options`, for histories of the signature's shapes."""
+    from capture_cli.identifiers._transformer import Architecture
+
+    points, features = signature.trajectory_shape
+    return Architecture(
+        parameters=len(signature.space),
+        actions=len(signature.actions),
+        points=points,
+        features=features,
+        window=window,
+        residual=kind.residual,
+        **{name: options[name] for name in SIZES},
+    )
+
+
+def _settings(options: Mapping[str, Any]) -> Settings:
+    """How to train, from `options`; of a short training half is the warm-up at most."""
+    from capture_cli.identifiers._training import Settings
+
+    warmup = min(options["warmup"], options["steps"] // 2)
+    return Settings(warmup=warmup, **{name: options[name] for name in TRAINING})
 
 
 def _described(attributes: Mapping[str, Any]) -> dict[str, Any]:
     """How the histories were made."""
     return {name: attributes[name] for name in SCHEMA.attributes if name not in NOT_OF_HISTORIES}
+
+
+# --- the work ---
+
+
+def _trained(out: Path, recipe: Mapping[str, Any]) -> dict[str, Any]:
+    """identifier.json of the complete training at `out`. Raises OptionError where it has another recipe."""
+    document = read_document(Path(out))
+    check_recipe({name: document.get(name) for name in recipe}, recipe)
+    return document
 
 
 def _train(trainer: Trainer, folder: Path, recipe: Mapping[str, Any], quiet: bool) -> None:
