@@ -129,60 +129,31 @@ def _inspect_log(path: Path, document: dict[str, Any], machine: Task | None) -> 
     _header(document, dict(open_group(path).attrs))
     log = _without_huge(MeasuredLog.read_unchecked(path))
     document["task"] = log.task
-    document["sizes"] = {
-        "recordings": len(log.recordings),
-        "episodes": len(log.episode_ends),
-        "steps": len(log.time),
-        "inputs": len(log.input_names),
-        "outputs": len(log.output_names),
-    }
+    document["sizes"] = _sizes(log)
     findings = document["findings"]
     if not len(log.time) or not log.episodes_cover_steps:
         what = f"episode_ends do not divide its {len(log.time)} steps" if len(log.time) else "it is empty"
         findings.append(finding("error", "store", what, LOG_SCHEMA.cure_for_other_version))
         document.update(recordings=list(log.recordings), episodes=[], channels=[])
         return
-    document["episodes"] = [
-        {"episode": i, "recording": log.recording_names[int(log.recording[i])], **found}
-        for i, found in enumerate(_timing(log))
-    ]
-    document["recordings"] = [
-        _recording(log, number, document["episodes"]) for number in range(len(log.recordings))
-    ]
-    document["channels"] = _channels(log)
-    if not np.isfinite(log.time).all():
-        count = int((~np.isfinite(log.time)).sum())
-        findings.append(
-            finding(
-                "error",
-                "time",
-                f"{count} times are NaN or infinite",
-                "import the files again with --drop-nan",
-            )
-        )
-    findings += [_dropped(r) for r in document["recordings"] if r.get("dropped_rows")]
-    findings += [
-        finding(
-            "note", r["name"], f"{r['repeated_rows']} repeated rows were dropped on import", NOTHING_TO_DO
-        )
-        for r in document["recordings"]
-        if r.get("repeated_rows")
-    ]
-    findings += [
-        finding(
-            "note",
-            r["name"],
-            f"{r['held_repeats']} repeats of samples that are held were emptied on import",
-            NOTHING_TO_DO,
-        )
-        for r in document["recordings"]
-        if r.get("held_repeats")
-    ]
-    findings += [_repeated(log, pairs)] if (pairs := equal_episodes(log)) else []
+    episodes = _episodes(log)
+    recordings = [_recording(log, number, episodes) for number in range(len(log.recordings))]
+    document.update(episodes=episodes, recordings=recordings, channels=_channels(log))
+    findings += [*_not_finite(log.time), *_import_findings(recordings), *_repeated(log)]
     machine = machine or _own_task(log)
     findings += log_findings(document, machine)
     if machine is not None:
         findings += task_findings(log, document, machine)
+
+
+def _sizes(log: MeasuredLog) -> dict[str, int]:
+    return {
+        "recordings": len(log.recordings),
+        "episodes": len(log.episode_ends),
+        "steps": len(log.time),
+        "inputs": len(log.input_names),
+        "outputs": len(log.output_names),
+    }
 
 
 def _without_huge(log: MeasuredLog) -> MeasuredLog:
@@ -193,8 +164,16 @@ def _without_huge(log: MeasuredLog) -> MeasuredLog:
     return replace(log, inputs=inputs, outputs=outputs)
 
 
+def _episodes(log: MeasuredLog) -> list[dict[str, Any]]:
+    """Of each episode its number, the recording that it is of, and the timing of its steps."""
+    return [
+        {"episode": i, "recording": log.recording_names[int(log.recording[i])], **found}
+        for i, found in enumerate(_timing(log))
+    ]
+
+
 def _timing(log: MeasuredLog) -> list[dict[str, Any]]:
-    """Of each episode; by the interval of the fastest sensor where every output is sparse."""
+    """The timing of each episode; by the interval of the fastest sensor where every output is sparse."""
     if not log.is_sparse.all() or not np.isfinite(log.time).all():
         return [timing(log.time[e]) for e in log.episodes]
     sampled = log.sampled
@@ -221,17 +200,40 @@ def _recording(log: MeasuredLog, number: int, episodes: list[dict[str, Any]]) ->
     }
 
 
-def _repeated(log: MeasuredLog, pairs: Sequence[tuple[int, int]]) -> dict[str, str]:
-    """The finding that of each of these pairs of episodes the second holds what the first does."""
+def _not_finite(time: np.ndarray) -> list[dict[str, str]]:
+    """The finding that not all times (step,) are numbers; none where they are."""
+    count = int((~np.isfinite(time)).sum())
+    if not count:
+        return []
+    what, cure = f"{count} times are NaN or infinite", "import the files again with --drop-nan"
+    return [finding("error", "time", what, cure)]
+
+
+def _import_findings(recordings: Sequence[Mapping[str, Any]]) -> list[dict[str, str]]:
+    """What the import of these recordings dropped or emptied."""
+    return [
+        *(_dropped(r) for r in recordings if r.get("dropped_rows")),
+        *_noted(recordings, "repeated_rows", "repeated rows were dropped on import"),
+        *_noted(recordings, "held_repeats", "repeats of samples that are held were emptied on import"),
+    ]
+
+
+def _noted(recordings: Sequence[Mapping[str, Any]], key: str, what: str) -> list[dict[str, str]]:
+    """A note of how many rows the import counted under `key`, on each recording where it did."""
+    return [finding("note", r["name"], f"{r[key]} {what}", NOTHING_TO_DO) for r in recordings if r.get(key)]
+
+
+def _repeated(log: MeasuredLog) -> list[dict[str, str]]:
+    """The finding that episodes hold the same as earlier ones; none where they do not."""
+    pairs = equal_episodes(log)
+    if not pairs:
+        return []
     earlier, later = pairs[0]
     names = [log.recording_names[int(log.recording[number])] for number in (later, earlier)]
     more = f", and {len(pairs) - 1} more do likewise" if len(pairs) > 1 else ""
-    return finding(
-        "warning",
-        f"{names[0]}, episode {later}",
-        f"holds the same as episode {earlier} ({names[1]}){more}",
-        "import again and give each recording once: what is held out may be what was fitted, and no test of it",
-    )
+    what = f"holds the same as episode {earlier} ({names[1]}){more}"
+    cure = "import again and give each recording once: what is held out may be what was fitted, and no test of it"
+    return [finding("warning", f"{names[0]}, episode {later}", what, cure)]
 
 
 def _dropped(recording: Mapping[str, Any]) -> dict[str, str]:
