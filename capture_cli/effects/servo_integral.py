@@ -204,8 +204,8 @@ class ServoIntegral(FollowedForce):
         return self.characteristic_force / (abs(self.gear) * ki)
 
     def _ways(self, first: np.ndarray, timestep: float, gear: float) -> np.ndarray:
-        """By how much z grew and fell in turn, unclamped, from the start of the stretch to the steps `first` of the
-        log, (simulation, way).
+        """The ways (simulation, way) that z, unclamped, grew and fell in turn from the start of the stretch to the
+        steps `first` of the log.
         """
         errors, ways_before = self._integrals(timestep, gear)
         ways = ways_before(first)

@@ -282,7 +282,10 @@ class Attribution:
     def _support(
         self, without: Fit, fit: Fit, placed: Placed, before: PartFit | None, tried: int
     ) -> tuple[Support, PartFit | None]:
-        """As of `ModelComparison`; tried: of how many candidates the effect is the best."""
+        """The support for `placed` in `fit` over the model `without` it, and how `fit` does on what judges.
+
+        before: how that model does there. tried: of how many candidates the effect is the best.
+        """
         hypotheses = tried * self._candidate(placed.name).shapes_tried
         return self.models.support(without, fit, placed, before, hypotheses)
 
@@ -322,7 +325,7 @@ class Attribution:
 
     @staticmethod
     def _values(fit: Fit, accepted: Accepted) -> np.ndarray:
-        """Those of the accepted effect's parameters in `fit`, (parameter,)."""
+        """Values of the accepted effect's parameters in `fit`, (parameter,)."""
         return fit.point[fit.columns(accepted.name)]
 
     @staticmethod

@@ -117,12 +117,12 @@ def _seen(prepared: PreparedLog) -> dict[int, JointMotion]:
 
 
 def _controls(prepared: PreparedLog) -> dict[int, np.ndarray]:
-    """Those of each actuator that the log drives, (step,), by its number."""
+    """The logged control of each actuator that the log drives, (step,), by its number."""
     return {c.index: prepared.log.inputs[:, k] for k, c in enumerate(prepared.task.inputs)}
 
 
 def _recordings(prepared: PreparedLog) -> Recordings:
-    """Of the log; the reference is one of those that are fitted while effects are selected, too."""
+    """The recordings of the log; the reference is one of those that are fitted while effects are selected, too."""
     log, windows, is_test = prepared.log, prepared.windows, prepared.split.is_test
     fitted = np.isin(prepared.recording, prepared.recording[select_folds(windows.episode, is_test).fit])
     samples = np.bincount(prepared.recording, weights=windows.samples * (fitted & ~is_test))

@@ -42,7 +42,7 @@ class JudgedModel:
 
     @cached_property
     def intervals(self) -> Intervals:
-        """Of the refit, with those of the other minima."""
+        """Intervals of the refit's parameters, which reach to the other minima that are nearly as good."""
         return intervals(self.again.at, [m.at for m in self.minima])
 
 

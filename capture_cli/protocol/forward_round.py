@@ -58,7 +58,7 @@ class ForwardRound:
         return sorted((c for c in candidates if c.why_rejected is None), key=lambda c: -c.score.gain)
 
     def _fitted(self, *, patient: bool) -> tuple[list[Candidate], list[Candidate]]:
-        """Those that are supported, and those that were not worth a fit."""
+        """Candidates that are supported once they are fitted, and those that were not worth a fit."""
         refitted, others = worth_a_refit(self.ranked)
         supported = self._refit_all(refitted, MATERIAL)
         for worth, material in FURTHER:

@@ -43,8 +43,9 @@ class HeldOut:
 
 
 def held_out(fits: ModelFits, fit: Fit, covariance: np.ndarray, on: PartFit, is_test: np.ndarray) -> HeldOut:
-    """Of the windows `is_test` (window,). fit: to the others, with the covariance (parameter, parameter) of its error;
-    on: the whole log at its parameters.
+    """Whether the model of `fit` holds on the windows `is_test` (window,), which that was not fitted to.
+
+    covariance (parameter, parameter): of the fit's error. on: the whole log at the fit's parameters.
     """
     test = on.rows(is_test)
     lack = lack_held_out(test.evidence, test.residual)
@@ -77,13 +78,13 @@ def _begin(fits: ModelFits, fit: Fit, covariance: np.ndarray, on: PartFit) -> np
 
 
 def _leaves_nothing(whole: Fit, is_test: np.ndarray) -> bool:
-    """Of the log, and of what was held out of it."""
+    """Whether the fit to the whole log leaves nothing but noise in it, and in the windows `is_test` (window,) alone."""
     test = PartFit.of(whole.at).rows(is_test)
     return not lack_of_fit(whole.at).lacking and not lack_held_out(test.evidence, test.residual).lacking
 
 
 def _loss(whole: Fit, on: PartFit, fitted: np.ndarray) -> float:
-    """By how many noise floors the windows `fitted` (window,) are worse where the whole log has the parameters."""
+    """How much larger, in noise floors, the error of the windows `fitted` (window,) is at the fit to the whole log."""
     return PartFit.of(whole.at).rows(fitted).normalized - on.rows(fitted).normalized
 
 

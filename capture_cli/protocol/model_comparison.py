@@ -237,7 +237,7 @@ class ModelComparison:
         return self._paired(second.select, first.select) > INDISTINCT
 
     def _behind(self, best: Candidate, other: Candidate) -> float:
-        """By how much of twice the log likelihood windows that judge put `other` behind."""
+        """How far `other` is behind `best` in twice the log likelihood of the windows that judge."""
         own, of_other = self.losses([best, other])
         return effective_samples(best.fit) * float(of_other - own)
 
@@ -268,7 +268,7 @@ class ModelComparison:
         )
 
     def compare(self, mine: Candidate, other: Candidate) -> str:
-        """BETTER, TIED or why not, of `other` in the place of `mine`."""
+        """Whether `other` is BETTER in the place of `mine`, or TIED with it, or why it is neither."""
         more, gain = self._more_and_gain(mine, other)
         if more > 0 and gain < CLEARLY_BETTER:
             is_same = similarity(mine.score.response, other.score.response) > SAME_HERE
@@ -281,7 +281,7 @@ class ModelComparison:
 
 
 def _chance(one: Candidate, other: Candidate) -> float:
-    """Of BIC: by how much the fits of two effects may differ for what their hidden states took of the noise."""
+    """How much of BIC two fits may differ by because of what their hidden states took of the noise."""
     taken = one.fit.at.fitted_hidden.sum() + other.fit.at.fitted_hidden.sum()
     return CHANCE * float(np.sqrt(2 * taken))
 
@@ -292,7 +292,7 @@ def _block_length(judged: PartFit) -> int:
 
 
 def effective_samples(fit: Fit) -> float:
-    """As many independent numbers are in what the fit leaves, beyond those that its windows' starts took."""
+    """How many independent numbers are in what the fit leaves, beyond those that its windows' starts took."""
     evidence = fit.at.evidence
     residual = fit.at.residual.reshape(evidence.measured.shape)
     return (evidence.count - fit.at.fitted_starts) / correlation_samples(residual, evidence.mask)

@@ -279,6 +279,6 @@ class ModelFits:
 
 
 def _in_common(theirs: Sequence[Placed], effects: Sequence[Placed]) -> int:
-    """With how many effects, by their names, both begin."""
+    """How many effects, by their names, both begin with."""
     same = (one.name == other.name for one, other in zip(theirs, effects, strict=False))
     return sum(takewhile(bool, same))

@@ -25,7 +25,7 @@ CHANCE = 2.0  # sd, over all samples together: of a smaller difference no test i
 
 
 def next_experiment(fits: ModelFits, mine: Fit, others: Sequence[Fit], seed: int) -> dict[str, Any] | None:
-    """Of a menu of multisines from rest, the one under which `mine` and its nearest rival differ most.
+    """The experiment, of a menu of multisines from rest, under which `mine` and its nearest rival differ most.
 
     None where the task has no inputs, or no experiment of the menu can be simulated. What was simulated for it is
     counted in `fits.rollouts`.

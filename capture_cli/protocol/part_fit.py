@@ -56,7 +56,7 @@ class PartFit:
         return cls(evidence, offsets, residual, hidden)
 
     def rows(self, keep: np.ndarray) -> PartFit:
-        """The same of the windows at `keep` alone: their numbers, or a mask (window,)."""
+        """The windows at `keep` alone: their numbers, or a mask (window,)."""
         return PartFit(
             self.evidence.rows(keep), self.offsets[keep], self.residual[keep], self.fitted_hidden[keep]
         )

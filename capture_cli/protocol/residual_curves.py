@@ -15,7 +15,7 @@ from capture_cli.tasks.base import Channel
 
 @dataclass(frozen=True)
 class ResidualCurve:
-    """The residual acceleration of `output` against a covariate, in its unit; share, centre: as of a `Curve`.
+    """The residual acceleration of `output` against a covariate, in its unit; share, centre (bin,): see `Curve`.
 
     before, after (bin,): means with the declared model and with the last; error (bin,): of those before.
     """

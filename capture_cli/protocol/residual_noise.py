@@ -87,7 +87,7 @@ def _noise(part: PreparedLog, at: Linearization) -> np.ndarray:
 
 
 def _more_with_outliers(part: PreparedLog, at: Linearization, sd: np.ndarray) -> np.ndarray:
-    """By how much the noise in the residual is more than `sd` (output,), with its outliers, (output,): 1 or more."""
+    """How many times `sd` (output,) the noise in the residual is with its outliers, (output,): 1 or more."""
     more = np.ones(len(sd))
     for k, (channel, series) in enumerate(zip(part.task.outputs, _left(part, at), strict=True)):
         of_motion = part.task.model.sensor_needstage[channel.sensor] != mujoco.mjtStage.mjSTAGE_ACC

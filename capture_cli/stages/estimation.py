@@ -86,7 +86,7 @@ class Found:
 
     @property
     def intervals(self) -> Intervals:
-        """Of the parameters, at the best."""
+        """Intervals of the parameters, at the best."""
         return intervals(self.at.at, sampled=self.sampled)
 
 
@@ -103,8 +103,9 @@ def by_physics(
     known: Linearization | None = None,
     idle_rounds: int | None = None,
 ) -> Found:
-    """What `method` finds from start (parameter,) and offsets (window, state) of the starts; known: as of `Identifier`.
+    """What `method` finds from start (parameter,) and offsets (window, state) of the starts.
 
+    known: the linearization there with fewer starts that may move, if there is one.
     idle_rounds: also end when so many rounds gained next to nothing, of a log that is not explained; of one that is,
     when rounds gain nothing more that its noise would not hide. Raises FitError where every simulation diverged.
     """

@@ -157,7 +157,7 @@ def _sizes(log: MeasuredLog) -> dict[str, int]:
 
 
 def _without_huge(log: MeasuredLog) -> MeasuredLog:
-    """With infinity for what is too large to be measured: their squares would overflow."""
+    """The log with infinity for what is too large to be measured: its squares would overflow."""
     inputs, outputs = (
         np.where(np.abs(v) > LARGEST, np.copysign(np.inf, v), v) for v in (log.inputs, log.outputs)
     )
@@ -165,7 +165,7 @@ def _without_huge(log: MeasuredLog) -> MeasuredLog:
 
 
 def _episodes(log: MeasuredLog) -> list[dict[str, Any]]:
-    """Of each episode its number, the recording that it is of, and the timing of its steps."""
+    """The number of each episode, the recording that it is of, and the timing of its steps."""
     return [
         {"episode": i, "recording": log.recording_names[int(log.recording[i])], **found}
         for i, found in enumerate(_timing(log))
@@ -277,7 +277,9 @@ def _channels(log: MeasuredLog) -> list[dict[str, Any]]:
 
 
 def _held(values: np.ndarray, time: np.ndarray, episodes: Sequence[slice]) -> dict[str, float | None] | None:
-    """Of an output (step,) that repeats each sample until the next: for how many rows, and the samples' rate, Hz."""
+    """For how many rows an output (step,) repeats each sample until the next, and the samples' rate, Hz; None where it
+    does not.
+    """
     rows = rows_per_sample(values, episodes)
     return None if rows is None else {"rows": rows, "rate": sample_rate(time, episodes, rows)}
 

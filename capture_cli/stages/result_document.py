@@ -101,8 +101,8 @@ def lack_of_fit_of(prepared: PreparedLog, lacking: LackOfFit) -> dict[str, Any]:
 def held_out_of(
     prepared: PreparedLog, space: ParameterSpace, point: np.ndarray, held: HeldOut, is_test: np.ndarray
 ) -> dict[str, Any] | None:
-    """Where the whole log has the parameters, `space` at `point` (parameter,), and what it leaves; None where the fit
-    holds on what was held out, the windows `is_test` (window,), or no parameters do.
+    """The parameters that explain the whole log, beside `space` at `point` (parameter,), and what they leave; None
+    where the fit holds on what was held out, the windows `is_test` (window,), or no parameters do.
     """
     if held.whole is None:
         return None
@@ -141,7 +141,9 @@ def impossible_inertia_of(
 def time_step_of(
     shorter: ShorterStep | None, space: ParameterSpace, point: np.ndarray
 ) -> dict[str, Any] | None:
-    """Where parameters, `space` at `point` (parameter,), would be in shorter steps; None where they would be there."""
+    """The parameters that shorter steps of the model would give instead of `space` at `point` (parameter,); None where
+    they would give the same.
+    """
     if shorter is None:
         return None
     would_be = {space.names[i]: (float(shorter.point[i]), float(point[i])) for i in shorter.moved}
@@ -176,7 +178,7 @@ def measured_arrays(prepared: PreparedLog) -> dict[str, np.ndarray]:
 
 
 def start_arrays(prepared: PreparedLog, begun: Begun) -> dict[str, np.ndarray]:
-    """Where the simulation of each window begins, and when by the log's clock."""
+    """The state that the simulation of each window begins with, and its time by the log's clock."""
     starts = begun.starts
     return {
         "window/start_time": prepared.log.time[prepared.windows.first] + begun.drift,
