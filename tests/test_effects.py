@@ -881,6 +881,32 @@ def test_a_clock_drifts_from_the_start_of_the_episode(error):
     assert np.abs(simulator.simulate(unaware, starts, point[None]).outputs[0] - expected).max() > 5e-4
 
 
+@pytest.mark.parametrize("name", [name for name in NAMES if effects.REGISTRY.get(name).place == "control"])
+def test_how_long_controls_are_remembered_is_said_in_the_docs(name):
+    said = effects.REGISTRY.get(name).remembers
+    assert (f"| `{name}` | {said} |" in effects.markdown()) == bool(said)
+    for _, effect in placed(name):
+        followed = said == "all since the episode began"  # the log says them, and no lead of a window
+        assert (effect.memory(effect.space.high[None]) > 0) == (bool(said) and not followed)
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "memory", "said"),
+    [
+        ("control-lag", (0.1,), 20 * 0.1, "20 `time_constant`"),
+        ("control-second-order-lag", (0.1, 0.5), 12 * 0.1 / 0.5, "12 time constants"),
+        ("control-second-order-lag", (0.1, 1.0), 12 * 0.1, "12 time constants"),
+        ("control-second-order-lag", (0.15, 0.3), 4.0, "4 s at most"),
+        ("control-supply-sag", (0.01, 0.3), 8 * 0.3, "8 `time_constant`"),
+        ("control-delay", (0.07,), 0.07, "`delay`"),
+    ],
+)
+def test_controls_are_remembered_for_as_long_as_the_docs_say(name, values, memory, said):
+    _, effect = placed(name)[0]
+    assert effect.memory(np.array([values])) == pytest.approx(memory)
+    assert said in effect.remembers
+
+
 def test_no_actuator_remembers_longer_than_windows_know():
     for name in NAMES:
         for _, effect in placed(name):

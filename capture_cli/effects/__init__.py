@@ -68,8 +68,15 @@ def markdown() -> str:
     states = "\n".join(
         f"| `{name}` | {kind.states_mean} |" for name, kind in REGISTRY.items() if kind.states_mean
     )
+    memories = "\n".join(
+        f"| `{name}` | {kind.remembers} |" for name, kind in REGISTRY.items() if kind.remembers
+    )
     return _PAGE.format(
-        rows=rows, laws=laws, states=states, example=EXAMPLE.read_text(encoding="utf-8").rstrip()
+        rows=rows,
+        laws=laws,
+        states=states,
+        memories=memories,
+        example=EXAMPLE.read_text(encoding="utf-8").rstrip(),
     )
 
 
@@ -150,9 +157,10 @@ it has in that task. Forces and torques are those on the joint, positive in the 
 A window of a diagnosis begins at `window/start_time`, with `start_qpos`, `start_qvel` and `start_act`, of its store. An
 effect with a memory also goes by what was before, which the module of an export does not have:
 
-- Effects of *control* are told the controls before the window first, as many as they remember (the delay, five time
-  constants), on data that is then forgotten. The episode's first control and `start_hidden` say what was before it.
-  After that the module goes on with the window as the diagnosis does, if no force in it has a memory, too.
+- Effects of *control* are told the controls before the window first, as many as they remember, on data that is then
+  forgotten: for as long as the table below says, of several effects added up. The episode's first control and
+  `start_hidden` say what was before it. After that the module goes on with the window as the diagnosis does, if no
+  force in it has a memory, too.
 
   ```python
   effects = Effects(model)
@@ -168,6 +176,10 @@ effect with a memory also goes by what was before, which the module of an export
   let it run from the beginning of the episode.
 - *Measurement*: `effects.sense` takes motion before its first row for even, and a `sensor-high-pass` for just switched
   on. A `sensor-delay` has none before it: the window's simulation begins so much earlier.
+
+| effect | remembers the controls of |
+|---|---|
+{memories}
 
 `start_hidden` has a number for each of `effects[].states` of diagnosis.json, effect after effect. They have no unit:
 0 is what is likeliest, and most lie within 1, which is:

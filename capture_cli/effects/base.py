@@ -129,6 +129,8 @@ class Effect(ABC):
     states: names of what the effect keeps from step to step that no sensor shows: how far a spring is wound up. At
         the start of a simulation each is 0 where nothing else is said, and commonly within 1.
     states_mean: what each of them is at 1, with its unit, for docs/effects.md.
+    remembers: of place "control": the controls before a window that still show in it, as `memory` has them, for
+        docs/effects.md; empty where none do.
     states_before: whether the states are what was before an episode began: known where a simulation begins inside one.
     reads_acceleration: whether its force follows the acceleration. Of several forces such are added last, so that, as a
         simulation begins, they know what the others do, in whatever order the effects are named.
@@ -154,6 +156,7 @@ class Effect(ABC):
     difference_step: ClassVar[float] = 0.0
     states: tuple[str, ...] = ()
     states_mean: ClassVar[str] = ""
+    remembers: ClassVar[str] = ""
     states_before: ClassVar[bool] = False
     states_tried: np.ndarray = np.zeros((0, 0))
     states_anywhere: ClassVar[bool] = False

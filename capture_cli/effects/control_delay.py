@@ -34,6 +34,7 @@ class ControlDelay(ControlTimeEffect):
 
     summary = "a control arrives late"
     kernel = Delay
+    remembers = "`delay`"
 
     @property
     def parameters(self):

@@ -42,6 +42,7 @@ class ControlHeatFade(ActuatorEffect):
     where = "every actuator whose control is a force or a voltage"
     shapes = ("time_constant",)
     kernel = HeatFade
+    remembers = "all since the episode began"
     _driven: Driven | None = None
 
     @classmethod

@@ -16,6 +16,7 @@ class ControlLag(ControlTimeEffect):
 
     summary = "a control arrives through a first-order lag"
     kernel = Lag
+    remembers = f"{FORGOTTEN:g} `time_constant`"
 
     @property
     def parameters(self):

@@ -8,6 +8,7 @@ from capture_cli.effects._actuator_effect import UNIT, RememberingEffect
 from capture_cli.parameters import Parameter
 
 SLOWEST = 2.0  # s, from nothing to a full control
+FULL_CHANGE = 2.0  # full controls, from one end to the other
 
 
 class RateLimit:
@@ -35,10 +36,13 @@ class ControlRateLimit(RememberingEffect):
 
     summary = "a control cannot change faster than at some rate"
     kernel = RateLimit
+    remembers = (
+        f"`slowness` times {FULL_CHANGE:g} times the largest control: what it takes from one end to the other"
+    )
 
     @property
     def parameters(self):
         return (Parameter("slowness", f"s/{UNIT}", 0.0, SLOWEST / self.scale, 0.0),)
 
     def memory(self, values):
-        return 2 * self.scale * float(values.max())
+        return FULL_CHANGE * self.scale * float(values.max())

@@ -52,6 +52,10 @@ class ControlSecondOrderLag(ControlTimeEffect):
     summary = "a control arrives through a second-order lag: it is followed like a damped spring"
     shapes = ("damping_ratio",)
     kernel = SecondOrderLag
+    remembers = (
+        f"{FORGOTTEN:g} time constants of its slower pole, which is `time_constant` / `damping_ratio` where the "
+        f"latter is 1 or less; {LEAD:g} s at most"
+    )
 
     @property
     def parameters(self):

@@ -37,6 +37,7 @@ class ControlSupplySag(ActuatorEffect):
     )
     where = "the model as a whole, if controls are forces or voltages"
     shapes = ("time_constant",)
+    remembers = f"{FORGOTTEN:g} `time_constant`"
 
     @classmethod
     def sites(cls, model: mujoco.MjModel) -> list[str]:
