@@ -11,6 +11,7 @@ import pytest
 
 from capture_cli.protocol.misread_channels import FACTORS, Misread, Reading, _groups, misread_channels
 from capture_cli.protocol.prepare import prepare
+from capture_cli.sim.engine import Engine
 from capture_cli.stages import identify as stage
 from capture_cli.stages.inspect import inspect
 from capture_cli.stages.record import record
@@ -39,7 +40,8 @@ def task(machine: str) -> str:
 
 def misread(log: MeasuredLog, machine: str) -> Misread | None:
     prepared = prepare(log, load_task(task(machine)), window=None, test=None, seed=0, threads=1)
-    return misread_channels(prepared, None, 1, lambda done, total: None)
+    found, _ = misread_channels(prepared, None, 1, lambda done, total: None)
+    return found
 
 
 def multiplied(log: MeasuredLog, kind: str, channels: list[int], factor: float) -> MeasuredLog:
@@ -103,7 +105,30 @@ def test_an_attitude_is_read_as_it_is(tmp_path):
     assert [names for _, names in groups] == [("w_x",), ("w_y",), ("w_z",), ("w_x", "w_y", "w_z")]
 
 
-def test_identify_says_it_and_does_not_ask_for_a_diagnosis(logs, tmp_path, monkeypatch):
+@pytest.fixture
+def simulated(monkeypatch) -> list[int]:
+    """How many windows of the log simulators have been asked for, each time."""
+    counts = []
+    own = Engine.rollout
+
+    def counted(engine, **asked):
+        before = engine.rollouts
+        done = own(engine, **asked)
+        counts.append(engine.rollouts - before)
+        return done
+
+    monkeypatch.setattr(Engine, "rollout", counted)
+    return counts
+
+
+def test_what_was_simulated_to_see_it_is_counted(logs, simulated):
+    prepared = prepare(logs["slider"], load_task(task("slider")), window=None, test=None, seed=0, threads=1)
+    simulated.clear()
+    _, rollouts = misread_channels(prepared, None, 1, lambda done, total: None)
+    assert rollouts == sum(simulated) > 0
+
+
+def test_identify_says_it_and_does_not_ask_for_a_diagnosis(logs, tmp_path, monkeypatch, simulated):
     monkeypatch.setattr(stage, "_write_pages", lambda *_: None)
     monkeypatch.setattr(output, "_sync", lambda _: None)
     log = multiplied(logs["slider"], "outputs", [0], -1.0)
@@ -113,6 +138,7 @@ def test_identify_says_it_and_does_not_ask_for_a_diagnosis(logs, tmp_path, monke
     ).document
     assert {"kind": "outputs", "channels": ("q",), "factor": -1.0} in found["misread"]["readings"]
     assert found["next_command"] is None
+    assert found["rollouts"]["simulated"] == sum(simulated)
     assert "misread" in found["summary"]
     (verdict,) = (f for f in inspect(tmp_path / "estimate", None)["findings"] if f["where"] == "verdict")
     assert verdict["cure"] == found["misread"]["text"]

@@ -65,13 +65,14 @@ class Misread:
 
 def misread_channels(
     prepared: PreparedLog, window: float | None, threads: int | None, on_step: Callable[[int, int], None]
-) -> Misread | None:
-    """The channels without whose misreading a fit from the nominal values would leave far less of what is fitted; None
-    where there are none.
+) -> tuple[Misread | None, int]:
+    """The channels without whose misreading a fit from the nominal values would leave far less of what is fitted, None
+    where there are none; and how many windows were simulated for it.
 
     window: s, as the log was cut. on_step (done, of how many).
     """
     fitted = np.flatnonzero(~prepared.split.is_test)
+    rollouts = []
 
     def read(way: Reading) -> PreparedLog | None:
         """The log read so, cut as it is; None where it cannot be."""
@@ -79,13 +80,19 @@ def misread_channels(
         values = np.where(own, way.factor, 1.0) * getattr(prepared.log, way.kind)
         log = replace(prepared.log, **{way.kind: values})
         try:
-            return prepare(log, prepared.task, window=window, test="none", seed=0, threads=threads)
+            part = prepare(log, prepared.task, window=window, test="none", seed=0, threads=threads)
         except CaptureError:
             return None
+        rollouts.append(part.rollouts)
+        return part
 
     def left(part: PreparedLog | None, windows: int, rounds: int) -> float:
+        if part is None:
+            return np.inf
         few = fitted[np.unique(np.linspace(0, len(fitted) - 1, windows).astype(int))]
-        return np.inf if part is None else _left(part.part(few), rounds, threads)
+        share, spent = _left(part.part(few), rounds, threads)
+        rollouts.append(spent)
+        return share
 
     ways = [Reading(*group, factor) for group in _groups(prepared) for factor in FACTORS]
     at_a_glance = []
@@ -96,8 +103,9 @@ def misread_channels(
     looked_at = sorted((left(read(way), *LOOK), k) for k, way in enumerate(best))
     before, least = left(prepared, *LOOK), looked_at[0][0]
     if least >= min(BETTER * before, RIGHT):
-        return None
-    return Misread(tuple(best[k] for after, k in looked_at if after < AS_GOOD * least), before, least)
+        return None, sum(rollouts)
+    readings = tuple(best[k] for after, k in looked_at if after < AS_GOOD * least)
+    return Misread(readings, before, least), sum(rollouts)
 
 
 def _groups(prepared: PreparedLog) -> Iterator[tuple[str, tuple[str, ...]]]:
@@ -116,12 +124,16 @@ def _groups(prepared: PreparedLog) -> Iterator[tuple[str, tuple[str, ...]]]:
         yield from ((kind, tuple(names)) for names in by_unit.values() if len(names) > 1)
 
 
-def _left(part: PreparedLog, rounds: int, threads: int | None) -> float:
-    """Share of the motion that a fit from the nominal values leaves; inf where every trial diverges."""
-    fit = ModelFits(part, threads).fit(part, [], part.task.space.nominal, rounds=rounds)
+def _left(part: PreparedLog, rounds: int, threads: int | None) -> tuple[float, int]:
+    """Share of the motion that a fit from the nominal values leaves, inf where every trial diverges; and how many
+    windows it simulated.
+    """
+    fits = ModelFits(part, threads)
+    fit = fits.fit(part, [], part.task.space.nominal, rounds=rounds)
     if fit is None:
-        return np.inf
-    return _share(part, fit.at.residual.reshape(part.windows.measured.shape) * part.noise.sd)
+        return np.inf, fits.rollouts
+    residual = fit.at.residual.reshape(part.windows.measured.shape) * part.noise.sd
+    return _share(part, residual), fits.rollouts
 
 
 def _share(part: PreparedLog, residual: np.ndarray) -> float:

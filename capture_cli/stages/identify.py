@@ -98,7 +98,8 @@ def identify(
         estimate = Report(result, chosen.name, options["seed"], earlier, progress).estimate()
         document = estimate.document
         if suspicions(estimate) and not isinstance(found, ActionTask):
-            document["misread"] = _misread(search, options["window"])
+            document["misread"], more = _misread(search, options["window"])
+            document["rollouts"]["simulated"] += more
         if document["misread"] and document["lack_of_fit"]["lacking"]:
             document["summary"] = unexplained(document["lack_of_fit"], "A channel seems to be misread.")
     lacking = document["verdict"] == "unexplained" and not is_fit_explained(document)
@@ -188,15 +189,17 @@ class _Search:
         return unstuck(found, self.progress, seed=self.seed)
 
 
-def _misread(search: _Search, window: float | None) -> dict[str, Any] | None:
-    """A channel whose sign or unit leaves what no physics would; None where none is found."""
+def _misread(search: _Search, window: float | None) -> tuple[dict[str, Any] | None, int]:
+    """A channel whose sign or unit leaves what no physics would, None where none is found; and how many windows were
+    simulated to see it.
+    """
     progress = search.progress
 
     def tell(done: int, total: int) -> None:
         progress.step(progress.part("other signs and units,", done, total))
 
-    found = misread_channels(search.prepared, window, search.threads, tell)
-    return None if found is None else {**asdict(found), "text": found.text}
+    found, rollouts = misread_channels(search.prepared, window, search.threads, tell)
+    return None if found is None else {**asdict(found), "text": found.text}, rollouts
 
 
 def _import_meanwhile(modules: Sequence[str]) -> None:
