@@ -426,6 +426,19 @@ def test_bic_charges_for_parameters():
     assert bic_gain(2.0, 1.0, 100, 2) > 0
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("before", [1e-30, 1.0, 1e20])
+def test_a_perfect_fit_is_worth_its_parameters(before):
+    assert 0 < bic_gain(before, 0.0, 100, 2) < np.inf
+    assert ratio_p_value(before, 0.0, 100, 2, 1) == 0
+
+
+@pytest.mark.filterwarnings("error")
+def test_next_to_a_perfect_fit_nothing_is_worth_more_parameters():
+    assert bic_gain(0.0, 0.0, 100, 2) == pytest.approx(-2 * np.log(100))
+    assert ratio_p_value(0.0, 0.0, 100, 2, 1) == 1
+
+
 def test_residual_acceleration_is_found_against_its_cause():
     time = np.tile(np.arange(300) * 0.01, (4, 1))
     phase = np.arange(4)[:, None]

@@ -80,7 +80,7 @@ def paired_p_value(before: np.ndarray, after: np.ndarray, seed: int) -> float:
     Blocks are resampled with replacement; few are put to Student's test, which any number of blocks can pass (of four,
     flips of sign make no more than 1 in 16).
     """
-    fall = np.log(np.maximum(before, TINY)) - np.log(np.maximum(after, TINY))
+    fall = _fall(before, after)
     if len(fall) <= FEW_BLOCKS:
         return _student_p_value(fall)
     generator, count = np.random.default_rng(seed), 0
@@ -150,4 +150,9 @@ def bic_gain(before: float, after: float, samples: float, added: int) -> float:
 
     before, after: sums of squared residuals; samples: how many independent ones they are worth.
     """
-    return float(samples * np.log(before / after) - added * np.log(max(samples, 2.0)))
+    return float(samples * _fall(before, after) - added * np.log(max(samples, 2.0)))
+
+
+def _fall(before: np.ndarray | float, after: np.ndarray | float) -> np.ndarray | float:
+    """Logarithm of the ratio of sums of squares, of which either may be nothing: a perfect fit."""
+    return np.log(np.maximum(before, TINY)) - np.log(np.maximum(after, TINY))
