@@ -50,17 +50,18 @@ def test_a_sweep_leaves_no_room_for_a_peak_between_two_shapes(name, span):
     assert len(effect.sweep(span, 7)) == 7
 
 
+@pytest.mark.parametrize("count", [2, 5, 5000])
 @pytest.mark.parametrize("name", PERIODIC)
-def test_the_waves_along_a_path_are_what_the_kernel_gives(name):
+def test_the_waves_along_a_path_are_what_the_kernel_gives(name, count):
     effect = on_slider(name)
     path = np.linspace(-0.2, 0.3, 12).reshape(3, 4)
-    points = effect.sweep(1.0, 5)
+    points = effect.sweep(20.0, count)
     waves = effect.waves(points, path)
-    assert waves.shape == (5, 3, 4, 2)
+    assert waves.shape == (len(points), 2, 3, 4)
     for point, wave in zip(points, waves, strict=True):
         shape = {effect.shapes[0]: point[effect.space.names.index(effect.shapes[0])]}
         np.testing.assert_allclose(
-            2 * wave[..., 0] - 3 * wave[..., 1], effect.kernel(path, sine=2, cosine=-3, **shape)
+            2 * wave[0] - 3 * wave[1], effect.kernel(path, sine=2, cosine=-3, **shape), atol=1e-9
         )
 
 
@@ -114,7 +115,7 @@ def test_pulses_that_move_nothing_promise_nothing():
         hessian=np.ones((1, 1)),
         gradient=np.ones(1),
     )
-    gains = response.gains(np.random.default_rng(0).standard_normal((4, 2, 3, 2)))
+    gains = response.gains(np.random.default_rng(0).standard_normal((4, 2, 2, 3)))
     assert not gains.any()
     assert len(_peaks(gains, 3)) == 1
 

@@ -117,7 +117,7 @@ class PulseResponse:
         )
 
     def gains(self, forces: np.ndarray, apart: np.ndarray | None = None) -> np.ndarray:
-        """Decrease of the objective by each of `forces` (force, window, pulse, amplitude), amplitudes free, (force,).
+        """Decrease of the objective by each of `forces` (force, amplitude, window, pulse), amplitudes free, (force,).
 
         What the parameters can imitate is projected off. apart (window,): numbers of the windows, between which the
         amplitudes differ; alike in all where None.
@@ -125,19 +125,30 @@ class PulseResponse:
         if apart is None or not np.ptp(apart):
             return self._gains(forces)
         groups = [np.flatnonzero(apart == number) for number in np.unique(apart)]
-        return sum(self._windows(own)._gains(forces[:, own]) for own in groups)
+        return sum(self._windows(own)._gains(forces[:, :, own]) for own in groups)
 
     def _windows(self, keep: np.ndarray) -> PulseResponse:
         """Of the windows at `keep` alone, beside the same parameters."""
         return replace(self, gram=self.gram[keep], across=self.across[keep], pull=self.pull[keep])
 
     def _gains(self, forces: np.ndarray) -> np.ndarray:
-        across = np.einsum("fwka,wkp->fap", forces, self.across)
-        gram = np.einsum("fwka,fwkb->fab", forces, self.gram @ forces)
-        pull = np.einsum("fwka,wk->fa", forces, self.pull)
+        across = np.tensordot(forces, self.across, 2)
+        gram = _squared(forces, self.gram)
+        pull = np.tensordot(forces, self.pull, 2)
         inverse = np.linalg.pinv(self.hessian, rcond=1e-12, hermitian=True)
         left = gram - across @ inverse @ across.swapaxes(1, 2)
         size = np.trace(gram, axis1=1, axis2=2)
         left += 1e-9 * np.maximum(size, 1e-90)[:, None, None] * np.eye(left.shape[-1])
         pull = pull - across @ inverse @ self.gradient
         return np.einsum("fa,fa->f", pull, np.linalg.solve(left, pull[..., None])[..., 0])
+
+
+def _squared(forces: np.ndarray, gram: np.ndarray) -> np.ndarray:
+    """forces gram forces', (force, amplitude, amplitude): one product of large matrices for each window."""
+    count, size = forces.shape[:2]
+    total = np.zeros((count, size, size))
+    for window, own in enumerate(gram):
+        each = np.ascontiguousarray(forces[:, :, window]).reshape(count * size, -1)
+        felt = (each @ own).reshape(count, size, -1)
+        total += felt @ each.reshape(count, size, -1).swapaxes(1, 2)
+    return total

@@ -72,10 +72,27 @@ class PeriodicForce(JointForce):
         return np.ones(actuator_force.shape[:-1])
 
     def waves(self, points: np.ndarray, path: np.ndarray) -> np.ndarray:
-        """The kernel per unit of each amplitude along `path` (...), for points (point, parameter): (point, ..., 2)."""
-        shape = points[:, self.space.names.index(self.shapes[0])].reshape(-1, *(1,) * path.ndim)
-        units = ({"sine": 1.0, "cosine": 0.0}, {"sine": 0.0, "cosine": 1.0})
-        return np.stack([self.kernel(path, **unit, **{self.shapes[0]: shape}) for unit in units], axis=-1)
+        """The kernel per unit of each amplitude along `path` (...), for `points` (point, parameter) of a sweep: (point,
+        2, ...), sine and cosine.
+        """
+        frequency = self.frequency(points[:, self.space.names.index(self.shapes[0])])
+        turned = _turned(frequency[0], np.ptp(frequency) / max(len(points) - 1, 1), len(points), path)
+        return np.stack([turned.imag, turned.real], axis=1)
+
+
+def _turned(first: float, apart: float, count: int, path: np.ndarray) -> np.ndarray:
+    """e^(2 pi i f path), (count, ...), for `count` frequencies f from `first` on, each so far `apart` from the next.
+
+    Each half is the other one turned: thousands of sines of one path, at the price of a few.
+    """
+    turned = np.empty((count, *path.shape), dtype=complex)
+    turned[0] = np.exp(2j * np.pi * first * path)
+    step, done = np.exp(2j * np.pi * apart * path), 1
+    while done < count:
+        more = min(done, count - done)
+        np.multiply(turned[:more], step, out=turned[done : done + more])
+        step, done = step * step, done + more
+    return turned
 
 
 class AlongPosition(PeriodicForce):

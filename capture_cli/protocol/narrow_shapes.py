@@ -63,12 +63,13 @@ class NarrowShapes:
         every = max(1, pulses.spacing // SAMPLES)
         steps = np.arange(0, path.shape[1], every)
         to_pulses = np.linalg.pinv(pulses.shares(steps))  # (pulse, step)
-        carrier = effect.carrier(self._motion.actuator_force[:, steps])[..., None]
+        carrier = effect.carrier(self._motion.actuator_force[:, steps])
         some = max(1, AT_ONCE // (2 * path[:, steps].size))
         recording = effect.recording(self.part.windows.first)
         gains = [
             response.gains(
-                to_pulses @ (carrier * effect.waves(points[first : first + some], path[:, steps])), recording
+                (carrier * effect.waves(points[first : first + some], path[:, steps])) @ to_pulses.T,
+                recording,
             )
             for first in range(0, len(points), some)
         ]
