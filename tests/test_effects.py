@@ -825,30 +825,36 @@ def test_what_fades_began_to_with_the_episode(name, site):
     assert np.abs(anew - expected)[1:].max() > 1e-4
 
 
-def test_a_motor_is_as_hot_in_a_window_as_its_log_made_it():
+@pytest.mark.parametrize("recordings", [1, 2])
+def test_a_motor_is_as_hot_in_a_window_as_its_log_made_it(recordings):
     """In every window of two episodes it has lost what a simulation from the beginning of its episode has it lose."""
-    model, values = load_task(str(SLIDER)).model, np.array([[5e-4, 0.1, 1.5]])
+    model, values = load_task(str(SLIDER)).model, np.array([5e-4, 0.1, 1.5])
     effect = effects.REGISTRY.get("control-heat-fade")(model, "drive")
     time = np.concatenate([5 + 0.004 * np.arange(750), 20 + 0.004 * np.arange(500)])
     control = 30 * np.sign(np.sin(61 * time)) * np.where(time % 2 < 1, 1.0, 0.3)
     log = {"time": time - 5, "episodes": [slice(0, 750), slice(750, 1250)]}
     options = {"timestep": 0.002, "linear": np.array([False]), "duration": 0.5}
     windows = cut(**log, **options, inputs=control[:, None], outputs=np.zeros((1250, 1)))
+    before = [0.1, 0.1] if recordings == 1 else [0.1, 0.25]
 
-    def lost(tape, **known):
-        arrives = effect.drive(tape, np.repeat(values, len(tape), axis=0), 0.002, **known)
+    def lost(tape, values, **known):
+        arrives = effect.drive(tape, np.repeat(values[None], len(tape), axis=0), 0.002, **known)
         return (1 - arrives / tape)[:, ::2, 0]
 
-    expected = [lost(np.repeat(control[e], 2)[None, :, None])[0] for e in log["episodes"]]
+    expected = [
+        lost(np.repeat(control[e], 2)[None, :, None], np.where(values == 0.1, b, values))[0]
+        for e, b in zip(log["episodes"], before, strict=True)
+    ]
     expected = np.concatenate(expected)[windows.first[:, None] + np.arange(100)]
-    cold = lost(windows.controls, elapsed=windows.elapsed)
-    effect.look_in(
-        window=0.5, longest=3.0, logged=frozenset(), seen={}, driven=Driven(**log, controls={0: control})
-    )
-    warm = lost(windows.controls, elapsed=windows.elapsed, first=windows.first)[:, :100]
+    cold = lost(windows.controls, values, elapsed=windows.elapsed)
+    driven = Driven(**log, controls={0: control}, recording=np.arange(2) % recordings)
+    effect.look_in(window=0.5, longest=3.0, logged=frozenset(), seen={}, driven=driven)
+    values = np.array([5e-4, *before[:recordings], 1.5])
+    warm = lost(windows.controls, values, elapsed=windows.elapsed, first=windows.first)[:, :100]
     assert len(windows) == 10 and expected.max() > 0.25
     np.testing.assert_allclose(warm, expected, atol=2e-3)
-    assert (np.abs(cold[:, 0] - expected[:, 0]) > 0.01).sum() == 8
+    assert (np.abs(cold[:, 0] - expected[:, 0]) > 0.01).sum() >= 8
+    assert [effect.of_one_recording(n) for n in effect.space.names].count(True) == recordings - 1
 
 
 @pytest.mark.parametrize("error", [-0.008, 0.03])

@@ -80,11 +80,14 @@ class Recordings:
 
 @dataclass(frozen=True)
 class Driven:
-    """What a log drives: time (step,), s; controls of actuators, by their numbers, (step,); episodes: of its steps."""
+    """What a log drives: time (step,), s; controls of actuators, by their numbers, (step,); episodes: of its steps;
+    recording (episode,): the number of each one's.
+    """
 
     time: np.ndarray
     controls: Mapping[int, np.ndarray]
     episodes: Sequence[slice]
+    recording: Sequence[int]
 
     def episode_of(self, step: np.ndarray) -> np.ndarray:
         """The number of the episode that each step of the log is of."""
@@ -252,6 +255,11 @@ class Effect(ABC):
             return np.zeros((1, 0))
         axes = [spread(p, count) if p.name in self.shapes else [p.nominal] for p in self.parameters]
         return np.stack([a.ravel() for a in np.meshgrid(*axes, indexing="ij")], axis=-1)
+
+    @classmethod
+    def of_one_recording(cls, name: str) -> bool:
+        """Whether the parameter `name` says how one recording of a log began: it means nothing without that log."""
+        return False
 
     def coefficients(self, values: np.ndarray) -> dict[str, np.ndarray]:
         """What the effect's kernel, where it has one, takes by keyword, (simulation,) each, from `values` (simulation,

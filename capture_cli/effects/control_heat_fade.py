@@ -14,6 +14,7 @@ from capture_cli.parameters import Parameter
 # a twenty-fifth of the heat
 LARGEST = 8.0
 MOST_BEFORE = 0.5
+MOST_RECORDINGS = 6  # that each have a heat of their own to begin with
 STEP = 0.02  # s, of the heat over a log: a twenty-fifth of the shortest time constant
 
 
@@ -35,7 +36,8 @@ class HeatFade:
 
 class ControlHeatFade(ActuatorEffect):
     """The control arrives 1 - lost times as large, time_constant lost' = `fade` control^2 - lost (1/ctrl^2, s): magnets
-    and windings that warm with the current. `before` is what is lost already as an episode begins.
+    and windings that warm with the current. `before` is what is lost already as an episode begins; of a log of up to 6
+    recordings that of the first, and each of the others has its own, `before_2`, `before_3`.
     """
 
     summary = "a control arrives smaller, the more of it there was: a motor that its own current warms"
@@ -44,6 +46,7 @@ class ControlHeatFade(ActuatorEffect):
     kernel = HeatFade
     remembers = "all since the episode began"
     _driven: Driven | None = None
+    _recordings = 1  # with a heat of their own
 
     @classmethod
     def sites(cls, model):
@@ -52,17 +55,28 @@ class ControlHeatFade(ActuatorEffect):
     def look_in(self, *, driven=None, **log):
         super().look_in(**log)
         self._driven = driven
+        if driven is not None:
+            count = int(np.max(driven.recording)) + 1
+            self._recordings = count if count <= MOST_RECORDINGS else 1
+
+    @classmethod
+    def of_one_recording(cls, name):
+        return name.startswith("before_")
 
     @property
     def parameters(self):
+        names = ["before", *(f"before_{number}" for number in range(2, self._recordings + 1))]
         return (
             Parameter("fade", "1/ctrl^2", 0.0, LARGEST / self.scale**2, 0.0),
-            Parameter("before", "1", 0.0, MOST_BEFORE, 0.0),
+            *(Parameter(name, "1", 0.0, MOST_BEFORE, 0.0) for name in names),
             TIME_CONSTANT,
         )
 
     def drive(self, controls, values, timestep, *, elapsed=0.0, first=None):
-        fade, before, time_constant = values.T
+        fade, before, time_constant = values[:, 0], values[:, 1], values[:, -1]
+        if first is not None and self._recordings > 1:
+            recording = np.asarray(self._driven.recording)[self._driven.episode_of(first)]
+            before = values[np.arange(len(values)), 1 + recording]
         elapsed = np.broadcast_to(elapsed, len(values))
         lost = before * np.exp(-np.maximum(elapsed, 0.0) / time_constant)
         if first is not None and self._driven is not None:

@@ -138,8 +138,9 @@ def _effects(rows, model, command: str) -> WithValues:
     for row in rows:
         effect = REGISTRY.get(row["name"])(model, row["site"])
         name = Placed(row["name"], effect).name
-        values = _values(row["parameters"], effect.space, name, command)
-        effects[name] = (effect, _null_of_here(effect.space, values, row["parameters"]))
+        known = {n: p for n, p in row["parameters"].items() if not effect.of_one_recording(n)}
+        values = _values(known, effect.space, name, command)
+        effects[name] = (effect, _null_of_here(effect.space, values, known))
     return effects
 
 
