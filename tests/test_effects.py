@@ -1088,6 +1088,35 @@ def test_servos_on_one_supply_are_weaker_the_more_all_of_them_give(time_constant
     np.testing.assert_allclose(size, np.repeat(size[:, :1], 3, axis=1), rtol=1e-4)
 
 
+@pytest.mark.parametrize(
+    ("speed", "low", "high"), [(0.0, -2, 2), (3.0, -2, 1), (-1.5, -1.5, 2), (9.0, -2, 0)]
+)
+def test_a_motor_gives_less_the_faster_it_turns_and_brakes_with_all_it_has(speed, low, high):
+    """Of a joint too heavy to be slowed: 2 N at rest, none at 3 m/s times the gear of 2."""
+    model = build(TWO_MOTORS)
+    model.dof_armature[:] = 1e9
+    model.actuator_gear[0, 0] = 2.0
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+    effect = effects.REGISTRY.get("torque-speed-limit")(model, model.actuator(0).name or "#0")
+    asked = np.array([-9.0, -1.2, 0.3, 9.0]).clip(-2, 2)
+    model.actuator_ctrllimited[0] = False
+    count = len(asked)
+    fields = ModelFields(model, count)
+    values = np.tile([2.0, 12.0], (count, 1))
+    effect.write(fields, values)
+    given = Engine(model, threads=1).rollout(
+        starts=Starts(
+            np.zeros((count, 2)), np.full((count, 2), speed), np.zeros((count, 0)), np.zeros(count)
+        ),
+        controls=np.repeat(np.stack([asked, 0 * asked, 0 * asked], axis=-1)[:, None], 2, axis=1),
+        steps=2,
+        fields=fields,
+        forces=[effect.force(values, model.opt.timestep)],
+        actuator_forces=True,
+    )
+    np.testing.assert_allclose(given.actuator_force[:, 0, 0], np.clip(asked, low, high))
+
+
 def test_a_spring_over_two_joints_is_that_of_a_tendon():
     xml = MACHINES["arm"]
     tendon = """<tendon><fixed name="hose" stiffness="3" springlength=".15"><joint joint="elbow" coef="1"/>

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+UNLIMITED = 1e10  # N or N m: of an actuator's forcerange that cuts nothing off
+
 
 def saturated(signal, *, limit):
     """signal, cut off beyond +-limit."""
