@@ -8,7 +8,7 @@ from math import pi
 import pytest
 
 from capture_cli.errors import TaskError
-from capture_cli.sim.sensor_units import factor_between, unit_in_name
+from capture_cli.sim.sensor_units import factor_between, refuse_period_in_other_unit, unit_in_name
 
 TIMES = {
     **{"s": 1, "sec": 1, "second": 1, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
@@ -151,3 +151,27 @@ def test_a_unit_that_a_name_ends_in_is_read(column, own, unit, factor):
 )
 def test_names_that_mean_no_other_unit_are_left_alone(column, own):
     assert unit_in_name(column, own) is None
+
+
+@pytest.mark.parametrize(
+    ("period", "unit", "scale", "whole"),
+    [
+        (6.2832, "rad", pi / 180, "360"),
+        (6.28, "rad", -0.0174533, "360"),
+        (360.0, "rad", 1.0, "6.28319"),
+        (2 * pi, "rad", 2 * pi, "1"),
+        (360.0, "deg", 1.0, None),
+        (360.0, "rad", pi / 180, None),
+        (2 * pi, "rad", -1.0, None),
+        (4096.0, "rad", 2 * pi / 4096, None),
+        (360.0, "rad", 2 * pi / 4096, None),  # of counts, whatever they are
+        (5760.0, "rad", pi / 180, None),  # an encoder of sixteen turns
+        (360.0, "m", 1.0, None),
+    ],
+)
+def test_a_period_is_a_turn_in_the_unit_of_the_column(period, unit, scale, whole):
+    if whole is None:
+        return refuse_period_in_other_unit(period, unit, scale, "here")
+    with pytest.raises(TaskError, match=f"here: period = {period:g} ") as refused:
+        refuse_period_in_other_unit(period, unit, scale, "here")
+    assert refused.value.cure.startswith(f"write period = {whole};")

@@ -262,6 +262,12 @@ MISTAKES = {
     "output-column-type": ('column = "q_m"', "column = 3", OUTPUT, ["column = 3", "one column"]),
     "output-columns": ("outputs.q", "outputs.where", "[outputs.where]", ["3 values", "a list of 3"]),
     "output-unit": ('unit = "m"\n', "", OUTPUT, ["'unit' is missing"]),
+    "output-period-of-degrees": (
+        'unit = "m"',
+        'unit = "rad"\nperiod = 360',
+        OUTPUT,
+        ["period = 360 is a whole turn in deg", "write period = 6.28319"],
+    ),
     "output-period": ('unit = "m"', 'unit = "m"\nperiod = -360', OUTPUT, ["period = -360", "360 for degrees"]),
     "output-sparse": ('unit = "m"', 'unit = "m"\nsparse = 1', OUTPUT, ["sparse = 1", "true or false"]),
     "input-sparse": ('unit = "N"', 'unit = "N"\nsparse = true', INPUT, ["unknown key 'sparse'"]),

@@ -15,6 +15,8 @@ from capture_cli.errors import TaskError
 _S = mujoco.mjtSensor
 _HINGE, _SLIDE = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
 _TURN = 2 * math.pi
+_TURNS = {"rad": _TURN, "deg": 360.0, "turns": 1.0}  # a whole turn, as it may be written
+_ROUNDED = 0.01  # of 6.28 for a turn, or 0.0175 for a degree
 _GRAVITY = 9.80665  # m/s^2
 # How many of the first there are in one of each
 _SIZES: dict[str, dict[str, float]] = {
@@ -147,6 +149,29 @@ def factor_between(written: str, own: str, where: str) -> float:
             cure=f"write one of {', '.join(_forms(own))}, or the factor between them: scale = ...",
         )
     return factor
+
+
+def refuse_period_in_other_unit(period: float, unit: str, scale: float, where: str) -> None:
+    """Raise TaskError where `period` is a whole turn in another unit than the column's, as 6.28 is of one in degrees:
+    by it every step of the column would be taken for the next turn, or none.
+
+    unit: the output's. scale: how many of it there are in one of the column's.
+    """
+    turn = _ratio("turn", unit)
+    own = None if turn is None else _turn_written(turn / abs(scale))
+    written = _turn_written(period)
+    if own is None or written is None or own == written:
+        return
+    raise TaskError(
+        f"{where}: period = {period:g} is a whole turn in {written}, and the column is read in {own}, in which it is "
+        f"{_TURNS[own]:.6g}: the period is in the column's own unit",
+        cure=f"write period = {_TURNS[own]:.6g}; or, if the column is in {written}, correct its column_unit or scale",
+    )
+
+
+def _turn_written(size: float) -> str | None:
+    """The unit in which a whole turn is `size`; None where it is so in none of these."""
+    return next((u for u, turn in _TURNS.items() if math.isclose(size, turn, rel_tol=_ROUNDED)), None)
 
 
 def unit_in_name(column: str, own: str) -> tuple[str, float] | None:

@@ -14,7 +14,7 @@ from capture_cli.errors import ModelError, TaskError, did_you_mean
 from capture_cli.parameters import Parameter, ParameterSpace
 from capture_cli.sim.engine import silence_mujoco
 from capture_cli.sim.mjcf import free_centres
-from capture_cli.sim.sensor_units import factor_between, refuse_other_units
+from capture_cli.sim.sensor_units import factor_between, refuse_other_units, refuse_period_in_other_unit
 from capture_cli.sim.target_names import least_value, object_id, parse_target, split_target
 from capture_cli.tasks.base import Channel, LogColumns, Task
 
@@ -158,6 +158,9 @@ class MjcfFile(Task):
             where,
             cure="give what the column goes through before it begins anew, 360 for degrees, or leave it out",
         )
+        scale = _scale(entry, where)
+        if period is not None:
+            refuse_period_in_other_unit(period, entry["unit"], scale, where)
         axes = _AXES.get(size, tuple(f"_{i}" for i in range(size)))
         return [
             Channel(
@@ -166,7 +169,7 @@ class MjcfFile(Task):
                 column=columns[i],
                 index=first + i,
                 sensor=number,
-                scale=_scale(entry, where),
+                scale=scale,
                 offset=_value(entry, "offset", float, where, default=0.0),
                 noise_sd=noise_sd,
                 period=period,
