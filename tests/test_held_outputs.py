@@ -177,3 +177,32 @@ def test_the_values_of_a_sensor_are_held_together(tmp_path):
     )
     assert rows_per_sample(values, EPISODES) == pytest.approx(ROWS)
     assert rows_per_sample(values[:, 1:], EPISODES) is None
+
+
+def test_a_sensor_that_is_held_is_named_once(tmp_path):
+    values = [held(motion(speed=1 + 0.1 * k), np.arange(0, STEPS, ROWS)) for k in range(4)]
+    (tmp_path / "model.xml").write_text(
+        '<mujoco><worldbody><body name="b"><freejoint/><geom size=".1"/></body></worldbody><sensor>'
+        '<framepos name="at" objtype="body" objname="b"/><subtreecom name="com" body="b"/></sensor></mujoco>'
+    )
+    task = (
+        'format = 1\nname = "ball"\nmodel = "model.xml"\n[outputs.at]\ncolumn = ["x", "y", "z"]\nunit = "m"\n'
+        '[outputs.com]\ncolumn = ["fast_x", "fast_y", "u"]\nunit = "m"\n'
+    )
+    (tmp_path / "task.toml").write_text(task)
+    fast = [motion(speed=1.7), motion(speed=0.6)]
+    rows = np.column_stack([np.arange(STEPS) / 200, *values, *fast])
+    np.savetxt(tmp_path / "run.csv", rows, delimiter=",", header="time,x,y,z,u,fast_x,fast_y", comments="")
+    import_log(files=[tmp_path / "run.csv"], task=str(tmp_path / "task.toml"), out=tmp_path / "log.zarr")
+    found = inspect(tmp_path / "log.zarr")["findings"]
+    assert [f["where"] for f in found if "repeats" in f["message"]] == ["output at", "output com_z"]
+    assert not any("quantised" in f["message"] for f in found)
+
+    (tmp_path / "task.toml").write_text(task.replace('"m"\n', '"m"\nsparse = true\n', 1))
+    emptied = {"task": str(tmp_path / "task.toml"), "out": tmp_path / "sparse.zarr"}
+    import_log(files=[tmp_path / "run.csv"], **emptied)
+    (tmp_path / "task.toml").write_text(task)
+    errors = [f for f in inspect(tmp_path / "sparse.zarr")["findings"] if f["severity"] == "error"]
+    assert [(f["where"], f["cure"]) for f in errors] == [
+        ("output at", "write sparse = true under [outputs.at]")
+    ]

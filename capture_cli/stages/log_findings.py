@@ -13,6 +13,8 @@ import numpy as np
 
 from capture_cli.reports.quantities import percent, with_unit
 from capture_cli.sim.contacts import can_touch
+from capture_cli.sim.quaternion_order import W_LAST, is_w_last, order_in_names
+from capture_cli.sim.quaternion_signs import quaternion_columns
 from capture_cli.sim.sensor_units import unit_in_name
 from capture_cli.sim.windows import SHORTEST_EPISODE
 from capture_cli.stores.measured_log import FEWEST_OF_A_SPARSE, LARGEST, MeasuredLog
@@ -49,6 +51,7 @@ def log_findings(document: Mapping[str, Any], task: Task | None = None) -> list[
         *(f for c in document["channels"] for f in _values(c, len(episodes))),
         *(f for c in document["channels"] if c["kind"] == "input" for f in _input(c)),
         *(f for c in document["channels"] if c["kind"] == "output" for f in _output(c, task)),
+        *_held([c for c in document["channels"] if c.get("held")], task),
     ]
 
 
@@ -61,6 +64,7 @@ def task_findings(log: MeasuredLog, document: Mapping[str, Any], task: Task) -> 
         *found,
         *_shared_columns(task),
         *_units_in_names(task),
+        *_quaternion_order(log, task),
         *_lengths(document["episodes"], task),
         *_ranges(log, task),
         *_turns(log, task),
@@ -218,7 +222,8 @@ def _output(channel: Mapping[str, Any], task: Task | None) -> Iterator[Finding]:
                 f"of the samples, in {extreme['visits']} stays: the sensor's range, or an end stop?",
                 "leave those episodes out if the sensor clips; put a stop into the model",
             )
-    if grid["step"] is not None and grid["change"] is not None and grid["change"] <= grid["step"]:
+    moves_less = grid["step"] is not None and grid["change"] is not None and grid["change"] <= grid["step"]
+    if moves_less and channel["held"] is None:  # of one that repeats its samples most changes are 0
         yield finding(
             "note",
             where,
@@ -235,29 +240,38 @@ def _output(channel: Mapping[str, Any], task: Task | None) -> Iterator[Finding]:
             f"{_listed((f'step {i}' for i in out['first']), out['count'])}",
             _cure_of_spikes(task),
         )
-    held = channel["held"]
-    if held is not None:
-        rate = held["rate"]
-        how_often = (
-            "" if rate is None else f": {rate:.3g} times per second, of {rate * held['rows']:.3g} rows"
-        )
+
+
+def _held(channels: Sequence[Mapping[str, Any]], task: Task | None) -> Iterator[Finding]:
+    """Outputs that repeat each sample for some rows, those of one sensor together where the task is known."""
+    sensors = {} if task is None else {c.name: _sensor(c, task) for c in task.outputs}
+    groups: dict[str, list[Mapping[str, Any]]] = {}
+    for channel in channels:
+        groups.setdefault(sensors.get(channel["name"], channel["name"]), []).append(channel)
+    for sensor, own in groups.items():
+        fastest = min(own, key=lambda c: c["held"]["rows"])
+        rows, rate = fastest["held"]["rows"], fastest["held"]["rate"]
+        how_often = "" if rate is None else f": {rate:.3g} times per second, of {rate * rows:.3g} rows"
         yield finding(
             "warning",
-            where,
-            f"changes only every {held['rows']:.3g} rows{how_often}; between its samples it repeats the last one",
-            _cure_of_held(channel, task),
+            f"output {sensor if len(own) > 1 else fastest['name']}",
+            f"changes only every {rows:.3g} rows{how_often}; between its samples it repeats the last one",
+            _cure_of_held(fastest, sensor, task),
         )
 
 
-def _cure_of_held(channel: Mapping[str, Any], task: Task | None) -> str:
-    """What to do about an output that repeats each sample until the next."""
+def _sensor(output: Channel, task: Task) -> str:
+    return task.model.sensor(output.sensor).name
+
+
+def _cure_of_held(channel: Mapping[str, Any], sensor: str, task: Task | None) -> str:
+    """What to do about an output of `sensor` that repeats each sample until the next."""
     again = "import the files again with --drop-held: each sample stays in the row where it first appears"
     if channel.get("sampling"):  # sparse already
         return again
     if task is not None and task.path is None:  # its outputs are what they are
         return "leave out the rows in which it repeats: a repeat is late, and looks like noise or a delay"
-    sensors = {} if task is None else {c.name: task.model.sensor(c.sensor).name for c in task.outputs}
-    return f"write sparse = true under [outputs.{sensors.get(channel['name'], channel['name'])}], and {again}"
+    return f"write sparse = true under [outputs.{sensor}], and {again}"
 
 
 def _cure_of_spikes(task: Task | None) -> str:
@@ -287,14 +301,14 @@ def _names(log: MeasuredLog, task: Task) -> Iterator[Finding]:
         ("outputs", log.output_names, log.output_units, task.outputs),
     ):
         yield from _channel_names(kind, names, units, channels, task.name)
-    for c in task.outputs:
-        if c.name in log.sparse and not c.sparse:
-            yield finding(
-                "error",
-                f"output {c.name}",
-                f"the log has it as sparse, and task {task.name!r} does not",
-                f"write sparse = true under [outputs.{task.model.sensor(c.sensor).name}]",
-            )
+    made_sparse = (_sensor(c, task) for c in task.outputs if c.name in log.sparse and not c.sparse)
+    for sensor in dict.fromkeys(made_sparse):
+        yield finding(
+            "error",
+            f"output {sensor}",
+            f"the log has it as sparse, and task {task.name!r} does not",
+            f"write sparse = true under [outputs.{sensor}]",
+        )
 
 
 def _channel_names(kind: str, names, units, channels: Sequence[Channel], task: str) -> Iterator[Finding]:
@@ -411,6 +425,28 @@ def _units_in_names(task: Task) -> Iterator[Finding]:
                 where,
                 f"column {column!r} is read as {unit}, and its name ends in {written}",
                 f"write {key} if it is in {written}, and import again",
+            )
+
+
+def _quaternion_order(log: MeasuredLog, task: Task) -> Iterator[Finding]:
+    """Attitudes whose columns are not w, x, y, z, by their names or, where these say nothing, by their values."""
+    if task.path is None:  # its columns are what they are
+        return
+    for own in quaternion_columns(task.model, [c.sensor for c in task.outputs]):
+        sensor, columns = task.outputs[own[0]].sensor, [task.outputs[k].column for k in own]
+        order, said = order_in_names(columns), ", and their names say {}"
+        if order is None:
+            values = log.outputs[np.ix_(log.sampled[:, own].all(axis=1), own)]
+            order = W_LAST if is_w_last(values, task.model, sensor) else (0, 1, 2, 3)
+            said = ": so the body is half a turn from upright throughout, and as {} it stays upright"
+        if order != (0, 1, 2, 3):
+            found = ", ".join("wxyz"[order.index(k)] for k in range(4))
+            mended = ", ".join(f'"{columns[k]}"' for k in order)
+            yield finding(
+                "warning",
+                f"output {task.model.sensor(sensor).name}",
+                f"its columns, {', '.join(columns)}, are read as w, x, y, z{said.format(found)}",
+                f"write column = [{mended}] if that is their order, and import the files again",
             )
 
 
