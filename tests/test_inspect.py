@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import re
+import shutil
 import warnings
 from dataclasses import replace
 from pathlib import Path
@@ -255,6 +256,37 @@ def test_single_samples_that_stand_out_are_found(tmp_path):
     assert "sparse = true" in finding["cure"] and "--drop-nan" not in finding["cure"]
 
 
+@pytest.mark.parametrize("step", [0, 1, 998, 999, 1000, 1998, 1999])
+def test_an_end_of_an_episode_that_stands_out_is_found(tmp_path, slider_task, step):
+    """As of a line that was cut off in mid-number; of a task that is not known nothing is said."""
+    log = changed(sound_log(), outputs=lambda q: q.__setitem__((step, 0), q[step, 0] - 0.05))
+    finding = only(inspected(log, tmp_path, slider_task))
+    assert finding["message"].startswith("1 single sample stands out, by up to 0.0")
+    assert finding["message"].endswith(f"step {step} (1 of them at an end of an episode)")
+    assert finding["cure"].startswith("remove these rows from the source")
+    assert inspect(tmp_path / "log.zarr")["findings"] == []
+
+
+def test_what_may_jump_at_an_end_of_an_episode_is_no_spike(tmp_path, slider_task):
+    """A step at once at the switch of a motor, a bounce in the last sample, and a sample after a gap."""
+    time = np.arange(300) / 100
+    starts, ends = np.sin(time) + (time > 0), np.abs(np.sin(time[::-1] - 0.005))
+    assert spikes(starts, time, [slice(0, 300)], ("last",))["count"] == 0
+    assert spikes(starts, time, [slice(0, 300)], ("first",))["first"] == [0]
+    assert spikes(ends, time, [slice(0, 300)], ("first", "last"))["count"] == 0
+    late = np.append(time[:-1], 8.0)
+    assert spikes(np.sin(late), late, [slice(0, 300)], ("first", "last"))["count"] == 0
+    model = slider_task.parent / "model.xml"
+    for sensor, count in (("jointvel", 1), ("jointactuatorfrc", 0)):
+        model.write_text(model.read_text().replace("jointpos", "jointvel").replace("jointvel", sensor))
+        text = slider_task.read_text().replace('unit = "m"', 'unit = "1"')
+        slider_task.write_text(text)
+        log = changed(sound_log(), outputs=set_to([0, 1999], [[3.0], [3.0]]))
+        found = inspected(replace(log, output_units=("1",)), tmp_path, slider_task)["channels"][1]["spikes"]
+        assert (found["count"], found["ends"]) == (count, count)
+        shutil.rmtree(tmp_path / "log.zarr")
+
+
 def test_where_bodies_can_touch_a_single_sample_may_be_an_impact(tmp_path, slider_task):
     log = changed(sound_log(), outputs=set_to(50, 3.0))
     assert "hit" not in only(inspected(log, tmp_path, slider_task))["cure"]
@@ -279,7 +311,7 @@ def test_fast_motions_are_no_spikes(kind):
         "counts": np.round(100 * np.sin(time) + 0.3 * generator.standard_normal(600)) / 100,
         "uneven": np.sin(12 * time) + 1e-4 * generator.standard_normal(600),
     }[kind]
-    assert spikes(values, time, [slice(0, 300), slice(300, 600)])["count"] == 0
+    assert spikes(values, time, [slice(0, 300), slice(300, 600)], ("first", "last"))["count"] == 0
 
 
 def test_an_input_of_one_frequency_is_found(tmp_path):

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from capture_cli.errors import CaptureError, StoreError
@@ -136,11 +137,11 @@ def _inspect_log(path: Path, document: dict[str, Any], machine: Task | None) -> 
         findings.append(finding("error", "store", what, LOG_SCHEMA.cure_for_other_version))
         document.update(recordings=list(log.recordings), episodes=[], channels=[])
         return
+    machine = machine or _own_task(log)
     episodes = _episodes(log)
     recordings = [_recording(log, number, episodes) for number in range(len(log.recordings))]
-    document.update(episodes=episodes, recordings=recordings, channels=_channels(log))
+    document.update(episodes=episodes, recordings=recordings, channels=_channels(log, _smooth_ends(machine)))
     findings += [*_not_finite(log.time), *_import_findings(recordings), *_repeated(log)]
-    machine = machine or _own_task(log)
     findings += log_findings(document, machine)
     if machine is not None:
         findings += task_findings(log, document, machine)
@@ -251,7 +252,19 @@ def _dropped(recording: Mapping[str, Any]) -> dict[str, str]:
     )
 
 
-def _channels(log: MeasuredLog) -> list[dict[str, Any]]:
+def _smooth_ends(machine: Task | None) -> dict[str, tuple[str, ...]]:
+    """At which ends of an episode each output goes on from one sample to the next: a velocity jumps where a machine
+    is switched on, accelerations and forces may anywhere.
+    """
+    if machine is None:
+        return {}
+    ends = {int(mujoco.mjtStage.mjSTAGE_POS): ("first", "last"), int(mujoco.mjtStage.mjSTAGE_VEL): ("last",)}
+    stages = machine.model.sensor_needstage
+    return {c.name: ends.get(int(stages[c.sensor]), ()) for c in machine.outputs}
+
+
+def _channels(log: MeasuredLog, smooth: Mapping[str, Collection[str]]) -> list[dict[str, Any]]:
+    """Each channel's values. smooth: at which ends of an episode outputs are known to go on, by name."""
     channels = []
     for name, unit, values in zip(log.input_names, log.input_units, log.inputs.T, strict=True):
         described = {"name": name, "kind": "input", "unit": unit, **channel(values, log.episodes)}
@@ -267,7 +280,7 @@ def _channels(log: MeasuredLog) -> list[dict[str, Any]]:
         described |= channel(values, episodes)
         own = {
             "quantisation": quantisation(values),
-            "spikes": spikes(values, time, episodes),
+            "spikes": spikes(values, time, episodes, smooth.get(name, ())),
             "held": _held(values, time, episodes),
         }
         for places in (described["bad_steps"], own["spikes"]["first"]):

@@ -233,12 +233,14 @@ def _output(channel: Mapping[str, Any], task: Task | None) -> Iterator[Finding]:
         )
     out = channel["spikes"]
     if out["count"]:
+        count = out["count"]
+        ends = f" ({out['ends']} of them at an end of an episode)" if out["ends"] else ""
         yield finding(
             "warning",
             where,
-            f"{out['count']} single samples stand out, by up to {_in_unit(out['largest'], channel)}: "
-            f"{_listed((f'step {i}' for i in out['first']), out['count'])}",
-            _cure_of_spikes(task),
+            f"{count} single sample{'s stand' if count > 1 else ' stands'} out, by up to "
+            f"{_in_unit(out['largest'], channel)}: {_listed((f'step {i}' for i in out['first']), count)}{ends}",
+            _cure_of_spikes(task, all_at_ends=out["ends"] == count),
         )
 
 
@@ -274,12 +276,14 @@ def _cure_of_held(channel: Mapping[str, Any], sensor: str, task: Task | None) ->
     return f"write sparse = true under [outputs.{sensor}], and {again}"
 
 
-def _cure_of_spikes(task: Task | None) -> str:
+def _cure_of_spikes(task: Task | None, *, all_at_ends: bool) -> str:
     """What to do about single samples that stand out."""
     keep = "keep them where bodies hit each other, which looks like this; otherwise "
     empty = "leave these values empty in the source, write sparse = true under the output and import again"
     if task is not None and task.path is None:  # its outputs are what they are
         empty = "leave these values empty in the source and import with --drop-nan"
+    if all_at_ends:
+        empty = "remove these rows from the source, as a line that was cut off, and import again"
     return (
         f"{keep if task is not None and can_touch(task.model) else ''}{empty}: errors count by their squares"
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,11 @@ FEWEST_PERIODS = 6  # in an episode: of fewer nobody can tell whether they are o
 SINGLE_LINE, SINGLE_SIGNAL = 0.9, 0.98
 SPIKE = 20.0  # times what samples usually are off the line between their neighbours
 SPIKE_ALONE = 0.1  # of a spike, at most, is what its neighbours are off the line that leaves it out
+# Of samples at either end of an episode, where nothing shows that the curve goes on without it: times what the others
+# are off the line through the next two at most, and times the step between these, as a body that bounces goes back
+# twice that at most
+SPIKE_AT_END, BOUNCE = 3.0, 2.5
+FEWEST_BESIDE_END = 20  # samples that the end of an episode is compared with
 
 
 def timing(time: np.ndarray, usual: float | None = None) -> dict[str, Any]:
@@ -102,31 +107,83 @@ def quantisation(values: np.ndarray) -> dict[str, float | None]:
     }
 
 
-def spikes(values: np.ndarray, time: np.ndarray, episodes: Sequence[slice]) -> dict[str, Any]:
+def spikes(
+    values: np.ndarray, time: np.ndarray, episodes: Sequence[slice], ends: Collection[str] = ()
+) -> dict[str, Any]:
     """Single finite samples of an output (step,) that stand out from a curve which goes on without them.
 
-    count; largest: how far the farthest does; first: the steps of the first few.
+    count; largest: how far the farthest does; first: the steps of the first few; ends: how many of them are at an end
+    of an episode, where what comes next to them alone judges them, and only at those of the `ends` "first" and "last":
+    what may jump there is none that is broken.
     """
-    steps, sizes = [], []
+    steps, sizes, at_ends = [], [], 0
     for episode in episodes:
-        inside = np.arange(episode.start + 2, episode.stop - 2)
-        if not len(inside):
+        found = _inside(values, time, episode)
+        there = _at_ends(values, time, episode, [step for step, _ in found], ends)
+        at_ends += len(there)
+        for step, size in sorted([*found, *there]):
+            steps.append(step)
+            sizes.append(size)
+    return {
+        "count": len(steps),
+        "largest": max(sizes, default=None),
+        "first": steps[:PLACES_LISTED],
+        "ends": at_ends,
+    }
+
+
+def _inside(values: np.ndarray, time: np.ndarray, episode: slice) -> list[tuple[int, float]]:
+    """Which samples with two on either side stand out, and by how much."""
+    inside = np.arange(episode.start + 2, episode.stop - 2)
+    if not len(inside):
+        return []
+    with np.errstate(invalid="ignore", divide="ignore"):
+        off = _off_line(values, time, inside, -1, 1)
+        before, after = (
+            _off_line(values, time, inside - 1, -1, 2),
+            _off_line(values, time, inside + 1, -2, 1),
+        )
+        beside = np.maximum(np.abs(before), np.abs(after))
+        forward = np.all([time[inside + k + 1] > time[inside + k] for k in (-2, -1, 0, 1)], axis=0)
+        far = np.isfinite(off) & (np.abs(off) > SPIKE * _usual(off))
+        out = forward & far & (beside < SPIKE_ALONE * np.abs(off))
+    return list(zip(inside[out].tolist(), np.abs(off[out]).tolist(), strict=True))
+
+
+def _at_ends(
+    values: np.ndarray, time: np.ndarray, episode: slice, spiked: Sequence[int], ends: Collection[str]
+) -> list[tuple[int, float]]:
+    """Which of an episode's two samples at each of the `ends` stand out, and by how much: farther off the line through
+    the next two inside than any other is off the line on that side of it. spiked: others that stand out.
+    """
+    found = []
+    edges = [episode.start, episode.start + 1, episode.stop - 2, episode.stop - 1]
+    broken = np.isin(np.arange(len(values)), [*spiked, *edges])
+    for which, end, way in (("first", episode.start, 1), ("last", episode.stop - 1, -1)):
+        if which not in ends:
             continue
+        others = np.arange(episode.start + 2, episode.stop - 2)
+        others = others[~(broken[others + way] | broken[others + 2 * way] | broken[others])]
+        near = np.abs(np.diff(time[end : end + 4 * way : way]))
+        if len(others) < FEWEST_BESIDE_END or not 0 < near.max() < 2 * np.median(np.diff(time[episode])):
+            continue  # over a gap no line is known to go on
         with np.errstate(invalid="ignore", divide="ignore"):
-            off = _off_line(values, time, inside, -1, 1)
-            before, after = (
-                _off_line(values, time, inside - 1, -1, 2),
-                _off_line(values, time, inside + 1, -2, 1),
-            )
-            some = off[np.isfinite(off) & (off != 0)]
-            usual = np.median(np.abs(some)) if some.size else np.inf
-            beside = np.maximum(np.abs(before), np.abs(after))
-            forward = np.all([time[inside + k + 1] > time[inside + k] for k in (-2, -1, 0, 1)], axis=0)
-            far = np.isfinite(off) & (np.abs(off) > SPIKE * usual)
-            out = forward & far & (beside < SPIKE_ALONE * np.abs(off))
-        steps += inside[out].tolist()
-        sizes += np.abs(off[out]).tolist()
-    return {"count": len(steps), "largest": max(sizes, default=None), "first": steps[:PLACES_LISTED]}
+            off = _off_line(values, time, others, way, 2 * way)
+            last, next_ = np.abs(_off_line(values, time, np.array([end, end + way]), way, 2 * way))
+            without_next = abs(_off_line(values, time, np.array([end]), 2 * way, 3 * way)[0])
+            steps = np.abs(np.diff(values[[end + way, end + 2 * way, end + 3 * way]]))
+        most = max(SPIKE * _usual(off), SPIKE_AT_END * np.abs(off[np.isfinite(off)]).max(initial=0.0))
+        if next_ > max(most, BOUNCE * steps[1]) and without_next < SPIKE_ALONE * next_:
+            found.append((end + way, float(next_)))
+        elif last > max(most, BOUNCE * steps[0]):
+            found.append((end, float(last)))
+    return found
+
+
+def _usual(off: np.ndarray) -> float:
+    """What samples usually are off a line, (n,), but for those exactly on it."""
+    some = off[np.isfinite(off) & (off != 0)]
+    return float(np.median(np.abs(some))) if some.size else np.inf
 
 
 def _off_line(values, time, steps: np.ndarray, left: int, right: int) -> np.ndarray:
