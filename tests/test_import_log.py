@@ -246,6 +246,25 @@ def test_real_logs_are_read(tmp_path, slider_task, real_data):
     assert len(log.time) == 2 * 24841
 
 
+@pytest.mark.parametrize(
+    ("end", "cut"),
+    [("0.1", "0.1"), ("0.", "0."), ("0", "0"), ("0.110", None), ("0.1\n", None), ("0.110\n", None)],
+)
+@pytest.mark.parametrize("delimiter", [",", ";"])
+def test_a_line_that_was_cut_off_in_mid_number_is_pointed_to(tmp_path, slider_task, end, cut, delimiter):
+    text = "\n".join([HEADER, *ROWS[:-1], ROWS[-1].rsplit(",", 1)[0] + "," + end])
+    if delimiter == ";":
+        text, cut = text.replace(",", ";").replace(".", ","), cut and cut.replace(".", ",")
+    (tmp_path / "run.csv").write_text(text)
+    log = import_log(files=[tmp_path / "run.csv"], task=str(slider_task), out=tmp_path / "run.zarr")
+    assert log.recordings[0]["cut_off"] == cut
+    found = [f for f in inspect(tmp_path / "run.zarr")["findings"] if "mid-number" in f["message"]]
+    assert [f["severity"] for f in found] == ["warning"] * (cut is not None)
+    if cut is not None:
+        assert f"run.csv ends in '{cut}', without a line break" in found[0]["message"]
+        assert found[0]["cure"].startswith("remove its last line")
+
+
 # --- what is refused ---
 
 

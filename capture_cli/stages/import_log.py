@@ -182,6 +182,7 @@ def _read_recording(
         "dropped_rows": dropped,
         "repeated_rows": repeated,
         "time_scale": task.log.time_scale,
+        "cut_off": source.cut_off() if source.columns[-1] in columns else None,
         # an actuator and a sensor may have the same name
         "channels": {
             "inputs": {c.name: list(c.read_as) for c in task.inputs},

@@ -211,8 +211,9 @@ def _not_finite(time: np.ndarray) -> list[dict[str, str]]:
 
 
 def _import_findings(recordings: Sequence[Mapping[str, Any]]) -> list[dict[str, str]]:
-    """What the import of these recordings dropped or emptied."""
+    """What the import of these recordings saw, dropped or emptied."""
     return [
+        *(_cut_off(r) for r in recordings if r.get("cut_off") is not None),
         *(_dropped(r) for r in recordings if r.get("dropped_rows")),
         *_noted(recordings, "repeated_rows", "repeated rows were dropped on import"),
         *_noted(recordings, "held_repeats", "repeats of samples that are held were emptied on import"),
@@ -235,6 +236,17 @@ def _repeated(log: MeasuredLog) -> list[dict[str, str]]:
     what = f"holds the same as episode {earlier} ({names[1]}){more}"
     cure = "import again and give each recording once: what is held out may be what was fitted, and no test of it"
     return [finding("warning", f"{names[0]}, episode {later}", what, cure)]
+
+
+def _cut_off(recording: Mapping[str, Any]) -> dict[str, str]:
+    """The finding that the recording's file seems to end in mid-number."""
+    return finding(
+        "warning",
+        recording["name"],
+        f"{recording['source']} ends in {recording['cut_off']!r}, without a line break and with fewer decimals than "
+        "the values above it: was it cut off in mid-number?",
+        "remove its last line and import again; if that is whole, end it with a line break",
+    )
 
 
 def _dropped(recording: Mapping[str, Any]) -> dict[str, str]:

@@ -16,6 +16,8 @@ from capture_cli.stages.decimal_commas import GROUPS, NUMBER, WHOLE, has_decimal
 SUFFIXES = (".csv", ".tsv", ".txt", ".parquet", ".pq")
 COMMENTS = ("#", "%", "//")
 DELIMITERS = ",;\t"
+TAIL = 2**16  # bytes at the end of a file, in which its last line is compared with those before
+FEWEST_ABOVE = 10  # lines that the last one is compared with
 AS_A_NUMBER = "write it as a number; a time in seconds, or in the unit that [log] time_scale gives"
 DECIMAL_COMMAS = (
     "write decimals with a point; or with a comma, and columns separated by semicolons, throughout the file"
@@ -49,6 +51,10 @@ class SourceFile(ABC):
     @abstractmethod
     def place(self, row: int) -> str:
         """Where row `row` (from 0) stands in the file, for a message."""
+
+    def cut_off(self) -> str | None:
+        """The last value of the last column where the file seems to end in mid-number; None where it does not."""
+        return None
 
     def require(self, names: Sequence[str]) -> None:
         """Raise LogError unless each of `names` is the name of exactly one column."""
@@ -236,6 +242,20 @@ class CsvFile(SourceFile):
             f"{row.text[:60]!r}",
             cure=cure,
         )
+
+    def cut_off(self):
+        """No line break follows it, and it has fewer decimals than all above it that are near."""
+        with self.path.open("rb") as file:
+            file.seek(max(0, self.path.stat().st_size - TAIL))
+            tail = file.read().decode("utf-8", errors="replace")
+        lines = [
+            line for line in tail.splitlines()[1:] if line.strip()
+        ]  # the first may be a part, or the header
+        if tail.endswith(("\n", "\r")) or len(lines) <= FEWEST_ABOVE:
+            return None
+        values = [row[-1].strip() for row in csv.reader(lines, delimiter=self.delimiter)]
+        *above, last = [len(re.sub(r"^[^.,]*[.,]?", "", value)) for value in values]
+        return values[-1] if last < min(above, default=0) else None
 
     def _cure_of_one_column(self, cure):
         return "separate the columns, in all lines, by commas, semicolons or tabs: the first line has none of these"
