@@ -313,6 +313,27 @@ def test_of_unequal_episodes_those_are_held_out_that_leave_enough(windows, held)
     assert split.is_test.sum() == held
 
 
+def test_of_a_log_that_is_one_window_long_a_shorter_window_is_named():
+    def refused(duration: float, samples: int) -> str:
+        with pytest.raises(LogError, match=f"the log, {duration:g} s, is one window long") as error:
+            split_windows(
+                episode=np.zeros(1, dtype=int),
+                samples=np.array([samples]),
+                recording=np.zeros(1),
+                recording_names=["a"],
+                test=None,
+                seed=0,
+                duration=duration,
+            )
+        return error.value.cure
+
+    assert refused(0.59, 60).startswith(
+        "set `window = 0.1` under [log] of the task.toml (or pass --window 0.1)"
+    )
+    assert refused(4.0, 60).startswith("set `window = 1` under")
+    assert refused(0.59, 12).startswith("record longer, or pass --test none")
+
+
 def split_of(episodes: int, recordings: int):
     """The default split of a log of so many episodes in so many recordings, three windows each."""
     return split_windows(

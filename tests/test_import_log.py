@@ -105,6 +105,9 @@ def test_time_may_be_in_another_unit(tmp_path, slider_task):
     assert "goes back at line 14: 900.0 after 1100.0 at line 13" in error.message
     short = refusal(csv(tmp_path / "run.csv", *rows[:3]), slider_task)
     assert "lasts 0.2 s" in short.message and "[log] time_scale" in short.cure
+    assert short.cure.startswith("record longer; if")  # no window that short holds enough samples
+    some = refusal(csv(tmp_path / "run.csv", *(f"{10 * i},0.0,{i}" for i in range(41))), slider_task)
+    assert some.cure.startswith("set `window = 0.1` under [log] of the task.toml, or record longer; if")
 
 
 def test_times_need_not_begin_at_zero(tmp_path, slider_task):
@@ -341,6 +344,49 @@ def test_times_since_1970_in_single_precision_are_named(tmp_path, slider_task, s
     assert whole.cure == "remove repeated rows, and sort the others by time"
 
 
+def test_times_with_too_few_digits_are_named(tmp_path, slider_task):
+    """As a spreadsheet saves nanoseconds since 1970, or a logger that counts whole seconds."""
+    for form, few in (("{:.5e}", "1 different one;"), ("{:.9e}", "2 different ones")):
+        rows = [f"{form.format(1.763911115e18 + 5e6 * i)},1,{i}" for i in range(200)]
+        error = refusal(csv(tmp_path / "a.csv", *rows), slider_task)
+        assert "stands still" in error.message
+        assert f"too few digits: the file's 200 rows have {few}" in error.cure
+
+
+@pytest.mark.parametrize(
+    ("line", "message", "cure"),
+    [
+        ('0.5,"1,2', 'quotation mark (") is not closed at line 7', 'remove that "'),
+        ('"0.5,1,2', 'quotation mark (") is not closed at line 7', 'remove that "'),
+        ('0.5,1,"2', "'q_m' holds '2", 'remove that "'),
+        ('0.5,1",2', "'u_N' holds '1\"' at line 7", 'remove that "'),
+        ("# resumed", "1 value at line 7", "remove that line if it is a comment"),
+        ("# resumed,at,0.5", "'t_s' holds '# resumed' at line 7", "remove the line if it is a comment"),
+        ("0.5,1,2,3", "4 values at line 7", "correct that line"),
+        ("0.5,1", "2 values at line 7", "complete that line"),
+    ],
+)
+def test_the_cure_of_a_line_fits_what_is_wrong_with_it(tmp_path, slider_task, line, message, cure):
+    error = refusal(csv(tmp_path / "run.csv", *ROWS[:5], line, *ROWS[5:]), slider_task)
+    assert message in error.message
+    assert error.cure.startswith(cure)
+
+
+@pytest.mark.parametrize(
+    ("more", "cure"),
+    [
+        (",", "end the header in ',' as the rows do, or remove it"),
+        (",1.5", "name the columns that it lacks in the header"),
+    ],
+)
+def test_rows_that_all_have_a_value_more_are_told_from_one_that_has(tmp_path, slider_task, more, cure):
+    error = refusal(csv(tmp_path / "run.csv", *(row + more for row in ROWS)), slider_task)
+    assert "every row has 4 values, and the header has 3" in error.message
+    assert error.cure.startswith(cure)
+    short = refusal(csv(tmp_path / "short.csv", *ROWS, header=HEADER + ",w"), slider_task)
+    assert "every row has 3 values, and the header has 4" in short.message
+
+
 @pytest.mark.parametrize(
     "begin", ["2023-11-14 22:13:2{}.5", "2023-11-14T22:13:2{}Z", "14.11.2023 22:1{}", "22:13:2{}"]
 )
@@ -509,7 +555,10 @@ def test_an_empty_episode_cell_is_refused(tmp_path, slider_task):
         ("run.csv", b"", "is empty"),
         ("run.csv", b"\n \n", "blank lines only"),
         ("run.csv", "t_s,u_N,q_m,\u00b5\n".encode("latin-1"), "is not UTF-8"),
-        ("run.csv", b"PAR1\x00\xff\xfe", "is not UTF-8"),
+        ("run.csv", b"PAR1\x00\xff\xfe", "is a Parquet file, by its first bytes"),
+        ("run.tsv", b"PK\x03\x04\x14\x00", "is a zip archive or an Excel workbook"),
+        ("run.csv", b"\x1f\x8b\x08\x00", "is compressed by gzip"),
+        ("run.parquet", b"\x1f\x8b\x08\x00", "is compressed by gzip"),
         ("run.parquet", b"t_s,u_N,q_m\n0,0,0\n", "is not a readable Parquet file"),
         ("run.mat", b"MATLAB 5.0", "files that end in '.mat' are not read; .csv"),
         ("run", b"t_s", "files without an ending"),

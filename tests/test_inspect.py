@@ -376,13 +376,33 @@ def test_a_log_of_another_task_is_found(tmp_path, slider_task, change, words):
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("window = 0.5", "window = 30.0", "the longest lasts 9.99 s, and a window 30 s"),
-        ("window = 0.5", "window = 0.02", "a window of 0.02 s holds 2 samples"),
+        (
+            "window = 0.5",
+            "window = 30.0",
+            ("the longest lasts 9.99 s, and a window 30 s", "set `window = 2` under [log]"),
+        ),
+        (
+            "window = 0.5",
+            "window = 0.02",
+            ("a window of 0.02 s holds 2 samples", "set a longer [log] window"),
+        ),
     ],
 )
 def test_windows_that_do_not_suit_the_log_are_found(tmp_path, slider_task, old, new, words):
     slider_task.write_text(slider_task.read_text().replace(old, new))
-    assert words in only(inspected(sound_log(), tmp_path, slider_task))["message"]
+    finding = only(inspected(sound_log(), tmp_path, slider_task))
+    assert words[0] in finding["message"] and finding["cure"].startswith(words[1])
+    assert "time_scale" not in finding["cure"]
+
+
+@pytest.mark.parametrize(
+    ("interval", "unit", "scale"), [(5.0, "ms", "1e-3"), (5e3, "us", "1e-6"), (4e6, "ns", "1e-9")]
+)
+def test_the_unit_that_times_seem_to_be_in_is_named(tmp_path, slider_task, interval, unit, scale):
+    log = sound_log()
+    coarse = replace(log, time=log.time * RATE * interval)
+    (found,) = [f for f in inspected(coarse, tmp_path, slider_task)["findings"] if "holds" in f["message"]]
+    assert f"if the time column is in {unit}, write time_scale = {scale} under [log]" in found["cure"]
 
 
 def test_a_heading_that_begins_anew_after_a_turn_is_found(tmp_path, slider_task):

@@ -9,6 +9,7 @@ from fnmatch import fnmatchcase
 import numpy as np
 
 from capture_cli.errors import LogError, OptionError
+from capture_cli.sim.shorter_window import set_shorter
 
 TEST_SHARE = 0.25
 # Of the samples, that whole episodes may keep back: with fewer what judges says nothing, with more what is fitted does
@@ -56,10 +57,12 @@ def split_windows(
     recording_names: Sequence[str],
     test: str | None,
     seed: int,
+    duration: float = 0.0,
 ) -> Split:
     """Split windows by recording (`test`, names or patterns divided by commas), by episode, or by contiguous block.
 
-    episode (window,): the number of each window's; samples (window,): how many it has; recording (episode,). `test`
+    episode (window,): the number of each window's; samples (window,): how many it has; recording (episode,).
+    duration: s, of the longest episode, by which a shorter window is named where the log is one long. `test`
     "none" keeps nothing back. Raises OptionError for a pattern that matches no recording or all of them, or where there
     is none; LogError where the log is too short.
     """
@@ -69,13 +72,13 @@ def split_windows(
         return _by_recording(episode, recording, recording_names, test)
     episodes, of_window = np.unique(episode, return_inverse=True)
     if len(episodes) == 1:
-        return _last_block(len(episode))
+        return _last_block(len(episode), duration, int(samples.sum()))
     shares = np.bincount(of_window, weights=samples) / samples.sum()
     for held in _tries(len(episodes), seed):
         if LEAST_HELD <= shares[held].sum() <= MOST_HELD:
             names = [recording_names[i] for i in recording]
             return Split(np.isin(of_window, held), _said(episodes[held], len(episodes), names))
-    block = _last_block(len(episode))
+    block = _last_block(len(episode), duration, int(samples.sum()))
     return Split(block.is_test, f"{block.how}: {UNEQUAL}")
 
 
@@ -129,12 +132,12 @@ def _by_recording(episode, recording, names, test: str) -> Split:
     return Split(is_test, "recordings held out: " + ", ".join(names[i] for i in held))
 
 
-def _last_block(windows: int) -> Split:
+def _last_block(windows: int, duration: float, samples: int) -> Split:
     is_test = np.zeros(windows, dtype=bool)
     if windows < 2:
         raise LogError(
-            "the log is one window long: too short to hold any back",
-            cure="set a shorter `window` under [log] (--window 0.5 is half a second), record more, or pass --test none",
+            f"the log, {duration:.3g} s, is one window long: too short to hold any back",
+            cure=f"{set_shorter(duration, samples, option=True)}, or pass --test none to hold out nothing",
         )
     count = max(1, round(TEST_SHARE * windows))
     is_test[-count:] = True

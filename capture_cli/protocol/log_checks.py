@@ -12,7 +12,8 @@ from capture_cli.identifiers.base import Trial
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.sim.coordinate_sources import unmeasured_joints
 from capture_cli.sim.engine import Engine
-from capture_cli.sim.windows import SHORTEST_EPISODE, usual_interval
+from capture_cli.sim.shorter_window import set_shorter
+from capture_cli.sim.windows import FEWEST_IN_WINDOW, SHORTEST_EPISODE, usual_interval
 from capture_cli.simulator import Simulator
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.tasks.base import Channel, Task
@@ -20,7 +21,6 @@ from capture_cli.tasks.base import Channel, Task
 MOVES_SHARE = 0.05  # of the range: the step with which a parameter must move some output
 MOVES_LEAST = 1e-4  # of the noise floor: less is nothing
 FEWEST_SAMPLES = 8  # of the longest episode
-FEWEST_IN_WINDOW = 4  # samples: with fewer, the start of a window explains all of it
 IMPORT_AGAIN = "import it again: columns, scales and offsets are applied by `capture import-log`"
 
 
@@ -129,7 +129,7 @@ def check_long_enough(log: MeasuredLog, duration: float | None) -> None:
     if duration is not None and longest < SHORTEST_EPISODE * duration:
         raise LogError(
             f"{log.path}: its longest episode lasts {longest:.3g} s, and a window {duration:.3g} s",
-            cure="set a shorter `window` under [log] of the task.toml, or pass --window",
+            cure=set_shorter(longest, log.steps_of_longest, option=True),
         )
     if max(e.stop - e.start for e in log.episodes) < FEWEST_SAMPLES:
         raise LogError(

@@ -64,6 +64,7 @@ def prepare(
             recording_names=log.recording_names,
             test=test,
             seed=seed,
+            duration=log.longest,
         )
     )
     prepared = PreparedLog(task, log, windows, starts, noise, split)

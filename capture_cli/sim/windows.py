@@ -17,6 +17,7 @@ from capture_cli.sim.input_tapes import GRID_TOLERANCE, InputTapes, input_tapes
 GAP_FACTOR = 20.0
 # of a window: an episode a little shorter still is one
 SHORTEST_EPISODE = 0.9
+FEWEST_IN_WINDOW = 4  # samples: with fewer, the start of a window explains all of it
 # s of inputs kept from before each window: what a late or sluggish actuator still answers to at its start
 LEAD = 4.0
 # of the time since an episode began: how far off a clock may be, and inputs are kept from after each window

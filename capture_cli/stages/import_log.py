@@ -14,6 +14,7 @@ import numpy as np
 from capture_cli.errors import LogError
 from capture_cli.protocol.log_checks import check_fits
 from capture_cli.reports.quantities import with_unit
+from capture_cli.sim.shorter_window import set_shorter
 from capture_cli.sim.windows import SHORTEST_EPISODE
 from capture_cli.stages.equal_episodes import refuse_repeated
 from capture_cli.stages.held_outputs import without_repeats
@@ -31,6 +32,7 @@ LARGEST_PLAIN = 1e16  # that Python writes without an exponent
 MOST_NAMED = 6  # columns with holes
 FEW_TURNS = 5  # of time: episodes that begin, or files that were put together
 UNSORTED = 0.1  # of the rows: episodes are longer than ten
+MOSTLY_STILL = 0.6  # of the rows have the time of the row before: it is written too coarsely
 COARSE_TIME = 1e-4  # s: no times that a log needs are closer
 MANY_MISSING = 0.2  # of a column's values: hardly an accident
 
@@ -386,6 +388,14 @@ def _cure_of_times(data: np.ndarray, back: np.ndarray, task: Task) -> str:
         )
     if _alike(data[back], data[back + 1]).all():
         return "add --drop-repeats: there the file has the same row twice"
+    still = int((time[back + 1] == time[back]).sum())
+    if still > MOSTLY_STILL * len(time):
+        few = len(np.unique(time))
+        return (
+            f"the times have too few digits: the file's {len(time)} rows have {few} different one{'s' * (few > 1)}; "
+            "write them with all their digits (a spreadsheet rounds long numbers: format the column as one), or from "
+            "the start of the recording"
+        )
     turns = back[time[back + 1] < time[back]]
     if len(turns) > max(FEW_TURNS, UNSORTED * len(time)):
         within = "" if task.log.episode is None else f", those of each {task.log.episode!r} by themselves"
@@ -483,6 +493,6 @@ def _check_long_enough(log: MeasuredLog, task: Task) -> None:
     if window is not None and longest < SHORTEST_EPISODE * window:
         raise LogError(
             f"the longest episode lasts {longest:.3g} s, which is shorter than a window of {window:g} s",
-            cure="record longer, or set a shorter [log] window in the task.toml; if the time column is not in "
-            "seconds, give [log] time_scale, the seconds in one unit of it",
+            cure=f"{set_shorter(longest, log.steps_of_longest, option=False)}; if the time column is not in seconds, "
+            "give [log] time_scale, the seconds in one unit of it",
         )

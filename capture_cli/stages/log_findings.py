@@ -16,6 +16,7 @@ from capture_cli.sim.contacts import can_touch
 from capture_cli.sim.quaternion_order import W_LAST, is_w_last, order_in_names
 from capture_cli.sim.quaternion_signs import quaternion_columns
 from capture_cli.sim.sensor_units import unit_in_name
+from capture_cli.sim.shorter_window import set_shorter
 from capture_cli.sim.windows import SHORTEST_EPISODE
 from capture_cli.stores.measured_log import FEWEST_OF_A_SPARSE, LARGEST, MeasuredLog
 from capture_cli.tasks.base import Channel, Task
@@ -32,6 +33,9 @@ WINDOW_SAMPLES = 5  # fewer in a window say little
 TURN_SLACK = 1.0  # rad that a hinge moves between two samples, beside a jump by a turn
 RANGE_SLACK = 0.05  # of a joint's range
 ROUNDED = 1e-6  # of an actuator's range: numbers in files are rounded
+LEAST_IN_MS = 0.1  # s, between samples: times in ms of a sensor that reports at 10 kHz
+LONG_INTERVAL = 0.5  # s, between samples, at most, if a unit of time is to be taken for theirs
+SMALL_UNITS = {"ms": "1e-3", "us": "1e-6", "ns": "1e-9"}  # as a task.toml has them
 EXAMPLES = 3
 DEGREES = 180 / np.pi
 LIKE_DEGREES = 0.1  # of that factor, is how near to it the one between two channels is
@@ -353,25 +357,25 @@ def _shared_columns(task: Task) -> Iterator[Finding]:
 
 
 def _lengths(episodes: Sequence[Mapping[str, Any]], task: Task) -> Iterator[Finding]:
-    durations = [e["duration"] for e in episodes if e["duration"] is not None]
+    known = [e for e in episodes if e["duration"] is not None]
     intervals = [e["interval"] for e in episodes if e["interval"] is not None]
-    if not durations or not intervals:
+    if not known or not intervals:
         return
+    longest = max(known, key=lambda e: e["duration"])
     window, interval = task.log.window, float(np.median(intervals))
-    if window is not None and max(durations) < SHORTEST_EPISODE * window:
+    if window is not None and longest["duration"] < SHORTEST_EPISODE * window:
         yield finding(
             "error",
             "episodes",
-            f"the longest lasts {max(durations):.3g} s, and a window {window:g} s",
-            "record longer, or set a shorter [log] window in the task.toml",
+            f"the longest lasts {longest['duration']:.3g} s, and a window {window:g} s",
+            set_shorter(longest["duration"], longest["steps"], option=True),
         )
     elif window is not None and window < WINDOW_SAMPLES * interval:
         yield finding(
             "warning",
             "time",
             f"a window of {window:g} s holds {window / interval:.2g} samples, {interval:.3g} s apart",
-            "set a longer [log] window; if the time column is not in seconds, give [log] time_scale (1e-3 for ms) "
-            "and import the files again",
+            f"set a longer [log] window{_time_unit(interval, task.log.time_scale)}",
         )
     if task.timestep > 1.001 * interval:
         yield finding(
@@ -380,6 +384,19 @@ def _lengths(episodes: Sequence[Mapping[str, Any]], task: Task) -> Iterator[Find
             f"the model steps by {task.timestep:g} s, coarser than the log's {interval:.3g} s",
             "set a smaller timestep in the model's <option>",
         )
+
+
+def _time_unit(interval: float, time_scale: float) -> str:
+    """What else to do about samples so many seconds apart: their times may be in another unit."""
+    if time_scale != 1:
+        return f"; if one unit of time is not {time_scale:g} s, correct [log] time_scale, and import the files again"
+    if interval < LEAST_IN_MS:
+        return ""
+    likely = [unit for unit, scale in SMALL_UNITS.items() if interval * float(scale) < LONG_INTERVAL] or [
+        "ns"
+    ]
+    scale = SMALL_UNITS[likely[0]]
+    return f"; if the time column is in {likely[0]}, write time_scale = {scale} under [log] and import the files again"
 
 
 def _ranges(log: MeasuredLog, task: Task) -> Iterator[Finding]:

@@ -6,6 +6,7 @@ import csv
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -13,15 +14,28 @@ import numpy as np
 from capture_cli.errors import LogError, did_you_mean
 from capture_cli.stages.decimal_commas import GROUPS, NUMBER, WHOLE, has_decimal_commas
 
-SUFFIXES = (".csv", ".tsv", ".txt", ".parquet", ".pq")
+PARQUET_SUFFIXES = (".parquet", ".pq")
+SUFFIXES = (".csv", ".tsv", ".txt", *PARQUET_SUFFIXES)
+PARQUET = b"PAR1"
+OTHER_KINDS = {  # by the first bytes: what it is, and the cure
+    PARQUET: ("a Parquet file", "rename it to end in .parquet"),
+    b"PK\x03\x04": ("a zip archive or an Excel workbook", "unpack it; of a workbook, save its sheet as CSV"),
+    b"\x1f\x8b": ("compressed by gzip", "unpack it (gunzip), and name what it holds .csv or .parquet"),
+    b"(\xb5\x2f\xfd": ("compressed by zstd", "unpack it (unzstd), and name what it holds .csv or .parquet"),
+    b"\x89HDF": ("an HDF5 file", "convert its columns to CSV or Parquet"),
+    b"\x89MCAP": ("an MCAP recording", "convert its topics to CSV or Parquet"),
+    b"#ROSBAG": ("a ROS bag", "convert its topics to CSV or Parquet"),
+}
 COMMENTS = ("#", "%", "//")
 DELIMITERS = ",;\t"
 TAIL = 2**16  # bytes at the end of a file, in which its last line is compared with those before
 FEWEST_ABOVE = 10  # lines that the last one is compared with
+FIRST_ROWS = 1000  # lines of a file that are looked at to see whether all are alike
 AS_A_NUMBER = "write it as a number; a time in seconds, or in the unit that [log] time_scale gives"
 DECIMAL_COMMAS = (
     "write decimals with a point; or with a comma, and columns separated by semicolons, throughout the file"
 )
+QUOTE = 'remove that ", or close it at the end of its cell'
 _DATE_OR_TIME = re.compile(r"\d+([-/.])\d+\1\d+|\d+:\d\d")  # how it begins
 _SEPARATOR = re.compile(r'"?sep=.?"?\s*', re.IGNORECASE)  # a first line for Excel, not of the data
 
@@ -86,7 +100,11 @@ class SourceFile(ABC):
         cure = "correct that cell; an empty one counts as missing, and --drop-nan drops its row"
         if row == 0:
             cure = "remove the row if it holds units; otherwise correct that cell"
-        if _DATE_OR_TIME.match(str(value)):
+        if '"' in str(value) or "\n" in str(value):
+            cure = QUOTE
+        elif str(value).startswith(COMMENTS):
+            cure = "remove the line if it is a comment: only those before the header are passed over"
+        elif _DATE_OR_TIME.match(str(value)):
             cure = AS_A_NUMBER
         elif GROUPS.fullmatch(str(value)):
             cure = "write it without commas: other numbers of the file have a decimal point, so these part thousands"
@@ -149,11 +167,21 @@ def open_source(path: Path) -> SourceFile:
     if path.stat().st_size == 0:
         raise LogError(f"{path} is empty", cure="record it again, or leave it out")
     try:
-        return ParquetFile(path) if path.suffix.lower() in (".parquet", ".pq") else CsvFile(path)
+        _refuse_other_kinds(path)
+        return ParquetFile(path) if path.suffix.lower() in PARQUET_SUFFIXES else CsvFile(path)
     except OSError as error:
         raise LogError(
             f"{path} cannot be read: {error.strerror or error}", cure="check its permissions"
         ) from error
+
+
+def _refuse_other_kinds(path: Path) -> None:
+    """Raise LogError where the file's first bytes say that it is not what its name says."""
+    with path.open("rb") as file:
+        begin = file.read(8)
+    for magic, (kind, cure) in OTHER_KINDS.items():
+        if begin.startswith(magic) and not (magic == PARQUET and path.suffix.lower() in PARQUET_SUFFIXES):
+            raise LogError(f"{path} is {kind}, by its first bytes", cure=cure)
 
 
 class CsvFile(SourceFile):
@@ -233,15 +261,33 @@ class CsvFile(SourceFile):
 
     def _ragged(self, row) -> LogError:
         where = "" if row.number is None else f" at {self.place(row.number - self._header_line - 2)}"
+        found, expected, text = row.actual_columns, row.expected_columns, row.text
+        message = f"{found} value{'s' * (found != 1)}{where}, and the header has {expected}"
         cure = "complete that line, or remove it (the last line of a log that was cut off often needs it)"
-        whole = all(WHOLE.fullmatch(value.strip()) for value in row.text.split(","))
-        if self.delimiter == "," and row.actual_columns > row.expected_columns and whole:
+        if found > expected:
+            cure = "correct that line, or remove it"
+        if text.count('"') % 2 or "\n" in text:
+            message, cure = f'a quotation mark (") is not closed{where}', QUOTE
+        elif text.startswith(COMMENTS):
+            cure = "remove that line if it is a comment: only those before the header are passed over"
+        elif self._all_have(found):
+            message = f"every row has {found} values, and the header has {expected}"
+            more = (
+                "name the columns that it lacks in the header" if found > expected else "shorten the header"
+            )
+            cure = f"{more}, or end the rows like it"
+            if found == expected + 1 and text.endswith(self.delimiter):
+                cure = f"end the header in {self.delimiter!r} as the rows do, or remove it at the end of each row"
+        whole = all(WHOLE.fullmatch(value.strip()) for value in text.split(","))
+        if self.delimiter == "," and found > expected and whole:
             cure = f"if its numbers have decimal commas: {DECIMAL_COMMAS}; otherwise correct that line"
-        return LogError(
-            f"{self.path}: {row.actual_columns} values{where}, and the header has {row.expected_columns}: "
-            f"{row.text[:60]!r}",
-            cure=cure,
-        )
+        return LogError(f"{self.path}: {message}: {text[:60]!r}", cure=cure)
+
+    def _all_have(self, values: int) -> bool:
+        """Whether each of the first rows has so many values."""
+        with self.path.open(encoding="utf-8-sig", errors="replace") as file:
+            rows = [line for line in islice(file, self._header_line + 1, FIRST_ROWS) if line.strip()]
+        return all(line.count(self.delimiter) == values - 1 for line in rows)
 
     def cut_off(self):
         """No line break follows it, and it has fewer decimals than all above it that are near."""

@@ -104,6 +104,12 @@ class MeasuredLog:
         return float(max(self.time[e.stop - 1] - self.time[e.start] for e in self.episodes))
 
     @property
+    def steps_of_longest(self) -> int:
+        """How many steps the longest episode has."""
+        longest = max(self.episodes, key=lambda e: self.time[e.stop - 1] - self.time[e.start])
+        return longest.stop - longest.start
+
+    @property
     def input_peaks(self) -> dict[str, float]:
         """How far from 0 each input went, by name, in its own unit: as far as the machine is known to bear."""
         return dict(zip(self.input_names, np.abs(self.inputs).max(axis=0).tolist(), strict=True))
