@@ -507,10 +507,29 @@ def test_a_column_in_other_letters_is_pointed_to(tmp_path, slider_task):
     assert "no column 't_s': did you mean 'T_S'? There are" in error.message
 
 
-def test_a_comment_before_the_header_is_to_be_removed(tmp_path, slider_task):
-    error = refusal(csv(tmp_path / "run.csv", HEADER, *ROWS, header="# logger v3"), slider_task)
-    assert "no column 't_s': there are: # logger v3" in error.message
-    assert "remove the first line" in error.cure
+def test_comments_before_the_header_are_passed_over(tmp_path, slider_task):
+    """And said; of a header with a mark before it the mark is to be removed, as no other line names the columns."""
+    for mark in ("# logger v3, 2 Hz", "% 1,2,3", "// t_s;u_N", "# a\n\n#\n# 0.1"):
+        file = csv(tmp_path / "run.csv", HEADER, *ROWS, header=mark)
+        log = import_log(files=[file], task=str(slider_task), out=tmp_path / "run.zarr", force=True)
+        assert len(log.time) == len(ROWS)
+        assert log.recordings[0]["comment_lines"] == (3 if "\n" in mark else 1)
+        (found,) = [f for f in inspect(tmp_path / "run.zarr")["findings"] if "comments" in f["message"]]
+        assert found["severity"] == "note"
+    for lines in (["# " + HEADER], ["# logger v3", "#" + HEADER], ["# logger v3"]):
+        error = refusal(csv(tmp_path / "run.csv", *lines[1:], *ROWS, header=lines[0]), slider_task)
+        assert "no column 't_s': " in error.message and lines[-1].split(",")[0] in error.message
+        assert error.cure.startswith("remove the mark at the start of that line if it names the columns")
+    decimal = [row.replace(",", ";").replace(".", ",") for row in ROWS[1:]]
+    error = refusal(csv(tmp_path / "run.csv", *decimal, header="# t_s;u_N;q_m"), slider_task)
+    assert "remove the mark" in error.cure
+    broken = refusal(csv(tmp_path / "run.csv", HEADER, *ROWS, "1.2,x,0", header="# logger"), slider_task)
+    assert "'u_N' holds 'x' at line 15" in broken.message
+    # as a ROS bag's topics are exported
+    slider_task.write_text(slider_task.read_text().replace('"t_s"', '"%time"'))
+    file = csv(tmp_path / "bag.csv", *ROWS, header="%time,u_N,q_m")
+    log = import_log(files=[file], task=str(slider_task), out=tmp_path / "bag.zarr")
+    assert log.recordings[0]["comment_lines"] == 0
 
 
 def test_a_row_of_units_is_to_be_removed(tmp_path, slider_task):

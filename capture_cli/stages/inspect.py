@@ -215,6 +215,7 @@ def _import_findings(recordings: Sequence[Mapping[str, Any]]) -> list[dict[str, 
     return [
         *(_cut_off(r) for r in recordings if r.get("cut_off") is not None),
         *(_dropped(r) for r in recordings if r.get("dropped_rows")),
+        *_noted(recordings, "comment_lines", "lines of comments before the header were passed over"),
         *_noted(recordings, "repeated_rows", "repeated rows were dropped on import"),
         *_noted(recordings, "held_repeats", "repeats of samples that are held were emptied on import"),
     ]

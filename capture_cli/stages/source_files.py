@@ -66,6 +66,8 @@ class SourceFile(ABC):
     def place(self, row: int) -> str:
         """Where row `row` (from 0) stands in the file, for a message."""
 
+    comments = 0  # lines before the header that were passed over
+
     def cut_off(self) -> str | None:
         """The last value of the last column where the file seems to end in mid-number; None where it does not."""
         return None
@@ -77,7 +79,7 @@ class SourceFile(ABC):
                 there_are = did_you_mean(name, self.columns) + self._no_header()
                 cure = "correct the column in the task.toml, or in the first line of the file"
                 if any(c.startswith(COMMENTS) for c in self.columns[:1]):
-                    cure = "remove the first line if it is a comment, or the mark at its start if it names the columns"
+                    cure = "remove the mark at the start of that line if it names the columns, or add a line that does"
                 elif len(self.columns) == 1:
                     cure = self._cure_of_one_column(cure)
                 raise LogError(f"{self.path} has no column {name!r}: {there_are}", cure=cure)
@@ -193,18 +195,32 @@ class CsvFile(SourceFile):
         return tuple(name.strip() for name in next(csv.reader([header], delimiter=self.delimiter)))
 
     def _first_line(self) -> tuple[int, str]:
-        """Number (from 0) and text of the first line that is neither blank nor Excel's `sep=;`."""
+        """Number (from 0) and text of the first line that is neither blank, nor Excel's `sep=;`, nor a comment.
+
+        But of a comment before a row with numbers in it: that is the header, as of `# t_s,u_N,q_m`.
+        """
+        comment, self.comments = None, 0
         try:
             with self.path.open(encoding="utf-8-sig") as file:
                 for number, line in enumerate(file):
-                    if line.strip() and not _SEPARATOR.fullmatch(line):
-                        return number, line.rstrip("\r\n")
+                    if not line.strip() or _SEPARATOR.fullmatch(line):
+                        continue
+                    found = number, line.rstrip("\r\n")
+                    if not line.startswith(COMMENTS):
+                        break
+                    comment, self.comments = found, self.comments + 1
+                else:
+                    found = comment
         except UnicodeDecodeError as error:
             raise LogError(
-                f"{self.path} is not UTF-8 text: {error.reason} at byte {error.start}",
-                cure="save it as CSV in UTF-8 (a Parquet file must be named .parquet)",
+                f"{self.path} is not UTF-8 text: {error.reason} at byte {error.start}", cure="save it as CSV in UTF-8"
             ) from error
-        raise LogError(f"{self.path} holds blank lines only", cure="record it again, or leave it out")
+        if found is None:
+            raise LogError(f"{self.path} holds blank lines only", cure="record it again, or leave it out")
+        if comment is not None and (found is comment or _has_numbers(found[1])):
+            self.comments -= 1
+            return comment
+        return found
 
     def numbers(self, names):
         import pyarrow as pa
@@ -314,6 +330,11 @@ class CsvFile(SourceFile):
                 if index == row:
                     return f"line {number + 1}"
         return f"row {row + 1}"
+
+
+def _has_numbers(line: str) -> bool:
+    """Whether some cell of a CSV's line is a number, whichever the delimiter."""
+    return any(NUMBER.fullmatch(cell.strip(' "')) for cell in re.split(f"[{DELIMITERS}]", line))
 
 
 class ParquetFile(SourceFile):
