@@ -38,6 +38,7 @@ from capture_cli.stores.output import (
 )
 from capture_cli.stores.result import read_result
 from capture_cli.stores.schema import ArraySpec, Schema
+from capture_cli.stores.tensors import save_arrays
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 
@@ -115,6 +116,20 @@ def test_arrays_larger_than_a_chunk_round_trip(tmp_path):
     schema.write(tmp_path / "large.zarr", {"a": values}, {})
     assert len(list((tmp_path / "large.zarr" / "a" / "c").iterdir())) == 3
     np.testing.assert_array_equal(schema.read(tmp_path / "large.zarr")[0]["a"], values)
+
+
+@pytest.mark.parametrize("umask", [0o022, 0o027])
+def test_weights_may_be_read_by_whom_other_files_may(tmp_path, umask):
+    before = os.umask(umask)
+    try:
+        save_arrays(tmp_path / "weights.safetensors", {"a": np.ones(3)}, {"of": "a test"})
+        (tmp_path / "other.json").write_text("{}")
+    finally:
+        os.umask(before)
+    weights, other = (
+        (tmp_path / name).stat().st_mode & 0o777 for name in ("weights.safetensors", "other.json")
+    )
+    assert oct(weights) == oct(other)
 
 
 def test_a_version_2_store_of_the_same_layout_is_read(tmp_path):
