@@ -1,14 +1,18 @@
 """The `capture` command: all commands together, and how each ends.
 
 stdout carries results only (tables, or with --json exactly one JSON document); progress and messages go to stderr.
-Exit codes: 0 done; 1 our fault; 2 the user can mend it; 3 it ran, and the verdict is one named by --fail-on.
+Exit codes: 0 done; 1 our fault; 2 the user can mend it; 3 it ran, and the verdict is one named by --fail-on;
+128 + the number of the signal that ended it: 130 Ctrl-C, 143 SIGTERM.
 """
 
 from __future__ import annotations
 
 import errno
 import os
+import signal
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
@@ -30,7 +34,7 @@ from capture_cli.commands.record import record
 from capture_cli.commands.tasks import tasks
 from capture_cli.commands.train_policy import train_policy
 from capture_cli.commands.train_sysid import train_sysid
-from capture_cli.errors import CaptureError
+from capture_cli.errors import CaptureError, Interrupted
 
 _COMMANDS = {  # in the order of --help
     "identify": identify,
@@ -103,12 +107,42 @@ def main() -> None:
     for stream in ("stdout", "stderr"):
         if getattr(sys, stream) is None:  # closed by the shell, `>&-`
             setattr(sys, stream, Path(os.devnull).open("w"))  # noqa: SIM115
+    with _termination_interrupts() as received:
+        _run_to_exit(arguments, debug, received)
+
+
+@contextmanager
+def _termination_interrupts() -> Iterator[list[int]]:
+    """SIGTERM, by which batch systems and containers end a run, interrupts as Ctrl-C does. Yields where it is noted."""
+    received = []
+
+    def interrupt(number: int, _frame: object) -> None:
+        signal.signal(
+            number, signal.SIG_IGN
+        )  # `timeout` sends it twice: the second would end the clearing up
+        received.append(number)
+        raise KeyboardInterrupt
+
+    before = signal.getsignal(signal.SIGTERM)
+    if before is signal.SIG_DFL:
+        signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield received
+    finally:
+        if before is signal.SIG_DFL:
+            signal.signal(signal.SIGTERM, before)
+
+
+def _run_to_exit(arguments: list[str], debug: bool, received: list[int]) -> None:
+    """Run the command line, and exit as what it raises says. received: numbers of the signals that came."""
     try:
         _run(arguments)
     except CaptureError as error:
         _fail(f"error: {error}", 2, debug)
-    except KeyboardInterrupt:
-        _fail("interrupted: nothing was written\n  cure: run the same command again", 2, debug)
+    except KeyboardInterrupt as error:
+        if not isinstance(error, Interrupted):
+            error = Interrupted("interrupted: nothing was written", cure="run the same command again")
+        _fail(str(error), 128 + (received or [signal.SIGINT])[0], debug)
     except BrokenPipeError:
         _discard_stdout()  # the reader of our pipe went away: nothing is wrong
     except MemoryError:

@@ -1,7 +1,8 @@
 """Errors a user can mend.
 
 Every message says what was found, what was expected and where; `cure` says what to do about it. The command
-line prints both and exits with 2. Anything that is not one of these is our fault and exits with 1.
+line prints both and exits with 2. Anything that is not one of these is our fault and exits with 1; but Interrupted is
+nobody's, and exits as a signal does.
 """
 
 from __future__ import annotations
@@ -56,6 +57,13 @@ class OutputError(CaptureError):
 
 class FitError(CaptureError):
     """A fit that cannot start or go on: a parameter moves nothing, every trial diverges, a training does."""
+
+
+class Interrupted(KeyboardInterrupt):
+    """A run that a signal ended: what is kept of it (`message`), and how to go on (`cure`)."""
+
+    def __init__(self, message: str, *, cure: str):
+        super().__init__(f"{message}\n  cure: {cure}")
 
 
 MANY = 20  # names: where one is near, more are not listed beside it

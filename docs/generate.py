@@ -678,6 +678,7 @@ and nothing is overwritten without `--force`.
 | 2 | something you can mend: the message says what was found, what was expected, where, and the cure |
 | 2 | of `inspect`, too, when a finding is an error; `import-log`, which has written its log, ends with 0 |
 | 3 | it ran, and the verdict is one that `--fail-on` names |
+| 130, 143 | Ctrl-C (SIGINT) or SIGTERM ended it: the message says what is kept, and how to go on |
 """
 
 _SCHEMAS = """

@@ -24,6 +24,7 @@ from capture_cli.protocol.prepare import prepare
 from capture_cli.simulator import Simulator
 from capture_cli.stages import identify as stage
 from capture_cli.stores.estimate import Estimate
+from capture_cli.stores.histories import HistoriesWriter
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.stores.output import PROVENANCE
 from capture_cli.tasks import load_task
@@ -606,14 +607,15 @@ cli.main()
 """
 
 
-def test_ctrl_c_exits_with_2_and_leaves_nothing(tmp_path, log):
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_exits_with_its_number_and_leaves_nothing(tmp_path, log, number, code):
     program = (sys.executable, "-c", FITTING_FOR_EVER)
     run = start(tmp_path, *identify(log, "--out", "e", "--quiet"), program=program)
     assert run.stderr.readline() == "fitting\n"
-    run.send_signal(signal.SIGINT)
+    run.send_signal(number)
     out, err = run.communicate()
-    assert (run.returncode, out) == (2, "")
-    assert err.startswith("interrupted: nothing was written")
+    assert (run.returncode, out) == (code, "")
+    assert err.startswith("interrupted: nothing was written\n  cure: run the same command again")
     assert "Traceback" not in err
     assert list(tmp_path.iterdir()) == []
 
@@ -624,9 +626,27 @@ def test_ctrl_c_while_it_writes(capture, log, monkeypatch, tmp_path):
 
     monkeypatch.setattr(stage, "_write_pages", interrupted)
     code, out, err = capture(*identify(log, "--out", "e"))
-    assert (code, out) == (2, "")
+    assert (code, out) == (130, "")
     assert "interrupted: nothing was written" in err
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_what_is_kept_is_said_whatever_signal_ended_it(capture, monkeypatch, tmp_path, number, code):
+    write = HistoriesWriter.write
+
+    def once(self, *arguments):
+        write(self, *arguments)
+        os.kill(os.getpid(), number)
+
+    monkeypatch.setattr(HistoriesWriter, "write", once)
+    options = ("--task", "scooping", "--policy", "random", "--pairs", 300, "--rounds", 2, "--out", "h.zarr")
+    ended, out, err = capture("gen-histories", *options, "--quiet")
+    assert (ended, out) == (code, "")
+    assert err == (
+        "interrupted: 256 of 300 histories are kept\n  cure: go on with the same command and --resume\n"
+    )
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
 
 
 def test_a_full_disk(capture, log, monkeypatch, tmp_path):

@@ -129,7 +129,7 @@ def test_a_run_goes_on_where_it_ended(folder, evaluated, names, monkeypatch):
         return real(self, *arguments)
 
     monkeypatch.setattr(Sim2Sim, "run", once)
-    with pytest.raises(OutputError, match="1 of 4 parts are kept"):
+    with pytest.raises(KeyboardInterrupt, match="1 of 4 parts are kept"):
         evaluate(out=folder / "killed", identifiers=names, **SMALL)
     assert not (folder / "killed").exists()
     monkeypatch.setattr(Sim2Sim, "run", real)
@@ -141,6 +141,19 @@ def test_a_run_goes_on_where_it_ended(folder, evaluated, names, monkeypatch):
         np.testing.assert_array_equal(done.arrays[name], values)
     read = evaluate(out=folder / "killed", identifiers=names, resume=True, **SMALL)
     assert read.document == done.document
+
+
+def test_a_run_that_ended_before_its_first_part_says_that_nothing_is_kept(folder, monkeypatch):
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Sim2Sim, "run", stop)
+        with pytest.raises(
+            KeyboardInterrupt, match=r"before the first of 2 parts[\s\S]*nothing is kept[\s\S]*--force"
+        ):
+            evaluate(out=folder / "stopped", identifiers=["domain-randomization"], **SMALL)
+    evaluate(out=folder / "stopped", identifiers=["domain-randomization"], force=True, **SMALL)
 
 
 def test_checkpoints_are_known_by_what_matters_of_them_and_by_the_hash_of_all_their_files(folder, trained):

@@ -299,8 +299,22 @@ def test_a_run_that_fails_at_once_leaves_nothing(generate, stop_after, tmp_path)
 
 def test_ctrl_c_says_how_to_go_on(generate, stop_after):
     stop_after(1, KeyboardInterrupt())
-    with pytest.raises(OutputError, match=r"16 of 40 histories are kept[\s\S]*--resume"):
+    with pytest.raises(KeyboardInterrupt, match=r"16 of 40 histories are kept[\s\S]*--resume"):
         generate()
+
+
+@pytest.mark.parametrize(("name", "again"), [("h.zarr", ""), ("memory://interrupted/h.zarr", " and --force")])
+def test_ctrl_c_before_anything_is_kept_says_how_to_begin_anew(
+    generate, stop_after, monkeypatch, name, again
+):
+    stop_after(0, KeyboardInterrupt())
+    with pytest.raises(
+        KeyboardInterrupt, match="before the first 16 of 40 histories were complete: nothing is kept"
+    ) as caught:
+        generate(name)
+    assert str(caught.value).endswith(f"begin anew with the same command{again}")
+    monkeypatch.undo()
+    assert len(Histories(generate(name, force=bool(again)))) == 40
 
 
 def test_existing_histories_are_not_replaced_unasked(generate):

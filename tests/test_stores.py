@@ -404,6 +404,19 @@ def test_a_run_that_is_still_at_work_is_neither_resumed_nor_replaced(tmp_path):
     assert names(tmp_path) == ["out"]
 
 
+def test_whoever_interrupts_long_work_is_told_that_it_is_kept(tmp_path):
+    with (
+        pytest.raises(
+            KeyboardInterrupt, match=r"out is unfinished, and what was written is kept[\s\S]*--resume"
+        ),
+        resumable_directory(tmp_path / "out") as folder,
+    ):
+        fill(folder)
+        raise KeyboardInterrupt
+    with resumable_directory(tmp_path / "out", resume=True) as folder:
+        assert (folder / "data").read_text() == "new"
+
+
 def test_a_failure_with_force_leaves_the_old_result(tmp_path):
     (tmp_path / "out").mkdir()
     fill(tmp_path / "out", "old")

@@ -161,7 +161,9 @@ def test_a_run_interrupted_before_it_evaluated_says_that_nothing_is_kept(small, 
         raise KeyboardInterrupt
 
     monkeypatch.setattr(stage, "save_state", stop)
-    with pytest.raises(OutputError, match="before the first evaluation: nothing that was learned is kept"):
+    with pytest.raises(
+        KeyboardInterrupt, match="before the first evaluation: nothing that was learned is kept"
+    ):
         train_sysid(histories=small, out=tmp_path / "a", **TINY)
 
 
@@ -189,7 +191,7 @@ def test_an_interrupted_run_goes_on_to_the_same_bytes(small, tmp_path, monkeypat
             raise KeyboardInterrupt
 
     monkeypatch.setattr(stage, "save_state", save_then_stop)
-    with pytest.raises(OutputError, match="--resume"):
+    with pytest.raises(KeyboardInterrupt, match="--resume"):
         train_sysid(out=resumed, **options)
     assert not resumed.exists() and unfinished(resumed).is_dir()
     monkeypatch.setattr(stage, "save_state", save)

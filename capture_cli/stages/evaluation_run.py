@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from capture_cli.errors import OptionError, OutputError
+from capture_cli.errors import Interrupted, OptionError
 from capture_cli.stages.checkpoint_hash import with_new_hashes
 from capture_cli.stages.evaluated_identifier import Evaluated
 from capture_cli.stages.evaluation_plan import EvaluationPlan, evaluation_plan
@@ -137,9 +137,14 @@ def _run(plan: EvaluationPlan, folder: Path, quiet: bool) -> None:
                 _keep(parts / name, arrays, draw, plan.attributes)
     except KeyboardInterrupt:
         kept = sum((parts / name).is_dir() for name, _, _ in plan.parts())
-        raise OutputError(
-            f"interrupted: {kept} of {len(plan.parts())} parts are kept",
-            cure="go on with the same command and --resume",
+        of = f"{len(plan.parts())} parts"
+        if not kept:
+            raise Interrupted(
+                f"interrupted before the first of {of} was complete: nothing is kept",
+                cure="begin anew with the same command and --force",
+            ) from None
+        raise Interrupted(
+            f"interrupted: {kept} of {of} are kept", cure="go on with the same command and --resume"
         ) from None
 
 

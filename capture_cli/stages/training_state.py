@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from capture_cli.errors import OptionError, OutputError, StoreError
+from capture_cli.errors import Interrupted, OptionError, StoreError
 from capture_cli.stores.tensors import save_arrays
 
 STATE = "state.safetensors"
@@ -57,14 +57,14 @@ def load_state(
     return counters, arrays
 
 
-def interrupted(folder: Path, after: str) -> OutputError:
+def interrupted(folder: Path, after: str) -> Interrupted:
     """What is said of a training that was interrupted; after: how far it was, "step 7"."""
     if (folder / STATE).is_file():
-        return OutputError(
+        return Interrupted(
             f"interrupted after {after}: what was learned up to the last evaluation is kept",
             cure="go on with the same command and --resume",
         )
-    return OutputError(
+    return Interrupted(
         f"interrupted after {after}, before the first evaluation: nothing that was learned is kept",
         cure="begin anew with the same command and --force",
     )

@@ -10,7 +10,7 @@ from collections.abc import Container, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from capture_cli.errors import OutputError
+from capture_cli.errors import Interrupted, OutputError
 from capture_cli.stores.writer_lock import only_writer
 
 PARTIAL = ".partial-"
@@ -74,6 +74,13 @@ def resumable_directory(path: Path, *, force: bool = False, resume: bool = False
             _sync(partial)
             refuse_existing(path, force=force)  # it may have appeared since
             _move_into_place(partial, path)
+    except KeyboardInterrupt as error:
+        if isinstance(error, Interrupted) or not partial.exists():
+            raise
+        raise Interrupted(
+            f"interrupted: {path} is unfinished, and what was written is kept",
+            cure="go on with the same command and --resume",
+        ) from error
     except OSError as error:
         if error.errno == errno.ENOSPC:
             raise OutputError(
