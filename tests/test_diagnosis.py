@@ -656,6 +656,30 @@ def test_an_existing_output_is_refused_before_any_work(logs, tmp_path):
         diagnose(real_log=logs["plain"], task=str(SLIDER), out=tmp_path / "taken", quiet=True)
 
 
+@pytest.mark.parametrize(
+    ("found", "said", "hint"),
+    [
+        ([], "so far no effect was found", ""),
+        (["coulomb-friction@x"], "so far: coulomb-friction@x", "--most-effects 1 it ends sooner"),
+        (["a@x", "a@y", "b@x"], "so far: a@x, a@y, b@x", "--most-effects 2 it ends sooner"),
+        (["a@x", "b@x", "c@x"], "so far: a@x, b@x, c@x", ""),
+    ],
+)
+def test_what_was_found_is_said_where_it_is_interrupted(logs, tmp_path, monkeypatch, found, said, hint):
+    def stop(prepared, nominal, settings, on_step):
+        on_step("score", 0, 1, found)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(diagnose_stage, "explain", stop)
+    options = {"task": str(SLIDER), "out": tmp_path / "d", "most_effects": 3, "quiet": True}
+    with pytest.raises(KeyboardInterrupt, match="nothing was written") as caught:
+        diagnose(real_log=logs["plain"], **options)
+    message, cure = str(caught.value).split("\n  cure: run the same command again")
+    assert message.endswith(said)
+    assert (hint in cure) if hint else not cure
+    assert not (tmp_path / "d").exists()
+
+
 def of_one_mass(x: float, residual: np.ndarray, by_mass: np.ndarray) -> Linearization:
     """At `x` of the mass's range, in three windows of 40 steps; by_mass (window, step, 1)."""
     evidence = Evidence(

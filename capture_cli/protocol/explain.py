@@ -177,7 +177,10 @@ class _Protocol:
         """What its refit was made of."""
         return self.parts.windows(*((FIT,) if model.again is model.fit else (FIT, SELECT)))
 
-    def _attribution(self, candidates: Sequence[Candidate] | None = None) -> Attribution:
+    def _attribution(
+        self, candidates: Sequence[Candidate] | None = None, known: Sequence[str] = ()
+    ) -> Attribution:
+        """Of the whole catalogue, or of `candidates`. known: names of the effects that were found before."""
         return Attribution(
             self.fits,
             self.parts.folds,
@@ -186,14 +189,14 @@ class _Protocol:
             most_effects=self.settings.most_effects,
             candidates=candidates,
             spreads=candidates is None,
-            on_step=self.on_step,
+            on_step=lambda what, number, total, found: self.on_step(what, number, total, [*known, *found]),
         )
 
     def _models(self, compared: ModelComparison, last: Fit) -> list[JudgedModel]:
         """The declared model and each with one more accepted effect."""
         models = []
         for count in range(len(last.effects) + 1):
-            self.on_step("refit", count, len(last.effects) + 1, [])
+            self.on_step("refit", count, len(last.effects) + 1, [e.name for e in last.effects])
             if count == len(last.effects):
                 models.append(self._judged(compared, last, with_minima=True))
             else:
@@ -256,7 +259,7 @@ class _Protocol:
         terms = expression_terms(task.model, [c.index for c in task.inputs])
         if not terms:
             return None
-        search = self._attribution([Candidate(term) for term in terms])
+        search = self._attribution([Candidate(term) for term in terms], [e.name for e in last.effects])
         found = search.run(self._from_best(last, after.again))
         chosen = found.effects[len(last.effects) :]
         if not chosen:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from capture_cli.diagnosis.split import EarlierSplit
-from capture_cli.errors import CaptureError, OptionError, StoreError
+from capture_cli.errors import CaptureError, Interrupted, OptionError, StoreError
 from capture_cli.protocol.attribution import MOST_EFFECTS
 from capture_cli.protocol.explain import Settings, explain
 from capture_cli.protocol.prepare import prepare
@@ -83,13 +83,34 @@ def diagnose(
 def diagnose_prepared(
     prepared: PreparedLog, nominal: np.ndarray, settings: Settings, progress: Progress
 ) -> Diagnosis:
-    """What `diagnose` finds in a log that was made ready, from the values `nominal` (parameter,) of its task."""
+    """What `diagnose` finds in a log that was made ready, from the values `nominal` (parameter,) of its task.
+
+    Raises FitError; Interrupted, which names what was found until then.
+    """
+    last: list[str] = []
 
     def tell(what: str, number: int, total: int, found: Sequence[str]) -> None:
+        last[:] = found
         so_far = f"; found {', '.join(found)}" if found else ""
         progress.step(progress.part(what, number, total) + so_far)
 
-    return diagnosis_of(explain(prepared, nominal, settings, tell))
+    try:
+        return diagnosis_of(explain(prepared, nominal, settings, tell))
+    except KeyboardInterrupt:
+        raise _interrupted(last, settings.most_effects) from None
+
+
+def _interrupted(found: Sequence[str], most_effects: int) -> Interrupted:
+    """Of a run that had `found` effects, called EFFECT@SITE, and was to end when it had `most_effects`."""
+    if not found:
+        return Interrupted(
+            "interrupted: nothing was written; so far no effect was found", cure="run the same command again"
+        )
+    sooner = len({name.partition("@")[0] for name in found})  # one at several places at once counts as one
+    cure = "run the same command again"
+    if sooner < most_effects:
+        cure += f"; with --most-effects {sooner} it ends sooner, when it has as many as now"
+    return Interrupted(f"interrupted: nothing was written; so far: {', '.join(found)}", cure=cure)
 
 
 def _check_estimate(folder: Path, log: MeasuredLog, task: str | None) -> tuple[Estimate, dict[str, Any]]:
