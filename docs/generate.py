@@ -217,7 +217,7 @@ _PARAMETER = {
     "high": "upper bound",
     "sd": "standard deviation of the estimate",
     "ci95[]": "95 % interval, cut to the bounds",
-    "at_bound": "whether the estimate lies at a bound",
+    "at_bound": "whether the estimate lies at a bound: within 1e-4 of the range of it, and within 3 `sd`",
     "identifiable": "whether the log determines it",
 }
 _HELD_OUT = (

@@ -458,6 +458,17 @@ def test_a_parameter_at_its_bound_is_said(plant, identify):
     assert mass["ci95"][1] == 4.0
 
 
+def test_bounds_that_are_far_too_wide_are_warned_of(plant, identify, tmp_path, capsys):
+    task = variant(tmp_path, MASS.replace("high = 4.0", "high = 1e4"))
+    mass = identify(plant(parameters={"mass": 1.4}), task).document["parameters"]["mass"]
+    assert mass["value"] == pytest.approx(1.4, abs=0.01)  # 4e-5 of the range from the bound
+    assert not mass["at_bound"]
+    err = capsys.readouterr().err
+    assert err.count("warning:") == 1
+    assert "parameter mass: its bounds, 1 to 10000 SI, span 5000 times its nominal value" in err
+    assert "cure: give [parameters.mass] bounds" in err
+
+
 def test_autocorrelated_noise_widens_the_intervals(plant, identify):
     """Against the same amount of white noise: first-order autoregressive with coefficient 0.9."""
     clean = plant(noise=0.0, duration=3.0)

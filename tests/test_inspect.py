@@ -405,6 +405,30 @@ def test_the_unit_that_times_seem_to_be_in_is_named(tmp_path, slider_task, inter
     assert f"if the time column is in {unit}, write time_scale = {scale} under [log]" in found["cure"]
 
 
+@pytest.mark.parametrize(
+    ("low", "high", "nominal", "said"),
+    [
+        ("0.1", "2000", "1.0", "its bounds, 0.1 to 2000 kg, span 2000 times its nominal value, 1.00 kg"),
+        ("0.1", "500", "1.0", None),
+        ("0.0", "2000", "0.0", None),  # says no size
+    ],
+)
+def test_bounds_that_are_far_too_wide_are_found(tmp_path, slider_task, low, high, nominal, said):
+    text = slider_task.read_text()
+    bounds = re.search(r"(\[parameters\.mass\][\s\S]*?)low = .*\nhigh = .*\n", text)
+    wide = f"{bounds[1]}low = {low}\nhigh = {high}\nnominal = {nominal}\n"
+    slider_task.write_text(text.replace(bounds[0], wide))
+    document = inspected(sound_log(), tmp_path, slider_task)
+    if said is None:
+        assert not document["findings"]
+        return
+    found = only(document)
+    assert (found["severity"], found["where"]) == ("warning", "parameter mass")
+    assert found["message"].startswith(said)
+    assert "slopes over 0.0001 of the range, 0.20 kg" in found["message"]
+    assert "[parameters.mass] bounds" in found["cure"]
+
+
 def test_a_heading_that_begins_anew_after_a_turn_is_found(tmp_path, slider_task):
     model = slider_task.parent / "model.xml"
     sound = sound_log()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from capture_cli.identifiers.intervals import unit_covariance
+from capture_cli.identifiers.intervals import Intervals, unit_covariance
 from capture_cli.linearization import Evidence, Linearization
 from capture_cli.parameters import Parameter, ParameterSpace
 
@@ -41,3 +41,24 @@ def test_noise_of_an_attitude_is_about_three_axes(level):
     )
     covariance, _ = unit_covariance(at)
     assert covariance[0, 0] == pytest.approx(noise**2 / np.square(slope).sum(), rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("value", "sd", "at_bound"),
+    [
+        (0.2, 4e-4, True),
+        (0.2005, 4e-4, True),
+        (0.799, 4e-4, False),  # 1e-4 of the range is 1 kg
+        (0.799, 0.4, True),
+        (2.0, 0.4, False),
+        (10000.0, 0.0, True),
+    ],
+)
+def test_what_is_at_a_bound_is_judged_by_its_sd_too(value, sd, at_bound):
+    space = ParameterSpace([Parameter("mass", "kg", 0.2, 10000.0, 0.5)])
+    nothing = np.zeros((0, 1))
+    one = np.array([value])
+    found = Intervals(
+        np.array([[sd**2]]), np.array([sd]), one, one, np.array([True]), nothing, np.zeros(0), 10.0
+    )
+    assert found.rows(space, one, [0])[0]["at_bound"] is at_bound

@@ -32,6 +32,10 @@ from capture_cli.parameters import AT_BOUND, ParameterSpace
 UNDETERMINED_SD = 1 / 6
 FAR = 2.0  # of the residual's variance over that of the noise, times its correlation time
 LOST_SD = 1.0  # of the range, where the log says nothing at all
+# Farther from a bound than so many of its sd the log decides a parameter: of bounds that are very wide, AT_BOUND of the
+# range may be more than the parameter itself.
+CLEAR_OF_BOUND_SD = 3.0
+ROUNDING = 1e-9  # of the range: what values at a bound are off it by
 
 
 @dataclass(frozen=True)
@@ -63,11 +67,17 @@ class Intervals:
                 "high": float(space.high[i]),
                 "sd": float(self.sd[i]),
                 "ci95": [float(self.low[i]), float(self.high[i])],
-                "at_bound": bool(min(x[i], 1 - x[i]) < AT_BOUND),
+                "at_bound": self._is_at_bound(x[i], self.sd[i] / space.span[i]),
                 "identifiable": bool(self.identifiable[i]),
             }
             for i in which
         ]
+
+    @staticmethod
+    def _is_at_bound(x: float, sd: float) -> bool:
+        """Whether a parameter is at the end of its range, at `x` in the unit cube, with its sd there."""
+        distance = min(x, 1 - x)
+        return bool(distance < AT_BOUND and distance <= CLEAR_OF_BOUND_SD * sd + ROUNDING)
 
 
 def intervals(

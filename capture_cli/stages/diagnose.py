@@ -19,6 +19,7 @@ from capture_cli.stages.diagnosis_document import diagnosis_of
 from capture_cli.stages.earlier_estimate import continues
 from capture_cli.stages.progress import Progress
 from capture_cli.stages.recorded_task import find_task, load_recorded, named, task_inputs
+from capture_cli.stages.wide_bounds import warn_of_wide_bounds
 from capture_cli.stores.diagnosis import Diagnosis
 from capture_cli.stores.estimate import Estimate
 from capture_cli.stores.measured_log import MeasuredLog
@@ -67,6 +68,7 @@ def diagnose(
     inputs = {"real_log": real_log, **task_inputs(found), "estimate": estimate}
     refuse_inputs(out, inputs.values())
     provenance = Provenance("diagnose", options, inputs)
+    warn_of_wide_bounds(found)
     held_out = None if begin is None or test is not None else _held_out(begin)
     prepared = prepare(log, found, window=window, test=test, held_out=held_out, seed=seed, threads=threads)
     nominal = _nominal(found, begin)

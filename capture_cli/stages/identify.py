@@ -35,6 +35,7 @@ from capture_cli.stages.estimation import (
 )
 from capture_cli.stages.progress import Progress
 from capture_cli.stages.recorded_task import find_task, named, task_inputs
+from capture_cli.stages.wide_bounds import warn_of_wide_bounds
 from capture_cli.stores.estimate import Estimate
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.stores.output import new_directory, refuse_existing, refuse_inputs
@@ -87,6 +88,7 @@ def identify(
     inputs = {"real_log": real_log, **task_inputs(found), "identifier": chosen.path}
     refuse_inputs(out, inputs.values())
     provenance = Provenance("identify", options, inputs)
+    warn_of_wide_bounds(found)
     given = {name: options[name] for name in ("window", "test", "seed")}
     prepared = prepare(log, found, **given, threads=threads)
     if earlier is not None:

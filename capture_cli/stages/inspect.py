@@ -21,6 +21,7 @@ from capture_cli.stages.held_outputs import rows_per_sample, sample_rate, slices
 from capture_cli.stages.log_findings import finding, log_findings, task_findings
 from capture_cli.stages.log_health import channel, excitation, quantisation, sampling, spikes, timing
 from capture_cli.stages.recorded_task import find_task
+from capture_cli.stages.wide_bounds import wide_bounds
 from capture_cli.stores.diagnosis import Diagnosis
 from capture_cli.stores.estimate import Estimate
 from capture_cli.stores.histories import SCHEMA as HISTORIES_SCHEMA
@@ -144,7 +145,7 @@ def _inspect_log(path: Path, document: dict[str, Any], machine: Task | None) -> 
     findings += [*_not_finite(log.time), *_import_findings(recordings), *_repeated(log)]
     findings += log_findings(document, machine)
     if machine is not None:
-        findings += task_findings(log, document, machine)
+        findings += [*task_findings(log, document, machine), *wide_bounds(machine)]
 
 
 def _sizes(log: MeasuredLog) -> dict[str, int]:

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from typing import Any
 
+from capture_cli.stages.wide_bounds import warn_of_wide_bounds
 from capture_cli.tasks import REGISTRY, load_task
 from capture_cli.tasks.base import Task
 
 
 def describe(task: str | None) -> dict[str, Any]:
     """{"tasks": [...]}: every built-in task, or the one of `task`, with parameters, inputs and outputs."""
-    found = [load_task(task)] if task else [cls() for _, cls in REGISTRY.items()]
-    return {"tasks": [_one(t) for t in found]}
+    if task is None:
+        return {"tasks": [_one(cls()) for _, cls in REGISTRY.items()]}
+    found = load_task(task)
+    warn_of_wide_bounds(found)
+    return {"tasks": [_one(found)]}
 
 
 def _one(task: Task) -> dict[str, Any]:
