@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import re
 import shlex
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,11 +15,12 @@ import pytest
 from capture_cli.errors import FitError, LogError, OptionError
 from capture_cli.identifiers import REGISTRY
 from capture_cli.identifiers.least_squares import LeastSquares
+from capture_cli.parameters import Parameter, ParameterSpace
 from capture_cli.reports import diagnosis_findings, findings
 from capture_cli.stages import diagnose as diagnose_stage
 from capture_cli.stages import identify as stage
 from capture_cli.stages.chosen_identifier import ChosenIdentifier
-from capture_cli.stages.estimate_document import Report
+from capture_cli.stages.estimate_document import Report, _agreement
 from capture_cli.stages.record import record
 from capture_cli.stores import output
 from capture_cli.stores.estimate import Estimate
@@ -527,6 +530,27 @@ def test_recordings_that_disagree(plant, identify):
     assert not said["agree"]
     assert "mass" in said["text"]
     assert said["parameters"]["mass"]["values"] == pytest.approx([1.4, 1.5], abs=0.01)
+    assert re.search(r"most about mass \(spread 6\.\d % of its value, p = ", said["text"])
+
+
+@pytest.mark.parametrize(
+    ("values", "low", "said"),
+    [
+        ((0.3500, 0.3501), 0.0, None),  # 0.03 %: told apart, and of no use
+        ((0.3500, 0.3600), 0.0, r"spread 2\.8 % of its value"),
+        ((1e-4, 3e-4), 0.0, None),  # as good as 0
+        ((1e-4, 3e-4), 5e-5, r"spread 100 % of its value"),  # cannot be 0
+        ((-0.2, 0.2), -1.0, r"spread 20 % of its bounds' span"),
+    ],
+)
+def test_recordings_disagree_by_what_matters(values, low, said):
+    space = ParameterSpace([Parameter("friction", "N m", low, 1.0, 0.5)])
+    sd = np.full((2, 1), 1e-6)
+    joint = SimpleNamespace(identifiable=np.array([True]))
+    found = _agreement(["a", "b"], np.array(values)[:, None], sd, 1e4, space, joint)["document"]
+    assert found["parameters"]["friction"]["p_value"] < 1e-9
+    assert found["agree"] is (said is None)
+    assert said is None or re.search(said, found["text"])
 
 
 @pytest.mark.parametrize(

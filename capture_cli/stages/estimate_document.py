@@ -12,6 +12,7 @@ from capture_cli.identifiers.base import Trial
 from capture_cli.identifiers.intervals import Intervals, intervals
 from capture_cli.identifiers.least_squares import CONVERGED_GAIN
 from capture_cli.identifiers.rounds import Rounds
+from capture_cli.parameters import Parameter, ParameterSpace
 from capture_cli.protocol.fit import TOLERANCE, Fit
 from capture_cli.protocol.held_out import HeldOut, held_out
 from capture_cli.protocol.part_fit import PartFit
@@ -36,6 +37,10 @@ from capture_cli.tasks.base import ActionTask, Task
 
 ROUGH = 1.0  # of the objective over k: a standard error
 DISAGREE_P = 0.01  # of all parameters together, Bonferroni
+# Of the value: of recordings that are as quiet as a simulation chance allows less than any use of a model notices, and
+# less than its time step and the shape of its laws are good for.
+MATTERS = 0.01
+NEAR_ZERO = 1e-3  # of the bounds' span: ten of a fit's finite differences
 
 
 class Report:
@@ -130,7 +135,7 @@ class Report:
             gains.append(self._gain(fit.part(which), own))
         if len(alone) < 2:
             return None
-        found = _agreement(alone, np.array(values), np.array(sds), sum(gains), self.space.names, joint)
+        found = _agreement(alone, np.array(values), np.array(sds), sum(gains), self.space, joint)
         left_out = [names[n] for n in fitted if names[n] not in alone]
         if left_out:
             found["document"]["text"] += f"; nothing is known of {', '.join(left_out)} alone"
@@ -232,8 +237,11 @@ class Report:
         return arrays
 
 
-def _agreement(names, values: np.ndarray, sd: np.ndarray, gain: float, parameters, joint: Intervals) -> dict:
-    """Do the recordings agree? Cochran's Q per parameter, over the estimates that a recording determines.
+def _agreement(
+    names, values: np.ndarray, sd: np.ndarray, gain: float, space: ParameterSpace, joint: Intervals
+) -> dict:
+    """Do the recordings agree? Cochran's Q per parameter, over the estimates that a recording determines, where they
+    differ by what matters.
 
     gain: of the objective, by fits to each alone. Where that is no more than chance they do, whatever Q says: friction
     that holds makes the error rough, and a fit to little data ends beside where its sensitivities say.
@@ -241,27 +249,40 @@ def _agreement(names, values: np.ndarray, sd: np.ndarray, gain: float, parameter
     from scipy.special import chdtrc
 
     document, p_values = {}, []
-    for i, name in enumerate(parameters):
+    spreads = [_spread(values[:, i], p) for i, p in enumerate(space)]
+    for i, name in enumerate(space.names):
         weight = 1 / np.square(sd[:, i])
         mean = (weight * values[:, i]).sum() / weight.sum()
         p = float(chdtrc(len(values) - 1, (weight * np.square(values[:, i] - mean)).sum()))
-        p_values.append(p if joint.identifiable[i] else 1.0)
+        p_values.append(p if joint.identifiable[i] and spreads[i][0] > MATTERS else 1.0)
         document[name] = {"values": values[:, i].tolist(), "sd": sd[:, i].tolist(), "p_value": p}
-    by_chance = float(chdtrc((len(values) - 1) * len(parameters), max(gain, 0.0)))
+    by_chance = float(chdtrc((len(values) - 1) * len(space), max(gain, 0.0)))
     agree = max(min(p_values) * len(p_values), by_chance) > DISAGREE_P
-    worst = parameters[int(np.argmin(p_values))]
-    spread = np.ptp([document[worst]["values"]])
+    worst = int(np.argmin(p_values))
+    share, of = spreads[worst]
     text = (
         f"The {len(names)} recordings agree"
         if agree
-        else f"The {len(names)} recordings disagree, most about {worst} "
-        f"(spread {spread:.3g}, p = {min(p_values):.1g}): it changed between them, or stands in for something that did"
+        else f"The {len(names)} recordings disagree, most about {space.names[worst]} "
+        f"(spread {significant(100 * share, 2)} % {of}, p = {min(p_values):.1g}): it changed between them, or "
+        "stands in for something that did"
     )
     return {
         "values": values,
         "sd": sd,
         "document": {"names": names, "agree": bool(agree), "parameters": document, "text": text},
     }
+
+
+def _spread(values: np.ndarray, parameter: Parameter) -> tuple[float, str]:
+    """How far apart the values (recording,) are: as a share of what, and of what that is.
+
+    Of the bounds' span where the value is so near to 0, which it may be, that no share of it means anything.
+    """
+    value = abs(values.mean())
+    if parameter.low <= 0 <= parameter.high and value < NEAR_ZERO * parameter.span:
+        return float(np.ptp(values) / parameter.span), "of its bounds' span"
+    return float(np.ptp(values) / value), "of its value"
 
 
 def _verdict(found: Intervals, leaves: bool) -> str:
