@@ -13,14 +13,13 @@ from typing import Any
 import numpy as np
 
 from capture_cli.diagnosis.expression import expression_terms
-from capture_cli.effects import REGISTRY
-from capture_cli.effects.base import Effect
 from capture_cli.effects.companion import MADE_BY_EXPORT, companion_module
-from capture_cli.effects.placed import Placed, placed_name
+from capture_cli.effects.placed import placed_name
 from capture_cli.errors import OptionError, OutputError, StoreError
 from capture_cli.parameters import Parameter, ParameterSpace
 from capture_cli.sim.engine import ModelFields
 from capture_cli.sim.mjcf import to_mjcf
+from capture_cli.stages.recorded_effects import WithValues, recorded_effects, recorded_values
 from capture_cli.stages.recorded_task import load_recorded, task_inputs
 from capture_cli.stores.diagnosis import Diagnosis
 from capture_cli.stores.estimate import Estimate
@@ -29,7 +28,6 @@ from capture_cli.stores.result import read_provenance
 from capture_cli.tasks.base import Task
 
 MADE_BY = {"capture/estimate": "identify", "capture/diagnosis": "diagnose"}
-WithValues = Mapping[str, tuple[Effect, np.ndarray]]  # {NAME@SITE: (effect, its values (parameter,))}
 
 
 @dataclass(frozen=True)
@@ -68,8 +66,8 @@ def export(*, result: Path, out: Path, task: str | None = None, force: bool = Fa
     expression = found.get("expression") or {}
     if expression.get("terms"):
         found = _with_expression(found, expression, str(result))
-    values = _values(found["parameters"], machine.space, str(result), command)
-    effects = _effects(found.get("effects", []), machine.model, command)
+    values = recorded_values(found["parameters"], machine.space, str(result), command)
+    effects = recorded_effects(found.get("effects", []), machine.model, command)
     effects |= _terms(expression.get("terms", []), machine, command)
     fields = ModelFields(machine.model, 1)
     machine.write(fields, values[None])
@@ -119,38 +117,6 @@ def _read(result: Path) -> Mapping[str, Any]:
         f"{result} holds neither estimate.json nor diagnosis.json",
         cure="give a directory that `capture identify` or `capture diagnose` made",
     )
-
-
-def _values(parameters: Mapping[str, Any], space: ParameterSpace, whose: str, command: str) -> np.ndarray:
-    """Values (parameter,) of a document's parameters. Raises StoreError where `space` has others."""
-    if set(parameters) != set(space.names):
-        raise StoreError(
-            f"{whose} has the parameters ({', '.join(sorted(parameters))}); "
-            f"now there are ({', '.join(sorted(space.names))})",
-            cure=f"run `capture {command}` again with the task as it is now",
-        )
-    return space.to_vector({name: p["value"] for name, p in parameters.items()})
-
-
-def _effects(rows, model, command: str) -> WithValues:
-    """The effects of a diagnosis. Raises CaptureError where the model has no place for one any more."""
-    effects = {}
-    for row in rows:
-        effect = REGISTRY.get(row["name"])(model, row["site"])
-        name = Placed(row["name"], effect).name
-        known = {n: p for n, p in row["parameters"].items() if not effect.of_one_recording(n)}
-        values = _values(known, effect.space, name, command)
-        effects[name] = (effect, _null_of_here(effect.space, values, known))
-    return effects
-
-
-def _null_of_here(space: ParameterSpace, values: np.ndarray, recorded: Mapping[str, Any]) -> np.ndarray:
-    """`values` (parameter,), and where one is null in the diagnosis, as which it is `recorded`, the null of `space`.
-
-    A limit's null is the end of its range, and `diagnose` has that from how far the log drove the actuators.
-    """
-    ends = np.array([recorded[name]["high"] for name in space.names])
-    return np.where((space.nominal == space.high) & (values == ends), space.nominal, values)
 
 
 def _substeps(effects: WithValues) -> int:
