@@ -34,13 +34,15 @@ class Simulated:
 
 @dataclass(frozen=True)
 class Motion:
-    """On the model's grid: qpos (window, grid, nq), contacts (window, grid), how many there are, and actuator_force
-    (window, grid, actuator), N or N m at the actuator.
+    """On the model's grid: qpos (window, grid, nq), contacts (window, grid), how many there are, actuator_force
+    (window, grid, actuator), N or N m at the actuator, and outputs (window, grid, output). diverged (window,).
     """
 
     qpos: np.ndarray
     contacts: np.ndarray
     actuator_force: np.ndarray
+    outputs: np.ndarray
+    diverged: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -77,7 +79,7 @@ class _Runs:
         windows: Windows,
         starts: Starts,
         point: np.ndarray,
-        offsets: np.ndarray,
+        offsets: np.ndarray | None,
         reported: ReportedMotion | None,
     ) -> _Runs:
         """One of every window, at one point (parameter,)."""
@@ -248,13 +250,19 @@ class Simulator:
         windows: Windows,
         starts: Starts,
         point: np.ndarray,
-        offsets: np.ndarray,
+        offsets: np.ndarray | None = None,
         reported: ReportedMotion | None = None,
     ) -> Motion:
         """What happens inside every window at one point (parameter,); the rest is as for `simulate`."""
         rollouts = self._rollout(_Runs.at(windows, starts, point, offsets, reported), keep_states=True)
         self.rollouts += len(windows)
-        return Motion(rollouts.qpos, rollouts.contacts, rollouts.actuator_force)
+        return Motion(
+            rollouts.qpos,
+            rollouts.contacts,
+            rollouts.actuator_force,
+            outputs=rollouts.sensors,
+            diverged=rollouts.diverged,
+        )
 
     def begun(
         self,

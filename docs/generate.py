@@ -341,7 +341,9 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str]]] = {
             "rollouts.measured": "episodes of the log",
             "rollouts.simulated": "windows simulated in all",
             "next_experiment": "null, or what would separate a tie: {band_hz, peaks, duration_s, seed, "
-            "separation, text}; seed: of the phases, as `capture propose` drives them",
+            "separation, is_near, predicted, text, beyond_log}; seed: of the phases, as `capture propose` drives them; "
+            "is_near, predicted: whether and how all stays near what the log shows, as in [online.md](online.md); "
+            "beyond_log: null, or likewise what separates most of all, wherever it takes the machine",
             "expression": "null, or, where effects left something of what was fitted, the formula of the force that is "
             "missing: {text, terms: [{site, coefficient, sd, unit}], values, select, test}; values: {NAME: value} of "
             "every parameter of the model with it, effects' and terms' by NAME@SITE.PARAMETER",

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -32,6 +33,10 @@ def propose(
     amplitude: Annotated[
         list[str], typer.Option("--amplitude", help="INPUT=VALUE, above 0: how far an input may be driven.")
     ] = [],  # noqa: B006
+    beyond_log: Annotated[
+        bool,
+        typer.Option("--beyond-log", help="Also multisines that take the model beyond what the log shows."),
+    ] = False,
     out: Annotated[Path | None, typer.Option("--out", help="File to write; default stdout.")] = None,
     csv: Annotated[
         Path | None, typer.Option("--csv", help="Also the inputs, in the columns and units of the log.")
@@ -41,7 +46,10 @@ def propose(
     force: Force = False,
     config: Config = None,
 ) -> None:
-    """Propose what to run on the machine next, as JSON.
+    """Propose what to run on the machine next, as JSON, and print where that takes the identified model, open loop.
+
+    Inputs stay such that the model stays near what the log shows: within the range of every output, widened by half of
+    its span to either side, and within joints' ranges. Read what is printed before a machine is driven so.
 
     Example: capture propose run.estimate --out proposal.json
     """
@@ -62,6 +70,7 @@ def propose(
         threads=threads,
         out=out,
         csv=csv,
+        beyond_log=beyond_log,
     )
     if csv is not None:
         from capture_cli.stages.proposal_csv import proposal_csv
@@ -74,3 +83,21 @@ def propose(
         with new_file(out, force=force) as file:
             write_json(file, document)
     print(document["text"], file=sys.stderr)
+    for line in _predicted(document.get("predicted") or {}):
+        print(line, file=sys.stderr)
+
+
+def _predicted(rows: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """Where the model is taken beside what the log shows, a line each; of joints' ranges, those alone that are left."""
+    said = {name: row for name, row in rows.items() if row["log"] or not row["is_near"]}
+    width = max(map(len, said), default=0)
+    lines = ["predicted of the identified model, open loop, and in the log:"] if said else []
+    for name, row in said.items():
+        log = _range(row["log"]) if row["log"] else "not measured"
+        beyond = "" if row["is_near"] else "  beyond"
+        lines.append(f"  {name:<{width}}  {_range(row['range'])} {row['unit']}  (log {log}){beyond}")
+    return lines
+
+
+def _range(ends: Sequence[float]) -> str:
+    return f"{ends[0]:.3g} to {ends[1]:.3g}"

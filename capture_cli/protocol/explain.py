@@ -27,6 +27,7 @@ from capture_cli.protocol.part_fit import PartFit
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.protocol.repeated_noise import with_noise_of_repeats
 from capture_cli.protocol.residual_noise import with_noise_of_residual, with_outliers
+from capture_cli.protocol.shown_motion import ShownMotion
 from capture_cli.protocol.time_step import shorter_step
 
 # what is tried, its number, of how many, what was found so far
@@ -166,12 +167,28 @@ class _Protocol:
                 self.parts.number == TEST,
             ),
             shorter_step=shorter_step(self.fits, self._seen(after), after.again, after.intervals),
-            next_experiment=next_experiment(self.fits, after.fit, [c.fit for c in tied], self.settings.seed),
+            next_experiment=next_experiment(
+                self.fits, after.fit, [c.fit for c in tied], self.settings.seed, self._shown(after)
+            ),
         )
         wanted = self.settings.expression and last_time and found.verdict == "unexplained"
         if wanted and after.lacking.lacking:
             found = replace(found, expression=self._expression(last, after))
         return replace(found, rollouts=self.fits.rollouts)
+
+    def _shown(self, model: JudgedModel) -> ShownMotion:
+        """How far the log shows that the machine went."""
+        windows, log = self.prepared.windows, self.prepared.log
+        mask = windows.mask
+        measured = np.where(windows.sampled, windows.measured, np.nan)[mask]
+        return ShownMotion.of(
+            self.prepared.task,
+            self.prepared.noise.sd,
+            time=log.time[self.prepared.log_steps][mask],
+            window=np.repeat(np.arange(len(windows)), windows.samples),
+            measured=measured,
+            simulated=measured - model.whole.in_units[mask],
+        )
 
     def _seen(self, model: JudgedModel) -> PreparedLog:
         """What its refit was made of."""

@@ -12,43 +12,57 @@ import numpy as np
 from capture_cli.multisine import multisine_tape
 from capture_cli.protocol.fit import Fit
 from capture_cli.protocol.model_fits import ModelFits
+from capture_cli.protocol.shown_motion import Predicted, ShownMotion
 from capture_cli.sim.starts import model_starts
 from capture_cli.sim.windows import Windows, cut
 from capture_cli.tasks.base import Task
 
 BANDS = ((0.1, 0.5), (0.5, 3.0), (3.0, 10.0))  # Hz
-SHARES = (0.3, 1.0)  # of the largest input in the log
+SHARES = tuple(0.5**k for k in range(8))  # of the largest input in the log
 DURATION = 3.0  # s
 RATE = 250.0  # Hz
 ENOUGH = 3.0  # times the noise floor: a difference that a test will see
 CHANCE = 2.0  # sd, over all samples together: of a smaller difference no test is sure
 
 
-def next_experiment(fits: ModelFits, mine: Fit, others: Sequence[Fit], seed: int) -> dict[str, Any] | None:
-    """The experiment, of a menu of multisines from rest, under which `mine` and its nearest rival differ most.
+def next_experiment(
+    fits: ModelFits, mine: Fit, others: Sequence[Fit], seed: int, shown: ShownMotion
+) -> dict[str, Any] | None:
+    """The experiment, of a menu of multisines from rest, under which `mine` and its nearest rival differ most, of those
+    under which all of these models stay near what the log shows; the one that takes them least far, where none does.
 
-    None where the task has no inputs, or no experiment of the menu can be simulated. What was simulated for it is
-    counted in `fits.rollouts`.
+    Its `beyond_log` is that under which they differ most of all, or None where it is the same. None where the task has
+    no inputs, or no experiment of the menu can be simulated. What was simulated for it is counted in `fits.rollouts`.
     """
     task, log = fits.prepared.task, fits.prepared.log
     peaks = np.array([*log.input_peaks.values()])
     if not task.inputs or not others or not peaks.any():
         return None
-    best = None
-    for band, share in product(BANDS, SHARES):
-        asked = {
-            "band_hz": list(band),
-            "peaks": (share * peaks).tolist(),
-            "duration_s": DURATION,
-            "seed": seed,
-        }
-        windows = driven_window(task, *experiment_tape(task, asked))
-        separation = min(_separation(fits, mine, other, windows) for other in others)
-        if np.isfinite(separation) and (best is None or separation > best["separation"]):
-            best = {**asked, "separation": separation}
-    if best is None:
+    menu = [
+        {"band_hz": list(band), "peaks": (share * peaks).tolist(), "duration_s": DURATION, "seed": seed}
+        for band, share in product(BANDS, SHARES)
+    ]
+    tapes = [experiment_tape(task, asked)[1] for asked in menu]
+    windows = driven_windows(task, experiment_times(task), np.stack(tapes))
+    separation, predicted = _compared(fits, mine, others, windows, shown)
+    sound = np.isfinite(separation)
+    if not sound.any():
         return None
-    return {**best, "text": _text(task, best, mine, others)}
+    near, most = (
+        int(np.argmax(np.where(among, separation, -np.inf)))
+        for among in (shown.nearest(predicted, sound), sound)
+    )
+    found = {
+        k: {**menu[k], "separation": float(separation[k]), **shown.judged(predicted, k)} for k in (near, most)
+    }
+    farther_tells = found[near]["separation"] <= ENOUGH < found[most]["separation"]
+    where = shown.where_to(predicted, near, "none that was tried stays")
+    text = _text(task, mine, others, found[near], where, farther_tells=farther_tells)
+    if most == near:
+        return {**found[near], "text": text, "beyond_log": None}
+    where = shown.where_to(predicted, most, "it does not stay")
+    beyond = {**found[most], "text": _text(task, mine, others, found[most], where)}
+    return {**found[near], "text": text, "beyond_log": beyond}
 
 
 def experiment_tape(task: Task, asked: Mapping[str, Any]) -> tuple[np.ndarray, np.ndarray]:
@@ -65,13 +79,16 @@ def experiment_times(task: Task, duration: float = DURATION) -> np.ndarray:
     return interval * np.arange(int(duration / interval) + 1)
 
 
-def driven_window(task: Task, time: np.ndarray, tape: np.ndarray) -> Windows:
-    """One window under the inputs `tape` (step, input) at `time` (step,), in which nothing was measured: of no log."""
+def driven_windows(task: Task, time: np.ndarray, tapes: np.ndarray) -> Windows:
+    """One window under each of `tapes` (window, step, input) at `time` (step,), in which nothing was measured: of no
+    log.
+    """
+    count, steps = tapes.shape[:2]
     windows = cut(
-        time=time,
-        inputs=tape,
-        outputs=np.zeros((len(time), len(task.outputs))),
-        episodes=[slice(0, len(time))],
+        time=np.tile(time, count),
+        inputs=np.concatenate(tapes),
+        outputs=np.zeros((count * steps, len(task.outputs))),
+        episodes=[slice(steps * k, steps * (k + 1)) for k in range(count)],
         timestep=task.timestep,
         duration=None,
         linear=task.linear,
@@ -79,32 +96,57 @@ def driven_window(task: Task, time: np.ndarray, tape: np.ndarray) -> Windows:
     return replace(windows, first=None)
 
 
-def _separation(fits: ModelFits, mine: Fit, other: Fit, windows: Windows) -> float:
-    """RMS difference of the two models' outputs over the noise floor; NaN where one diverges."""
-    starts = model_starts(fits.prepared.task.model, 1).starts
-    outputs = []
-    for fit in (mine, other):
-        simulated = fits.simulator(fit.effects).simulate(windows, starts, fit.point[None])
-        if simulated.diverged.any():
-            return float("nan")
-        outputs.append(simulated.outputs[0][windows.mask] / fits.prepared.noise.sd)
-    return float(np.sqrt(np.square(outputs[0] - outputs[1]).mean()))
+def _compared(
+    fits: ModelFits, mine: Fit, others: Sequence[Fit], windows: Windows, shown: ShownMotion
+) -> tuple[np.ndarray, Predicted]:
+    """RMS difference over the noise floor of the outputs of `mine` and its nearest rival, (window,), NaN where one
+    diverges; and where any of them takes the machine.
+    """
+    task = fits.prepared.task
+    every = np.arange(len(windows))
+    starts = model_starts(task.model, len(windows)).starts
+    interval = float(experiment_times(task)[1])
+    sampled, predicted, sound = [], None, np.ones(len(windows), dtype=bool)
+    for fit in (mine, *others):
+        motion = fits.simulator(fit.effects).motion(windows, starts, fit.point)
+        sound &= ~motion.diverged
+        motion.outputs[motion.diverged] = motion.qpos[motion.diverged] = (
+            0.0  # what ran away need not be finite
+        )
+        sampled.append(windows.sample(motion.outputs, every))
+        own = shown.predicted(sampled[-1], motion.qpos, interval)
+        predicted = own if predicted is None else predicted.joined(own)
+    apart = [(sampled[0] - other) / fits.prepared.noise.sd for other in sampled[1:]]
+    separation = np.min([np.sqrt(np.square(d).mean(axis=(1, 2))) for d in apart], axis=0)
+    return np.where(sound, separation, np.nan), predicted
 
 
-def _text(task: Task, best: Mapping[str, Any], mine: Fit, others: Sequence[Fit]) -> str:
+def _text(
+    task: Task,
+    mine: Fit,
+    others: Sequence[Fit],
+    asked: Mapping[str, Any],
+    where: str,
+    *,
+    farther_tells: bool = False,
+) -> str:
+    """where: it takes the machine. farther_tells: whether one that takes it farther would do what this one does not."""
     least = CHANCE / np.sqrt(len(experiment_times(task)) * len(task.outputs))
-    peaks = ", ".join(f"{c.name} {p:.3g} {c.unit}" for c, p in zip(task.inputs, best["peaks"], strict=True))
+    peaks = ", ".join(f"{c.name} {p:.3g} {c.unit}" for c, p in zip(task.inputs, asked["peaks"], strict=True))
     own = {e.name for e in mine.effects}
-    rivals = sorted({e.name for o in others for e in o.effects} - own)
-    low, high = best["band_hz"]
-    if best["separation"] < least:
-        return f"nothing that was tried tells it from {', '.join(rivals)}: here they may be one and the same"
+    rivals = ", ".join(sorted({e.name for o in others for e in o.effects} - own))
+    low, high = asked["band_hz"]
+    farther = "; one that goes farther would (propose --beyond-log)" if farther_tells else ""
+    if asked["separation"] < least:
+        if farther:
+            return f"nothing that stays near what the log shows tells it from {rivals}{farther}"
+        return f"nothing that was tried tells it from {rivals}: here they may be one and the same"
     separate = (
-        f"they would differ by {best['separation']:.2g} times the noise floor"
-        if best["separation"] > ENOUGH
-        else f"even so they would differ by no more than {best['separation']:.2g} times the noise floor"
+        f"they would differ by {asked['separation']:.2g} times the noise floor"
+        if asked["separation"] > ENOUGH
+        else f"even so they would differ by no more than {asked['separation']:.2g} times the noise floor{farther}"
     )
     return (
-        f"to tell it from {', '.join(rivals)}: drive from rest for {DURATION:g} s with a multisine of "
-        f"{low:g} to {high:g} Hz that peaks at {peaks}; {separate}"
+        f"to tell it from {rivals}: drive from rest for {DURATION:g} s with a multisine of "
+        f"{low:g} to {high:g} Hz that peaks at {peaks}; {where}; {separate}"
     )

@@ -11,13 +11,21 @@ import numpy as np
 from capture_cli.errors import OptionError
 from capture_cli.multisine import BAND, check_above_zero, check_amplitude, multisine_tape, peak, peaks
 from capture_cli.protocol.expected_information import Axes, information, sensitivities
-from capture_cli.protocol.next_experiment import BANDS, SHARES, experiment_tape, experiment_times
+from capture_cli.protocol.next_experiment import (
+    BANDS,
+    SHARES,
+    driven_windows,
+    experiment_tape,
+    experiment_times,
+)
+from capture_cli.protocol.shown_motion import ShownMotion
 from capture_cli.sim.starts import model_starts
 from capture_cli.simulator import Simulator
 from capture_cli.stages.drive import Drive, acted
-from capture_cli.stages.planned_episodes import Known, planned
+from capture_cli.stages.planned_episodes import Known, planned, planned_motion
 from capture_cli.stages.policy_checkpoint import load_policy
 from capture_cli.stages.proposed_machine import is_diagnosis, proposed_machine
+from capture_cli.stages.recorded_effects import recorded_effects, recorded_values
 from capture_cli.stages.recorded_log import recorded_log
 from capture_cli.stages.recorded_task import task_inputs
 from capture_cli.stores.diagnosis import EXPERIMENT, Diagnosis
@@ -29,6 +37,7 @@ from capture_cli.stores.result import read_provenance
 from capture_cli.tasks.base import ActionTask, Task
 
 CANDIDATES = 48  # actions that are compared
+STRONGEST = 2  # of a band: multisines whose information is compared
 
 
 def propose(
@@ -42,14 +51,15 @@ def propose(
     threads: int | None = None,
     out: Path | None = None,
     csv: Path | None = None,
+    beyond_log: bool = False,
 ) -> dict[str, Any]:
     """What to do next, given the estimate or diagnosis directory `result`: the document of proposal.json.
 
     Of a task of actions, the one of `candidates` random actions that tells most about what the estimate leaves open;
     with `policy`, the action it chooses for the estimate. Of any other machine, the most telling of a menu of
-    multisines that peak at `amplitude` or below (what the log's inputs peaked at where not given). Of a diagnosis, the
-    experiment that would separate what is tied. out, csv: where the document, and its inputs, will go. Raises
-    CaptureError.
+    multisines that peak at `amplitude` or below (what the log's inputs peaked at where not given), of those under which
+    the model stays near what the log shows; of all of them with `beyond_log`. Of a diagnosis, the experiment that would
+    separate what is tied. out, csv: where the document, and its inputs, will go. Raises CaptureError.
     """
     diagnosed = is_diagnosis(Path(result))
     machine, log = proposed_machine(Path(result), task)
@@ -64,7 +74,7 @@ def propose(
                 f"--policy: {result} is a diagnosis, whose next experiment is proposed",
                 cure="leave it out, or propose from the estimate",
             )
-        return _of_diagnosis(Path(result), machine, amplitude or {}, seed)
+        return _of_diagnosis(Path(result), machine, amplitude or {}, seed, beyond_log, threads)
     estimate = Estimate.read(Path(result))
     if (
         estimate.document["task"] != machine.name
@@ -82,13 +92,16 @@ def propose(
     if isinstance(machine, ActionTask):
         if amplitude:
             raise OptionError(f"--amplitude: {machine.name!r} is driven by actions", cure="leave it out")
+        if beyond_log:
+            raise OptionError(f"--beyond-log: {machine.name!r} is driven by actions", cure="leave it out")
         if policy is not None:
             return _by_policy(machine, policy, estimate, generator)
         return _doubted(_action(machine, known, candidates, generator, threads), estimate)
     if policy is not None:
         raise OptionError(f"--policy: {machine.name!r} has no actions", cure="leave it out")
     farthest = _farthest(Path(result), machine, estimate, amplitude or {})
-    return _doubted(_multisine(machine, known, farthest, generator, threads), estimate)
+    shown = _shown(machine, estimate, known)
+    return _doubted(_multisine(machine, known, farthest, generator, threads, shown, beyond_log), estimate)
 
 
 def _doubted(proposed: dict[str, Any], estimate: Estimate) -> dict[str, Any]:
@@ -158,28 +171,68 @@ def _by_policy(task: ActionTask, policy: str, estimate: Estimate, generator) -> 
 
 
 def _multisine(
-    task: Task, known: Known, farthest: np.ndarray, generator, threads: int | None
+    task: Task,
+    known: Known,
+    farthest: np.ndarray,
+    generator,
+    threads: int | None,
+    shown: ShownMotion,
+    beyond_log: bool,
 ) -> dict[str, Any]:
+    """Of every band the two strongest that stay near what the log shows are compared."""
     time = experiment_times(task)
-    menu = [(band, share * farthest) for band in (*BANDS, BAND) for share in SHARES]
-    tapes = [multisine_tape(task, time, far, band, generator, at_rest=True) for band, far in menu]
+    bands = (*BANDS, BAND)
+    tapes = [
+        multisine_tape(task, time, share * farthest, band, np.random.default_rng(phases), at_rest=True)
+        for band, phases in zip(bands, generator.integers(2**32, size=len(bands)), strict=True)
+        for share in SHARES
+    ]
     driven = Drive(
         time=np.tile(time, len(tapes)),
         inputs=np.concatenate(tapes),
         ends=len(time) * (1 + np.arange(len(tapes))),
         starts=model_starts(task.model, len(tapes)).starts,
     )
+    whole, rollouts = planned_motion(task, driven, known, threads)
+    sound = ~rollouts.diverged
+    outputs = rollouts.sensors[..., [c.index for c in task.outputs]]
+    outputs[rollouts.diverged] = rollouts.qpos[rollouts.diverged] = 0.0  # what ran away need not be finite
+    outputs = whole.sample(outputs, np.arange(len(whole)))
+    predicted = shown.predicted(outputs, rollouts.qpos, float(time[1]))
+    may = sound if beyond_log else sound & shown.nearest(predicted, sound)
+    strongest = may & (np.cumsum(may.reshape(len(bands), -1), axis=1).ravel() <= STRONGEST)
+    chosen = np.flatnonzero(strongest if sound.any() else ~sound)
     cure = "drive it less: --amplitude NAME=VALUE"
-    best, gains, expected = _most_telling(task, driven, known, threads, cure)
-    text = f"the most telling of {len(tapes)} multisines from rest: {gains[best]:.2g} nats"
+    at, gains, expected = _most_telling(task, driven.rows(chosen), known, threads, cure)
+    best = int(chosen[at])
+    where = shown.where_to(predicted, best, "it does not stay" if beyond_log else "none that was tried stays")
+    judged = shown.judged(predicted, best)
+    is_mildest = not (beyond_log or judged["is_near"])
+    what = f"mildest of {len(tapes)}" if is_mildest else f"most telling of {len(chosen)}"
+    text = f"the {what} multisines from rest: {gains[at]:.2g} nats; {where}"
     return {
         **_head(task, "inputs", text),
-        **_tape(task, menu[best][0], time, tapes[best]),
+        **_tape(task, bands[best // len(SHARES)], time, tapes[best]),
         **expected,
+        **judged,
     }
 
 
-def _of_diagnosis(folder: Path, task: Task, amplitude: Mapping[str, float], seed: int) -> dict[str, Any]:
+def _shown(task: Task, estimate: Estimate, known: Known) -> ShownMotion:
+    """How far the log of an estimate shows that the machine went."""
+    names = ("time", "window", "measured", "simulated")
+    steps = {name: np.asarray(estimate.arrays[f"step/{name}"]) for name in names}
+    return ShownMotion.of(task, known.noise.sd, **steps)
+
+
+def _of_diagnosis(
+    folder: Path,
+    task: Task,
+    amplitude: Mapping[str, float],
+    seed: int,
+    beyond_log: bool,
+    threads: int | None,
+) -> dict[str, Any]:
     found = Diagnosis.read_document(folder)
     experiment = found.get("next_experiment")
     if experiment is None:
@@ -189,16 +242,56 @@ def _of_diagnosis(folder: Path, task: Task, amplitude: Mapping[str, float], seed
             cure="propose from the estimate instead: capture propose ESTIMATE",
         )
     check_shape(experiment, EXPERIMENT, f"{folder / 'diagnosis.json'}: next_experiment", Diagnosis.CURE)
+    if beyond_log and (farther := experiment.get("beyond_log")):
+        where = f"{folder / 'diagnosis.json'}: next_experiment.beyond_log"
+        check_shape(farther, EXPERIMENT, where, Diagnosis.CURE)
+        experiment = farther
     farthest = [
         peak(task.model, c, amplitude) if c.name in amplitude else p
         for c, p in zip(task.inputs, experiment["peaks"], strict=True)
     ]
     # one of before experiments kept their seed is driven by that of the proposal
     time, tape = experiment_tape(task, {"seed": seed, **experiment, "peaks": farthest})
+    judged = {k: experiment[k] for k in ("is_near", "predicted") if k in experiment}
+    text = experiment["text"]
+    if not judged:
+        text += "; where it takes the machine is not known: make the diagnosis again (capture diagnose)"
+    elif amplitude:
+        where, judged = _driven_to(task, found, experiment, time, tape, threads)
+        told = ", ".join(f"{name} {value:g}" for name, value in amplitude.items())
+        text += f" (as diagnosed); with peaks of {told}, as told, {where}"
     return {
-        **_head(task, "inputs", experiment["text"]),
+        **_head(task, "inputs", text),
         **_tape(task, experiment["band_hz"], time, tape),
+        **judged,
     }
+
+
+def _driven_to(
+    task: Task,
+    diagnosis: Mapping[str, Any],
+    experiment: Mapping[str, Any],
+    time: np.ndarray,
+    tape: np.ndarray,
+    threads: int | None,
+) -> tuple[str, dict[str, Any]]:
+    """Where the diagnosed model is taken by a tape (step, input) that the `experiment` did not judge: in words, and as
+    `ShownMotion.judged`. Raises OptionError where it diverges.
+    """
+    values = recorded_values(diagnosis["parameters"], task.space, "the diagnosis", "diagnose")
+    effects = recorded_effects(diagnosis["effects"], task.model, "diagnose")
+    placed = [(name.split("@")[0], effect) for name, (effect, _) in effects.items()]
+    point = np.concatenate([values, *(own for _, own in effects.values())])
+    windows = driven_windows(task, time, tape[None])
+    motion = Simulator(task, placed, threads).motion(windows, model_starts(task.model, 1).starts, point)
+    if motion.diverged.any():
+        raise OptionError(
+            f"task {task.name!r} diverges when driven so", cure="drive it less: --amplitude NAME=VALUE"
+        )
+    shown = ShownMotion.from_document(task, experiment["predicted"])
+    outputs = windows.sample(motion.outputs, np.arange(1))
+    predicted = shown.predicted(outputs, motion.qpos, float(time[1]))
+    return shown.where_to(predicted, 0, "it does not stay"), shown.judged(predicted, 0)
 
 
 def _head(task: Task, kind: str, text: str) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from capture_cli.stores.document_shape import BOUNDS, NUMBER, OBJECT, POSITIVE, TEXT, WHOLE, or_none
+from capture_cli.stores.document_shape import BOUNDS, FLAG, NUMBER, OBJECT, POSITIVE, TEXT, WHOLE, or_none
 from capture_cli.stores.result import Result
 from capture_cli.stores.schema import STARTS, ArraySpec, Schema
 
@@ -77,7 +77,16 @@ SHAPE = {  # of what is read of diagnosis.json
     "expression?": or_none({"terms": [{"site": TEXT, "coefficient": NUMBER}], "values?": {str: NUMBER}}),
 }
 # of its next experiment, by what proposes that
-EXPERIMENT = {"text": TEXT, "band_hz": BOUNDS, "peaks": [NUMBER], "duration_s": POSITIVE, "seed?": WHOLE}
+EXPERIMENT = {
+    "text": TEXT,
+    "band_hz": BOUNDS,
+    "peaks": [NUMBER],
+    "duration_s": POSITIVE,
+    "seed?": WHOLE,
+    "is_near?": FLAG,
+    "predicted?": {str: {"log": or_none([NUMBER]), "near": [or_none(NUMBER)]}},
+    "beyond_log?": or_none(OBJECT),
+}
 
 
 class Diagnosis(Result):
