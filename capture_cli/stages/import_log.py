@@ -394,8 +394,8 @@ def _cure_of_times(data: np.ndarray, back: np.ndarray, task: Task) -> str:
         few = len(np.unique(time))
         return (
             f"the times have too few digits: the file's {len(time)} rows have {few} different one{'s' * (few > 1)}; "
-            "write them with all their digits (a spreadsheet rounds long numbers: format that column as whole numbers), "
-            "or from the start of the recording"
+            "write them with all their digits (a spreadsheet rounds long numbers: format that column as whole "
+            "numbers), or from the start of the recording"
         )
     turns = back[time[back + 1] < time[back]]
     if len(turns) > max(FEW_TURNS, UNSORTED * len(time)):

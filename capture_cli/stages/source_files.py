@@ -213,7 +213,8 @@ class CsvFile(SourceFile):
                     found = comment
         except UnicodeDecodeError as error:
             raise LogError(
-                f"{self.path} is not UTF-8 text: {error.reason} at byte {error.start}", cure="save it as CSV in UTF-8"
+                f"{self.path} is not UTF-8 text: {error.reason} at byte {error.start}",
+                cure="save it as CSV in UTF-8",
             ) from error
         if found is None:
             raise LogError(f"{self.path} holds blank lines only", cure="record it again, or leave it out")
