@@ -82,8 +82,9 @@ def record(
     start and start_velocity: JOINT -> (low, high), drawn anew for each episode. Raises CaptureError.
     """
     options = {k: v for k, v in locals().items() if k not in ("force", *TRUTH)}
+    refuse_existing(out, force=force)
     truth = truth or out.with_suffix(".truth.json")
-    _refuse_places(truth, out, force=force)
+    _refuse_truth(truth, out, force=force)
     machine = load_task(task)
     read = [inputs_from, actions_from, _if_path(policy), *task_inputs(machine).values()]
     refuse_inputs(out, read)
@@ -113,10 +114,9 @@ def record(
     return Recording(log, known, doubts)
 
 
-def _refuse_places(truth: Path, log: Path, *, force: bool) -> None:
-    """Raise OptionError where `truth` or `log` cannot be written there."""
-    for path in (log, truth):
-        refuse_existing(path, force=force)
+def _refuse_truth(truth: Path, log: Path, *, force: bool) -> None:
+    """Raise OptionError where `truth` cannot be written there, beside `log`."""
+    refuse_existing(truth, force=force)
     if log.resolve() in (truth.resolve(), *truth.resolve().parents):
         raise OptionError(
             f"--truth {truth} is the log at --out {log}, or in it: whoever reads a log must not find its truth",
