@@ -387,14 +387,76 @@ def test_rows_that_all_have_a_value_more_are_told_from_one_that_has(tmp_path, sl
     assert "every row has 3 values, and the header has 4" in short.message
 
 
+STAMPS = {  # how a row's time is written, given its seconds
+    "iso": "2026-11-23T10:00:{:09.6f}",
+    "pandas": "2026-11-23 10:00:{:09.6f}",
+    "ns": "2026-11-23T10:00:{:012.9f}Z",
+    "zone": "2026-11-23T10:00:{:09.6f}+01:00",
+    "clock": "10:00:{:09.6f}",
+    "one-digit": "9:00:{:09.6f}",
+}
+
+
+@pytest.mark.parametrize("name", STAMPS)
+@pytest.mark.parametrize("as_parquet", [False, True])
+def test_times_as_text_are_seconds_since_the_first(tmp_path, slider_task, name, as_parquet):
+    """To the microsecond, which since 1970 no float has room for."""
+    times = [5 + 0.1 * i + 1e-6 * (i % 3) for i in range(12)]
+    texts = [STAMPS[name].format(t) for t in times]
+    if as_parquet:
+        file = tmp_path / "run.parquet"
+        parquet.write_table(pa.table({"t_s": texts, "u_N": np.ones(12), "q_m": np.arange(12.0)}), file)
+    else:
+        file = csv(tmp_path / "run.csv", *(f"{text},1,{i}" for i, text in enumerate(texts)))
+    log = import_log(files=[file], task=str(slider_task), out=tmp_path / "run.zarr")
+    assert log.time.tolist() == [(100_000 * i + i % 3) / 1e6 for i in range(12)]
+    assert log.outputs[:, 0].tolist() == list(range(12))
+
+
 @pytest.mark.parametrize(
-    "begin", ["2023-11-14 22:13:2{}.5", "2023-11-14T22:13:2{}Z", "14.11.2023 22:1{}", "22:13:2{}"]
+    "kind", ["timestamp[ns]", "timestamp[ms]", "timestamp[us, tz=Europe/Berlin]", "time64[us]"]
 )
-def test_timestamps_as_text_get_the_cure_of_those_in_parquet(tmp_path, slider_task, begin):
+def test_times_of_a_parquet_file_are_seconds_since_the_first(tmp_path, slider_task, kind):
+    ticks = pa.array([10**9 * 36_000 + 10**8 * i for i in range(12)])
+    nanoseconds = ticks.cast(pa.time64("ns") if kind == "time64[us]" else pa.timestamp("ns"))
+    zoned = pa.timestamp("us", "Europe/Berlin")
+    time = nanoseconds.cast(zoned if "tz" in kind else pa.type_for_alias(kind))
+    file = tmp_path / "run.parquet"
+    parquet.write_table(pa.table({"t_s": time, "u_N": np.ones(12), "q_m": np.arange(12.0)}), file)
+    log = import_log(files=[file], task=str(slider_task), out=tmp_path / "run.zarr")
+    assert log.time.tolist() == [i / 10 for i in range(12)]
+
+
+def test_times_of_day_go_on_after_midnight(tmp_path, slider_task):
+    """Where a row lacks its time, and where fractions have a decimal comma, too."""
+    clock = [f"23:59:59.{i}" for i in (5, 7, 9)] + [f"00:00:0{i // 10}.{i % 10}" for i in range(1, 12, 2)]
+    file = csv(tmp_path / "run.csv", *(f"{t},1,{i}" for i, t in enumerate(clock)), ",1,0")
+    log = import_log(files=[file], task=str(slider_task), out=tmp_path / "a.zarr", drop_nan=True)
+    assert log.time.tolist() == [2 * i / 10 for i in range(9)]
+    rows = [f"{t};1,5;{i}".replace(".", ",") for i, t in enumerate(clock)]
+    decimal = csv(tmp_path / "decimal.csv", *rows, header=HEADER.replace(",", ";"))
+    log = import_log(files=[decimal], task=str(slider_task), out=tmp_path / "b.zarr")
+    assert log.time.tolist() == [2 * i / 10 for i in range(9)] and (log.inputs == 1.5).all()
+
+
+def test_times_as_text_that_are_refused(tmp_path, slider_task):
+    rows = [f"10:00:0{i},1,{i}" for i in range(9)]
+    back = refusal(csv(tmp_path / "back.csv", *rows, rows[3]), slider_task)
+    assert "'t_s' goes back at line 11: 3.0 s after 8.0 s at line 10" in back.message
+    for other in ("2026-11-23T10:00:10", "10:00:10Z", "10:61:00", "10.5"):
+        error = refusal(csv(tmp_path / "mixed.csv", *rows, f"{other},1,2"), slider_task)
+        assert f"'t_s' holds '{other}' at line 11, and begins with '10:00:00'" in error.message
+    slider_task.write_text(slider_task.read_text() + "time_scale = 1e-9\n")
+    scaled = refusal(csv(tmp_path / "scaled.csv", *rows), slider_task)
+    assert "time_scale is 1e-09" in scaled.message and scaled.cure.startswith("take time_scale out")
+
+
+@pytest.mark.parametrize("begin", ["14.11.2023 22:1{}", "11/14/2023 22:13:2{}", "2023-02-30T10:00:0{}"])
+def test_dates_that_are_not_read_get_the_cure(tmp_path, slider_task, begin):
     rows = [f"{begin.format(i % 10)},1,{i}" for i in range(12)]
     error = refusal(csv(tmp_path / "run.csv", *rows), slider_task)
     assert "at line 2, not a number" in error.message
-    assert error.cure == "write it as a number; a time in seconds, or in the unit that [log] time_scale gives"
+    assert error.cure.endswith("in all rows as 2026-11-23T10:00:00.005 or 10:00:00.005")
     units = refusal(csv(tmp_path / "units.csv", "s,N,m", *ROWS), slider_task)
     assert units.cure.startswith("remove the row if it holds units")
 
@@ -615,13 +677,13 @@ def test_a_decimal_point_in_one_parquet_column_says_what_a_comma_in_another_is_n
     assert "'u_N' holds '1,11' at row 1" in refusal(tmp_path / "run.parquet", slider_task).message
 
 
-def test_a_parquet_column_of_times_of_day_is_refused(tmp_path, slider_task):
+def test_a_parquet_column_of_dates_is_no_measurement(tmp_path, slider_task):
     times = pa.array([0, 1, 2], pa.timestamp("ms"))
     parquet.write_table(
-        pa.table({"t_s": times, "u_N": [0.0] * 3, "q_m": [0.0] * 3}), tmp_path / "run.parquet"
+        pa.table({"t_s": [0.0, 1.0, 2.0], "u_N": times, "q_m": [0.0] * 3}), tmp_path / "run.parquet"
     )
     error = refusal(tmp_path / "run.parquet", slider_task)
-    assert "'t_s' is of type timestamp[ms]" in error.message
+    assert "'u_N' is of type timestamp[ms]" in error.message
     assert "seconds" in error.cure and "time_scale" in error.cure
 
 

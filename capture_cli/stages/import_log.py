@@ -151,7 +151,7 @@ def _read_recording(
     columns = [task.log.time, *(c.column for c in channels)]
     may_miss = np.array([False, *(c.sparse for c in channels)])
     source.require([*columns, *([task.log.episode] if task.log.episode else [])])
-    data = source.numbers(columns)
+    data = _data(source, columns, task)
     actions = _actions(source, task)
     labels = _labels(source, len(data), task)
     sound = np.isfinite(data) | (np.isnan(data) & may_miss)
@@ -194,6 +194,21 @@ def _read_recording(
     }
     begins = np.array([0, *ends[:-1]])
     return _Recording(data, ends, described, None if actions is None else actions[begins])
+
+
+def _data(source: SourceFile, columns: Sequence[str], task: Task) -> np.ndarray:
+    """The columns as (row, column), the first of which is the time."""
+    time, *others = columns
+    since = source.times(time)
+    if since is None:
+        return source.numbers(columns)
+    if task.log.time_scale != 1:
+        raise LogError(
+            f"{source.path}: column {time!r} holds times of day or dates, and [log] time_scale is "
+            f"{task.log.time_scale:g}",
+            cure="take time_scale out of the task.toml: such times are read as what they are, in seconds",
+        )
+    return np.column_stack([since, source.numbers(others)])
 
 
 def _actions(source: SourceFile, task: Task) -> np.ndarray | None:

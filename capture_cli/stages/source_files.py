@@ -13,6 +13,7 @@ import numpy as np
 
 from capture_cli.errors import LogError, did_you_mean
 from capture_cli.stages.decimal_commas import GROUPS, NUMBER, WHOLE, has_decimal_commas
+from capture_cli.stages.time_stamps import is_stamp, seconds
 
 PARQUET_SUFFIXES = (".parquet", ".pq")
 SUFFIXES = (".csv", ".tsv", ".txt", *PARQUET_SUFFIXES)
@@ -31,7 +32,10 @@ DELIMITERS = ",;\t"
 TAIL = 2**16  # bytes at the end of a file, in which its last line is compared with those before
 FEWEST_ABOVE = 10  # lines that the last one is compared with
 FIRST_ROWS = 1000  # lines of a file that are looked at to see whether all are alike
-AS_A_NUMBER = "write it as a number; a time in seconds, or in the unit that [log] time_scale gives"
+AS_A_NUMBER = (
+    "write it as a number; a time in seconds, or in the unit that [log] time_scale gives, or in all rows as "
+    "2026-11-23T10:00:00.005 or 10:00:00.005"
+)
 DECIMAL_COMMAS = (
     "write decimals with a point; or with a comma, and columns separated by semicolons, throughout the file"
 )
@@ -65,6 +69,23 @@ class SourceFile(ABC):
     @abstractmethod
     def place(self, row: int) -> str:
         """Where row `row` (from 0) stands in the file, for a message."""
+
+    def times(self, name: str) -> np.ndarray | None:
+        """The column `name` as s since its first time, (row,), NaN where a cell is empty; None where it has no texts
+        that are times.
+        """
+        texts = self.labels(name)
+        first = next((text for text in texts if text is not None), None)
+        if first is None or not is_stamp(first):
+            return None
+        since, other = seconds(texts)
+        if other is not None:
+            raise LogError(
+                f"{self.path}: column {name!r} holds {texts[other]!r:.60} at {self.place(other)}, and begins with "
+                f"{first!r}",
+                cure="write all its times alike: a date in all or in none, and a zone in all or in none",
+            )
+        return since
 
     comments = 0  # lines before the header that were passed over
 
@@ -243,6 +264,14 @@ class CsvFile(SourceFile):
 
         return self._read([name], pa.string())[0].to_pylist()
 
+    def times(self, name):
+        with self.path.open(encoding="utf-8-sig", errors="replace") as file:
+            row = next((line for line in islice(file, self._header_line + 1, None) if line.strip()), "")
+        cells = next(csv.reader([row], delimiter=self.delimiter), [])[self.columns.index(name) :]
+        if cells and NUMBER.fullmatch(cells[0].strip()):
+            return None  # the file need not be read as text to see that
+        return super().times(name)
+
     def _read(self, names: Sequence[str], kind):
         """An Arrow table whose columns are called by their number, as text: names in files repeat."""
         import pyarrow as pa
@@ -357,7 +386,7 @@ class ParquetFile(SourceFile):
         table = self._read(list(dict.fromkeys(names)))
         if not table.num_rows:
             raise LogError(f"{self.path} has no rows", cure="record it again, or leave it out")
-        texts = {name: table[name].to_pylist() for name in table.column_names if _is_text(table[name])}
+        texts = {name: table[name].to_pylist() for name in table.column_names if _is_text(table[name].type)}
         columns = self._numbers_of(texts) if texts else {}
         for name in table.column_names:
             if name not in texts:
@@ -365,7 +394,21 @@ class ParquetFile(SourceFile):
         return np.column_stack([columns[name] for name in names])
 
     def labels(self, name):
-        return [None if v is None else str(v) for v in self._read([name])[name].to_pylist()]
+        from pyarrow import timestamp, types
+
+        column = self._read([name])[name]
+        if types.is_timestamp(column.type):
+            column = column.cast(timestamp(column.type.unit))  # in UTC, whatever the zone
+        if types.is_temporal(column.type):
+            column = column.cast("string")  # with ns, which Python's own have not
+        return [None if v is None else str(v) for v in column.to_pylist()]
+
+    def times(self, name):
+        from pyarrow import types
+
+        kind = self._file.schema_arrow.field(name).type
+        may_be = types.is_timestamp(kind) or types.is_time(kind) or _is_text(kind)
+        return super().times(name) if may_be else None
 
     def place(self, row):
         return f"row {row + 1} (of {self._file.metadata.num_rows})"
@@ -393,8 +436,8 @@ class ParquetFile(SourceFile):
             ) from error
 
 
-def _is_text(column) -> bool:
-    """Whether an Arrow column holds texts."""
+def _is_text(kind) -> bool:
+    """Whether an Arrow type is that of texts."""
     from pyarrow import types
 
-    return types.is_string(column.type) or types.is_large_string(column.type)
+    return types.is_string(kind) or types.is_large_string(kind)
