@@ -77,7 +77,10 @@ class Evidence:
 
     def residual(self, outputs: np.ndarray) -> np.ndarray:
         """Measured minus simulated (..., window, step, output), in units of the noise, as (..., window, row)."""
-        residual = (self.measured - outputs) / self.noise_sd * self.mask
+        residual = self.measured - outputs
+        # in place: of many candidates and a long log this is what takes memory
+        residual /= self.noise_sd
+        residual *= self.mask
         return residual.reshape(*residual.shape[:-2], -1)
 
     def standing_out(self, residual: np.ndarray) -> np.ndarray:
@@ -179,13 +182,15 @@ class Linearization:
         """From what the trial of `columns` gave. A difference that diverged counts as no sensitivity."""
         residuals = evidence.residual(outputs)
         size = len(x) if parameters else 0
-        slopes = (residuals[0] - residuals[1:]) * ~diverged[1:, :, None]
-        by_parameter = slopes[:size] / parameter_steps(evidence.space, x)[:size, None, None]
-        movable = evidence.movable
-        scale = (evidence.start_sd / _start_steps(evidence))[:, movable]
-        by_start = slopes[size:] * scale.T[:, :, None]
+        residual, slopes = residuals[0].copy(), residuals[1:]
+        np.subtract(residual, slopes, out=slopes)
+        slopes *= ~diverged[1:, :, None]
+        by_parameter, by_start = slopes[:size], slopes[size:]
+        by_parameter /= parameter_steps(evidence.space, x)[:size, None, None]
+        scale = (evidence.start_sd / _start_steps(evidence))[:, evidence.movable]
+        by_start *= scale.T[:, :, None]
         return cls(
-            evidence, x, offsets, residuals[0], np.moveaxis(by_parameter, 0, -1), np.moveaxis(by_start, 0, -1)
+            evidence, x, offsets, residual, np.moveaxis(by_parameter, 0, -1), np.moveaxis(by_start, 0, -1)
         )
 
     def moved(self, x: np.ndarray, offsets: np.ndarray, residual: np.ndarray) -> Linearization:

@@ -20,6 +20,7 @@ from capture_cli.tasks.base import Task
 
 EPISODES = 1024  # simulated at once: bounds the memory that recorded sensors take
 TAPE_BYTES = 64 << 20  # of controls of one call, of which effects make several copies
+SENSOR_BYTES = 64 << 20  # of outputs of one call, which are interpolated in several copies
 SHOWS = 0.25  # of an effect's memory: the rest is for the last digits
 LENGTH_RATIO = 1.2  # windows within this ratio of lengths are stepped together
 
@@ -200,25 +201,32 @@ class Simulator:
             moved = None if offsets is None else offsets[:, group]
             motion = None if reported is None else reported.rows(group)
             candidate, row, which = _distinct(parameters, moved, len(group))
-            samples, bad = [], []
-            for few in self._at_a_time(len(row), part):
+            samples = np.empty((len(row), *part.measured.shape[1:]))
+            bad = np.empty(len(row), dtype=bool)
+            for few in self._at_a_time(row, part):
                 own = None if moved is None else moved[candidate[few], row[few]]
                 each = parameters[candidate[few]]
                 rollouts = self._rollout(_Runs(part, starts.rows(group), row[few], each, own, motion))
-                samples.append(part.sample(rollouts.sensors, row[few]))
-                bad.append(rollouts.diverged)
-            samples = np.concatenate(samples)
-            outputs[:, group, : samples.shape[1]] = samples[which]
-            diverged[:, group] = np.concatenate(bad)[which]
+                samples[few] = part.sample(rollouts.sensors, row[few])
+                bad[few] = rollouts.diverged
+            for its_outputs, its_samples in zip(outputs, which, strict=True):
+                its_outputs[group, : samples.shape[1]] = samples[its_samples]
+            diverged[:, group] = bad[which]
             self.rollouts += len(row)
         return Simulated(outputs, diverged)
 
-    def _at_a_time(self, simulations: int, windows: Windows) -> list[np.ndarray]:
-        """Numbers of the simulations that are run at a time: fewer where each has controls of its own."""
-        drives = self.begins_early or any(effect.place == "control" for _, effect in self.effects)
-        tape = (windows.tapes.lead + windows.tapes.stop) * self.task.model.nu * np.dtype(float).itemsize
-        parts = min(-(-simulations * tape * drives // TAPE_BYTES), simulations)
-        return np.array_split(np.arange(simulations), max(parts, 1))
+    def _at_a_time(self, row: np.ndarray, windows: Windows) -> list[np.ndarray]:
+        """Numbers of the simulations of the windows `row` (simulation,) that are run at a time."""
+        order, steps, bound = np.arange(len(row)), windows.grid, SENSOR_BYTES
+        columns = len(self._sensors)
+        if self.begins_early or any(effect.place == "control" for _, effect in self.effects):
+            # each has controls of its own
+            steps, columns, bound = windows.tapes.lead + windows.tapes.stop, self.task.model.nu, TAPE_BYTES
+        else:
+            # one window's together, whose inputs they share
+            order = np.argsort(row, kind="stable")
+        size = steps * columns * np.dtype(float).itemsize
+        return np.array_split(order, max(min(-(-len(row) * size // bound), len(row)), 1))
 
     def trajectories(self, parameters: np.ndarray, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """One episode per row: state trajectories (simulation, point, feature) and diverged (simulation,).

@@ -72,6 +72,19 @@ def test_tapes_that_are_larger_than_what_is_run_at_a_time(slider, monkeypatch):
     np.testing.assert_array_equal(one_by_one, whole)
 
 
+@pytest.mark.parametrize("name", ["stribeck-friction", None])
+def test_outputs_that_are_larger_than_what_is_run_at_a_time(slider, name, monkeypatch):
+    task, windows, starts = slider
+    effects = [Placed(name, REGISTRY.get(name)(task.model, "x"))] if name else []
+    points = np.array([[1.0, 2.0], [1.0, 3.0], [2.0, 2.0]])
+    if name:
+        points = np.hstack([points, np.repeat(effects[0].effect.space.high[None] / 2, 3, axis=0)])
+    whole = Simulator(task, effects, threads=1).simulate(windows, starts, points).outputs
+    monkeypatch.setattr("capture_cli.simulator.SENSOR_BYTES", 1)
+    one_by_one = Simulator(task, effects, threads=1).simulate(windows, starts, points).outputs
+    np.testing.assert_array_equal(one_by_one, whole)
+
+
 @pytest.mark.parametrize(
     ("name", "site", "value"),
     [("control-delay", "drive", 0.013), ("control-lag", "drive", 0.03), ("sensor-clock-rate", GLOBAL, 0.02)],

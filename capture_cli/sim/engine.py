@@ -207,7 +207,7 @@ class Engine:
                 recorded[name].append(values)
             diverged.append(bad | ~np.isfinite(chunk["sensordata"]).all(axis=(1, 2)))
         self.rollouts += count
-        whole = {name: np.concatenate(parts) for name, parts in recorded.items()}
+        whole = {n: np.concatenate(parts) if len(parts) > 1 else parts[0] for n, parts in recorded.items()}
         return Rollouts(
             whole["sensordata"], np.concatenate(diverged), *(whole.get(n) for n in (*STATES, *WORKED_OUT))
         )

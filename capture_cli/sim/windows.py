@@ -102,8 +102,12 @@ class Windows:
         index, weight = self.index[row], self.weight[row, :, None]
         simulation = np.arange(len(row))[:, None]
         before = sensors[simulation, index]
-        after = sensors[simulation, np.minimum(index + 1, sensors.shape[1] - 1)]
-        return before + weight * (after - before)
+        values = sensors[simulation, np.minimum(index + 1, sensors.shape[1] - 1)]
+        # before + weight * (after - before), in place
+        values -= before
+        values *= weight
+        values += before
+        return values
 
 
 def cut(
