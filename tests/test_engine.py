@@ -366,3 +366,21 @@ for forces in ([], [lambda world: None]):
     done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_steps_are_the_same_untimed():
+    """An engine takes away the clock that MuJoCo's bindings set."""
+    model = mujoco.MjModel.from_xml_string(XML)
+
+    def final() -> tuple[np.ndarray, float]:
+        data = mujoco.MjData(model)
+        data.ctrl = 1.0
+        mujoco.mj_step(model, data, 300)
+        return data.sensordata.copy(), data.timer[mujoco.mjtTimer.mjTIMER_STEP].duration
+
+    mujoco.set_mjcb_time(None)
+    timed, took = final()
+    Engine(model, 1)
+    untimed, none = final()
+    np.testing.assert_array_equal(timed, untimed)
+    assert took > 0 and none == 0
