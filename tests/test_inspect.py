@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import toy_rounds
 from episodes_of import episodes_of
 from rich.console import Console
 
@@ -20,10 +21,13 @@ from capture_cli.reports.inspection import render
 from capture_cli.stages.import_log import import_log
 from capture_cli.stages.inspect import inspect
 from capture_cli.stages.log_health import channel, excitation, quantisation, spikes, timing
+from capture_cli.stages.training_state import save_state
 from capture_cli.stores.measured_log import MeasuredLog
+from capture_cli.stores.output import unfinished
 from capture_cli.stores.provenance import Provenance, write_json
 
 STEPS, RATE = 1000, 100.0
+REPOSITORY = Path(__file__).resolve().parents[1]
 
 
 def sound_log() -> MeasuredLog:
@@ -698,6 +702,7 @@ def test_a_foreign_zarr_is_described(tmp_path):
 @pytest.mark.parametrize("kind", ["estimate", "diagnosis"])
 def test_result_directories_are_described(tmp_path, kind):
     parameter = {"value": 95.1, "unit": "kg", "sd": 0.1, "at_bound": False, "identifiable": True}
+    level = {"value": 3.21, "high": 5.0}
     log = tmp_path / "log.zarr"
     sound_log().write(log)
     result = {
@@ -707,7 +712,13 @@ def test_result_directories_are_described(tmp_path, kind):
         "log": {"path": str(log), "sha256": "of an earlier log"},
         "verdict": "unexplained",
         "parameters": {"mass": parameter, "gain": {**parameter, "at_bound": True}},
-        "effects": [{"name": "coulomb-friction", "site": "x", "parameters": {}}]
+        "effects": [
+            {
+                "name": "coulomb-friction",
+                "site": "x",
+                "parameters": {"level": {**parameter, "value": 3.21, "high": 5.0}},
+            }
+        ]
         if kind == "diagnosis"
         else [],
         "expression": {
@@ -733,8 +744,129 @@ def test_result_directories_are_described(tmp_path, kind):
     cure = next(f["cure"] for f in document["findings"] if f["where"] == "verdict")
     command = f"`capture diagnose --real-log {log} --estimate '{folder}'`"
     assert (command if kind == "estimate" else "missing force at x = -3.2 v") in cure
-    assert "95.1" in shown(document)
+    assert re.search(r"mass\s+95.10 kg\s+0.10 kg", shown(document))
+    assert kind == "estimate" or re.search(r"coulomb-friction@x\s+level\s+3.21 kg\s+0.10 kg", shown(document))
+    assert messages["report.html"] == "is missing"
     assert ("estimate.zarr does not exist" in messages.get("store", "")) == (kind == "estimate")
+
+
+def the_copy_of(source: str, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(REPOSITORY / "runs" / source, tmp_path / "copy"))
+
+
+@pytest.mark.parametrize(
+    ("source", "kind", "weights", "told"),
+    [
+        ("sysid/scooping/capture-refined", "identifier", "identifier.safetensors", "a window of 7 rounds"),
+        ("policies/scooping", "policy", "policy.safetensors", "sac"),
+    ],
+)
+def test_checkpoints_are_described_and_their_weights_opened(tmp_path, source, kind, weights, told):
+    folder = the_copy_of(source, tmp_path)
+    document = inspect(folder)
+    assert (document["kind"], document["task"], document["findings"]) == (kind, "scooping", [])
+    assert json.loads(json.dumps(document, allow_nan=False)) == document
+    assert document["result"]["training"]["steps"]
+    said = shown(document)
+    assert "nothing wrong was found" in said
+    assert told in said and "com" in said
+    whole = (folder / weights).read_bytes()
+    (folder / weights).write_bytes(whole[:3000])
+    found = only(inspect(folder))
+    assert found["severity"] == "error"
+    assert f"{weights} cannot be read: it was cut short to 3000 bytes, of at least" in found["message"]
+    assert "nothing wrong" not in shown(inspect(folder))
+    (folder / weights).unlink()
+    assert f"holds no {weights}" in only(inspect(folder))["message"]
+
+
+def test_a_policy_of_ranges_that_have_changed_is_found(tmp_path):
+    folder = the_copy_of("policies/scooping", tmp_path)
+    settings = json.loads((folder / "policy.json").read_text())
+    settings["bounds"]["parameters"][0][1] += 1.0
+    (folder / "policy.json").write_text(json.dumps(settings))
+    assert "was made for com between" in only(inspect(folder))["message"]
+
+
+def test_files_that_a_folder_should_have_are_missed(tmp_path):
+    folder = the_copy_of("sysid/scooping/capture-refined", tmp_path)
+    (folder / "loss.png").write_bytes(b"")
+    (folder / "provenance.json").unlink()
+    found = {f["where"]: (f["severity"], f["message"]) for f in inspect(folder)["findings"]}
+    assert found == {"loss.png": ("note", "is empty"), "provenance.json": ("warning", "is missing")}
+
+
+def test_an_evaluation_is_described_and_its_arrays_read(tmp_path):
+    folder = the_copy_of("evaluation/scooping", tmp_path)
+    document = inspect(folder)
+    assert (document["kind"], document["findings"]) == ("evaluation", [])
+    assert document["sizes"]["identifiers"] == len(document["result"]["identifiers"])
+    assert "trajectory difference" in shown(document)
+    assert inspect(folder / "evaluation.zarr")["checked"]
+    next(f for f in (folder / "evaluation.zarr" / "estimates" / "c").rglob("*") if f.is_file()).unlink()
+    assert "it is truncated" in only(inspect(folder))["message"]
+
+
+def test_an_unfinished_run_says_how_to_go_on(tmp_path):
+    folder = unfinished(tmp_path / "id")
+    folder.mkdir()
+    nothing = only(inspect(folder))
+    assert "an unfinished run, which has kept nothing" in nothing["message"] and "--force" in nothing["cure"]
+    (folder / "metrics.jsonl").write_text("")
+    assert "training, which has kept nothing" in only(inspect(folder))["message"]
+    recipe = {"identifier": "capture", "task": "slider", "training": {"steps": 300}}
+    counters = {"metrics": [{"step": 60, "validation_loss": 0.5}]}
+    save_state(folder, counters, {"weights": np.ones(1000)}, recipe)
+    for path in (folder, tmp_path / "id"):  # which is not there yet
+        document = inspect(path)
+        found = only(document)
+        assert (document["kind"], document["result"]["command"]) == ("unfinished", "train-sysid")
+        assert found["message"] == "an unfinished training, kept up to step 60 of 300"
+        assert "--resume" in found["cure"]
+        assert "0.5000" in shown(document)
+    state = folder / "state.safetensors"
+    state.write_bytes(state.read_bytes()[:-800])
+    assert "was cut short" in only(inspect(folder))["message"]
+
+
+def test_unfinished_histories_and_evaluations_say_how_to_go_on(tmp_path):
+    import zarr
+
+    written = Path(toy_rounds.write(toy_rounds.histories(20, rounds=3), tmp_path / "whole.zarr"))
+    folder = written.rename(unfinished(tmp_path / "h.zarr"))
+    zarr.open_group(str(folder), mode="r+").attrs["complete"] = False
+    document = inspect(folder)
+    assert (document["kind"], document["result"]["command"]) == ("unfinished", "gen-histories")
+    assert re.search(r"of whose 20 histories \d+ of \d+ shards are kept", only(document)["message"])
+    folder = unfinished(tmp_path / "ev")
+    (folder / "parts" / "one").mkdir(parents=True)
+    (folder / "recipe.json").write_text("{}")
+    assert only(inspect(folder))["message"] == "an unfinished evaluation, of which 1 parts are kept"
+
+
+def test_a_proposal_is_described_and_its_times_checked(tmp_path):
+    proposal = {
+        "format": "capture/proposal",
+        "version": 1,
+        "task": "slider",
+        "kind": "inputs",
+        "text": "the most telling of 8 multisines",
+        "band_hz": [0.1, 2.0],
+        "peaks": {"drive": 2.5},
+        "time_s": [0.0, 0.5, 1.0],
+        "inputs": {"drive": [0.0, 2.5, 0.0]},
+    }
+    path = tmp_path / "p.json"
+    path.write_text(json.dumps(proposal))
+    document = inspect(path)
+    assert (document["kind"], document["findings"]) == ("proposal", [])
+    assert (document["result"]["duration_s"], document["result"]["peaks"]) == (1.0, {"drive": 2.5})
+    assert all(
+        word in shown(document) for word in ("most telling of 8", "2.50", "0.1 to 2 Hz", "nothing wrong")
+    )
+    path.write_text(json.dumps({**proposal, "time_s": [0.0, 1.0, 0.5]}))
+    found = only(inspect(path))
+    assert (found["severity"], "time_s does not increase" in found["message"]) == ("error", True)
 
 
 def test_any_folder_with_provenance_is_described_and_no_other(tmp_path):
@@ -745,7 +877,7 @@ def test_any_folder_with_provenance_is_described_and_no_other(tmp_path):
     Provenance("export", {}, {}).write(folder)
     document = inspect(folder)
     assert (document["kind"], document["provenance"]["command"]) == ("directory", "export")
-    assert shown(document)
+    assert "what is in it was not checked" in shown(document)
     (folder / "provenance.json").write_text("[]")
     assert only(inspect(folder))["severity"] == "warning"
 
@@ -811,7 +943,7 @@ def test_single_files_are_known_for_what_they_are(tmp_path):
     for name in ("identifier", "provenance"):
         write_json(folder / f"{name}.json", {"format": f"capture/{name}", "version": 1})
     document = inspect(folder / "identifier.json")
-    assert (document["kind"], document["path"]) == ("directory", str(folder))
+    assert (document["kind"], document["path"]) == ("identifier", str(folder))
     for name, cure in (
         ("task.toml", "capture tasks"),
         ("run.csv", "capture import-log"),

@@ -461,7 +461,7 @@ def test_a_checkpoint_of_something_else(checkpoint, other, message):
 @pytest.mark.parametrize(
     "damage, message",
     [
-        (lambda c: (c / "identifier.safetensors").unlink(), "cannot be read"),
+        (lambda c: (c / "identifier.safetensors").unlink(), "holds no identifier.safetensors"),
         (lambda c: (c / "identifier.safetensors").write_bytes(b"no"), "cannot be read"),
         (lambda c: (c / "identifier.json").unlink(), "holds no identifier.json"),
         (lambda c: edit(c, version=2), "version 2; this program reads 1"),

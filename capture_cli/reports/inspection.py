@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from capture_cli.reports.inspected_results import result_tables
 from capture_cli.reports.quantities import bound, percent, significant, with_unit
 
 STYLES = {"error": "bold red", "warning": "yellow", "note": "dim"}
@@ -23,6 +24,11 @@ _KINDS = {
     "measured-log": "measured log",
     "estimate": "estimate",
     "diagnosis": "diagnosis",
+    "identifier": "learned identifier",
+    "policy": "trained policy",
+    "evaluation": "evaluation",
+    "proposal": "proposal",
+    "unfinished": "unfinished run",
     "zarr": "Zarr store",
     "directory": "result of `capture`",
 }
@@ -37,7 +43,7 @@ def render(document: Mapping[str, Any], console: Console) -> None:
             console.print()
             _print_table(console, head, rows)
     console.print()
-    _print_findings(console, document["findings"])
+    _print_findings(console, document["findings"], checked=document["checked"])
 
 
 def complaints(document: Mapping[str, Any]) -> list[str]:
@@ -81,17 +87,14 @@ def _tables(document: Mapping[str, Any]) -> Iterator[tuple[list[str], list[list[
             _recordings(document.get("recordings", []), document.get("channels", [])),
         )
         yield ["channel", "range", "rms", "notes"], _channels(document.get("channels", []))
-    elif document["kind"] in ("estimate", "diagnosis"):
-        result = document.get("result", {})
-        yield ["parameter", "value", "sd"], _parameters(result.get("parameters", {}))
-        yield ["effect", "site"], [[e["name"], e.get("site", "")] for e in result.get("effects", [])]
-        yield ["verdict"], [[result["verdict"]]] if "verdict" in result else []
     elif document["kind"] == "zarr":
         arrays = document.get("arrays", [])
         yield (
             ["array", "shape", "type"],
             [[a["path"], " x ".join(map(str, a["shape"])), a["dtype"]] for a in arrays],
         )
+    else:
+        yield from result_tables(document)
 
 
 def _recordings(
@@ -141,13 +144,6 @@ def _movement(channel: Mapping[str, Any]) -> str:
     return ", ".join(parts)
 
 
-def _parameters(parameters: Mapping[str, Mapping[str, Any]]) -> list[list[str]]:
-    return [
-        [name, _number(p["value"], 4, p.get("unit", "")), _number(p.get("sd"), 2)]
-        for name, p in parameters.items()
-    ]
-
-
 def _number(value: float | None, digits: int = 3, unit: str = "") -> str:
     return "?" if value is None else with_unit(significant(value, digits), unit)
 
@@ -167,9 +163,10 @@ def _print_table(console: Console, head: Sequence[str], rows: Sequence[Sequence[
         console.print(Text(f"and {len(rows) - len(shown)} more: --json has them all", style="dim"))
 
 
-def _print_findings(console: Console, findings: Sequence[Mapping[str, str]]) -> None:
+def _print_findings(console: Console, findings: Sequence[Mapping[str, str]], *, checked: bool) -> None:
     if not findings:
-        console.print(Text("nothing wrong was found", style="bold green"))
+        nothing = Text("nothing wrong was found", style="bold green")
+        console.print(nothing if checked else Text("what is in it was not checked", style="dim"))
         return
     grid = Table.grid(padding=(0, 2))
     grid.add_column(no_wrap=True)

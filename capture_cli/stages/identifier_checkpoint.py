@@ -16,7 +16,7 @@ from capture_cli.identifiers.rounds import RoundIdentifier, Signature
 from capture_cli.stores.document_shape import COUNT, FEATURES, NUMBER, PARAMETERS, TEXT, WHOLE
 from capture_cli.stores.provenance import write_json
 from capture_cli.stores.result import read_result
-from capture_cli.stores.tensors import save_arrays
+from capture_cli.stores.tensors import read_arrays, save_arrays
 
 if TYPE_CHECKING:
     from capture_cli.identifiers._learned import TrainedModel
@@ -102,17 +102,15 @@ def load_identifier(path: str | Path, signature: Signature | None = None) -> Ide
     Raises StoreError for a checkpoint that is missing, damaged or of another version; OptionError for one of another
     task, parameter list, action or trajectory.
     """
-    from safetensors import SafetensorError
-    from safetensors.numpy import load_file
-
     from capture_cli.identifiers._learned import TrainedModel
 
     path = Path(path)
     document = read_document(path)
+    arrays, _ = read_arrays(path / WEIGHTS, _AGAIN)
     try:
         kind = round_identifier(document["identifier"])
-        model = TrainedModel.from_state(document, load_file(path / WEIGHTS))
-    except (OSError, SafetensorError, KeyError, TypeError, ValueError, OptionError) as error:
+        model = TrainedModel.from_state(document, arrays)
+    except (KeyError, TypeError, ValueError, OptionError) as error:
         raise StoreError(f"{path} cannot be read: {type(error).__name__}: {error}", cure=_AGAIN) from error
     found = IdentifierCheckpoint(document, kind, model)
     if signature is not None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shlex
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -13,22 +12,26 @@ import mujoco
 import numpy as np
 
 from capture_cli.errors import CaptureError, StoreError
-from capture_cli.reports.findings import NOT_ALIKE, is_fit_explained
 from capture_cli.sim.windows import usual_interval
 from capture_cli.stages.equal_episodes import equal_episodes
 from capture_cli.stages.file_header import read_header
 from capture_cli.stages.held_outputs import rows_per_sample, sample_rate, slices_within
 from capture_cli.stages.log_findings import finding, log_findings, task_findings
 from capture_cli.stages.log_health import channel, excitation, quantisation, sampling, spikes, timing
+from capture_cli.stages.proposal_inspection import inspect_proposal
 from capture_cli.stages.recorded_task import find_task
+from capture_cli.stages.result_inspection import RESULTS, inspect_result
+from capture_cli.stages.unfinished_inspection import inspect_unfinished, is_unfinished
 from capture_cli.stages.wide_bounds import wide_bounds
 from capture_cli.stores.diagnosis import Diagnosis
 from capture_cli.stores.estimate import Estimate
+from capture_cli.stores.evaluation import Evaluation
 from capture_cli.stores.histories import SCHEMA as HISTORIES_SCHEMA
 from capture_cli.stores.histories import Histories
 from capture_cli.stores.measured_log import LARGEST, MeasuredLog
 from capture_cli.stores.measured_log import SCHEMA as LOG_SCHEMA
-from capture_cli.stores.output import PROVENANCE, sha256
+from capture_cli.stores.output import PROVENANCE, unfinished
+from capture_cli.stores.proposal import FORMAT as PROPOSAL
 from capture_cli.stores.schema import array_paths, open_group
 from capture_cli.tasks import load_task
 from capture_cli.tasks.base import Task
@@ -40,25 +43,31 @@ MANY_DROPPED = 0.1  # of a recording's rows
 CHECKED_AT_ONCE = 4096  # histories
 ROOTS = ("zarr.json", ".zgroup", ".zattrs")  # of Zarr, version 3 and 2
 MAKE_STORES = ("import-log", "record", "gen-histories")
+ARRAYS = {kind.SCHEMA.format: kind.SCHEMA for kind in (Estimate, Diagnosis, Evaluation)}
 
 
 def inspect(path: Path, task: str | None = None) -> dict[str, Any]:
     """What is at `path`, as one JSON-able document.
 
-    Always: format, version (of this document), path, kind ("measured-log", "estimate", "diagnosis", "zarr",
-    "directory" or "file"), store (the format and version found, bytes on disk), provenance, sizes and findings, each
-    {severity, where, message, cure}. A measured log has recordings, episodes (timing) and channels (values)
-    too, and is checked against `task`, or against its own where that is built in or lies beside it. Damage is a
-    finding rather than an exception. A JSON file of a directory stands for the directory.
+    Always: format, version (of this document), path, kind ("measured-log", one of RESULTS, "proposal", "unfinished",
+    "zarr", "directory" or "file"), store (the format and version found, bytes on disk), provenance, sizes, checked
+    (whether its content was read, and not only found) and findings, each {severity, where, message, cure}. What a
+    command made has a result: what it is of, what was found or learned, and how well it does. A measured log has
+    recordings, episodes (timing) and channels (values) too, and is checked against `task`, or against its own where
+    that is built in or lies beside it. Damage is a finding rather than an exception. A JSON file of a directory stands
+    for the directory, and an output that is not there yet for what an unfinished run keeps of it.
 
     Raises StoreError where there is nothing that can be recognised, TaskError or ModelError for a bad task.
     """
     path = Path(path)
+    if not path.exists() and is_unfinished(unfinished(path)):
+        path = unfinished(path)  # of an output that is not there yet
     machine = load_task(task) if task is not None else None
     written = read_header(path) if path.is_file() else None
-    if written is not None and (path.parent / PROVENANCE).is_file():
+    proposed = written is not None and written["format"] == PROPOSAL
+    if written is not None and not proposed and (path.parent / PROVENANCE).is_file():
         path, written = path.parent, None  # estimate.json stands for the estimate
-    kind = "file" if written is not None else _kind(path)
+    kind = "proposal" if proposed else "file" if written is not None else _kind(path)
     document = {
         "format": FORMAT,
         "version": VERSION,
@@ -67,13 +76,19 @@ def inspect(path: Path, task: str | None = None) -> dict[str, Any]:
         "store": {"format": None, "version": None, "bytes": _bytes(path)},
         "provenance": None,
         "sizes": {},
+        "checked": kind not in ("file", "directory"),
         "findings": [],
     }
     try:
         if kind == "measured-log":
             _inspect_log(path, document, machine)
-        elif kind in ("estimate", "diagnosis"):
-            _inspect_result(path, document)
+        elif kind in RESULTS:
+            inspect_result(path, document)
+        elif kind == "unfinished":
+            inspect_unfinished(path, document)
+        elif kind == "proposal":
+            _header(document, written)
+            inspect_proposal(path, document, written)
         elif kind == "zarr":
             _inspect_zarr(path, document)
         elif kind == "file":
@@ -88,8 +103,10 @@ def inspect(path: Path, task: str | None = None) -> dict[str, Any]:
 def _kind(path: Path) -> str:
     if not path.is_dir():
         open_group(path)  # says what is there instead, and what reads it
-    for kind in ("diagnosis", "estimate"):
-        if (path / f"{kind}.json").is_file():
+    if is_unfinished(path):
+        return "unfinished"
+    for kind, folder in RESULTS.items():
+        if (path / folder.document).is_file():
             return kind
     if _has_root(path):
         try:
@@ -102,7 +119,7 @@ def _kind(path: Path) -> str:
     if (path / PROVENANCE).is_file():
         return "directory"
     raise StoreError(
-        f"{path} is a folder without a Zarr store, an estimate.json, a diagnosis.json or a {PROVENANCE}",
+        f"{path} is a folder without a Zarr store, {', '.join(f.document for f in RESULTS.values())} or {PROVENANCE}",
         cure="give a path that a `capture` command wrote as its --out",
     )
 
@@ -311,73 +328,7 @@ def _held(values: np.ndarray, time: np.ndarray, episodes: Sequence[slice]) -> di
     return None if rows is None else {"rows": rows, "rate": sample_rate(time, episodes, rows)}
 
 
-# --- estimates, diagnoses and other stores ---
-
-
-def _inspect_result(path: Path, document: dict[str, Any]) -> None:
-    kind = Estimate if document["kind"] == Estimate.NAME else Diagnosis
-    result = kind.read_document(path)
-    _header(document, result)
-    keys = (
-        "task",
-        "log",
-        "identifier",
-        "verdict",
-        "parameters",
-        "effects",
-        "error",
-        "before",
-        "after",
-        "rollouts",
-    )
-    document["result"] = {key: result[key] for key in keys if key in result}
-    document["sizes"] = {
-        "parameters": len(result.get("parameters", {})),
-        "effects": len(result.get("effects", [])),
-    }
-    findings = document["findings"]
-    findings += _verdict(result, path)
-    findings += _log_changed(result.get("log"))
-    if kind is Estimate:
-        Estimate.read(path)  # its arrays too
-
-
-def _verdict(result: Mapping[str, Any], path: Path) -> list[dict[str, str]]:
-    found = []
-    if result.get("verdict") == "unexplained":
-        formula = result.get("expression") or {}
-        cure = "report.html beside it shows where and when the residual is"
-        if formula.get("terms"):
-            cure = f"a formula describes what is left: {formula['text']}"
-        if result["format"] == "capture/estimate":
-            log = ["--real-log", result["log"]["path"]] if result.get("log") else []
-            command = shlex.join(["capture", "diagnose", *log, "--estimate", str(path)])
-            cure = NOT_ALIKE if is_fit_explained(result) else f"`{command}` looks for what the model lacks"
-            cure = result["misread"]["text"] if result.get("misread") else cure
-        found.append(
-            finding("warning", "verdict", "the residual is above the noise floor: unexplained", cure)
-        )
-    for name, parameter in result.get("parameters", {}).items():
-        if not parameter.get("identifiable", True):
-            cure = "record a motion in which it matters, or leave it out of the task.toml"
-            found.append(finding("warning", f"parameter {name}", "the log does not determine it", cure))
-        elif parameter.get("at_bound"):
-            cure = (
-                "widen its bounds if the value is physical; otherwise something else is missing in the model"
-            )
-            found.append(finding("warning", f"parameter {name}", "is at a bound", cure))
-    return found
-
-
-def _log_changed(log: Mapping[str, Any] | None) -> list[dict[str, str]]:
-    path = Path(log["path"]) if log else None
-    if path is None or not path.exists() or sha256(path) == log.get("sha256"):
-        return []
-    return [
-        finding(
-            "warning", "log", f"{path} has changed since", "make the result again from the log as it is now"
-        )
-    ]
+# --- other stores ---
 
 
 def _inspect_zarr(path: Path, document: dict[str, Any]) -> None:
@@ -396,8 +347,12 @@ def _inspect_zarr(path: Path, document: dict[str, Any]) -> None:
         for name, a in sorted(arrays.items())
     ]
     document["sizes"] = {"arrays": len(arrays)}
-    if document["store"]["format"] == HISTORIES_SCHEMA.format:
+    found = document["store"]["format"]
+    document["checked"] = found == HISTORIES_SCHEMA.format or found in ARRAYS
+    if found == HISTORIES_SCHEMA.format:
         _inspect_histories(path, document)
+    elif found in ARRAYS:
+        ARRAYS[found].read(path)
     if not str(document["store"]["format"]).startswith("capture/"):
         message = "this store was not written by `capture`"
         document["findings"].append(

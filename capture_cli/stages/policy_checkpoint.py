@@ -13,7 +13,7 @@ from capture_cli.policies.base import Policy
 from capture_cli.stores.document_shape import BOUNDS, OBJECT, TEXT
 from capture_cli.stores.provenance import write_json
 from capture_cli.stores.result import read_result
-from capture_cli.stores.tensors import save_arrays
+from capture_cli.stores.tensors import read_arrays, save_arrays
 from capture_cli.tasks.base import ActionTask
 
 FORMAT, VERSION = "capture/policy", 1
@@ -26,7 +26,7 @@ SHAPE = {
     "bounds": {"parameters": [BOUNDS], "actions": [BOUNDS]},
     "settings": OBJECT,
 }
-_AGAIN = "train the policy again with `train-policy`"
+AGAIN = "train the policy again with `train-policy`"
 
 
 def save_policy(
@@ -97,13 +97,13 @@ def _from_checkpoint(path: Path, task: ActionTask) -> Policy:
                     f"that of {task.name!r} lies between {bounds[0]:g} and {bounds[1]:g}",
                     cure=again,
                 )
-    weights = _weights(path)
+    weights, _ = read_arrays(path / WEIGHTS, AGAIN)
     try:
         return REGISTRY.get(settings["policy"]).from_state(task, settings["settings"], weights)
     except (KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:
         raise StoreError(
             f"{path}: {SETTINGS} and {WEIGHTS} do not belong together: {error}",
-            cure=_AGAIN,
+            cure=AGAIN,
         ) from error
 
 
@@ -113,20 +113,10 @@ def _bounds(space: ParameterSpace) -> list[list[float]]:
 
 def read_policy(path: Path) -> dict[str, Any]:
     """policy.json in the directory `path`. Raises StoreError where it is missing, damaged or of another version."""
-    found = read_result(path, SETTINGS, FORMAT, VERSION, _AGAIN, SHAPE)
+    found = read_result(path, SETTINGS, FORMAT, VERSION, AGAIN, SHAPE)
     for kind, bounds in found["bounds"].items():
         if kind in found and len(bounds) != len(found[kind]):
             raise StoreError(
-                f"{path / SETTINGS}: {len(bounds)} bounds of {len(found[kind])} {kind}", cure=_AGAIN
+                f"{path / SETTINGS}: {len(bounds)} bounds of {len(found[kind])} {kind}", cure=AGAIN
             )
     return found
-
-
-def _weights(path: Path) -> dict:
-    from safetensors import SafetensorError
-    from safetensors.numpy import load_file
-
-    try:
-        return load_file(path / WEIGHTS)
-    except (OSError, SafetensorError) as error:
-        raise StoreError(f"{path / WEIGHTS} cannot be read: {error}", cure=_AGAIN) from error

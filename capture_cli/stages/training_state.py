@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from capture_cli.errors import Interrupted, OptionError, StoreError
-from capture_cli.stores.tensors import save_arrays
+from capture_cli.stores.tensors import read_arrays, save_arrays
 
 STATE = "state.safetensors"
 METRICS = "metrics.jsonl"
@@ -41,20 +41,27 @@ def load_state(
 
     Raises StoreError for a damaged one, OptionError for one of a run with another recipe.
     """
-    from safetensors import SafetensorError, safe_open
-
-    path = folder / STATE
-    if not path.is_file():
+    state = read_state(folder)
+    if state is None:
         return None
-    try:
-        with safe_open(path, framework="numpy") as file:
-            metadata = file.metadata()
-            arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-        begun, counters = json.loads(metadata["recipe"]), json.loads(metadata["counters"])
-    except (OSError, SafetensorError, KeyError, TypeError, json.JSONDecodeError) as error:
-        raise StoreError(f"{path} cannot be read: {error}", cure="begin anew with --force") from error
+    begun, counters, arrays = state
     check_recipe(begun, recipe)
     return counters, arrays
+
+
+def read_state(folder: Path) -> tuple[dict[str, Any], dict[str, Any], dict[str, np.ndarray]] | None:
+    """Recipe, counters and arrays from `folder`, whatever training it is of; None where there is no state.
+
+    Raises StoreError for a damaged one.
+    """
+    path, cure = folder / STATE, "begin anew with --force"
+    if not path.is_file():
+        return None
+    arrays, metadata = read_arrays(path, cure)
+    try:
+        return json.loads(metadata["recipe"]), json.loads(metadata["counters"]), arrays
+    except (KeyError, json.JSONDecodeError) as error:
+        raise StoreError(f"{path} cannot be read: {error}", cure=cure) from error
 
 
 def interrupted(folder: Path, after: str) -> Interrupted:

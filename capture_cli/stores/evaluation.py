@@ -6,12 +6,29 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from capture_cli.stores.document_shape import COUNT, NUMBER, TEXT, or_none
 from capture_cli.stores.result import Result
 from capture_cli.stores.schema import ArraySpec, Schema
 
 FORMAT = "capture/evaluation"
 VERSION = 1
 _CURE = "make it again with `capture eval-sim2sim`"
+SHAPE = {  # of what is read of evaluation.json
+    "task": TEXT,
+    "policy": TEXT,
+    "noise": TEXT,
+    "pairs": COUNT,
+    "seeds": COUNT,
+    "rounds": COUNT,
+    "identifiers": {
+        str: {
+            "parameter_difference": {"mean": [NUMBER]},
+            "trajectory_difference": [NUMBER],
+            "success": or_none([NUMBER]),
+            "coverage?": or_none([NUMBER]),
+        }
+    },
+}
 _AXES = ("identifier", "seed", "pair", "round")
 
 SCHEMA = Schema(
@@ -69,6 +86,7 @@ class Evaluation(Result):
 
     NAME, CURE = "evaluation", _CURE
     FORMAT, VERSION, SCHEMA = FORMAT, VERSION, SCHEMA
+    SHAPE = SHAPE
 
 
 def joined(parts: list[Mapping[str, np.ndarray]], axis: str) -> dict[str, np.ndarray]:

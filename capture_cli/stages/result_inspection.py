@@ -1,0 +1,188 @@
+"""What a folder holds that a command wrote as its result (an estimate, a checkpoint, an evaluation), and its health."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from capture_cli.errors import CaptureError
+from capture_cli.reports.findings import NOT_ALIKE, is_fit_explained
+from capture_cli.stages import identifier_checkpoint, policy_checkpoint
+from capture_cli.stages.log_findings import Finding, finding
+from capture_cli.stages.training_state import METRICS
+from capture_cli.stores.diagnosis import Diagnosis
+from capture_cli.stores.estimate import Estimate
+from capture_cli.stores.evaluation import Evaluation
+from capture_cli.stores.output import PROVENANCE, sha256
+from capture_cli.stores.result import Result
+from capture_cli.stores.tensors import read_arrays
+from capture_cli.tasks import REGISTRY as TASKS
+from capture_cli.tasks import load_task
+
+COPY_AGAIN = "copy the folder again from where it is whole"
+OF_RESULTS = (  # what is taken over of the JSON of an estimate or a diagnosis
+    "task",
+    "log",
+    "identifier",
+    "verdict",
+    "parameters",
+    "effects",
+    "error",
+    "before",
+    "after",
+    "rollouts",
+)
+
+
+@dataclass(frozen=True)
+class ResultFolder:
+    """document: the file that says what the folder is. describe: fills an inspection document in, and raises StoreError
+    where a file that commands read is missing or damaged. beside: other files that every folder of the kind has.
+    """
+
+    document: str
+    describe: Callable[[Path, dict[str, Any]], None]
+    beside: tuple[str, ...]
+
+
+def inspect_result(path: Path, document: dict[str, Any]) -> None:
+    """Fill the inspection `document` of the folder at `path`, of a kind of RESULTS, in. Raises StoreError."""
+    kind = RESULTS[document["kind"]]
+    for name in kind.beside:
+        file = path / name
+        if not (file.is_file() and file.stat().st_size):
+            document["findings"].append(_missing(name, "is empty" if file.is_file() else "is missing"))
+    kind.describe(path, document)
+
+
+def _missing(name: str, how: str) -> Finding:
+    if name == PROVENANCE:
+        cure = f"{COPY_AGAIN}: what task it was made with is said there, and commands look for it"
+        return finding("warning", name, how, cure)
+    return finding("note", name, how, f"{COPY_AGAIN}, or do without: no command reads it")
+
+
+def _header(document: dict[str, Any], found: Mapping[str, Any], *without: str) -> None:
+    """The format of the JSON `found`, its task, and as the result all of it but the keys `without`."""
+    document["store"].update(format=found["format"], version=found["version"])
+    document["task"] = found["task"]
+    document["result"] = {k: v for k, v in found.items() if k not in ("format", "version", *without)}
+
+
+# --- estimates and diagnoses ---
+
+
+def _estimate(path: Path, document: dict[str, Any]) -> None:
+    _fitted(Estimate, path, document)
+
+
+def _diagnosis(path: Path, document: dict[str, Any]) -> None:
+    _fitted(Diagnosis, path, document)
+
+
+def _fitted(kind: type[Result], path: Path, document: dict[str, Any]) -> None:
+    found = kind.read_document(path)
+    _header(document, found, *(found.keys() - OF_RESULTS))
+    document["sizes"] = {
+        "parameters": len(found.get("parameters", {})),
+        "effects": len(found.get("effects", [])),
+    }
+    document["findings"] += _verdict(found, path)
+    document["findings"] += _log_changed(found.get("log"))
+    kind.read(path)  # its arrays too
+
+
+def _verdict(result: Mapping[str, Any], path: Path) -> list[Finding]:
+    found = []
+    if result.get("verdict") == "unexplained":
+        formula = result.get("expression") or {}
+        cure = "report.html beside it shows where and when the residual is"
+        if formula.get("terms"):
+            cure = f"a formula describes what is left: {formula['text']}"
+        if result["format"] == "capture/estimate":
+            log = ["--real-log", result["log"]["path"]] if result.get("log") else []
+            command = shlex.join(["capture", "diagnose", *log, "--estimate", str(path)])
+            cure = NOT_ALIKE if is_fit_explained(result) else f"`{command}` looks for what the model lacks"
+            cure = result["misread"]["text"] if result.get("misread") else cure
+        found.append(
+            finding("warning", "verdict", "the residual is above the noise floor: unexplained", cure)
+        )
+    for name, parameter in result.get("parameters", {}).items():
+        if not parameter.get("identifiable", True):
+            cure = "record a motion in which it matters, or leave it out of the task.toml"
+            found.append(finding("warning", f"parameter {name}", "the log does not determine it", cure))
+        elif parameter.get("at_bound"):
+            cure = (
+                "widen its bounds if the value is physical; otherwise something else is missing in the model"
+            )
+            found.append(finding("warning", f"parameter {name}", "is at a bound", cure))
+    return found
+
+
+def _log_changed(log: Mapping[str, Any] | None) -> list[Finding]:
+    path = Path(log["path"]) if log else None
+    if path is None or not path.exists() or sha256(path) == log.get("sha256"):
+        return []
+    return [
+        finding(
+            "warning", "log", f"{path} has changed since", "make the result again from the log as it is now"
+        )
+    ]
+
+
+# --- what was trained, and how it does ---
+
+
+def _identifier(path: Path, document: dict[str, Any]) -> None:
+    found = identifier_checkpoint.read_document(path)
+    signature = found["signature"]
+    _header(document, found, "signature", "normalisation")
+    document["result"] |= {key: signature[key] for key in ("parameters", "features")}
+    document["sizes"] = {
+        "parameters": len(signature["parameters"]),
+        "actions": len(signature["actions"]),
+        "points": len(signature["point_times"]),
+    }
+    identifier_checkpoint.load_identifier(path)  # its weights too
+
+
+def _policy(path: Path, document: dict[str, Any]) -> None:
+    found = policy_checkpoint.read_policy(path)
+    _header(document, found)
+    document["sizes"] = {"parameters": len(found["parameters"]), "actions": len(found["actions"])}
+    if found["task"] not in TASKS.names():
+        read_arrays(path / policy_checkpoint.WEIGHTS, policy_checkpoint.AGAIN)
+        return
+    try:
+        policy_checkpoint.load_policy(str(path), load_task(found["task"]))
+    except CaptureError as error:
+        document["findings"].append(finding("error", "store", error.message, error.cure))
+
+
+def _evaluation(path: Path, document: dict[str, Any]) -> None:
+    _header(document, Evaluation.read(path).document)
+    result = document["result"]
+    document["sizes"] = {key: result[key] for key in ("pairs", "seeds", "rounds")}
+    document["sizes"]["identifiers"] = len(result["identifiers"])
+
+
+RESULTS = {
+    "diagnosis": ResultFolder(
+        "diagnosis.json", _diagnosis, ("report.html", "before_after.png", "stages.png", PROVENANCE)
+    ),
+    "estimate": ResultFolder(
+        "estimate.json", _estimate, ("report.html", "overlay.png", "residual.png", PROVENANCE)
+    ),
+    "identifier": ResultFolder(
+        identifier_checkpoint.DOCUMENT, _identifier, (METRICS, "loss.png", PROVENANCE)
+    ),
+    "policy": ResultFolder(policy_checkpoint.SETTINGS, _policy, (METRICS, "training.png", PROVENANCE)),
+    "evaluation": ResultFolder(
+        "evaluation.json",
+        _evaluation,
+        ("tables.md", "parameter_difference.png", "trajectory_difference.png", "cost.png", PROVENANCE),
+    ),
+}
