@@ -702,7 +702,6 @@ def test_a_foreign_zarr_is_described(tmp_path):
 @pytest.mark.parametrize("kind", ["estimate", "diagnosis"])
 def test_result_directories_are_described(tmp_path, kind):
     parameter = {"value": 95.1, "unit": "kg", "sd": 0.1, "at_bound": False, "identifiable": True}
-    level = {"value": 3.21, "high": 5.0}
     log = tmp_path / "log.zarr"
     sound_log().write(log)
     result = {
