@@ -122,7 +122,8 @@ class Curves:
         own = self.sampled(k)
         ends = np.cumsum([0, *(int(own[s].sum()) for s in self.slices)]).tolist()
         slices = tuple(slice(a, b) for a, b in pairwise(ends) if a < b)
-        steps = np.concatenate([np.diff(self.time[own][s]) for s in slices])
+        time = self.time[own]
+        steps = np.concatenate([np.diff(time[s]) for s in slices])
         interval = float(np.median(steps)) if steps.size else 0.0
         return Samples(self.residual[own, k], self.step_is_test[own], slices, interval)
 
