@@ -273,14 +273,16 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str]]] = {
             "rollouts.simulated": "windows simulated in all",
             "rounds[].parameters.NAME": "estimate after each round over the episodes, then best point of the fit",
             "rounds[].error": "its error over the noise floor",
-            "misread": "null, or channels whose sign or unit leaves what no physics would: {readings (any of "
-            "which would do: {kind, channels, factor}), before, after (share of the motion that a fit leaves), text}",
+            "misread": "null, or channels whose sign, unit or column leaves what no physics would: {readings (any of "
+            "which would do: {kind, channels, factor, columns (to read them from; null where their own)}), "
+            "before, after (share of the motion that a fit leaves), text}",
             "cut_short": "null, or after how many rounds the search was stopped before it came to rest",
             "in_context": "null, or what a learned identifier's rounds over the episodes gave: {checkpoint, sha256, "
             "rounds, episodes, proposal, proposal_sd, share_beyond (of the training histories that lie as far out), "
             "in_family, contradicted (by the fit), fallback (to a fit with the starts freed), text}",
             "next_command": "the command to run next; null where there is none, as where only what was held out is not "
-            "explained (`diagnose` finds what is missing in what was fitted), and where a channel is `misread`",
+            "explained (`diagnose` finds what is missing in what was fitted), and where columns "
+            "have to be checked first, as where a channel is `misread`",
         },
     ),
     "diagnosis.json": (

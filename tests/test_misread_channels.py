@@ -9,8 +9,20 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from capture_cli.protocol.misread_channels import FACTORS, Misread, Reading, _groups, misread_channels
+from capture_cli.protocol.misread_channels import (
+    FACTORS,
+    MOST_PAIRS,
+    Misread,
+    Reading,
+    _exchanged,
+    _exchanges,
+    _groups,
+    _orders,
+    _values,
+    misread_channels,
+)
 from capture_cli.protocol.prepare import prepare
+from capture_cli.reports.findings import suspicions
 from capture_cli.sim.engine import Engine
 from capture_cli.stages import identify as stage
 from capture_cli.stages.inspect import inspect
@@ -18,6 +30,7 @@ from capture_cli.stages.record import record
 from capture_cli.stores import output
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.tasks import load_task
+from capture_cli.tasks.base import Channel
 
 MACHINES = Path(__file__).resolve().parents[1] / "benchmarks" / "machines"
 NOISE = {"slider": 5e-4, "arm": 1e-3}
@@ -38,8 +51,9 @@ def task(machine: str) -> str:
     return str(MACHINES / machine / "task.toml")
 
 
-def misread(log: MeasuredLog, machine: str) -> Misread | None:
-    prepared = prepare(log, load_task(task(machine)), window=None, test=None, seed=0, threads=1)
+def misread(log: MeasuredLog, machine: str | Path) -> Misread | None:
+    path = str(machine) if isinstance(machine, Path) else task(machine)
+    prepared = prepare(log, load_task(path), window=None, test=None, seed=0, threads=1)
     found, _ = misread_channels(prepared, None, 1, lambda done, total: None)
     return found
 
@@ -101,8 +115,117 @@ def test_an_attitude_is_read_as_it_is(tmp_path):
         '[outputs.turn]\ncolumn = ["a", "b", "c", "d"]\nunit = "1"\n'
         '[outputs.w]\ncolumn = ["x", "y", "z"]\nunit = "rad/s"\n'
     )
-    groups = list(_groups(SimpleNamespace(task=load_task(str(tmp_path / "task.toml")))))
+    prepared = SimpleNamespace(task=load_task(str(tmp_path / "task.toml")))
+    groups = list(_groups(prepared))
     assert [names for _, names in groups] == [("w_x",), ("w_y",), ("w_z",), ("w_x", "w_y", "w_z")]
+    left = np.array([9.0, 9.0, 9.0, 9.0, 0.1, 0.3, np.nan])
+    exchanged = [way.channels for way in _exchanges(prepared, left)]
+    assert exchanged == [("w_x", "w_y"), ("w_y", "w_z"), ("w_x", "w_z")]
+
+
+def write_boat(folder: Path, columns: str) -> Path:
+    """A free body that a thruster turns, with its attitude from four columns; the path of its task."""
+    (folder / "model.xml").write_text(
+        '<mujoco><option gravity="0 0 0" timestep=".005"/><worldbody><body name="b"><freejoint/>'
+        '<geom type="box" size=".3 .1 .05" mass="2"/><site name="s"/></body></worldbody>'
+        '<actuator><motor name="turn" site="s" gear="0 0 0 .3 1 2" ctrlrange="-.3 .3"/></actuator>'
+        '<sensor><framequat name="quat" objtype="site" objname="s"/>'
+        '<framepos name="pos" objtype="site" objname="s"/></sensor></mujoco>'
+    )
+    quoted = ", ".join(f'"{c}"' for c in columns.split())
+    (folder / "task.toml").write_text(
+        'format = 1\nname = "boat"\nmodel = "model.xml"\n'
+        '[parameters.gear]\nset = "actuator:turn:gain"\nlow = 0.5\nhigh = 2.0\nunit = "1"\n'
+        '[inputs.turn]\ncolumn = "u"\nunit = "N m"\n'
+        f'[outputs.quat]\ncolumn = [{quoted}]\nunit = "1"\n'
+        '[outputs.pos]\ncolumn = ["px", "py", "pz"]\nunit = "m"\n[log]\nwindow = 0.5\n'
+    )
+    return folder / "task.toml"
+
+
+@pytest.mark.parametrize("kind", ["inputs", "outputs"])
+def test_of_two_channels_with_each_other_s_columns_both_are_named(logs, kind):
+    log, channels = logs["arm"], getattr(load_task(task("arm")), kind)
+    swapped = replace(log, **{kind: getattr(log, kind)[:, ::-1].copy()})
+    found = misread(swapped, "arm")
+    names, columns = (tuple(getattr(c, key) for c in channels) for key in ("name", "column"))
+    assert Reading(kind, names, columns=columns[::-1]) in found.readings
+    assert f"{names[0]} from {columns[1]!r}, {names[1]} from {columns[0]!r}" in found.text
+    assert found.after < 0.1 < found.before
+
+
+def test_a_column_of_another_scale_is_read_as_its_channel_says():
+    one = Channel("one", "rad", "a", 0, scale=0.1, offset=2.0)
+    other = Channel("other", "rad", "b", 1, scale=-1.0)
+    (way,) = _exchanged("outputs", [{"": one}, {"": other}], {})
+    columns = np.array([[5.0, 7.0], [6.0, 8.0]])  # a, b
+    log = SimpleNamespace(outputs=columns * [0.1, -1.0] + [2.0, 0.0])
+    read = _values(SimpleNamespace(task=SimpleNamespace(outputs=(one, other)), log=log), way)
+    assert read == pytest.approx(columns[:, ::-1] * [0.1, -1.0] + [2.0, 0.0])
+
+
+def test_channels_are_exchanged_that_say_the_same_and_not_too_many():
+    many = [{"": Channel(f"q{k}", "rad", f"c{k}", k)} for k in range(20)]
+    error = {"q3": 2.0, "q7": 1.0}
+    ways = list(_exchanged("outputs", many, error))
+    assert len(ways) == MOST_PAIRS
+    assert ways[0] == Reading("outputs", ("q3", "q7"), columns=("c7", "c3"))
+    others = [
+        Channel("w", "rad/s", "c", 0),
+        Channel("s", "rad", "d", 1, sparse=True),
+        Channel("q", "rad", "c0", 2),
+    ]
+    assert list(_exchanged("outputs", [many[0], *({"": c} for c in others)], {})) == []
+
+
+def recorded(path: Path, **options) -> MeasuredLog:
+    """A log of the machine at `path`, of random parameters."""
+    made = record(
+        task=str(path), out=path.parent / "log.zarr", random_parameters=True, threads=1, seed=1, **options
+    )
+    return replace(made.log, path=path.parent / "log.zarr")
+
+
+def test_joints_of_which_all_is_exchanged(tmp_path):
+    """A message of joint states has one order for all that it says of them."""
+    model = (MACHINES / "arm" / "model.xml").read_text()
+    speeds = '<jointvel name="w1" joint="shoulder"/><jointvel name="w2" joint="elbow"/></sensor>'
+    (tmp_path / "model.xml").write_text(model.replace("</sensor>", speeds))
+    outputs = "".join(f'[outputs.w{k}]\ncolumn = "w{k}"\nunit = "rad/s"\n' for k in (1, 2))
+    (tmp_path / "task.toml").write_text(Path(task("arm")).read_text().replace("[log]", f"{outputs}[log]"))
+    log = recorded(tmp_path / "task.toml", noise=1e-3, episodes=2, duration=1.5, rate=100.0)
+    found = misread(replace(log, outputs=log.outputs[:, [1, 0, 3, 2]]), tmp_path / "task.toml")
+    (way,) = found.readings
+    assert dict(zip(way.channels, way.columns, strict=True)) == {
+        "q1": "q2_rad",
+        "q2": "q1_rad",
+        "w1": "w2",
+        "w2": "w1",
+    }
+
+
+def test_an_attitude_whose_w_is_last_is_named_before_anything_else(tmp_path):
+    path = write_boat(tmp_path, "a b c d")
+    log = recorded(path, noise=1e-3, episodes=2, duration=2.0, rate=50.0)
+    told = []
+    prepared = prepare(
+        replace(log, outputs=log.outputs[:, [1, 2, 3, 0, 4, 5, 6]]),
+        load_task(str(path)),
+        window=None,
+        test=None,
+        seed=0,
+        threads=1,
+    )
+    found = misread_channels(prepared, None, 1, lambda done, total: told.append(done))
+    names = ("quat_w", "quat_x", "quat_y", "quat_z")
+    assert found.readings == (Reading("outputs", names, columns=("d", "a", "b", "c")),)
+    assert told == [0]
+
+
+def test_the_order_that_names_say_is_tried(tmp_path):
+    prepared = SimpleNamespace(task=load_task(str(write_boat(tmp_path, "qz qy qx qw"))))
+    columns = [way.columns for way in _orders(prepared)]
+    assert columns == [("qw", "qx", "qy", "qz"), ("qw", "qz", "qy", "qx")]
 
 
 @pytest.fixture
@@ -136,9 +259,38 @@ def test_identify_says_it_and_does_not_ask_for_a_diagnosis(logs, tmp_path, monke
     found = stage.identify(
         real_log=tmp_path / "log.zarr", task=task("slider"), out=tmp_path / "estimate", threads=1, quiet=True
     ).document
-    assert {"kind": "outputs", "channels": ("q",), "factor": -1.0} in found["misread"]["readings"]
+    assert {"kind": "outputs", "channels": ("q",), "factor": -1.0, "columns": None} in found["misread"][
+        "readings"
+    ]
     assert found["next_command"] is None
     assert found["rollouts"]["simulated"] == sum(simulated)
     assert "misread" in found["summary"]
     (verdict,) = (f for f in inspect(tmp_path / "estimate", None)["findings"] if f["where"] == "verdict")
     assert verdict["cure"] == found["misread"]["text"]
+
+
+@pytest.mark.parametrize("driven", [True, False])
+def test_where_columns_are_to_be_checked_first_no_diagnosis_is_asked_for(logs, tmp_path, monkeypatch, driven):
+    """A log without what drove the machine, and one whose output is a column of something else."""
+    monkeypatch.setattr(stage, "_write_pages", lambda *_: None)
+    monkeypatch.setattr(output, "_sync", lambda _: None)
+    log = logs["slider"]
+    if driven:
+        other = np.random.default_rng(0).normal(size=log.outputs.shape).cumsum(axis=0)
+        log = replace(log, outputs=0.1 * other)
+    else:
+        log = replace(log, inputs=np.zeros_like(log.inputs))
+    log.write(tmp_path / "log.zarr")
+    out = tmp_path / "estimate"
+    estimate = stage.identify(
+        real_log=tmp_path / "log.zarr", task=task("slider"), out=out, starts=1, threads=1, quiet=True
+    )
+    document = estimate.document
+    assert (document["verdict"], document["misread"]) == ("unexplained", None)
+    assert document["next_command"] is None
+    assert "may be misread" in document["summary"]
+    said = suspicions(estimate)
+    assert all("before anything else" in text for text in said)
+    assert ["Input drive is 0 throughout" in text for text in said] == ([False] if driven else [True, False])
+    (verdict,) = (f for f in inspect(out)["findings"] if f["where"] == "verdict")
+    assert verdict["cure"].startswith("check columns, units and signs before anything else")

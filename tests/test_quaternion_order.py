@@ -1,4 +1,4 @@
-"""Columns of a quaternion that are not w, x, y, z: told by their names, and by a body that stays upright otherwise."""
+"""Columns of a quaternion that are not w, x, y, z are told by their names, and by a body that stays upright."""
 
 from __future__ import annotations
 

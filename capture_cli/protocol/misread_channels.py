@@ -1,9 +1,10 @@
-"""Whether what no physics would leave is a channel that was read with a wrong sign or in a wrong unit."""
+"""Whether what no physics would leave is a channel read with a wrong sign or unit, or from another's column."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
@@ -11,6 +12,8 @@ from capture_cli.errors import CaptureError
 from capture_cli.protocol.model_fits import ModelFits
 from capture_cli.protocol.prepare import prepare
 from capture_cli.protocol.prepared_log import PreparedLog, attitudes
+from capture_cli.sim.quaternion_order import W_LAST, order_in_names
+from capture_cli.tasks.base import Channel
 
 FACTORS = {  # by which a channel may have to be multiplied
     -1.0: "times -1",
@@ -25,20 +28,29 @@ LOOKED_AT = 4  # of the best at a glance
 BETTER = 0.3  # of what the fit leaves as the log was read
 RIGHT = 0.25  # of the motion: a model that leaves more, read so, does not tell how the log is to be read
 AS_GOOD = 1.5  # times what the best reading leaves: another that may be meant
+MOST_PAIRS = 56  # of channels that are exchanged: all of eight in each of two units
+ABOVE = 3.0  # times the noise floor: an output that moves less does not
 LARGEST_SHARE = 3.0  # of the motion of one output: beyond it is nonsense, however far
 
 
 @dataclass(frozen=True)
 class Reading:
-    """How a log may have to be read: the channels of one `kind`, "inputs" or "outputs", multiplied by `factor`."""
+    """How a log may have to be read: the channels of one `kind`, "inputs" or "outputs", multiplied by `factor`, or from
+    other `columns`, one each; None where from their own.
+    """
 
     kind: str
     channels: tuple[str, ...]
-    factor: float
+    factor: float = 1.0
+    columns: tuple[str, ...] | None = None
 
     @property
     def text(self) -> str:
-        return f"{', '.join(self.channels)} {FACTORS[self.factor]}"
+        if self.columns is None:
+            return f"{', '.join(self.channels)} {FACTORS[self.factor]}"
+        return ", ".join(
+            f"{c} from {column!r}" for c, column in zip(self.channels, self.columns, strict=True)
+        )
 
 
 @dataclass(frozen=True)
@@ -58,7 +70,7 @@ class Misread:
     def text(self) -> str:
         return (
             f"As the log was read, a fit is off by {100 * self.before:.0f} % of the motion within windows, and by "
-            f"{100 * self.after:.2g} % with {', or with '.join(r.text for r in self.readings)}: mend that scale in the "
+            f"{100 * self.after:.2g} % with {', or with '.join(r.text for r in self.readings)}: mend that in the "
             "task file, and import the log again."
         )
 
@@ -76,9 +88,7 @@ def misread_channels(
 
     def read(way: Reading) -> PreparedLog | None:
         """The log read so, cut as it is; None where it cannot be."""
-        own = [c.name in way.channels for c in getattr(prepared.task, way.kind)]
-        values = np.where(own, way.factor, 1.0) * getattr(prepared.log, way.kind)
-        log = replace(prepared.log, **{way.kind: values})
+        log = replace(prepared.log, **{way.kind: _values(prepared, way)})
         try:
             part = prepare(log, prepared.task, window=window, test="none", seed=0, threads=threads)
         except CaptureError:
@@ -86,26 +96,52 @@ def misread_channels(
         rollouts.append(part.rollouts)
         return part
 
-    def left(part: PreparedLog | None, windows: int, rounds: int) -> float:
+    def left(part: PreparedLog | None, windows: int, rounds: int) -> np.ndarray:
         if part is None:
-            return np.inf
+            return np.array([np.inf])
         few = fitted[np.unique(np.linspace(0, len(fitted) - 1, windows).astype(int))]
-        share, spent = _left(part.part(few), rounds, threads)
+        shares, spent = _left(part.part(few), rounds, threads)
         rollouts.append(spent)
-        return share
+        return shares
 
-    ways = [Reading(*group, factor) for group in _groups(prepared) for factor in FACTORS]
-    at_a_glance = []
-    for done, way in enumerate(ways):
-        on_step(done, len(ways))
-        at_a_glance.append(left(read(way), *GLANCE))
-    best = [ways[i] for i in np.argsort(at_a_glance, kind="stable")[:LOOKED_AT]]
-    looked_at = sorted((left(read(way), *LOOK), k) for k, way in enumerate(best))
-    before, least = left(prepared, *LOOK), looked_at[0][0]
-    if least >= min(BETTER * before, RIGHT):
-        return None, sum(rollouts)
-    readings = tuple(best[k] for after, k in looked_at if after < AS_GOOD * least)
-    return Misread(readings, before, least), sum(rollouts)
+    before = left(prepared, *LOOK)
+    was = _total(before)
+    others = [Reading(*group, factor) for group in _groups(prepared) for factor in FACTORS]
+    others += _exchanges(prepared, before)
+    orders = list(_orders(prepared))
+    done, total = 0, len(orders) + len(others)
+    for ways in (orders, others):  # an attitude that is turned about leaves nothing to see of the others
+        on_step(done, total)
+        best = ways
+        if len(ways) > LOOKED_AT:
+            at_a_glance = []
+            for number, way in enumerate(ways, start=done):
+                on_step(number, total)
+                at_a_glance.append(_total(left(read(way), *GLANCE)))
+            best = [ways[i] for i in np.argsort(at_a_glance, kind="stable")[:LOOKED_AT]]
+        looked_at = sorted((_total(left(read(way), *LOOK)), k) for k, way in enumerate(best))
+        if looked_at and looked_at[0][0] < min(BETTER * was, RIGHT):
+            least = looked_at[0][0]
+            readings = tuple(best[k] for after, k in looked_at if after < AS_GOOD * least)
+            return Misread(readings, was, least), sum(rollouts)
+        done += len(ways)
+    return None, sum(rollouts)
+
+
+def _values(prepared: PreparedLog, way: Reading) -> np.ndarray:
+    """The log's inputs or outputs (step, channel), whichever are read anew, as they are then."""
+    channels, values = getattr(prepared.task, way.kind), getattr(prepared.log, way.kind).copy()
+    number = {c.name: k for k, c in enumerate(channels)}
+    own = [number[name] for name in way.channels]
+    if way.columns is None:
+        values[:, own] *= way.factor
+        return values
+    number = {channels[k].column: k for k in own}
+    others = [number[column] for column in way.columns]
+    scale, offset = (np.array([getattr(c, key) for c in channels]) for key in ("scale", "offset"))
+    columns = (values[:, others] - offset[others]) / scale[others]
+    values[:, own] = scale[own] * columns + offset[own]
+    return values
 
 
 def _groups(prepared: PreparedLog) -> Iterator[tuple[str, tuple[str, ...]]]:
@@ -124,21 +160,76 @@ def _groups(prepared: PreparedLog) -> Iterator[tuple[str, tuple[str, ...]]]:
         yield from ((kind, tuple(names)) for names in by_unit.values() if len(names) > 1)
 
 
-def _left(part: PreparedLog, rounds: int, threads: int | None) -> tuple[float, int]:
-    """Share of the motion that a fit from the nominal values leaves, inf where every trial diverges; and how many
-    windows it simulated.
+def _exchanges(prepared: PreparedLog, left: np.ndarray) -> Iterator[Reading]:
+    """Two channels of one unit, and all that two joints or sites report, with each other's columns: a message of joint
+    states often has another order than the model.
+
+    left: as of `_left`, of the log as it was read.
+    """
+    task = prepared.task
+    turned = {k for attitude in attitudes(task) for k in attitude.tolist()}
+    error = dict(zip((c.name for c in task.outputs), np.nan_to_num(left, posinf=0.0), strict=True))
+    yield from _exchanged("inputs", [{"": c} for c in task.inputs], {})
+    yield from _exchanged("outputs", [{"": c} for k, c in enumerate(task.outputs) if k not in turned], error)
+    model, objects = task.model, {}
+    for c in task.outputs:
+        of = (int(model.sensor_objtype[c.sensor]), int(model.sensor_objid[c.sensor]))
+        what = (int(model.sensor_type[c.sensor]), c.index - int(model.sensor_adr[c.sensor]))
+        objects.setdefault(of, {})[what] = c
+    yield from _exchanged("outputs", [o for o in objects.values() if len(o) > 1], error)
+
+
+def _exchanged(
+    kind: str, things: Sequence[Mapping[object, Channel]], error: Mapping[str, float]
+) -> Iterator[Reading]:
+    """Each two of `things` that say the same with each other's columns: those of the largest error first, then
+    neighbours.
+
+    things: the channels of each, by what they say. error: of channels by name; 0 where there is none.
+    """
+    said = [{what: (c.unit, c.sparse) for what, c in thing.items()} for thing in things]
+    size = [max(error.get(c.name, 0.0) for c in thing.values()) for thing in things]
+    pairs = [(a, b) for a, b in combinations(range(len(things)), 2) if said[a] == said[b]]
+    for pair in sorted(pairs, key=lambda p: (-size[p[0]] - size[p[1]], p[1] - p[0]))[:MOST_PAIRS]:
+        one, other = (things[k] for k in pair)
+        channels = [*one.values(), *(other[what] for what in one)]
+        columns = tuple(c.column for c in channels)
+        if len(set(columns)) == len(columns):
+            half = len(one)
+            names = tuple(c.name for c in channels)
+            yield Reading(kind, names, columns=columns[half:] + columns[:half])
+
+
+def _orders(prepared: PreparedLog) -> Iterator[Reading]:
+    """Attitudes whose columns are in another order: the one that their names say, and w last."""
+    outputs = prepared.task.outputs
+    for own in attitudes(prepared.task):
+        channels = [outputs[k] for k in own]
+        columns = [c.column for c in channels]
+        if len(set(columns)) < len(columns):
+            continue
+        for order in dict.fromkeys((order_in_names(columns), W_LAST)):
+            if order not in (None, (0, 1, 2, 3)):
+                read_from = tuple(columns[k] for k in order)
+                yield Reading("outputs", tuple(c.name for c in channels), columns=read_from)
+
+
+def _left(part: PreparedLog, rounds: int, threads: int | None) -> tuple[np.ndarray, int]:
+    """Share of the motion of each output that a fit from the nominal values leaves, (output,), LARGEST_SHARE at most,
+    NaN of those that do not move and inf where every trial diverges; and how many windows it simulated.
     """
     fits = ModelFits(part, threads)
     fit = fits.fit(part, [], part.task.space.nominal, rounds=rounds)
     if fit is None:
-        return np.inf, fits.rollouts
+        return np.full(len(part.task.outputs), np.inf), fits.rollouts
     residual = fit.at.residual.reshape(part.windows.measured.shape) * part.noise.sd
-    return _share(part, residual), fits.rollouts
+    return _shares(part, residual), fits.rollouts
 
 
-def _share(part: PreparedLog, residual: np.ndarray) -> float:
-    """Root mean square over that of the motion within windows; residual (window, step, output). Of all outputs the
-    mean square, whatever their units.
+def _shares(part: PreparedLog, residual: np.ndarray) -> np.ndarray:
+    """Root mean square of the residual (window, step, output) over that of the motion within windows, (output,).
+
+    NaN of outputs that do not move: what noise there is says nothing. inf of all where none does.
     """
     sampled = part.windows.sampled
     count = np.maximum(sampled.sum(axis=1, keepdims=True), 1)
@@ -147,5 +238,13 @@ def _share(part: PreparedLog, residual: np.ndarray) -> float:
         np.square(np.where(sampled, values, 0.0)).sum(axis=(0, 1))
         for values in (residual, part.windows.measured - mean)
     )
+    moves = moved > np.square(ABOVE * part.noise.sd) * sampled.sum(axis=(0, 1))
+    if not moves.any():
+        return np.full(len(moves), np.inf)
     shares = np.sqrt(left / np.maximum(moved, np.finfo(float).tiny))
-    return float(np.sqrt(np.square(np.minimum(shares, LARGEST_SHARE)).mean()))
+    return np.where(moves, np.minimum(shares, LARGEST_SHARE), np.nan)
+
+
+def _total(shares: np.ndarray) -> float:
+    """Of all outputs that move the root mean square, whatever their units."""
+    return float(np.sqrt(np.nanmean(np.square(shares))))

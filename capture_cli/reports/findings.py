@@ -173,7 +173,25 @@ def suspicions(estimate: Estimate) -> list[str]:
         return []
     if document.get("misread"):
         return [document["misread"]["text"]]
-    return outputs_left(estimate, document["error"]["fit"])
+    left = outputs_left(estimate, document["error"]["fit"])
+    if not left:
+        return []
+    return [
+        *undriven(document),
+        f"{left[0]} If they are right, `capture diagnose` looks for what the model lacks.",
+    ]
+
+
+def undriven(document: Mapping[str, Any]) -> list[str]:
+    """Whether nothing drives the machine by the log: no input is ever anything but 0."""
+    peaks = document["log"].get("input_peaks") or {}
+    if not peaks or any(peaks.values()):
+        return []
+    which = f"Input {', '.join(peaks)} is" if len(peaks) == 1 else f"Inputs {', '.join(peaks)} are"
+    return [
+        f"{which} 0 throughout the log, and the outputs move as if something drove the machine: check the column "
+        "before anything else."
+    ]
 
 
 def outputs_left(result: Result, error: Mapping[str, Any] | None) -> list[str]:

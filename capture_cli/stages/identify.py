@@ -99,13 +99,17 @@ def identify(
         result = search.run()
         estimate = Report(result, chosen.name, options["seed"], earlier, progress).estimate()
         document = estimate.document
-        if suspicions(estimate) and not isinstance(found, ActionTask):
+        suspicious = bool(suspicions(estimate))
+        if suspicious and not isinstance(found, ActionTask):
             document["misread"], more = _misread(search, options["window"])
             document["rollouts"]["simulated"] += more
         if document["misread"] and document["lack_of_fit"]["lacking"]:
             document["summary"] = unexplained(document["lack_of_fit"], "A channel seems to be misread.")
+        elif suspicious and document["lack_of_fit"]["lacking"] and not document["diverged_windows"]:
+            why = "A channel may be misread, or the model lacks much."
+            document["summary"] = unexplained(document["lack_of_fit"], why)
     lacking = document["verdict"] == "unexplained" and not is_fit_explained(document)
-    if lacking and not document["cut_short"] and not document["misread"]:
+    if lacking and not document["cut_short"] and not suspicious:
         document["next_command"] = shlex.join(
             ["capture", "diagnose", "--real-log", str(real_log), "--estimate", str(out)]
         )
@@ -192,13 +196,13 @@ class _Search:
 
 
 def _misread(search: _Search, window: float | None) -> tuple[dict[str, Any] | None, int]:
-    """A channel whose sign or unit leaves what no physics would, None where none is found; and how many windows were
-    simulated to see it.
+    """Channels whose sign, unit or column leaves what no physics would, None where none is found; and how many windows
+    were simulated to see it.
     """
     progress = search.progress
 
     def tell(done: int, total: int) -> None:
-        progress.step(progress.part("other signs and units,", done, total))
+        progress.step(progress.part("other signs, units and columns,", done, total))
 
     found, rollouts = misread_channels(search.prepared, window, search.threads, tell)
     return None if found is None else {**asdict(found), "text": found.text}, rollouts

@@ -165,7 +165,7 @@ def _values(channel: Mapping[str, Any], episodes: int) -> Iterator[Finding]:
             "warning" if is_input else "error",
             where,
             f"never changes: always {_in_unit(channel['low']['value'], channel, 6)}",
-            "excite this input if its parameters matter"
+            "check its column if something drives it; excite this input if its parameters matter"
             if is_input
             else "check the sensor and its column, or leave the output out of the task.toml",
         )

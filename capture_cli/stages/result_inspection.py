@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from capture_cli.errors import CaptureError
-from capture_cli.reports.findings import NOT_ALIKE, is_fit_explained
+from capture_cli.reports.findings import NOT_ALIKE, cut_short, is_fit_explained
 from capture_cli.stages import identifier_checkpoint, policy_checkpoint
 from capture_cli.stages.log_findings import Finding, finding
 from capture_cli.stages.training_state import METRICS
@@ -98,15 +98,7 @@ def _fitted(kind: type[Result], path: Path, document: dict[str, Any]) -> None:
 def _verdict(result: Mapping[str, Any], path: Path) -> list[Finding]:
     found = []
     if result.get("verdict") == "unexplained":
-        formula = result.get("expression") or {}
-        cure = "report.html beside it shows where and when the residual is"
-        if formula.get("terms"):
-            cure = f"a formula describes what is left: {formula['text']}"
-        if result["format"] == "capture/estimate":
-            log = ["--real-log", result["log"]["path"]] if result.get("log") else []
-            command = shlex.join(["capture", "diagnose", *log, "--estimate", str(path)])
-            cure = NOT_ALIKE if is_fit_explained(result) else f"`{command}` looks for what the model lacks"
-            cure = result["misread"]["text"] if result.get("misread") else cure
+        cure = _cure_of_unexplained(result, path)
         found.append(
             finding("warning", "verdict", "the residual is above the noise floor: unexplained", cure)
         )
@@ -120,6 +112,24 @@ def _verdict(result: Mapping[str, Any], path: Path) -> list[Finding]:
             )
             found.append(finding("warning", f"parameter {name}", "is at a bound", cure))
     return found
+
+
+def _cure_of_unexplained(result: Mapping[str, Any], path: Path) -> str:
+    """What to do about what the estimate or the diagnosis at `path` leaves; as `identify` said it."""
+    where = "report.html beside it shows where and when the residual is"
+    if result["format"] != "capture/estimate":
+        formula = result.get("expression") or {}
+        return f"a formula describes what is left: {formula['text']}" if formula.get("terms") else where
+    if is_fit_explained(result):
+        return NOT_ALIKE
+    if result.get("misread"):
+        return result["misread"]["text"]
+    if cut_short(result):
+        return cut_short(result)[0]
+    if result.get("next_command", "") is None:
+        return f"check columns, units and signs before anything else: {where}"
+    log = ["--real-log", result["log"]["path"]] if result.get("log") else []
+    return f"`{shlex.join(['capture', 'diagnose', *log, '--estimate', str(path)])}` looks for what the model lacks"
 
 
 def _log_changed(log: Mapping[str, Any] | None) -> list[Finding]:
