@@ -69,26 +69,22 @@ def motion(model):
     )
 
 
-def columns(model, *names: str) -> tuple[list[int], np.ndarray]:
-    """The sensor of each output column, and the columns of sensordata, of the sensors `names`."""
-    sensors, data = [], []
-    for name in names:
-        sensor = model.sensor(name)
-        sensors += [sensor.id] * sensor.dim[0]
-        data += range(sensor.adr[0], sensor.adr[0] + sensor.dim[0])
-    return sensors, np.array(data)
+def columns(model, *names: str) -> np.ndarray:
+    """The columns of sensordata of the sensors `names`."""
+    sensors = [model.sensor(name) for name in names]
+    return np.concatenate([s.adr[0] + np.arange(s.dim[0]) for s in sensors])
 
 
 def estimate(model, motion, names, noise: float, first=None, **options) -> tuple[StartEstimate, np.ndarray]:
     """Starts of windows that begin at the steps `first`, from noisy outputs, and their true tangent error."""
     time, sensors, qpos, qvel = motion
     first = np.arange(0, len(time) - 60, 30) if first is None else first
-    ids, data = columns(model, *names)
+    data = columns(model, *names)
     outputs = sensors[:, data] + noise * np.random.default_rng(4).standard_normal((len(time), len(data)))
     outputs = np.where(options.get("sampled", True), outputs, 1e3)
     found = estimate_starts(
         model,
-        ids,
+        data,
         time=time,
         outputs=outputs,
         episodes=[slice(0, len(time))],
@@ -116,8 +112,9 @@ def test_errors_are_within_the_standard_deviation_and_that_is_not_idle(model, mo
 
 def test_an_attitude_is_known_alike_about_every_axis(model):
     """Near level w has no noise to speak of, and x, y and z half of the rotation's each."""
-    ids, _ = columns(model, "how")
-    found = known_starts(model, ids, model_starts(model, 2).starts, np.array([1e-6, 1e-3, 1e-3, 1e-3]))
+    found = known_starts(
+        model, columns(model, "how"), model_starts(model, 2).starts, np.array([1e-6, 1e-3, 1e-3, 1e-3])
+    )
     flyer = slice(7, 10)
     np.testing.assert_allclose(found.sd[:, flyer], PRIOR_INFLATION * 2e-3, rtol=1e-6)
     assert found.sd.sum() == pytest.approx(found.sd[:, flyer].sum())
@@ -252,8 +249,7 @@ def test_quaternions_are_unit_even_where_the_log_rounds_them(model, motion):
 def test_a_quaternion_that_changes_its_sign_is_the_same_orientation(model, motion):
     time, sensors, qpos, qvel = motion
     flipped = sensors.copy()
-    _, ball = columns(model, "ball")
-    flipped[40:, ball] *= -1
+    flipped[40:, columns(model, "ball")] *= -1
     _, plain = estimate(model, motion, ("ball",), noise=0.0)
     _, error = estimate(model, (time, flipped, qpos, qvel), ("ball",), noise=0.0)
     np.testing.assert_allclose(error, plain, atol=1e-9)
@@ -278,7 +274,7 @@ def test_an_attitude_may_turn_by_more_than_half_a_turn_within_reach(turned):
     outputs = np.array(outputs) + 2e-3 * np.random.default_rng(0).standard_normal((60, 4))
     found = estimate_starts(
         model,
-        [0] * 4,
+        range(4),
         time=0.02 * np.arange(60),
         outputs=outputs,
         episodes=[slice(0, 60)],
@@ -426,7 +422,7 @@ def test_a_gyroscope_that_several_joints_turn_says_nothing_of_one(gyros, site):
 
 def test_one_axis_of_a_gyroscope_that_is_askew_is_no_coordinates(gyros):
     model, _ = gyros
-    assert sources_of(model, columns(model, "own")[0][:1]) == []
+    assert sources_of(model, columns(model, "own")[:1]) == []
 
 
 @pytest.mark.parametrize(
@@ -476,16 +472,16 @@ def test_a_camera_gives_the_slides_that_carry_a_point():
     plate = mujoco.MjModel.from_xml_string(PLATE)
     begin = Starts(np.array([[0.1, 0.25, 0.3]]), np.array([[0.2, -0.4, 1.0]]), np.zeros((1, 0)), np.zeros(1))
     done = Engine(plate, 1).rollout(starts=begin, controls=np.zeros((1, 600, 0)), steps=600, states=True)
-    sensors, data = columns(plate, "turn", "marker")
-    assert measures_every_coordinate(plate, sensors)
+    data = columns(plate, "turn", "marker")
+    assert measures_every_coordinate(plate, data)
     outputs, first = done.sensors[0][:, data], np.arange(100, 500, 50)
-    for source in sources_of(plate, sensors):
+    for source in sources_of(plate, data):
         np.testing.assert_allclose(
             source.of(outputs[:, source.columns]), done.qpos[0][:, source.qpos], atol=1e-12
         )
     found = estimate_starts(
         plate,
-        sensors,
+        data,
         time=0.002 * np.arange(600),
         outputs=outputs,
         episodes=[slice(0, 600)],
@@ -495,7 +491,7 @@ def test_a_camera_gives_the_slides_that_carry_a_point():
     )
     np.testing.assert_allclose(found.starts.qpos, done.qpos[0, first], atol=1e-4)
     np.testing.assert_allclose(found.starts.qvel, done.qvel[0, first], atol=5e-3)
-    turned = columns(plate, "turn", "corner")[0]
+    turned = columns(plate, "turn", "corner")
     assert unmeasured_joints(plate, turned) == ["x", "y"], "the hinge moves the corner, too"
 
 
@@ -567,9 +563,9 @@ def test_unmeasured_coordinates_may_be_off_by_more_than_they_move(model, motion)
 
 
 def test_which_outputs_measure_every_coordinate(model):
-    assert measures_every_coordinate(model, columns(model, *ALL)[0])
-    assert not measures_every_coordinate(model, columns(model, "x", "ball", "where")[0])
-    assert not measures_every_coordinate(model, columns(model, "v", "ball", "where", "how")[0])
+    assert measures_every_coordinate(model, columns(model, *ALL))
+    assert not measures_every_coordinate(model, columns(model, "x", "ball", "where"))
+    assert not measures_every_coordinate(model, columns(model, "v", "ball", "where", "how"))
 
 
 # A differential gear behind an elevator: the two shafts turn with all three joints, and only the first has a sensor.
@@ -606,15 +602,15 @@ def test_gears_and_tendons_are_solved_for_the_joints_they_move(names):
         random.normal(0, 0.3, (1, 3)), random.normal(0, 1.0, (1, 3)), np.zeros((1, 0)), np.zeros(1)
     )
     done = Engine(gears, 1).rollout(starts=begin, controls=np.zeros((1, 1000, 2)), steps=1000, states=True)
-    sensors, data = columns(gears, *names)
-    assert measures_every_coordinate(gears, sensors)
-    assert unmeasured_joints(gears, sensors) == []
+    data = columns(gears, *names)
+    assert measures_every_coordinate(gears, data)
+    assert unmeasured_joints(gears, data) == []
     noise = np.array([20e-4 if name in ("m", "turning") else 1e-4 for name in names])
     outputs = done.sensors[0][:, data] + noise * random.standard_normal((1000, len(data)))
     first = np.arange(100, 900, 50)
     found = estimate_starts(
         gears,
-        sensors,
+        data,
         time=0.001 * np.arange(1000),
         outputs=outputs,
         episodes=[slice(0, 1000)],
@@ -645,7 +641,7 @@ def test_gears_and_tendons_are_solved_for_the_joints_they_move(names):
 )
 def test_what_tendons_over_several_joints_leave_open_is_not_measured(names, left):
     gears = mujoco.MjModel.from_xml_string(DIFFERENTIAL)
-    assert unmeasured_joints(gears, columns(gears, *names)[0]) == left
+    assert unmeasured_joints(gears, columns(gears, *names)) == left
 
 
 def test_the_models_start_is_its_first_keyframe():

@@ -97,8 +97,9 @@ def _seen(prepared: PreparedLog) -> dict[int, JointMotion]:
     known = stretches(log.time, log.sampled, log.episodes)
     controls = _controls(prepared)
     seen = {}
-    for source in sources_of(model, [c.sensor for c in prepared.task.outputs]):
-        if source.kind != "position" or len(source.dofs) != 1:
+    for source in sources_of(model, [c.index for c in prepared.task.outputs]):
+        joint = int(model.dof_jntid[source.dofs[0]])
+        if source.kind != "position" or model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE:
             continue
         columns = list(source.columns)
         measured = log.sampled[:, columns].all(axis=1)
@@ -108,7 +109,6 @@ def _seen(prepared: PreparedLog) -> dict[int, JointMotion]:
         low, high = np.nanmin(path), np.nanmax(path)
         speed = np.abs(source.slope_of(reported.jets[:, 1, list(source.data)])).max()
         if low < high and speed > 0:
-            joint = int(model.dof_jntid[source.dofs[0]])
             noise = float(source.noise(prepared.noise.sd)[0])
             seen[joint] = JointMotion(
                 float(low), float(high), float(speed), path, known, noise, log.time, controls

@@ -192,7 +192,7 @@ def all_diverged(task: Task) -> FitError:
         "see whether `capture inspect` finds a column in another unit (degrees, mm); tighten the parameters' "
         "bounds, shorten the window, or reduce the model's timestep"
     )
-    unseen = unmeasured_joints(task.model, [c.sensor for c in task.outputs])
+    unseen = unmeasured_joints(task.model, [c.index for c in task.outputs])
     if unseen:
         cure += (
             f"; or measure the position of {', '.join(unseen)}, which no output gives: windows begin where a "

@@ -32,20 +32,20 @@ def log_starts(
     log: MeasuredLog, task: Task, windows: Windows, noise: NoiseFloor, threads: int | None
 ) -> StartEstimate:
     """Where every window starts: where its action says, if it begins an episode of one; else what the outputs say."""
-    sensors = _readable(task)
+    data = _readable(task)
     acted = begins_by_action(log, task, windows)
     if acted.any():
         starts = task.episodes(log.actions[windows.episode]).starts
-        known = known_starts(task.model, sensors, replace(starts, time=windows.time), noise.sd)
+        known = known_starts(task.model, data, replace(starts, time=windows.time), noise.sd)
         if acted.all():
             return known
-    all_measured = measures_every_coordinate(task.model, sensors)
+    all_measured = measures_every_coordinate(task.model, data)
     unmeasured, slack = None, None
     if task.model.neq or not all_measured:
         unmeasured, slack = _of_whole_episodes(log, task, windows, threads)
     read = estimate_starts(
         task.model,
-        sensors,
+        data,
         time=clock(log),
         outputs=log.values,
         episodes=log.episodes,
@@ -60,14 +60,16 @@ def log_starts(
 
 
 def _readable(task: Task) -> list[int]:
-    """The sensor of each output; -1 of an actuator's where gears are open, and what it says of the joints with them."""
+    """Which number of sensordata each output is; -1 of an actuator's where gears are open, and what it says of the
+    joints with them.
+    """
     fields = ModelFields(task.model, 1)
     task.write(fields, task.space.nominal[None])
-    sensors = [c.sensor for c in task.outputs]
+    data = [c.index for c in task.outputs]
     if "actuator_gear" not in fields.values:
-        return sensors
-    of_actuators = task.model.sensor_objtype[sensors] == mujoco.mjtObj.mjOBJ_ACTUATOR
-    return np.where(of_actuators, -1, sensors).tolist()
+        return data
+    objects = task.model.sensor_objtype[[c.sensor for c in task.outputs]]
+    return np.where(objects == mujoco.mjtObj.mjOBJ_ACTUATOR, -1, data).tolist()
 
 
 def begins_by_action(log: MeasuredLog, task: Task, windows: Windows) -> np.ndarray:

@@ -58,84 +58,103 @@ class Source:
         return own if self.weights is None else np.sqrt(np.square(self.weights) @ np.square(own))
 
 
-def sources_of(model: mujoco.MjModel, sensors: Sequence[int]) -> list[Source]:
-    """What the outputs give, whose sensors are `sensors` (output,); -1 of one that is not to be believed.
-
-    A sensor of dimension n stands n times in a row.
-    """
-    alone = [s for s in _alone(model, np.asarray(sensors)) if len(s.columns) == len(s.data)]
-    return alone + [
-        s for kind in ("position", "velocity") for s in _unmixed(model, np.asarray(sensors), kind, alone)
-    ]
-
-
-def measures_every_coordinate(model: mujoco.MjModel, sensors: Sequence[int]) -> bool:
-    """Whether every coordinate's position is among the outputs, and there are no activations."""
-    return len(_positioned(model, sensors)) == model.nv and model.na == 0
+def sources_of(model: mujoco.MjModel, data: Sequence[int]) -> list[Source]:
+    """What the outputs give. data (output,): which number of sensordata each is; -1 of one that is not believed."""
+    data = np.asarray(data)
+    every = list(_alone(model, data))
+    turned = {dof for s in every if s.kind == "orientation" for dof in s.dofs}
+    # of a rotation all three velocities are taken from one sensor
+    alone = [s for s in every if not (_is_part_of_turn(model, s) and turned & {*s.dofs})]
+    return alone + [s for kind in ("position", "velocity") for s in _unmixed(model, data, kind, alone)]
 
 
-def unmeasured_joints(model: mujoco.MjModel, sensors: Sequence[int]) -> list[str]:
+def measures_every_coordinate(model: mujoco.MjModel, data: Sequence[int]) -> bool:
+    """Whether every coordinate's position is among the outputs, as of `sources_of`, and there are no activations."""
+    return len(_positioned(model, data)) == model.nv and model.na == 0
+
+
+def unmeasured_joints(model: mujoco.MjModel, data: Sequence[int]) -> list[str]:
     """Names of the joints whose position no output gives; "#3" is the fourth of those without a name."""
-    dofs = _positioned(model, sensors)
+    dofs = _positioned(model, data)
     return [object_name(model, "joint", j) for j in range(model.njnt) if int(model.jnt_dofadr[j]) not in dofs]
 
 
-def _positioned(model: mujoco.MjModel, sensors: Sequence[int]) -> set[int]:
+def _positioned(model: mujoco.MjModel, data: Sequence[int]) -> set[int]:
     """Tangent coordinates whose position is among the outputs."""
-    return {d for s in sources_of(model, sensors) if s.kind != "velocity" for d in s.dofs}
+    return {d for s in sources_of(model, data) if s.kind != "velocity" for d in s.dofs}
 
 
-def _alone(model: mujoco.MjModel, sensors: np.ndarray) -> Iterator[Source]:
-    """Sensors that each give coordinates of their own."""
+def _is_part_of_turn(model: mujoco.MjModel, source: Source) -> bool:
+    """Whether a source gives some of a rotation's three velocities, and not the others."""
+    of_scalar = model.jnt_type[model.dof_jntid[source.dofs[0]]] in _SCALAR
+    return source.kind == "velocity" and not of_scalar and len(source.dofs) < 3
+
+
+def _sensors(model: mujoco.MjModel, data: np.ndarray) -> np.ndarray:
+    """The sensor of each of the numbers `data` (output,) of sensordata; -1 where that is -1."""
+    of_each = np.repeat(np.arange(model.nsensor), model.sensor_dim)
+    return np.where(data >= 0, of_each[data], -1)
+
+
+def _alone(model: mujoco.MjModel, data: np.ndarray) -> Iterator[Source]:
+    """Sensors that each give coordinates of their own, those of their numbers that are among `data`."""
+    sensors = _sensors(model, data)
     for sensor in dict.fromkeys(int(s) for s in sensors if s >= 0):
         columns = tuple(np.flatnonzero(sensors == sensor).tolist())
+        own = tuple(data[list(columns)].tolist())
+        number = [d - int(model.sensor_adr[sensor]) for d in own]
         what, which = int(model.sensor_type[sensor]), int(model.sensor_objid[sensor])
-        first = int(model.sensor_adr[sensor])
-        data = tuple(range(first, first + int(model.sensor_dim[sensor])))
         if what in (_S.mjSENS_JOINTPOS, _S.mjSENS_JOINTVEL):
             kind = "position" if what == _S.mjSENS_JOINTPOS else "velocity"
             dof, adr = int(model.jnt_dofadr[which]), int(model.jnt_qposadr[which])
-            yield Source(kind, columns, data, (dof,), (adr,))
+            yield Source(kind, columns, own, (dof,), (adr,))
         elif what == _S.mjSENS_BALLQUAT:
             dof, adr = int(model.jnt_dofadr[which]), int(model.jnt_qposadr[which])
-            yield Source("orientation", columns, data, tuple(range(dof, dof + 3)), tuple(range(adr, adr + 4)))
+            yield Source("orientation", columns, own, tuple(range(dof, dof + 3)), tuple(range(adr, adr + 4)))
         elif what == _S.mjSENS_GYRO:
             turned = _turned_by(model, int(model.site_bodyid[which]), model.site_quat[which])
-            if turned is not None:
-                yield Source("velocity", columns, data, turned.dofs, (), turned.of_velocity)
+            if turned is None:
+                continue
+            weights = turned.of_velocity
+            whole = np.abs(np.delete(weights, number, axis=1)).max(axis=1, initial=0.0) < ROUNDING
+            if whole.any():
+                dofs = tuple(np.array(turned.dofs)[whole].tolist())
+                yield Source("velocity", columns, own, dofs, (), weights[whole][:, number])
         elif what == _S.mjSENS_FRAMEPOS and _is_free_body_frame(model, sensor):
             joint = int(model.body_jntadr[which])
             dof, adr = int(model.jnt_dofadr[joint]), int(model.jnt_qposadr[joint])
-            yield Source("position", columns, data, tuple(range(dof, dof + 3)), tuple(range(adr, adr + 3)))
+            yield Source(
+                "position", columns, own, tuple(dof + n for n in number), tuple(adr + n for n in number)
+            )
         elif what == _S.mjSENS_FRAMEQUAT and model.sensor_refid[sensor] < 0:
             body, _, orientation = _frame(model, sensor)
             turned = _turned_by(model, body, orientation)
             if turned is not None:
-                yield Source("orientation", columns, data, turned.dofs, turned.qpos, turned.of_frame)
+                yield Source("orientation", columns, own, turned.dofs, turned.qpos, turned.of_frame)
 
 
 @dataclass(frozen=True, eq=False)
 class _Sum:
-    """What a number in sensordata, at `data`, is of the coordinates: coefficients (nv,), and a constant beside them."""
+    """What a number in sensordata is of the coordinates: coefficients (nv,), and a constant beside them."""
 
-    data: int
     coefficients: np.ndarray
     constant: float = 0.0
 
 
-def _unmixed(
-    model: mujoco.MjModel, sensors: np.ndarray, kind: str, alone: Sequence[Source]
-) -> Iterator[Source]:
+def _unmixed(model: mujoco.MjModel, data: np.ndarray, kind: str, alone: Sequence[Source]) -> Iterator[Source]:
     """Coordinates that no sensor gives alone, from the positions of actuators, tendons and frames, which are sums of
     some.
     """
-    every = {c: _sum(model, sensors, c) for c, sensor in enumerate(sensors) if _kind(model, sensor) == kind}
+    sensors = _sensors(model, data)
+    every = {c: _sum(model, s, int(data[c])) for c, s in enumerate(sensors) if _kind(model, s) == kind}
     sums = {column: found for column, found in every.items() if found is not None}
     if not sums:
         return
     matrix = np.array([s.coefficients for s in sums.values()])
     constants = np.array([s.constant for s in sums.values()])
-    given = {s.dofs[0]: s.columns[0] for s in alone if s.kind == kind and len(s.dofs) == 1}
+    given = {
+        s.dofs[0]: s.columns[0] for s in alone if s.kind == kind and len(s.dofs) == 1 and s.weights is None
+    }
     wanted = [int(d) for d in np.flatnonzero(matrix.any(axis=0)) if d not in given]
     inverse = np.linalg.pinv(matrix[:, wanted])
     for number, dof in enumerate(wanted):
@@ -148,7 +167,7 @@ def _unmixed(
         yield Source(
             kind,
             tuple(used),
-            tuple(sums[c].data if c in sums else int(model.sensor_adr[sensors[c]]) for c in used),
+            tuple(int(data[c]) for c in used),
             (dof,),
             (int(model.jnt_qposadr[model.dof_jntid[dof]]),),
             np.array([[weights[column] for column in used]]),
@@ -161,31 +180,28 @@ def _kind(model: mujoco.MjModel, sensor: int) -> str:
     return _KINDS.get(int(model.sensor_type[sensor]), "") if sensor >= 0 else ""
 
 
-def _sum(model: mujoco.MjModel, sensors: np.ndarray, column: int) -> _Sum | None:
-    """What the output at `column`, of a sensor of `_kind`, is of the coordinates; None where it is no sum of them."""
-    sensor = int(sensors[column])
-    which, data = int(model.sensor_objid[sensor]), int(model.sensor_adr[sensor])
+def _sum(model: mujoco.MjModel, sensor: int, number: int) -> _Sum | None:
+    """What a number of sensordata, of a sensor of `_kind`, is of the coordinates; None where it is no sum of them."""
+    which = int(model.sensor_objid[sensor])
     if int(model.sensor_type[sensor]) == _S.mjSENS_FRAMEPOS:
-        return _along_slides(model, sensor, sensors, column)
+        return _along_slides(model, sensor, number - int(model.sensor_adr[sensor]))
     if int(model.sensor_objtype[sensor]) == mujoco.mjtObj.mjOBJ_TENDON:
         row = _tendon(model, which)
-        return None if row is None else _Sum(data, row)
+        return None if row is None else _Sum(row)
     gear, on = model.actuator_gear[which, 0], int(model.actuator_trnid[which, 0])
     transmission = int(model.actuator_trntype[which])
     if transmission == mujoco.mjtTrn.mjTRN_TENDON:
         row = _tendon(model, on)
-        return None if row is None else _Sum(data, gear * row)
+        return None if row is None else _Sum(gear * row)
     if transmission in (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT):
-        return _Sum(data, gear * _joint(model, on)) if model.jnt_type[on] in _SCALAR else None
+        return _Sum(gear * _joint(model, on)) if model.jnt_type[on] in _SCALAR else None
     return None
 
 
-def _along_slides(model: mujoco.MjModel, sensor: int, sensors: np.ndarray, column: int) -> _Sum | None:
-    """Of a number of a frame's position in the world; None where more than slides moves it, or turns them."""
-    own = np.flatnonzero(sensors == sensor)
-    if model.sensor_refid[sensor] >= 0 or len(own) != int(model.sensor_dim[sensor]):
+def _along_slides(model: mujoco.MjModel, sensor: int, axis: int) -> _Sum | None:
+    """Of a frame's position in the world along an `axis`; None where more than slides moves it, or turns them."""
+    if model.sensor_refid[sensor] >= 0:
         return None
-    axis = int(np.searchsorted(own, column))
     body, position, _ = _frame(model, sensor)
     slides = _slides_alone(model, body, position)
     if not slides:
@@ -196,7 +212,7 @@ def _along_slides(model: mujoco.MjModel, sensor: int, sensors: np.ndarray, colum
     coefficients[model.jnt_dofadr[slides]] = data.xaxis[slides, axis]
     here = data.xpos[body, axis] + data.xmat[body].reshape(3, 3)[axis] @ position
     begin = model.qpos0[model.jnt_qposadr[slides]] @ data.xaxis[slides, axis]
-    return _Sum(int(model.sensor_adr[sensor]) + axis, coefficients, float(here - begin))
+    return _Sum(coefficients, float(here - begin))
 
 
 def _slides_alone(model: mujoco.MjModel, body: int, position: np.ndarray) -> list[int]:

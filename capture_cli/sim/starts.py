@@ -84,7 +84,7 @@ class _Outputs:
 
 def estimate_starts(
     model: mujoco.MjModel,
-    sensors: Sequence[int],
+    data: Sequence[int],
     *,
     time: np.ndarray,
     outputs: np.ndarray,
@@ -98,7 +98,7 @@ def estimate_starts(
 ) -> StartEstimate:
     """Initial state of every window.
 
-    sensors (output,): the sensor of each output column, by id; a sensor of dimension n stands n times in a row.
+    data (output,): which number of sensordata each output is; -1 of one that is not to be believed.
     time (step,), outputs (step, output), noise_sd (output,). window_first, window_episode (window,). sampled (step,
     output): where there are samples, of which all values of a sensor have them or none; everywhere where None.
     unmeasured: what is believed of coordinates that no output measures; the model's own start, fixed, where None.
@@ -111,7 +111,7 @@ def estimate_starts(
     sampled = np.ones(outputs.shape, dtype=bool) if sampled is None else sampled
     measured = _Outputs(outputs, sampled, noise_sd)
     # of two that give a coordinate the last has the say: one that is not sparse
-    sources = sorted(sources_of(model, sensors), key=lambda s: bool(sampled[:, list(s.columns)].all()))
+    sources = sorted(sources_of(model, data), key=lambda s: bool(sampled[:, list(s.columns)].all()))
     lag = _velocity_lag(model)
     places = _Places(np.asarray(time), episodes, window_first, window_episode)
     knots = _Knots.of(places, merged=not sampled.all(axis=0).any())
@@ -335,14 +335,14 @@ def model_starts(model: mujoco.MjModel, count: int) -> StartEstimate:
 
 
 def known_starts(
-    model: mujoco.MjModel, sensors: Sequence[int], starts: Starts, noise_sd: np.ndarray
+    model: mujoco.MjModel, data: Sequence[int], starts: Starts, noise_sd: np.ndarray
 ) -> StartEstimate:
     """Starts that somebody knows, but for positions that outputs measure: those are as good as a few of their samples.
 
-    sensors, noise_sd (output,) as in `estimate_starts`.
+    data, noise_sd (output,) as in `estimate_starts`.
     """
     sd = np.zeros((len(starts), 2 * model.nv + model.na))
-    for source in sources_of(model, sensors):
+    for source in sources_of(model, data):
         if source.kind != "velocity":
             sd[:, list(source.dofs)] = PRIOR_INFLATION * source.noise(noise_sd)
     return StartEstimate(starts, sd)

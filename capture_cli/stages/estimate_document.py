@@ -296,7 +296,7 @@ def _unmeasured_joints(task: Task) -> list[str]:
     """Joints whose position at the start of a window is a guess: no output, action or loop of the model says it."""
     if isinstance(task, ActionTask) or task.model.neq:
         return []
-    return unmeasured_joints(task.model, [c.sensor for c in task.outputs])
+    return unmeasured_joints(task.model, [c.index for c in task.outputs])
 
 
 def _undetermined(found: Intervals, names) -> list[dict]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import tomllib
 from collections.abc import Collection
@@ -14,6 +15,7 @@ from capture_cli.errors import ModelError, TaskError, did_you_mean
 from capture_cli.parameters import Parameter, ParameterSpace
 from capture_cli.sim.engine import silence_mujoco
 from capture_cli.sim.mjcf import free_centres
+from capture_cli.sim.quaternion_signs import is_quaternion
 from capture_cli.sim.sensor_units import factor_between, refuse_other_units, refuse_period_in_other_unit
 from capture_cli.sim.target_names import least_value, object_id, parse_target, split_target
 from capture_cli.tasks.base import Channel, LogColumns, Task
@@ -137,18 +139,11 @@ class MjcfFile(Task):
                 f"sensor reports (sensor-delay@{name})",
             )
         size, first = int(self.model.sensor_dim[number]), int(self.model.sensor_adr[number])
-        columns = entry.get("column")
-        columns = [columns] if isinstance(columns, str) else columns
-        if (
-            not isinstance(columns, list)
-            or len(columns) != size
-            or not all(isinstance(c, str) for c in columns)
-        ):
+        columns = _columns(entry, size, where)
+        if "" in columns and is_quaternion(self.model, number):
             raise TaskError(
-                f"{where}: {_given(entry, 'column')}, and the sensor has {size} value{'s' * (size > 1)}",
-                cure="name one column of the log"
-                if size == 1
-                else f"give a list of {size} columns of the log",
+                f"{where}: {_given(entry, 'column')}, and an attitude is all of its {size} values",
+                cure="name the columns of all, or leave the output out",
             )
         refuse_other_units(entry, _value(entry, "unit", str, where), self.model, number, where)
         noise_sd = _positive(entry, "noise_sd", where, cure="give a positive number, or leave it out")
@@ -176,6 +171,7 @@ class MjcfFile(Task):
                 sparse=_value(entry, "sparse", bool, where, default=False),
             )
             for i in range(size)
+            if columns[i]
         ]
 
     def _sensor_to_take(self, name: str) -> str:
@@ -222,6 +218,23 @@ def compile_model(path: Path, moved_centres: Collection[str] = ()) -> mujoco.MjM
         raise ModelError(
             f"{path} does not compile: {error}", cure="correct the MJCF at the place named"
         ) from error
+
+
+def _columns(entry: dict[str, Any], size: int, where: str) -> list[str]:
+    """The column of each of a sensor's `size` values, "" of one that was not logged. Raises TaskError."""
+    columns = entry.get("column")
+    columns = [columns] if isinstance(columns, str) else columns
+    texts = isinstance(columns, list) and all(isinstance(c, str) for c in columns)
+    if texts and len(columns) == size and any(columns):
+        return columns
+    given = _given(entry, "column")
+    if size == 1:
+        raise TaskError(f"{where}: {given}, and the sensor has 1 value", cure="name one column of the log")
+    some = [*[""] * (size - 1), columns[0] if texts and len(columns) == 1 and any(columns) else "NAME"]
+    raise TaskError(
+        f"{where}: {given}, and the sensor has {size} values",
+        cure=f'give a list of {size} columns of the log, "" for what was not logged: column = {json.dumps(some)}',
+    )
 
 
 def _positive(entry: dict[str, Any], key: str, where: str, *, cure: str, default: float | None = None):
