@@ -201,17 +201,19 @@ class Simulator:
             moved = None if offsets is None else offsets[:, group]
             motion = None if reported is None else reported.rows(group)
             candidate, row, which = _distinct(parameters, moved, len(group))
-            samples = np.empty((len(row), *part.measured.shape[1:]))
-            bad = np.empty(len(row), dtype=bool)
+            steps = part.measured.shape[1]
             for few in self._at_a_time(row, part):
                 own = None if moved is None else moved[candidate[few], row[few]]
                 each = parameters[candidate[few]]
                 rollouts = self._rollout(_Runs(part, starts.rows(group), row[few], each, own, motion))
-                samples[few] = part.sample(rollouts.sensors, row[few])
-                bad[few] = rollouts.diverged
-            for its_outputs, its_samples in zip(outputs, which, strict=True):
-                its_outputs[group, : samples.shape[1]] = samples[its_samples]
-            diverged[:, group] = bad[which]
+                number, window = candidate[few], group[row[few]]
+                outputs[number, window, :steps] = part.sample(rollouts.sensors, row[few])
+                diverged[number, window] = rollouts.diverged
+            for number, simulation in enumerate(which):
+                shared = candidate[simulation] != number
+                first, window = candidate[simulation[shared]], group[shared]
+                outputs[number, window] = outputs[first, window]
+                diverged[number, window] = diverged[first, window]
             self.rollouts += len(row)
         return Simulated(outputs, diverged)
 

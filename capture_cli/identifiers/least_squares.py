@@ -109,7 +109,8 @@ class LeastSquares(Identifier):
 
     def _begin(self, outputs, diverged) -> None:
         points = self._screening_points()
-        error = np.square(self.evidence.residual(outputs)).sum(axis=(1, 2))
+        residual = self.evidence.residual(outputs)
+        error = np.square(residual, out=residual).sum(axis=(1, 2))
         error[diverged.any(axis=1)] = np.inf
         chosen = [0]
         for candidate in np.argsort(error, kind="stable"):

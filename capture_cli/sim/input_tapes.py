@@ -125,9 +125,10 @@ def inputs_at(
     values = inputs[held]
     if changes.size:
         values[changes] = _mean_from(time, inputs, times[changes], timestep, sums_from)
-    near = slice(max(held.min() - 1, 0), held.max() + 3)
-    for k in np.flatnonzero(linear):
-        values[:, k] = np.interp(times, time[near], inputs[near, k])
+    if linear.any():
+        near = slice(max(held.min() - 1, 0), held.max() + 3)
+        for k in np.flatnonzero(linear):
+            values[:, k] = np.interp(times, time[near], inputs[near, k])
     return values
 
 
