@@ -60,7 +60,7 @@ class Source:
 
 def sources_of(model: mujoco.MjModel, data: Sequence[int]) -> list[Source]:
     """What the outputs give. data (output,): which number of sensordata each is; -1 of one that is not believed."""
-    data = np.asarray(data)
+    data = np.asarray(data, dtype=int)
     every = list(_alone(model, data))
     turned = {dof for s in every if s.kind == "orientation" for dof in s.dofs}
     # of a rotation all three velocities are taken from one sensor
