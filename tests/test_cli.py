@@ -632,7 +632,7 @@ def test_ctrl_c_while_it_writes(capture, log, monkeypatch, tmp_path):
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_what_is_kept_is_said_whatever_signal_ended_it(capture, monkeypatch, tmp_path, number, code):
+def test_what_is_kept_is_said_whatever_signal_ended_it(request, capture, monkeypatch, number, code):
     write = HistoriesWriter.write
 
     def once(self, *arguments):
@@ -640,6 +640,8 @@ def test_what_is_kept_is_said_whatever_signal_ended_it(capture, monkeypatch, tmp
         os.kill(os.getpid(), number)
 
     monkeypatch.setattr(HistoriesWriter, "write", once)
+    ours = signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it
+    request.addfinalizer(lambda: signal.signal(signal.SIGINT, ours))
     options = ("--task", "scooping", "--policy", "random", "--pairs", 300, "--rounds", 2, "--out", "h.zarr")
     ended, out, err = capture("gen-histories", *options, "--quiet")
     assert (ended, out) == (code, "")

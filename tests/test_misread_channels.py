@@ -216,7 +216,7 @@ def test_an_attitude_whose_w_is_last_is_named_before_anything_else(tmp_path):
         seed=0,
         threads=1,
     )
-    found = misread_channels(prepared, None, 1, lambda done, total: told.append(done))
+    found, _ = misread_channels(prepared, None, 1, lambda done, total: told.append(done))
     names = ("quat_w", "quat_x", "quat_y", "quat_z")
     assert found.readings == (Reading("outputs", names, columns=("d", "a", "b", "c")),)
     assert told == [0]
