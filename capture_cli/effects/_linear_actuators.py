@@ -5,6 +5,10 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
+from capture_cli.effects._places import site_id
+from capture_cli.effects._scales import driven_joint
+from capture_cli.sim.object_names import object_name
+
 # Fields of MjModel, (actuator, ...), with all of which together the force of such an actuator scales
 SCALED = ("actuator_gainprm", "actuator_biasprm", "actuator_forcerange")
 _G = mujoco.mjtGain
@@ -16,3 +20,18 @@ def linear_actuators(model: mujoco.MjModel) -> list[int]:
     """Their ids."""
     linear = np.isin(model.actuator_gaintype, _GAINS) & np.isin(model.actuator_biastype, _BIASES)
     return [int(a) for a in np.flatnonzero(linear)]
+
+
+class OnJoint:
+    """At an actuator of those, of an effect at the joint that it drives."""
+
+    where = "every actuator on a hinge or slide joint whose force is linear: no muscle and no dcmotor"
+
+    @classmethod
+    def sites(cls, model):
+        linear = linear_actuators(model)
+        return [object_name(model, "actuator", a) for a in linear if driven_joint(model, a) >= 0]
+
+    @classmethod
+    def joint_at(cls, model, site):
+        return object_name(model, "joint", driven_joint(model, site_id(model, "actuator", site)))

@@ -5,18 +5,16 @@ from __future__ import annotations
 import mujoco
 
 from capture_cli.effects._kernel import Companion, call
-from capture_cli.effects._linear_actuators import SCALED, linear_actuators
+from capture_cli.effects._linear_actuators import SCALED, OnJoint
 from capture_cli.effects._periodic_force import AlongPosition
 from capture_cli.effects._places import reference, site_id
-from capture_cli.effects._scales import driven_joint
 from capture_cli.effects.base import GLOBAL
 from capture_cli.parameters import Parameter
-from capture_cli.sim.object_names import object_name
 
 MOST = 0.7  # of each amplitude: both together stay below 1, where the force would change its sign
 
 
-class TorqueRipple(AlongPosition):
+class TorqueRipple(OnJoint, AlongPosition):
     """The actuator's force is 1 + `sine` sin(2 pi q / `period`) + `cosine` cos(2 pi q / `period`) times that of the
     model, q (m or rad) the position of its joint: without current there is none, which is what cogging is not.
 
@@ -27,20 +25,10 @@ class TorqueRipple(AlongPosition):
     summary = (
         "a motor's force that is larger at some positions: a weak phase, commutation, an eccentric pulley"
     )
-    where = "every actuator on a hinge or slide joint whose force is linear: no muscle and no dcmotor"
 
     def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
         super().__init__(model, site)
         self.actuator = site_id(model, "actuator", site)
-
-    @classmethod
-    def sites(cls, model):
-        linear = linear_actuators(model)
-        return [object_name(model, "actuator", a) for a in linear if driven_joint(model, a) >= 0]
-
-    @classmethod
-    def joint_at(cls, model, site):
-        return object_name(model, "joint", driven_joint(model, site_id(model, "actuator", site)))
 
     @property
     def parameters(self):

@@ -8,11 +8,10 @@ from capture_cli.effects._joint_effect import JointEffect
 from capture_cli.effects._joint_force import ForceOfKernel
 from capture_cli.effects._kernel import Companion, call
 from capture_cli.effects._limited import UNLIMITED, unlimited_at
-from capture_cli.effects._linear_actuators import linear_actuators
+from capture_cli.effects._linear_actuators import OnJoint
 from capture_cli.effects._places import reference, site_id
-from capture_cli.effects._scales import actuator_force_scale, actuator_force_unit, driven_joint
+from capture_cli.effects._scales import actuator_force_scale, actuator_force_unit
 from capture_cli.parameters import Parameter
-from capture_cli.sim.object_names import object_name
 
 LARGEST = 4.0  # stall force, over what the actuator is commonly asked for
 SLOWEST, FASTEST = 0.3, 5.0  # speed without load, over the largest that is commonly seen
@@ -25,7 +24,7 @@ def motor_range(speed, *, stall, no_load_speed):
     return -low, high
 
 
-class TorqueSpeedLimit(JointEffect):
+class TorqueSpeedLimit(OnJoint, JointEffect):
     """The actuator's force is no more than `stall` (1 - w / `no_load_speed`) where it drives, and than `stall` where it
     brakes; w is the speed of its joint times its gear. With `stall` at its null, the end of its range, nothing is cut
     off.
@@ -36,18 +35,8 @@ class TorqueSpeedLimit(JointEffect):
     place = "force"
     summary = "a motor gives the less, the faster it turns: the line from stall torque to no-load speed"
     has_threshold = True
-    where = "every actuator on a hinge or slide joint whose force is linear: no muscle and no dcmotor"
     shapes = ("no_load_speed",)
     kernel = staticmethod(motor_range)
-
-    @classmethod
-    def sites(cls, model):
-        linear = linear_actuators(model)
-        return [object_name(model, "actuator", a) for a in linear if driven_joint(model, a) >= 0]
-
-    @classmethod
-    def joint_at(cls, model, site):
-        return object_name(model, "joint", driven_joint(model, site_id(model, "actuator", site)))
 
     def __init__(self, model, site=""):
         super().__init__(model, site)
