@@ -35,12 +35,14 @@ class Simulated:
 
 @dataclass(frozen=True)
 class Motion:
-    """On the model's grid: qpos (window, grid, nq), contacts (window, grid), how many there are, actuator_force
-    (window, grid, actuator), N or N m at the actuator, and outputs (window, grid, output). diverged (window,).
+    """On the model's grid: qpos (window, grid, nq), contacts (window, grid), how many there are, limits (window, grid),
+    how many joints and tendons are at an end of their range, actuator_force (window, grid, actuator), N or N m at the
+    actuator, and outputs (window, grid, output). diverged (window,).
     """
 
     qpos: np.ndarray
     contacts: np.ndarray
+    limits: np.ndarray
     actuator_force: np.ndarray
     outputs: np.ndarray
     diverged: np.ndarray
@@ -269,6 +271,7 @@ class Simulator:
         return Motion(
             rollouts.qpos,
             rollouts.contacts,
+            rollouts.limits,
             rollouts.actuator_force,
             outputs=rollouts.sensors,
             diverged=rollouts.diverged,
@@ -465,6 +468,7 @@ def _from(rollouts: Rollouts, steps: np.ndarray) -> Rollouts:
         later,
         qpos=rollouts.qpos[row, index],
         contacts=rollouts.contacts[row, index],
+        limits=rollouts.limits[row, index],
         actuator_force=rollouts.actuator_force[row, index],
     )
 

@@ -123,10 +123,19 @@ log.window = 0.5
 """
 
 
-def test_parameters_are_found_where_a_joint_hits_its_stops(tmp_path, monkeypatch):
+JOINT_STOPS = 'limited="true" range="-.15 .15" solreflimit="0.01 .3"'
+TENDON_STOPS = f'<tendon><fixed name="rope" {JOINT_STOPS}><joint joint="x" coef="1"/></fixed></tendon>'
+
+
+@pytest.mark.parametrize(
+    "xml",
+    [STOPS_XML, STOPS_XML.replace(JOINT_STOPS, "").replace("</worldbody>", "</worldbody>" + TENDON_STOPS)],
+    ids=["joint", "tendon"],
+)
+def test_parameters_are_found_where_a_machine_hits_its_stops(xml, tmp_path, monkeypatch):
     """With the slope of a bump for a derivative the mass was 0.27 kg off, at 47 noise floors."""
     monkeypatch.setattr("capture_cli.stages.identify._write_pages", lambda *_: None)
-    (tmp_path / "model.xml").write_text(STOPS_XML)
+    (tmp_path / "model.xml").write_text(xml)
     (tmp_path / "task.toml").write_text(STOPS_TOML)
     task, out = tmp_path / "task.toml", tmp_path / "log.zarr"
     truth = {"mass": 1.3, "damping": 5.0}

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from capture_cli.sim.engine import Engine, Starts
 from capture_cli.sim.loop_closure import LoopClosure
-from capture_cli.sim.starts import PRIOR_INFLATION, StartEstimate, estimate_starts, shift
+from capture_cli.sim.starts import PRIOR_INFLATION, StartEstimate, estimate_starts, offsets_between, shift
 
 PRESS = """
 <mujoco>
@@ -245,6 +245,16 @@ def test_a_start_moves_as_the_constraints_let_it(name):
     once = (found.together[0] @ moves.reshape(-1, 2, model.nv, 1)).reshape(-1, 2 * model.nv)
     twice = (found.together[0] @ once.reshape(-1, 2, model.nv, 1)).reshape(-1, 2 * model.nv)
     np.testing.assert_allclose(twice, once, atol=0.02 * 1e-4)  # what they let pass they let pass whole
+
+
+@pytest.mark.parametrize("name", MACHINES)
+def test_offsets_between_starts_lead_from_one_to_the_other(name):
+    model, time, outputs, *_ = driven(*MACHINES[name])
+    begin = estimated(model, time, outputs, np.array([len(time) // 2])).starts
+    end = shift(model, begin, np.random.default_rng(3).normal(scale=1e-3, size=(1, 2 * model.nv)))
+    there = shift(model, begin, offsets_between(model, begin, end))
+    np.testing.assert_allclose(there.qpos, end.qpos, atol=1e-6)
+    np.testing.assert_allclose(there.qvel, end.qvel, atol=1e-6)
 
 
 @settings(max_examples=20, deadline=None)

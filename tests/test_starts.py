@@ -17,6 +17,7 @@ from capture_cli.sim.starts import (
     from_episodes,
     known_starts,
     model_starts,
+    offsets_between,
     shift,
 )
 
@@ -662,6 +663,14 @@ def test_shift_moves_quaternions_by_a_rotation(model):
     assert moved.qpos[1, 0] == 0.25
     np.testing.assert_allclose(moved.qpos[1, 1:5], [np.sqrt(0.5), 0, 0, np.sqrt(0.5)], atol=1e-12)
     assert moved.qvel[1, 0] == start.qvel[1, 0] - 1
+
+
+def test_offsets_between_starts_lead_from_one_to_the_other(model):
+    begin = model_starts(model, 3).starts
+    end = shift(model, begin, np.random.default_rng(5).normal(scale=0.4, size=(3, 2 * model.nv + model.na)))
+    there = shift(model, begin, offsets_between(model, begin, end))
+    for name in ("qpos", "qvel", "act"):
+        assert getattr(there, name) == pytest.approx(getattr(end, name), abs=1e-12)
 
 
 def test_a_corrected_report_moves_the_coordinates_that_were_read_off_it(model, motion):

@@ -16,7 +16,7 @@ import numpy as np
 from capture_cli.identifiers.base import Trial
 from capture_cli.linearization import ROUGH_START_STEP, Linearization, columns
 from capture_cli.protocol.prepared_log import PreparedLog
-from capture_cli.sim.contacts import at_stops, can_touch
+from capture_cli.sim.contacts import can_hit
 from capture_cli.sim.engine import Engine
 from capture_cli.simulator import Simulator
 
@@ -36,10 +36,11 @@ def difference_step(
     windows were simulated to see that.
 
     The shortest of STEPS over which the slopes of all parameters are those over the next, the longest where there is
-    none. 0, too, where the task says which it needs, nothing is open, or no two bodies touch and no joint is at a stop.
+    none. 0, too, where the task says which it needs, nothing is open, or no two bodies touch and no joint or tendon
+    is at a stop.
     """
     space, model = prepared.task.space, prepared.task.model
-    if not len(space) or space.steps.max() > STEPS[0] or not (can_touch(model) or model.jnt_limited.any()):
+    if not len(space) or space.steps.max() > STEPS[0] or not can_hit(model):
         return 0.0, 0
     point = space.nominal if point is None else point
     offsets = np.zeros_like(prepared.starts.sd) if offsets is None else offsets
@@ -56,9 +57,10 @@ def difference_step(
 def hits_something(
     prepared: PreparedLog, simulator: Simulator, point: np.ndarray, offsets: np.ndarray
 ) -> bool:
-    """Whether bodies touch or joints stop, at `point` (parameter,) with starts at `offsets` (window, state)."""
-    model = prepared.task.model
-    if not (can_touch(model) or model.jnt_limited.any()):
+    """Whether bodies touch, or joints or tendons are at a stop, at `point` (parameter,) with starts at `offsets`
+    (window, state).
+    """
+    if not can_hit(prepared.task.model):
         return False
     some = _evenly_spread(prepared)
     return _hits(prepared.part(some), simulator, point, offsets[some])
@@ -71,7 +73,7 @@ def _evenly_spread(prepared: PreparedLog) -> np.ndarray:
 def _hits(part: PreparedLog, simulator: Simulator, point: np.ndarray, offsets: np.ndarray) -> bool:
     starts = part.starts
     motion = simulator.motion(part.windows, starts.starts, point, offsets, starts.reported)
-    return bool(motion.contacts.any()) or at_stops(part.task.model, motion.qpos)
+    return bool(motion.contacts.any() or motion.limits.any())
 
 
 def _disagreement(

@@ -94,18 +94,23 @@ def _begin(
     *,
     free: bool = False,
 ) -> _Declared:
-    """Declare the model, anew where what it leaves shows less noise than the log, or contacts there need longer
-    differences, until neither is so.
+    """Declare the model; on from there where what it leaves shows another noise than the log, anew where contacts
+    there need longer differences; until neither is so.
 
     free: not with the starts that the actions say. rollouts: how many windows were simulated before.
     """
+    start, offsets = nominal, None
     while True:
         acted = not free and begins_as_acted(prepared)
         protocol = _Protocol(as_acted(prepared) if acted else prepared, settings, on_step, rollouts)
-        declared = protocol.declare(nominal)
+        declared = protocol.declare(start, offsets)
         better = _better_prepared(prepared, protocol, declared)
         if better is prepared:
             return _Declared(protocol, declared, prepared, acted)
+        start, offsets = nominal, None
+        if better.noise is not prepared.noise:
+            start, fitted = declared.point, LogParts.of(better).windows(FIT)
+            offsets = fitted.offsets_from(protocol.parts.windows(FIT), declared.offsets)
         prepared, rollouts = better, protocol.fits.rollouts
 
 
@@ -133,11 +138,19 @@ class _Protocol:
         self.fits.rollouts = rollouts
         self.parts = LogParts.of(prepared)
 
-    def declare(self, start: np.ndarray) -> Fit:
-        """The declared model, from `start` (parameter,) and other places."""
+    def declare(self, start: np.ndarray, offsets: np.ndarray | None = None) -> Fit:
+        """The declared model, from `start` (parameter,) and other places, with windows begun at `offsets` (window,
+        state).
+        """
         own = self.settings
         declared = self.fits.fit(
-            self.parts.windows(FIT), [], start, starts=own.starts, tolerance=EXACT, seed=own.seed
+            self.parts.windows(FIT),
+            [],
+            start,
+            offsets=offsets,
+            starts=own.starts,
+            tolerance=EXACT,
+            seed=own.seed,
         )
         if declared is None:
             raise all_diverged(self.prepared.task)

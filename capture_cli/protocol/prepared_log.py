@@ -12,7 +12,7 @@ from capture_cli.identifiers.base import Evidence, Trial
 from capture_cli.linearization import ROUGH_START_STEP, START_STEP
 from capture_cli.sim.quaternion_signs import aligned, quaternion_columns
 from capture_cli.sim.reported_motion import MOST_LATE
-from capture_cli.sim.starts import StartEstimate
+from capture_cli.sim.starts import StartEstimate, offsets_between, shift
 from capture_cli.sim.windows import Windows
 from capture_cli.simulator import Begun, Simulator
 from capture_cli.stores.measured_log import MeasuredLog
@@ -64,6 +64,15 @@ class PreparedLog:
             Split(self.split.is_test[keep], self.split.how),
             self.difference_step,
         )
+
+    def offsets_from(self, earlier: PreparedLog, offsets: np.ndarray) -> np.ndarray:
+        """Offsets (window, state) of starts that begin each window where `offsets` began it in `earlier`: the same log,
+        of which other starts were read.
+        """
+        model = self.task.model
+        there = shift(model, earlier.starts.starts, offsets)
+        moved = offsets_between(model, self.starts.starts, there)
+        return np.where(self.starts.sd > 0, moved, 0.0)
 
     def evidence(self, simulator: Simulator) -> Evidence:
         """What identifiers are given. Hidden states of effects are free at the starts, by their unit prior."""

@@ -1,4 +1,4 @@
-"""Which geoms of a model can touch, and whether joints are at their stops."""
+"""Which geoms of a model can touch, and whether anything can be hit."""
 
 from __future__ import annotations
 
@@ -9,6 +9,11 @@ import numpy as np
 def can_touch(model: mujoco.MjModel) -> bool:
     """Whether there can be a contact at all."""
     return bool(model.npair or model.nflex or len(touching_pairs(model)))
+
+
+def can_hit(model: mujoco.MjModel) -> bool:
+    """Whether bodies can touch, or joints or tendons come to an end of their range."""
+    return bool(can_touch(model) or model.jnt_limited.any() or model.tendon_limited.any())
 
 
 def touching_pairs(model: mujoco.MjModel) -> np.ndarray:
@@ -29,12 +34,3 @@ def touching_pairs(model: mujoco.MjModel) -> np.ndarray:
     pairs = np.stack([first[keep], second[keep]], axis=1)
     named = np.sort(np.stack([model.pair_geom1, model.pair_geom2], axis=1), axis=1)
     return pairs[~np.isin(pairs @ (model.ngeom, 1), named @ (model.ngeom, 1))]
-
-
-def at_stops(model: mujoco.MjModel, qpos: np.ndarray) -> bool:
-    """Whether a hinge or slide is at an end of its range anywhere in qpos (..., nq)."""
-    plain = np.isin(model.jnt_type, (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE))
-    limited = np.flatnonzero(plain & model.jnt_limited.astype(bool))
-    low, high = model.jnt_range[limited].T
-    margin, place = model.jnt_margin[limited], qpos[..., model.jnt_qposadr[limited]]
-    return bool(((place < low + margin) | (place > high - margin)).any())

@@ -22,7 +22,7 @@ CHUNK_BYTES = 256 << 20
 CHUNK_SIMULATIONS = 8192
 STATES = ("qpos", "qvel", "act")
 APPLIED = ("qfrc_applied", "xfrc_applied")
-WORKED_OUT = ("ncon", "actuator_force")  # in a step, of the state before it
+WORKED_OUT = ("ncon", "nl", "actuator_force")  # in a step, of the state before it
 
 
 def silence_mujoco() -> None:
@@ -158,7 +158,8 @@ class Rollouts:
     """sensors (simulation, step, sensordata): at time start + step * dt. diverged (simulation,): do not believe.
 
     qpos, qvel, act (simulation, step, ...): the states, where asked for; with them contacts (simulation, step), how
-    many, and actuator_force (simulation, step, actuator), N or N m at the actuator, which may be asked for alone.
+    many, limits (simulation, step), how many joints and tendons are at an end of their range, and actuator_force
+    (simulation, step, actuator), N or N m at the actuator, which may be asked for alone.
     """
 
     sensors: np.ndarray
@@ -167,6 +168,7 @@ class Rollouts:
     qvel: np.ndarray | None = None
     act: np.ndarray | None = None
     contacts: np.ndarray | None = None
+    limits: np.ndarray | None = None
     actuator_force: np.ndarray | None = None
 
 

@@ -27,6 +27,7 @@ PRIOR_INFLATION = 10.0
 LAG_LEFT = 0.02  # of the correction for the integrator's lag: higher orders of the timestep
 # Times the motion of an unmeasured coordinate in a simulated episode, which may be of another phase and another size
 UNMEASURED_MOTION = 3.0
+DEPENDENT = 1e-6  # of the largest singular value: a move that constraints do not let be
 STILL = 1e-9  # m, rad, or per s: what moves less does not, but for rounding
 
 
@@ -323,6 +324,18 @@ def shift(model: mujoco.MjModel, starts: Starts, offsets: np.ndarray) -> Starts:
     return replace(
         starts, qpos=qpos, qvel=starts.qvel + offsets[:, nv : 2 * nv], act=starts.act + offsets[:, 2 * nv :]
     )
+
+
+def offsets_between(model: mujoco.MjModel, begin: Starts, end: Starts) -> np.ndarray:
+    """Tangent offsets (simulation, state) by which `shift` takes the starts `begin` to `end`, as constraints let it."""
+    nv = model.nv
+    positions = np.zeros((len(begin), nv))
+    for row, here, there in zip(positions, begin.qpos, end.qpos, strict=True):
+        mujoco.mj_differentiatePos(model, row, 1.0, here, there)
+    moves = np.stack([positions, end.qvel - begin.qvel], axis=1)
+    if begin.together is not None:
+        moves = (np.linalg.pinv(begin.together, rcond=DEPENDENT) @ moves[..., None])[..., 0]
+    return np.hstack([moves.reshape(-1, 2 * nv), end.act - begin.act])
 
 
 def model_starts(model: mujoco.MjModel, count: int) -> StartEstimate:

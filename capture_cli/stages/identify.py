@@ -134,7 +134,7 @@ class _Search:
     earlier: EarlierEstimate | None
 
     def run(self) -> Found:
-        """With the noise floor that repeats show, and then again with that of the residual, where that is lower."""
+        """With the noise floor that repeats show, and then on with that of the residual, where that is another."""
         prepared, start = self.prepared, self._start()
         rollouts = prepared.rollouts
         if self._must_show_all():
@@ -146,7 +146,7 @@ class _Search:
         quieter = with_noise_of_residual(prepared, part, found.at, self.threads)
         if quieter is not prepared:
             rollouts += found.fits.rollouts
-            found = self._find(quieter, start)
+            found = self._find(quieter, start, found)
         found = looked_about(found, self.progress, seed=self.seed)
         found.fits.rollouts += rollouts
         return found
@@ -162,7 +162,8 @@ class _Search:
     def _start(self) -> np.ndarray:
         return self.prepared.task.space.nominal if self.earlier is None else self.earlier.parameters
 
-    def _find(self, prepared: PreparedLog, start: np.ndarray) -> Found:
+    def _find(self, prepared: PreparedLog, start: np.ndarray, before: Found | None = None) -> Found:
+        """before: found with another noise floor; physics goes on from there, rounds in context are made anew."""
         earlier = self.earlier
         fitted = ~prepared.split.is_test
         new = None if earlier is None else earlier.new(prepared.windows)
@@ -180,15 +181,22 @@ class _Search:
                 new=new,
                 earlier=None if earlier is None else earlier.rounds,
             )
+        offsets = None
+        if before is not None:
+            start = before.best.parameters
+            offsets = prepared.part(fitted).offsets_from(before.part, before.best.offsets)
         found = by_physics(
             ModelFits(prepared, self.threads),
             start,
             self.progress,
+            offsets=offsets,
             method=self.chosen.method,
             starts=self.starts if earlier is None else 1,
             rounds=ROUNDS if self.rounds is None else self.rounds,
             seed=self.seed,
         )
+        if before is not None:
+            found.history = [*before.history, *found.history]
         if self.rounds is not None or self.chosen.method is not LeastSquares:
             return found
         found = with_longer_differences(found, self.progress, seed=self.seed, threads=self.threads)
