@@ -16,10 +16,11 @@ from capture_cli.effects.base import JointMotion
 from capture_cli.effects.placed import Placed
 from capture_cli.protocol import next_experiment as menu
 from capture_cli.protocol.model_fits import ModelFits
-from capture_cli.protocol.next_experiment import BANDS, SHARES, driven_windows, next_experiment
+from capture_cli.protocol.next_experiment import BANDS, SHARES, driven_motion, driven_windows, next_experiment
 from capture_cli.protocol.prepare import prepare
 from capture_cli.protocol.shown_motion import ShownMotion
 from capture_cli.sim.starts import model_starts
+from capture_cli.simulator import Simulator
 from capture_cli.stages.propose import propose
 from capture_cli.stages.record import record
 from capture_cli.tasks import load_task
@@ -100,6 +101,22 @@ def test_an_experiment_does_not_begin_where_the_log_did(fits):
     starts = model_starts(task.model, 1).starts
     simulated = fits.simulator([Placed("spring", spring)]).simulate(windows, starts, point[None])
     assert np.abs(simulated.outputs).max() < 1e-4, "it is at rest, and nothing drives it"
+
+
+def test_what_runs_away_does_not_hide_where_the_machine_begins(fits, tmp_path):
+    """A range is asked for from where the model starts on, and of the strongest drives one may run away."""
+    model = (SLIDER.parent / "model.xml").read_text().replace('ctrlrange="-30 30"', "")
+    begin = '<keyframe><key qpos="0.9"/></keyframe></mujoco>'
+    (tmp_path / "model.xml").write_text(model.replace("</mujoco>", begin))
+    (tmp_path / "task.toml").write_text(SLIDER.read_text())
+    task = load_task(str(tmp_path / "task.toml"))
+    tapes = np.zeros((2, 50, len(task.inputs)))
+    tapes[0, 1:] = 1e30
+    windows = driven_windows(task, 0.01 * np.arange(50), tapes)
+    outputs, qpos, diverged = driven_motion(Simulator(task, threads=1), windows, task.space.nominal)
+    assert diverged.tolist() == [True, False]
+    assert (outputs[0] == 0.9).all() and (qpos[0] == 0.9).all()
+    assert shown_in(fits).predicted(outputs, qpos, 0.01).begin[0] == 0.9
 
 
 def test_nothing_tells_a_model_from_itself(fits):

@@ -15,6 +15,7 @@ from capture_cli.protocol.model_fits import ModelFits
 from capture_cli.protocol.shown_motion import Predicted, ShownMotion
 from capture_cli.sim.starts import model_starts
 from capture_cli.sim.windows import Windows, cut
+from capture_cli.simulator import Simulator
 from capture_cli.tasks.base import Task
 
 BANDS = ((0.1, 0.5), (0.5, 3.0), (3.0, 10.0))  # Hz
@@ -96,25 +97,33 @@ def driven_windows(task: Task, time: np.ndarray, tapes: np.ndarray) -> Windows:
     return replace(windows, first=None)
 
 
+def driven_motion(
+    simulator: Simulator, windows: Windows, point: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Outputs (window, step, output) and qpos (window, grid, nq) of a machine that is driven so from where its model
+    starts, and which windows diverge, (window,).
+
+    What runs away need not be finite: it is said to stay where it began.
+    """
+    motion = simulator.motion(windows, model_starts(simulator.task.model, len(windows)).starts, point)
+    stays = motion.diverged[:, None, None]
+    outputs, qpos = (np.where(stays, values[:, :1], values) for values in (motion.outputs, motion.qpos))
+    return windows.sample(outputs, np.arange(len(windows))), qpos, motion.diverged
+
+
 def _compared(
     fits: ModelFits, mine: Fit, others: Sequence[Fit], windows: Windows, shown: ShownMotion
 ) -> tuple[np.ndarray, Predicted]:
     """RMS difference over the noise floor of the outputs of `mine` and its nearest rival, (window,), NaN where one
     diverges; and where any of them takes the machine.
     """
-    task = fits.prepared.task
-    every = np.arange(len(windows))
-    starts = model_starts(task.model, len(windows)).starts
-    interval = float(experiment_times(task)[1])
+    interval = float(experiment_times(fits.prepared.task)[1])
     sampled, predicted, sound = [], None, np.ones(len(windows), dtype=bool)
     for fit in (mine, *others):
-        motion = fits.simulator(fit.effects).motion(windows, starts, fit.point)
-        sound &= ~motion.diverged
-        motion.outputs[motion.diverged] = motion.qpos[motion.diverged] = (
-            0.0  # what ran away need not be finite
-        )
-        sampled.append(windows.sample(motion.outputs, every))
-        own = shown.predicted(sampled[-1], motion.qpos, interval)
+        outputs, qpos, diverged = driven_motion(fits.simulator(fit.effects), windows, fit.point)
+        sound &= ~diverged
+        sampled.append(outputs)
+        own = shown.predicted(outputs, qpos, interval)
         predicted = own if predicted is None else predicted.joined(own)
     apart = [(sampled[0] - other) / fits.prepared.noise.sd for other in sampled[1:]]
     separation = np.min([np.sqrt(np.square(d).mean(axis=(1, 2))) for d in apart], axis=0)

@@ -87,13 +87,13 @@ def planned(
     How well that is known is what would be read off outputs with their noise. And which episodes are in it, (episode,):
     those that do not diverge; None where all do.
     """
-    whole, rollouts = planned_motion(task, driven, known, threads)
+    whole, rollouts = _motion(task, driven, known, threads)
     sound = np.flatnonzero(~rollouts.diverged)
     if not sound.size:
         return None, sound
     if len(sound) < len(whole):
         driven = driven.rows(sound)
-        whole, rollouts = planned_motion(task, driven, known, threads)
+        whole, rollouts = _motion(task, driven, known, threads)
     outputs = whole.sample(rollouts.sensors[..., [c.index for c in task.outputs]], np.arange(len(whole)))
     log = _measured(task, driven, outputs[whole.mask], known)
     windows = cut_log(log, task, known.window)
@@ -109,7 +109,7 @@ def planned(
     return as_acted(prepared) if known.acted else prepared, sound
 
 
-def planned_motion(task: Task, driven: Drive, known: Known, threads: int | None) -> tuple[Windows, Rollouts]:
+def _motion(task: Task, driven: Drive, known: Known, threads: int | None) -> tuple[Windows, Rollouts]:
     """Whole episodes, in which nothing was measured, and how the machine moves through them at the estimate."""
     whole = cut_log(_log(task, driven, np.zeros((len(driven.time), len(task.outputs)))), task, None)
     controls = task.controls(whole.controls)

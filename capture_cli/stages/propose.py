@@ -14,6 +14,7 @@ from capture_cli.protocol.expected_information import Axes, information, sensiti
 from capture_cli.protocol.next_experiment import (
     BANDS,
     SHARES,
+    driven_motion,
     driven_windows,
     experiment_tape,
     experiment_times,
@@ -22,7 +23,7 @@ from capture_cli.protocol.shown_motion import ShownMotion
 from capture_cli.sim.starts import model_starts
 from capture_cli.simulator import Simulator
 from capture_cli.stages.drive import Drive, acted
-from capture_cli.stages.planned_episodes import Known, planned, planned_motion
+from capture_cli.stages.planned_episodes import Known, planned
 from capture_cli.stages.policy_checkpoint import load_policy
 from capture_cli.stages.proposed_machine import is_diagnosis, proposed_machine
 from capture_cli.stages.recorded_effects import recorded_effects, recorded_values
@@ -193,12 +194,10 @@ def _multisine(
         ends=len(time) * (1 + np.arange(len(tapes))),
         starts=model_starts(task.model, len(tapes)).starts,
     )
-    whole, rollouts = planned_motion(task, driven, known, threads)
-    sound = ~rollouts.diverged
-    outputs = rollouts.sensors[..., [c.index for c in task.outputs]]
-    outputs[rollouts.diverged] = rollouts.qpos[rollouts.diverged] = 0.0  # what ran away need not be finite
-    outputs = whole.sample(outputs, np.arange(len(whole)))
-    predicted = shown.predicted(outputs, rollouts.qpos, float(time[1]))
+    windows = driven_windows(task, time, np.stack(tapes))
+    outputs, qpos, diverged = driven_motion(Simulator(task, threads=threads), windows, known.point)
+    sound = ~diverged
+    predicted = shown.predicted(outputs, qpos, float(time[1]))
     may = sound if beyond_log else sound & shown.nearest(predicted, sound)
     strongest = may & (np.cumsum(may.reshape(len(bands), -1), axis=1).ravel() <= STRONGEST)
     chosen = np.flatnonzero(strongest if sound.any() else ~sound)
@@ -283,14 +282,13 @@ def _driven_to(
     placed = [(name.split("@")[0], effect) for name, (effect, _) in effects.items()]
     point = np.concatenate([values, *(own for _, own in effects.values())])
     windows = driven_windows(task, time, tape[None])
-    motion = Simulator(task, placed, threads).motion(windows, model_starts(task.model, 1).starts, point)
-    if motion.diverged.any():
+    outputs, qpos, diverged = driven_motion(Simulator(task, placed, threads), windows, point)
+    if diverged.any():
         raise OptionError(
             f"task {task.name!r} diverges when driven so", cure="drive it less: --amplitude NAME=VALUE"
         )
     shown = ShownMotion.from_document(task, experiment["predicted"])
-    outputs = windows.sample(motion.outputs, np.arange(1))
-    predicted = shown.predicted(outputs, motion.qpos, float(time[1]))
+    predicted = shown.predicted(outputs, qpos, float(time[1]))
     return shown.where_to(predicted, 0, "it does not stay"), shown.judged(predicted, 0)
 
 
