@@ -70,6 +70,21 @@ def test_a_velocity_that_is_measured_is_no_rate(slider_task):
     assert Quantities.of(load_task(str(slider_task))).names == ("q", "v")
 
 
+def test_of_a_velocity_that_is_measured_along_one_axis_the_others_are_rates(tmp_path):
+    """A camera from above, and a flow sensor that looks ahead."""
+    (tmp_path / "model.xml").write_text(
+        '<mujoco><worldbody><body name="b"><freejoint/><geom size=".1"/></body></worldbody><sensor>'
+        '<framepos name="at" objtype="body" objname="b"/><framelinvel name="v" objtype="body" objname="b"/>'
+        "</sensor></mujoco>"
+    )
+    (tmp_path / "task.toml").write_text(
+        'format = 1\nname = "craft"\nmodel = "model.xml"\n'
+        '[outputs.at]\ncolumn = ["x", "y", ""]\nunit = "m"\n[outputs.v]\ncolumn = ["vx", "", ""]\nunit = "m/s"\n'
+    )
+    told = Quantities.of(load_task(str(tmp_path / "task.toml")))
+    assert told.names == ("at_x", "at_y", "v_x", "rate of at_y")
+
+
 def test_how_far_what_is_predicted_goes_beyond(slider_task):
     task = stopped(slider_task)
     shown = shown_by(task, np.linspace(-1.0, 1.0, 40))

@@ -20,9 +20,7 @@ from capture_cli.tasks.base import Task
 
 MARGIN = 0.5  # of the span that the log shows: what is no further beyond either end of it is near
 NOISE = 3.0  # sd, on top of that: of an output that stood still
-STOP_GIVES = (
-    0.02  # of a joint's range: stops are springs, and a joint that leans on one is a little beyond it
-)
+STOP_GIVES = 0.02  # of a joint's range: stops are springs, and what leans on one is a little beyond it
 _S, _J = mujoco.mjtSensor, mujoco.mjtJoint
 _VELOCITY = {
     _S.mjSENS_JOINTPOS: _S.mjSENS_JOINTVEL,
@@ -45,7 +43,14 @@ class Quantities:
     def of(cls, task: Task) -> Quantities:
         model, outputs = task.model, task.outputs
         kinds = [_S(int(model.sensor_type[c.sensor])) for c in outputs]
-        whose = [(int(model.sensor_objtype[c.sensor]), int(model.sensor_objid[c.sensor])) for c in outputs]
+        whose = [
+            (
+                int(model.sensor_objtype[c.sensor]),
+                int(model.sensor_objid[c.sensor]),
+                c.index - int(model.sensor_adr[c.sensor]),  # along x, y or z: some may not be logged
+            )
+            for c in outputs
+        ]
         there = set(zip(kinds, whose, strict=True))
         rates = tuple(
             k
