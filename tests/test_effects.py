@@ -1091,17 +1091,19 @@ def test_servos_on_one_supply_are_weaker_the_more_all_of_them_give(time_constant
 @pytest.mark.parametrize(
     ("speed", "low", "high"), [(0.0, -2, 2), (3.0, -2, 1), (-1.5, -1.5, 2), (9.0, -2, 0)]
 )
-def test_a_motor_gives_less_the_faster_it_turns_and_brakes_with_all_it_has(speed, low, high):
+@pytest.mark.parametrize("open_gear", [False, True])
+def test_a_motor_gives_less_the_faster_it_turns_and_brakes_with_all_it_has(speed, low, high, open_gear):
     """Of a joint too heavy to be slowed: 2 N at rest, none at 3 m/s times the gear of 2."""
     model = build(TWO_MOTORS)
     model.dof_armature[:] = 1e9
-    model.actuator_gear[0, 0] = 2.0
+    model.actuator_gear[0, 0] = 1.0 if open_gear else 2.0
     mujoco.mj_setConst(model, mujoco.MjData(model))
     effect = effects.REGISTRY.get("torque-speed-limit")(model, model.actuator(0).name or "#0")
     asked = np.array([-9.0, -1.2, 0.3, 9.0]).clip(-2, 2)
     model.actuator_ctrllimited[0] = False
     count = len(asked)
     fields = ModelFields(model, count)
+    fields["actuator_gear"][:, 0, 0] = 2.0
     values = np.tile([2.0, 12.0], (count, 1))
     effect.write(fields, values)
     given = Engine(model, threads=1).rollout(

@@ -41,12 +41,11 @@ class TorqueSpeedLimit(OnJoint, JointEffect):
     def __init__(self, model, site=""):
         super().__init__(model, site)
         self.actuator = site_id(model, "actuator", site)
-        self.gear = float(model.actuator_gear[self.actuator, 0])
 
     @property
     def parameters(self):
         force = actuator_force_scale(self.model, self.actuator)
-        speed = abs(self.gear) * self.characteristic_speed
+        speed = abs(self.model.actuator_gear[self.actuator, 0]) * self.characteristic_speed
         return (
             Parameter(
                 "stall",
@@ -73,7 +72,8 @@ class TorqueSpeedLimit(OnJoint, JointEffect):
         return ForceOfKernel(self, self.coefficients(values), timestep)
 
     def read(self, world, field):
-        return self.gear * world.qvel[:, self.dof]
+        gear = world.vary("actuator_gear")[:, self.actuator, 0]  # which a parameter may have changed
+        return gear * world.qvel[:, self.dof]
 
     def add(self, world, term):
         low, high = term
