@@ -313,6 +313,23 @@ def test_of_unequal_episodes_those_are_held_out_that_leave_enough(windows, held)
     assert split.is_test.sum() == held
 
 
+@pytest.mark.parametrize(
+    ("windows", "how"),
+    [((0, 30, 20), "last of 2 episodes held out"), ((0, 10, 30), "1 of 2 episodes held out: episode 1")],
+)
+def test_the_last_of_few_episodes_is_called_that_where_others_have_no_windows(windows, how):
+    episode = np.repeat(np.arange(len(windows)), windows)
+    split = split_windows(
+        episode=episode,
+        samples=np.full(len(episode), 100),
+        recording=np.arange(len(windows)),
+        recording_names=["a", "b", "c"],
+        test=None,
+        seed=0,
+    )
+    assert split.how.startswith(how)
+
+
 def test_of_a_log_that_is_one_window_long_a_shorter_window_is_named():
     def refused(duration: float, samples: int) -> str:
         with pytest.raises(LogError, match=f"the log, {duration:g} s, is one window long") as error:

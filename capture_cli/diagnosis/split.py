@@ -77,7 +77,7 @@ def split_windows(
     for held in _tries(len(episodes), seed):
         if LEAST_HELD <= shares[held].sum() <= MOST_HELD:
             names = [recording_names[i] for i in recording]
-            return Split(np.isin(of_window, held), _said(episodes[held], len(episodes), names))
+            return Split(np.isin(of_window, held), _said(held, episodes, names))
     block = _last_block(len(episode), duration, int(samples.sum()))
     return Split(block.is_test, f"{block.how}: {UNEQUAL}")
 
@@ -92,10 +92,12 @@ def _tries(count: int, seed: int) -> Iterator[np.ndarray]:
     yield from (generator.choice(count, size=size, replace=False) for _ in range(DRAWS))
 
 
-def _said(held: np.ndarray, count: int, names: Sequence[str]) -> str:
+def _said(held: np.ndarray, episodes: np.ndarray, names: Sequence[str]) -> str:
+    """held: which of `episodes`, the numbers of those that have windows; names: as of `episodes_held_out`."""
+    count = len(episodes)
     if count < ENOUGH_EPISODES and held[0] == count - 1:
         return f"last of {count} episodes held out"
-    return episodes_held_out(held, count, names)
+    return episodes_held_out(episodes[held], count, names)
 
 
 def episodes_held_out(held: Sequence[int], count: int, names: Sequence[str] = ()) -> str:
