@@ -18,6 +18,7 @@ from capture_cli.sim.mjcf import free_centres
 from capture_cli.sim.quaternion_signs import is_quaternion
 from capture_cli.sim.sensor_units import factor_between, refuse_other_units, refuse_period_in_other_unit
 from capture_cli.sim.target_names import least_value, object_id, parse_target, split_target
+from capture_cli.sim.targets import Target
 from capture_cli.tasks.base import Channel, LogColumns, Task
 
 FORMAT = 1
@@ -45,13 +46,14 @@ class MjcfFile(Task):
         self.name = _value(table, "name", str, where, default=self.path.parent.name)
         self.model_path = self.path.parent / _value(table, "model", str, where)
         self.model = compile_model(self.model_path, _moved_centres(table, where))
-        self._targets = []
+        self._targets: list[tuple[int, Target]] = []  # with the number of the parameter that sets each
         parameters = []
         set_by: dict[str, str] = {}
         for name, entry in _tables(table, "parameters", where):
             parameter, targets = self._parameter(name, entry, set_by, f"{where}: [parameters.{name}]")
+            self._targets += [(len(parameters), target) for target in targets]
             parameters.append(parameter)
-            self._targets.append(targets)
+        self._targets.sort(key=lambda own: not own[1].scales)
         self.space = ParameterSpace(parameters)
         self.inputs = tuple(
             self._input(name, entry, f"{where}: [inputs.{name}]")
@@ -69,8 +71,7 @@ class MjcfFile(Task):
         self.log = self._log_columns(table.get("log", {}), f"{where}: [log]")
 
     def write(self, fields, parameters):
-        each = [(column, target) for column, targets in enumerate(self._targets) for target in targets]
-        for column, target in sorted(each, key=lambda pair: not pair[1].scales):
+        for column, target in self._targets:
             target.write(fields, parameters[:, column])
 
     def _parameter(self, name: str, entry: dict[str, Any], set_by: dict[str, str], where: str):
