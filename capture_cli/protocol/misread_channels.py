@@ -12,7 +12,7 @@ from capture_cli.errors import CaptureError
 from capture_cli.protocol.model_fits import ModelFits
 from capture_cli.protocol.prepare import prepare
 from capture_cli.protocol.prepared_log import PreparedLog, attitudes
-from capture_cli.sim.quaternion_order import W_LAST, order_in_names
+from capture_cli.sim.quaternion_order import W_FIRST, W_LAST, order_in_names
 from capture_cli.tasks.base import Channel
 
 FACTORS = {  # by which a channel may have to be multiplied
@@ -209,7 +209,7 @@ def _orders(prepared: PreparedLog) -> Iterator[Reading]:
         if len(set(columns)) < len(columns):
             continue
         for order in dict.fromkeys((order_in_names(columns), W_LAST)):
-            if order not in (None, (0, 1, 2, 3)):
+            if order not in (None, W_FIRST):
                 read_from = tuple(columns[k] for k in order)
                 yield Reading("outputs", tuple(c.name for c in channels), columns=read_from)
 

@@ -8,7 +8,9 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
-W_LAST = (3, 0, 1, 2)  # which of x, y, z, w are w, x, y and z
+# Which of four columns are w, x, y and z
+W_FIRST = (0, 1, 2, 3)
+W_LAST = (3, 0, 1, 2)
 SMALL = 0.2  # of length 1: a body that leans by less than 33 degrees
 LARGE = 0.7
 
