@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
+from capture_cli.effects.placed import placed_name
 from capture_cli.reports.quantities import MISSING, bound, percent, significant, to_precision_of, with_unit
 
 Rows = tuple[list[str], list[list[str]]]  # a head, and rows of as many cells
@@ -31,7 +32,7 @@ def _fit(result: Mapping[str, Any]) -> Iterator[Rows]:
 
 
 def _effect(effect: Mapping[str, Any]) -> list[list[str]]:
-    placed = f"{effect['name']}@{effect['site']}" if effect.get("site") else effect["name"]
+    placed = placed_name(effect["name"], effect.get("site", ""))
     if not effect["parameters"]:
         return [[placed, MISSING, MISSING, MISSING]]
     return [[placed, name, *_value(p)] for name, p in effect["parameters"].items()]

@@ -13,7 +13,7 @@ import numpy as np
 
 from capture_cli.reports.quantities import percent, with_unit
 from capture_cli.sim.contacts import can_touch
-from capture_cli.sim.quaternion_order import W_LAST, is_w_last, order_in_names
+from capture_cli.sim.quaternion_order import W_FIRST, W_LAST, is_w_last, order_in_names
 from capture_cli.sim.quaternion_signs import quaternion_columns
 from capture_cli.sim.sensor_units import unit_in_name
 from capture_cli.sim.shorter_window import set_shorter
@@ -392,11 +392,12 @@ def _time_unit(interval: float, time_scale: float) -> str:
         return f"; if one unit of time is not {time_scale:g} s, correct [log] time_scale, and import the files again"
     if interval < LEAST_IN_MS:
         return ""
-    likely = [unit for unit, scale in SMALL_UNITS.items() if interval * float(scale) < LONG_INTERVAL] or [
-        "ns"
-    ]
-    scale = SMALL_UNITS[likely[0]]
-    return f"; if the time column is in {likely[0]}, write time_scale = {scale} under [log] and import the files again"
+    short = (u for u, scale in SMALL_UNITS.items() if interval * float(scale) < LONG_INTERVAL)
+    unit = next(short, "ns")
+    return (
+        f"; if the time column is in {unit}, write time_scale = {SMALL_UNITS[unit]} under [log] and import the files "
+        "again"
+    )
 
 
 def _ranges(log: MeasuredLog, task: Task) -> Iterator[Finding]:
@@ -458,9 +459,9 @@ def _quaternion_order(log: MeasuredLog, task: Task) -> Iterator[Finding]:
         order, said = order_in_names(columns), ", and their names say {}"
         if order is None:
             values = log.outputs[np.ix_(log.sampled[:, own].all(axis=1), own)]
-            order = W_LAST if is_w_last(values, task.model, sensor) else (0, 1, 2, 3)
+            order = W_LAST if is_w_last(values, task.model, sensor) else W_FIRST
             said = ": so the body is half a turn from upright throughout, and as {} it stays upright"
-        if order != (0, 1, 2, 3):
+        if order != W_FIRST:
             found = ", ".join("wxyz"[order.index(k)] for k in range(4))
             mended = ", ".join(f'"{columns[k]}"' for k in order)
             yield finding(
