@@ -83,49 +83,74 @@ def misread_channels(
 
     window: s, as the log was cut. on_step (done, of how many).
     """
-    fitted = np.flatnonzero(~prepared.split.is_test)
-    rollouts = []
-
-    def read(way: Reading) -> PreparedLog | None:
-        """The log read so, cut as it is; None where it cannot be."""
-        log = replace(prepared.log, **{way.kind: _values(prepared, way)})
-        try:
-            part = prepare(log, prepared.task, window=window, test="none", seed=0, threads=threads)
-        except CaptureError:
-            return None
-        rollouts.append(part.rollouts)
-        return part
-
-    def left(part: PreparedLog | None, windows: int, rounds: int) -> np.ndarray:
-        if part is None:
-            return np.array([np.inf])
-        few = fitted[np.unique(np.linspace(0, len(fitted) - 1, windows).astype(int))]
-        shares, spent = _left(part.part(few), rounds, threads)
-        rollouts.append(spent)
-        return shares
-
-    before = left(prepared, *LOOK)
-    was = _total(before)
-    others = [Reading(*group, factor) for group in _groups(prepared) for factor in FACTORS]
-    others += _exchanges(prepared, before)
+    looks = _Looks(prepared, window, threads)
+    shares = looks.shares(prepared, *LOOK)
+    before = _total(shares)
     orders = list(_orders(prepared))
-    done, total = 0, len(orders) + len(others)
-    for ways in (orders, others):  # an attitude that is turned about leaves nothing to see of the others
-        on_step(done, total)
-        best = ways
-        if len(ways) > LOOKED_AT:
-            at_a_glance = []
-            for number, way in enumerate(ways, start=done):
-                on_step(number, total)
-                at_a_glance.append(_total(left(read(way), *GLANCE)))
-            best = [ways[i] for i in np.argsort(at_a_glance, kind="stable")[:LOOKED_AT]]
-        looked_at = sorted((_total(left(read(way), *LOOK)), k) for k, way in enumerate(best))
-        if looked_at and looked_at[0][0] < min(BETTER * was, RIGHT):
-            least = looked_at[0][0]
-            readings = tuple(best[k] for after, k in looked_at if after < AS_GOOD * least)
-            return Misread(readings, was, least), sum(rollouts)
-        done += len(ways)
-    return None, sum(rollouts)
+    others = [Reading(*group, factor) for group in _groups(prepared) for factor in FACTORS]
+    others += _exchanges(prepared, shares)
+    total = len(orders) + len(others)
+    # an attitude that is turned about leaves nothing to see of the others
+    for first, ways in ((0, orders), (len(orders), others)):
+
+        def tell(number: int, first: int = first) -> None:
+            on_step(first + number, total)
+
+        tell(0)
+        best = looks.promising(ways, tell)
+        left = sorted((looks.left(way, *LOOK), k) for k, way in enumerate(best))
+        if left and left[0][0] < min(BETTER * before, RIGHT):
+            least = left[0][0]
+            readings = tuple(best[k] for after, k in left if after < AS_GOOD * least)
+            return Misread(readings, before, least), looks.rollouts
+    return None, looks.rollouts
+
+
+class _Looks:
+    """What fits from the nominal values leave of a few of the windows that are fitted, of a log that is read otherwise.
+
+    rollouts: how many windows were simulated so far.
+    """
+
+    def __init__(self, prepared: PreparedLog, window: float | None, threads: int | None):
+        self.prepared, self.window, self.threads = prepared, window, threads
+        self.fitted = np.flatnonzero(~prepared.split.is_test)
+        self.rollouts = 0
+
+    def promising(self, ways: Sequence[Reading], on_step: Callable[[int], None]) -> Sequence[Reading]:
+        """Those of `ways` that leave least at a glance; all where they are few. on_step (number of a way)."""
+        if len(ways) <= LOOKED_AT:
+            return ways
+        at_a_glance = []
+        for number, way in enumerate(ways):
+            on_step(number)
+            at_a_glance.append(self.left(way, *GLANCE))
+        return [ways[i] for i in np.argsort(at_a_glance, kind="stable")[:LOOKED_AT]]
+
+    def left(self, way: Reading, windows: int, rounds: int) -> float:
+        """Share of the motion that a fit leaves of the log read so, cut as it is; inf where it cannot be read so."""
+        log = replace(self.prepared.log, **{way.kind: _values(self.prepared, way)})
+        try:
+            part = prepare(
+                log, self.prepared.task, window=self.window, test="none", seed=0, threads=self.threads
+            )
+        except CaptureError:
+            return np.inf
+        self.rollouts += part.rollouts
+        return _total(self.shares(part, windows, rounds))
+
+    def shares(self, whole: PreparedLog, windows: int, rounds: int) -> np.ndarray:
+        """Share of the motion of each output that a fit to so many windows leaves, (output,), LARGEST_SHARE at most,
+        NaN of those that do not move and inf where every trial diverges.
+        """
+        few = self.fitted[np.unique(np.linspace(0, len(self.fitted) - 1, windows).astype(int))]
+        part = whole.part(few)
+        fits = ModelFits(part, self.threads)
+        fit = fits.fit(part, [], part.task.space.nominal, rounds=rounds)
+        self.rollouts += fits.rollouts
+        if fit is None:
+            return np.full(len(part.task.outputs), np.inf)
+        return _shares(part, fit.at.residual.reshape(part.windows.measured.shape) * part.noise.sd)
 
 
 def _values(prepared: PreparedLog, way: Reading) -> np.ndarray:
@@ -160,15 +185,15 @@ def _groups(prepared: PreparedLog) -> Iterator[tuple[str, tuple[str, ...]]]:
         yield from ((kind, tuple(names)) for names in by_unit.values() if len(names) > 1)
 
 
-def _exchanges(prepared: PreparedLog, left: np.ndarray) -> Iterator[Reading]:
+def _exchanges(prepared: PreparedLog, shares: np.ndarray) -> Iterator[Reading]:
     """Two channels of one unit, and all that two joints or sites report, with each other's columns: a message of joint
     states often has another order than the model.
 
-    left: as of `_left`, of the log as it was read.
+    shares (output,): what a fit leaves of the log as it was read.
     """
     task = prepared.task
     turned = {k for attitude in attitudes(task) for k in attitude.tolist()}
-    error = dict(zip((c.name for c in task.outputs), np.nan_to_num(left, posinf=0.0), strict=True))
+    error = dict(zip((c.name for c in task.outputs), np.nan_to_num(shares, posinf=0.0), strict=True))
     yield from _exchanged("inputs", [{"": c} for c in task.inputs], {})
     yield from _exchanged("outputs", [{"": c} for k, c in enumerate(task.outputs) if k not in turned], error)
     model, objects = task.model, {}
@@ -212,18 +237,6 @@ def _orders(prepared: PreparedLog) -> Iterator[Reading]:
             if order not in (None, W_FIRST):
                 read_from = tuple(columns[k] for k in order)
                 yield Reading("outputs", tuple(c.name for c in channels), columns=read_from)
-
-
-def _left(part: PreparedLog, rounds: int, threads: int | None) -> tuple[np.ndarray, int]:
-    """Share of the motion of each output that a fit from the nominal values leaves, (output,), LARGEST_SHARE at most,
-    NaN of those that do not move and inf where every trial diverges; and how many windows it simulated.
-    """
-    fits = ModelFits(part, threads)
-    fit = fits.fit(part, [], part.task.space.nominal, rounds=rounds)
-    if fit is None:
-        return np.full(len(part.task.outputs), np.inf), fits.rollouts
-    residual = fit.at.residual.reshape(part.windows.measured.shape) * part.noise.sd
-    return _shares(part, residual), fits.rollouts
 
 
 def _shares(part: PreparedLog, residual: np.ndarray) -> np.ndarray:
