@@ -117,9 +117,8 @@ def _termination_interrupts() -> Iterator[list[int]]:
     received = []
 
     def interrupt(number: int, _frame: object) -> None:
-        signal.signal(
-            number, signal.SIG_IGN
-        )  # `timeout` sends it twice: the second would end the clearing up
+        # `timeout` sends it twice: the second would end the clearing up
+        signal.signal(number, signal.SIG_IGN)
         received.append(number)
         raise KeyboardInterrupt
 

@@ -47,8 +47,11 @@ _SEPARATOR = re.compile(r'"?sep=.?"?\s*', re.IGNORECASE)  # a first line for Exc
 class SourceFile(ABC):
     """An open file: `columns` are the names in its header; values are read when asked for.
 
+    comments: how many lines before the header were passed over.
     Every reading method raises LogError where the file is not what its name says.
     """
+
+    comments = 0
 
     def __init__(self, path: Path):
         self.path = path
@@ -86,8 +89,6 @@ class SourceFile(ABC):
                 cure="write all its times alike: a date in all or in none, and a zone in all or in none",
             )
         return since
-
-    comments = 0  # lines before the header that were passed over
 
     def cut_off(self) -> str | None:
         """The last value of the last column where the file seems to end in mid-number; None where it does not."""
@@ -340,9 +341,8 @@ class CsvFile(SourceFile):
         with self.path.open("rb") as file:
             file.seek(max(0, self.path.stat().st_size - TAIL))
             tail = file.read().decode("utf-8", errors="replace")
-        lines = [
-            line for line in tail.splitlines()[1:] if line.strip()
-        ]  # the first may be a part, or the header
+        # but for the first, which may be a part, or the header
+        lines = [line for line in tail.splitlines()[1:] if line.strip()]
         if tail.endswith(("\n", "\r")) or len(lines) <= FEWEST_ABOVE:
             return None
         values = [row[-1].strip() for row in csv.reader(lines, delimiter=self.delimiter)]
