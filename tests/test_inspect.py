@@ -793,6 +793,9 @@ def test_files_that_a_folder_should_have_are_missed(tmp_path):
     (folder / "provenance.json").unlink()
     found = {f["where"]: (f["severity"], f["message"]) for f in inspect(folder)["findings"]}
     assert found == {"loss.png": ("note", "is empty"), "provenance.json": ("warning", "is missing")}
+    (folder / "provenance.json").write_text("[]")
+    damaged = next(f for f in inspect(folder)["findings"] if f["where"] == "provenance.json")
+    assert "cannot be read" in damaged["message"] and "commands look for it" in damaged["cure"]
 
 
 def test_an_evaluation_is_described_and_its_arrays_read(tmp_path):

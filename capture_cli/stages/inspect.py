@@ -20,7 +20,7 @@ from capture_cli.stages.log_findings import finding, log_findings, task_findings
 from capture_cli.stages.log_health import channel, excitation, quantisation, sampling, spikes, timing
 from capture_cli.stages.proposal_inspection import inspect_proposal
 from capture_cli.stages.recorded_task import find_task
-from capture_cli.stages.result_inspection import RESULTS, inspect_result
+from capture_cli.stages.result_inspection import OF_PROVENANCE, RESULTS, inspect_result
 from capture_cli.stages.unfinished_inspection import inspect_unfinished, is_unfinished
 from capture_cli.stages.wide_bounds import wide_bounds
 from capture_cli.stores.diagnosis import Diagnosis
@@ -383,13 +383,8 @@ def _inspect_provenance(path: Path, document: dict[str, Any]) -> None:
             k: found.get(k) for k in ("command", "capture", "began", "seconds", "inputs")
         }
     except (ValueError, AttributeError) as error:
-        document["findings"].append(
-            finding(
-                "warning",
-                PROVENANCE,
-                f"cannot be read: {error}",
-                "nothing depends on it: how it was made is lost",
-            )
-        )
+        lost = "nothing depends on it: how it was made is lost"
+        cure = OF_PROVENANCE if document["kind"] in RESULTS else lost
+        document["findings"].append(finding("warning", PROVENANCE, f"cannot be read: {error}", cure))
     if document["kind"] == "directory" and document["provenance"]:
         document["sizes"] = {"files": sum(1 for f in path.rglob("*") if f.is_file())}

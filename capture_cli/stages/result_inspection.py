@@ -23,6 +23,7 @@ from capture_cli.tasks import REGISTRY as TASKS
 from capture_cli.tasks import load_task
 
 COPY_AGAIN = "copy the folder again from where it is whole"
+OF_PROVENANCE = f"{COPY_AGAIN}: what task it was made with is said there, and commands look for it"
 OF_RESULTS = (  # what is taken over of the JSON of an estimate or a diagnosis
     "task",
     "log",
@@ -60,8 +61,7 @@ def inspect_result(path: Path, document: dict[str, Any]) -> None:
 
 def _missing(name: str, how: str) -> Finding:
     if name == PROVENANCE:
-        cure = f"{COPY_AGAIN}: what task it was made with is said there, and commands look for it"
-        return finding("warning", name, how, cure)
+        return finding("warning", name, how, OF_PROVENANCE)
     return finding("note", name, how, f"{COPY_AGAIN}, or do without: no command reads it")
 
 
