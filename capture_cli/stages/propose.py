@@ -183,26 +183,26 @@ def _multisine(
     """Of every band the two strongest that stay near what the log shows are compared."""
     time = experiment_times(task)
     bands = (*BANDS, BAND)
-    tapes = [
-        multisine_tape(task, time, share * farthest, band, np.random.default_rng(phases), at_rest=True)
-        for band, phases in zip(bands, generator.integers(2**32, size=len(bands)), strict=True)
-        for share in SHARES
-    ]
-    driven = Drive(
-        time=np.tile(time, len(tapes)),
-        inputs=np.concatenate(tapes),
-        ends=len(time) * (1 + np.arange(len(tapes))),
-        starts=model_starts(task.model, len(tapes)).starts,
+    tapes = np.stack(
+        [
+            multisine_tape(task, time, share * farthest, band, np.random.default_rng(phases), at_rest=True)
+            for band, phases in zip(bands, generator.integers(2**32, size=len(bands)), strict=True)
+            for share in SHARES
+        ]
     )
-    windows = driven_windows(task, time, np.stack(tapes))
+    windows = driven_windows(task, time, tapes)
     outputs, qpos, diverged = driven_motion(Simulator(task, threads=threads), windows, known.point)
-    sound = ~diverged
     predicted = shown.predicted(outputs, qpos, float(time[1]))
-    may = sound if beyond_log else sound & shown.nearest(predicted, sound)
-    strongest = may & (np.cumsum(may.reshape(len(bands), -1), axis=1).ravel() <= STRONGEST)
-    chosen = np.flatnonzero(strongest if sound.any() else ~sound)
+    may = ~diverged if beyond_log else ~diverged & shown.nearest(predicted, ~diverged)
+    chosen = _strongest(may, len(bands))
+    driven = Drive(
+        time=np.tile(time, len(chosen)),
+        inputs=np.concatenate(tapes[chosen]),
+        ends=len(time) * (1 + np.arange(len(chosen))),
+        starts=model_starts(task.model, len(chosen)).starts,
+    )
     cure = "drive it less: --amplitude NAME=VALUE"
-    at, gains, expected = _most_telling(task, driven.rows(chosen), known, threads, cure)
+    at, gains, expected = _most_telling(task, driven, known, threads, cure)
     best = int(chosen[at])
     where = shown.where_to(predicted, best, "it does not stay" if beyond_log else "none that was tried stays")
     judged = shown.judged(predicted, best)
@@ -215,6 +215,15 @@ def _multisine(
         **expected,
         **judged,
     }
+
+
+def _strongest(may: np.ndarray, bands: int) -> np.ndarray:
+    """Numbers of the strongest STRONGEST of each band that `may` be compared, (multisine,), band after band, the
+    strongest first; all where none may.
+    """
+    if not may.any():
+        return np.arange(len(may))
+    return np.flatnonzero(may & (np.cumsum(may.reshape(bands, -1), axis=1).ravel() <= STRONGEST))
 
 
 def _shown(task: Task, estimate: Estimate, known: Known) -> ShownMotion:
