@@ -157,13 +157,12 @@ def _at_ends(
     the next two inside than any other is off the line on that side of it. spiked: others that stand out.
     """
     found = []
-    edges = [episode.start, episode.start + 1, episode.stop - 2, episode.stop - 1]
-    broken = np.isin(np.arange(len(values)), [*spiked, *edges])
+    broken = [*spiked, episode.start, episode.start + 1, episode.stop - 2, episode.stop - 1]
+    inside = np.arange(episode.start + 2, episode.stop - 2)
     for which, end, way in (("first", episode.start, 1), ("last", episode.stop - 1, -1)):
         if which not in ends:
             continue
-        others = np.arange(episode.start + 2, episode.stop - 2)
-        others = others[~(broken[others + way] | broken[others + 2 * way] | broken[others])]
+        others = inside[~np.isin(inside[:, None] + way * np.arange(3), broken).any(axis=1)]
         near = np.abs(np.diff(time[end : end + 4 * way : way]))
         if len(others) < FEWEST_BESIDE_END or not 0 < near.max() < 2 * np.median(np.diff(time[episode])):
             continue  # over a gap no line is known to go on
