@@ -37,9 +37,10 @@ def shown_by(task: Task, position: np.ndarray, **other) -> ShownMotion:
     """Of a position (step,), in steps of 10 ms and two windows."""
     steps = {"time": 0.01 * np.arange(len(position)), "window": np.repeat([0, 1], len(position) // 2)}
     measured = {"measured": position[:, None], "simulated": position[:, None]}
-    return ShownMotion.of(task, np.array([SD]), **steps, **{**measured, **other})
+    return ShownMotion.of(task, np.array([SD]), **{**steps, **measured, **other})
 
 
+@pytest.mark.filterwarnings("error")
 def test_what_is_near_is_what_the_log_shows_half_as_far_again(slider_task):
     """Rates are of a window each, and of what was simulated alone where that is what was measured."""
     task = stopped(slider_task)
@@ -59,6 +60,11 @@ def test_what_is_near_is_what_the_log_shows_half_as_far_again(slider_task):
             [-1 - 4 * STOP_GIVES, 3 + 4 * STOP_GIVES],
         ]
         assert shown.near == pytest.approx(np.array(expected))
+    nowhere = np.where(np.arange(40) < 30, position, np.inf)[:, None]
+    again = 0.01 * (
+        np.arange(40) - (np.arange(40) >= 20)
+    )  # a window begins at the time at which another ended
+    assert shown_by(task, position, simulated=nowhere, time=again).log[1] == pytest.approx([0.0, 1.0])
     missing = np.where(np.arange(40) % 2, position, np.nan)
     assert shown_by(task, missing).log[1] == pytest.approx([0.0, 1.0])
 

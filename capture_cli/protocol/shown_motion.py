@@ -218,6 +218,7 @@ def _rates(
 ) -> np.ndarray:
     """Rates, (n,), per s, of what was simulated where there are samples, within windows and `near` (2,)."""
     own = np.flatnonzero(~np.isnan(measured))
-    rate = np.diff(simulated[own]) / np.diff(time[own])
     sound = (simulated[own] >= near[0]) & (simulated[own] <= near[1])
-    return rate[(np.diff(window[own]) == 0) & sound[1:] & sound[:-1]]
+    first = np.flatnonzero((np.diff(window[own]) == 0) & sound[1:] & sound[:-1])
+    begin, end = own[first], own[first + 1]
+    return (simulated[end] - simulated[begin]) / (time[end] - time[begin])
