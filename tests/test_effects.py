@@ -27,7 +27,7 @@ from scipy.linalg import expm
 
 from capture_cli import effects
 from capture_cli.effects._joint_force import inertia_felt
-from capture_cli.effects.base import GLOBAL, PLACES, Driven, Effect, JointMotion, Reports
+from capture_cli.effects.base import GLOBAL, PLACES, Driven, Effect, JointMotion, Recordings, Reports
 from capture_cli.errors import ModelError
 from capture_cli.sim import engine as engine_module
 from capture_cli.sim.engine import Engine, ModelFields, Starts
@@ -847,8 +847,9 @@ def test_a_motor_is_as_hot_in_a_window_as_its_log_made_it(recordings):
     ]
     expected = np.concatenate(expected)[windows.first[:, None] + np.arange(100)]
     cold = lost(windows.controls, values, elapsed=windows.elapsed)
-    driven = Driven(**log, controls={0: control}, recording=np.arange(2) % recordings)
-    effect.look_in(window=0.5, longest=3.0, logged=frozenset(), seen={}, driven=driven)
+    driven = Driven(**log, controls={0: control})
+    of = Recordings(np.repeat(np.arange(2) % recordings, [750, 500]), log["time"], 0)
+    effect.look_in(window=0.5, longest=3.0, logged=frozenset(), seen={}, driven=driven, recordings=of)
     values = np.array([5e-4, *before[:recordings], 1.5])
     warm = lost(windows.controls, values, elapsed=windows.elapsed, first=windows.first)[:, :100]
     assert len(windows) == 10 and expected.max() > 0.25

@@ -80,14 +80,11 @@ class Recordings:
 
 @dataclass(frozen=True)
 class Driven:
-    """What a log drives: time (step,), s; controls of actuators, by their numbers, (step,); episodes: of its steps;
-    recording (episode,): the number of each one's.
-    """
+    """What a log drives: time (step,), s; controls of actuators, by their numbers, (step,); episodes: of its steps."""
 
     time: np.ndarray
     controls: Mapping[int, np.ndarray]
     episodes: Sequence[slice]
-    recording: Sequence[int]
 
     def episode_of(self, step: np.ndarray) -> np.ndarray:
         """The number of the episode that each step of the log is of."""

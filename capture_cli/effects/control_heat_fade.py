@@ -7,7 +7,7 @@ from scipy.signal import lfilter
 
 from capture_cli.effects._actuator_effect import ActuatorEffect, without_target
 from capture_cli.effects._fade import TIME_CONSTANT
-from capture_cli.effects.base import Driven
+from capture_cli.effects.base import Driven, Recordings
 from capture_cli.parameters import Parameter
 
 # Of a control as large as the largest, held for ever; motors are rated for a fraction of that, and a fifth of it is
@@ -46,18 +46,20 @@ class ControlHeatFade(ActuatorEffect):
     kernel = HeatFade
     remembers = "all since the episode began"
     _driven: Driven | None = None
-    _recordings = 1  # with a heat of their own
+    _recordings: Recordings | None = None  # where each has a heat of its own
+    _heats = 1
 
     @classmethod
     def sites(cls, model):
         return without_target(model)
 
-    def look_in(self, *, driven=None, **log):
+    def look_in(self, *, driven=None, recordings=None, **log):
         super().look_in(**log)
         self._driven = driven
-        if driven is not None:
-            count = int(np.max(driven.recording)) + 1
-            self._recordings = count if count <= MOST_RECORDINGS else 1
+        if recordings is not None and recordings.several:
+            count = int(recordings.of_step.max()) + 1
+            if count <= MOST_RECORDINGS:
+                self._recordings, self._heats = recordings, count
 
     @classmethod
     def of_one_recording(cls, name):
@@ -65,7 +67,7 @@ class ControlHeatFade(ActuatorEffect):
 
     @property
     def parameters(self):
-        names = ["before", *(f"before_{number}" for number in range(2, self._recordings + 1))]
+        names = ["before", *(f"before_{number}" for number in range(2, self._heats + 1))]
         return (
             Parameter("fade", "1/ctrl^2", 0.0, LARGEST / self.scale**2, 0.0),
             *(Parameter(name, "1", 0.0, MOST_BEFORE, 0.0) for name in names),
@@ -74,9 +76,8 @@ class ControlHeatFade(ActuatorEffect):
 
     def drive(self, controls, values, timestep, *, elapsed=0.0, first=None):
         fade, before, time_constant = values[:, 0], values[:, 1], values[:, -1]
-        if first is not None and self._recordings > 1:
-            recording = np.asarray(self._driven.recording)[self._driven.episode_of(first)]
-            before = values[np.arange(len(values)), 1 + recording]
+        if first is not None and self._recordings is not None:
+            before = values[np.arange(len(values)), 1 + self._recordings.of_step[first]]
         elapsed = np.broadcast_to(elapsed, len(values))
         lost = before * np.exp(-np.maximum(elapsed, 0.0) / time_constant)
         if first is not None and self._driven is not None:

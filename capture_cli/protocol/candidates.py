@@ -82,7 +82,7 @@ def all_candidates(prepared: PreparedLog) -> list[Candidate]:
         "seen": _seen(prepared),
         "reports": _reports(prepared),
         "recordings": _recordings(prepared),
-        "driven": Driven(clock(log), _controls(prepared), log.episodes, log.recording),
+        "driven": Driven(clock(log), _controls(prepared), log.episodes),
     }
     for _, effect in every:
         effect.look_in(**known)
