@@ -844,6 +844,8 @@ def test_unfinished_histories_and_evaluations_say_how_to_go_on(tmp_path):
     (folder / "parts" / "one").mkdir(parents=True)
     (folder / "recipe.json").write_text("{}")
     assert only(inspect(folder))["message"] == "an unfinished evaluation, of which 1 parts are kept"
+    shutil.rmtree(folder / "parts")  # killed as it cleared up
+    assert only(inspect(folder))["message"] == "an unfinished evaluation, of which 0 parts are kept"
 
 
 def test_a_proposal_is_described_and_its_times_checked(tmp_path):

@@ -57,7 +57,7 @@ def _training(path: Path, document: dict[str, Any]) -> tuple[str, str] | None:
 def _evaluation(path: Path, document: dict[str, Any]) -> tuple[str, str] | None:
     if not (path / RECIPE).is_file():
         return None
-    kept = [p.name for p in sorted((path / PARTS).iterdir()) if p.is_dir() and p.suffix != ".new"]
+    kept = [p.name for p in sorted((path / PARTS).glob("*")) if p.is_dir() and p.suffix != ".new"]
     document["result"] |= {"command": "eval-sim2sim", "parts": kept}
     return f"evaluation, of which {len(kept)} parts are kept", GO_ON
 
