@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -264,16 +265,20 @@ def test_few_windows_are_all_judged_once():
     assert (np.sum([judged for _, judged in folds], axis=0) == np.r_[np.ones(6), 0]).all()
 
 
+def split_of(windows: Sequence[int], recordings: int | None = None, seed: int = 0, **options):
+    """The default split of episodes of so many `windows` each, in a recording each or in so many."""
+    recordings = len(windows) if recordings is None else recordings
+    episode = np.repeat(np.arange(len(windows)), windows)
+    log = {
+        "samples": np.full(len(episode), 50),
+        "recording": np.arange(len(windows)) % recordings,
+        "recording_names": [f"run {i}" for i in range(recordings)],
+    }
+    return split_windows(episode=episode, **{**log, **options}, test=None, seed=seed)
+
+
 def test_two_episodes_hold_out_the_last():
-    split = split_windows(
-        episode=np.array([0, 0, 1, 1]),
-        samples=np.full(4, 50),
-        recording=np.array([0, 0]),
-        recording_names=["a"],
-        test=None,
-        seed=0,
-    )
-    assert split.is_test.tolist() == [False, False, True, True]
+    assert split_of([2, 2], 1).is_test.tolist() == [False, False, True, True]
 
 
 @given(
@@ -282,35 +287,17 @@ def test_two_episodes_hold_out_the_last():
 )
 def test_neither_what_is_fitted_nor_what_is_held_out_is_next_to_nothing(windows, seed):
     """However long the episodes are, and in whatever order: of a log of two windows at least, all as long."""
-    episode = np.repeat(np.arange(len(windows)), windows)
-    names = [f"run {i}" for i in range(len(windows))]
-    split = split_windows(
-        episode=episode,
-        samples=np.full(len(episode), 100),
-        recording=np.arange(len(windows)),
-        recording_names=names,
-        test=None,
-        seed=seed,
-    )
+    split = split_of(windows, seed=seed)
     assert 0.05 <= split.is_test.mean() <= 2 / 3
-    whole = all(len(set(split.is_test[episode == e])) == 1 for e in range(len(windows)))
-    assert whole or split.how.endswith(UNEQUAL)
+    of_each = np.split(split.is_test, np.cumsum(windows)[:-1])
+    assert all(len(set(own)) == 1 for own in of_each) or split.how.endswith(UNEQUAL)
 
 
 @pytest.mark.parametrize(
     ("windows", "held"), [((1, 40), 10), ((40, 1), 10), ((10, 40), 10), ((9, 12, 1), 12)]
 )
 def test_of_unequal_episodes_those_are_held_out_that_leave_enough(windows, held):
-    episode = np.repeat(np.arange(len(windows)), windows)
-    split = split_windows(
-        episode=episode,
-        samples=np.full(len(episode), 100),
-        recording=np.arange(len(windows)),
-        recording_names=["a", "b", "c"][: len(windows)],
-        test=None,
-        seed=0,
-    )
-    assert split.is_test.sum() == held
+    assert split_of(windows).is_test.sum() == held
 
 
 @pytest.mark.parametrize(
@@ -318,30 +305,13 @@ def test_of_unequal_episodes_those_are_held_out_that_leave_enough(windows, held)
     [((0, 30, 20), "last of 2 episodes held out"), ((0, 10, 30), "1 of 2 episodes held out: episode 1")],
 )
 def test_the_last_of_few_episodes_is_called_that_where_others_have_no_windows(windows, how):
-    episode = np.repeat(np.arange(len(windows)), windows)
-    split = split_windows(
-        episode=episode,
-        samples=np.full(len(episode), 100),
-        recording=np.arange(len(windows)),
-        recording_names=["a", "b", "c"],
-        test=None,
-        seed=0,
-    )
-    assert split.how.startswith(how)
+    assert split_of(windows).how == how
 
 
 def test_of_a_log_that_is_one_window_long_a_shorter_window_is_named():
     def refused(duration: float, samples: int) -> str:
         with pytest.raises(LogError, match=f"the log, {duration:g} s, is one window long") as error:
-            split_windows(
-                episode=np.zeros(1, dtype=int),
-                samples=np.array([samples]),
-                recording=np.zeros(1),
-                recording_names=["a"],
-                test=None,
-                seed=0,
-                duration=duration,
-            )
+            split_of([1], samples=np.array([samples]), duration=duration)
         return error.value.cure
 
     assert refused(0.59, 60).startswith(
@@ -351,35 +321,16 @@ def test_of_a_log_that_is_one_window_long_a_shorter_window_is_named():
     assert refused(0.59, 12).startswith("record longer, or pass --test none")
 
 
-def split_of(episodes: int, recordings: int):
-    """The default split of a log of so many episodes in so many recordings, three windows each."""
-    return split_windows(
-        episode=np.repeat(np.arange(episodes), 3),
-        samples=np.full(3 * episodes, 50),
-        recording=np.arange(episodes) % recordings,
-        recording_names=[f"run {i}" for i in range(recordings)],
-        test=None,
-        seed=0,
-    )
-
-
 def test_what_is_held_out_is_named():
-    held = np.flatnonzero(split_of(8, 8).is_test[::3])
-    assert split_of(8, 8).how == f"2 of 8 episodes held out: run {held[0]}, run {held[1]}"
-    assert split_of(8, 2).how == f"2 of 8 episodes held out: episodes {held[0]}, {held[1]}"
-    assert split_of(24, 24).how == "6 of 24 episodes held out"
+    held = np.flatnonzero(split_of([3] * 8).is_test[::3])
+    assert split_of([3] * 8).how == f"2 of 8 episodes held out: run {held[0]}, run {held[1]}"
+    assert split_of([3] * 8, 2).how == f"2 of 8 episodes held out: episodes {held[0]}, {held[1]}"
+    assert split_of([3] * 24).how == "6 of 24 episodes held out"
 
 
 @pytest.mark.parametrize(("windows", "held"), [(2, 1), (4, 1), (7, 2), (40, 10)])
 def test_of_a_single_episode_the_last_windows_are_held_out(windows, held):
-    split = split_windows(
-        episode=np.zeros(windows, dtype=int),
-        samples=np.full(windows, 50),
-        recording=np.zeros(1),
-        recording_names=["a"],
-        test=None,
-        seed=0,
-    )
+    split = split_of([windows])
     assert split.is_test.tolist() == [False] * (windows - held) + [True] * held
     assert split.how == f"last {held} of {windows} windows held out"
 
