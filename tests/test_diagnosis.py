@@ -271,6 +271,7 @@ def split_of(windows: Sequence[int], recordings: int | None = None, seed: int = 
     episode = np.repeat(np.arange(len(windows)), windows)
     log = {
         "samples": np.full(len(episode), 50),
+        "duration": 10.0,
         "recording": np.arange(len(windows)) % recordings,
         "recording_names": [f"run {i}" for i in range(recordings)],
     }
@@ -340,6 +341,7 @@ def test_holding_out_nothing_has_to_be_said(test):
     windows = {
         "episode": np.array([0, 0, 1, 1]),
         "samples": np.full(4, 50),
+        "duration": 2.0,
         "recording": np.array([0, 1]),
         "recording_names": ["a", "b"],
     }

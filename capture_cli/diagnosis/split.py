@@ -53,18 +53,18 @@ def split_windows(
     *,
     episode: np.ndarray,
     samples: np.ndarray,
+    duration: float,
     recording: np.ndarray,
     recording_names: Sequence[str],
     test: str | None,
     seed: int,
-    duration: float = 0.0,
 ) -> Split:
     """Split windows by recording (`test`, names or patterns divided by commas), by episode, or by contiguous block.
 
-    episode (window,): the number of each window's; samples (window,): how many it has; recording (episode,).
-    duration: s, of the longest episode, by which a shorter window is named where the log is one long. `test`
-    "none" keeps nothing back. Raises OptionError for a pattern that matches no recording or all of them, or where there
-    is none; LogError where the log is too short.
+    episode (window,): the number of each window's; samples (window,): how many it has; duration: s, of the longest
+    episode, by which a shorter window is named where the log is one long; recording (episode,). `test` "none" keeps
+    nothing back. Raises OptionError for a pattern that matches no recording or all of them, or where there is none;
+    LogError where the log is too short.
     """
     if test == "none":
         return Split(np.zeros(len(episode), dtype=bool), "nothing held out")

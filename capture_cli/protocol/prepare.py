@@ -60,11 +60,11 @@ def prepare(
         else split_windows(
             episode=windows.episode,
             samples=windows.samples,
+            duration=log.longest,
             recording=log.recording,
             recording_names=log.recording_names,
             test=test,
             seed=seed,
-            duration=log.longest,
         )
     )
     prepared = PreparedLog(task, log, windows, starts, noise, split)
