@@ -13,9 +13,10 @@ import pytest
 from capture_cli.effects.placed import Placed
 from capture_cli.linearization import Evidence
 from capture_cli.parameters import Parameter, ParameterSpace
-from capture_cli.protocol import attribution, forward_round, model_comparison
+from capture_cli.protocol import attribution, model_comparison
 from capture_cli.protocol.attribution import Accepted, Attribution
 from capture_cli.protocol.candidates import Candidate
+from capture_cli.protocol.forward_round import ForwardRound
 from capture_cli.protocol.model_comparison import TIED, WORSE, ModelComparison
 from capture_cli.protocol.part_fit import PartFit
 from capture_cli.stages.diagnose import diagnose
@@ -266,14 +267,14 @@ def test_two_effects_are_exchanged_at_once(are_kin, monkeypatch):
 def test_rivals_are_compared_by_what_they_answered_in_one_round(tmp_path, monkeypatch, without_pages):
     """Later, with the accepted effect in the model, a rival answers to what that one leaves."""
     rounds, compared = {}, []
-    score, forward, compare = forward_round.score_at_null, Attribution._forward, ModelComparison.compare
+    score, forward, compare = ForwardRound._scored, Attribution._forward, ModelComparison.compare
 
-    def tagged(narrow, candidate):
-        score(narrow, candidate)
-        rounds[id(candidate.score)] = (
-            len(rounds["begun"]),
-            candidate.score,
-        )  # kept: an id is of one that lives
+    def tagged(self, candidates):
+        ranked = score(self, candidates)
+        for candidate in candidates:
+            # kept: an id is of one that lives
+            rounds[id(candidate.score)] = len(rounds["begun"]), candidate.score
+        return ranked
 
     def begin(self, current):
         rounds.setdefault("begun", []).append(current)
@@ -288,7 +289,7 @@ def test_rivals_are_compared_by_what_they_answered_in_one_round(tmp_path, monkey
     monkeypatch.setattr(
         attribution, "all_candidates", lambda log: [c for c in catalogue(log) if c.placed.kind in few]
     )
-    monkeypatch.setattr(forward_round, "score_at_null", tagged)
+    monkeypatch.setattr(ForwardRound, "_scored", tagged)
     monkeypatch.setattr(Attribution, "_forward", begin)
     monkeypatch.setattr(ModelComparison, "compare", judged)
     effects = ["control-delay@drive=0.006", "coulomb-friction@x=0.1"]

@@ -14,6 +14,7 @@ from capture_cli.commands._options import (
     OptionalTask,
     Quiet,
     RealLog,
+    Resume,
     Starts,
     TakenSeed,
     Threads,
@@ -61,6 +62,7 @@ def diagnose(
     seed: TakenSeed = None,
     threads: Threads = None,
     force: Force = False,
+    resume: Resume = False,
     json_: Json = False,
     quiet: Quiet = False,
     config: Config = None,
@@ -86,6 +88,7 @@ def diagnose(
         seed=seed,
         threads=threads,
         force=force,
+        resume=resume,
         quiet=quiet,
     )
     if json_:

@@ -16,6 +16,7 @@ from capture_cli.protocol.difference_step import difference_step
 from capture_cli.protocol.explanation import Explanation, Expression, JudgedModel
 from capture_cli.protocol.fit import EXACT, Fit, least
 from capture_cli.protocol.held_out import held_out
+from capture_cli.protocol.kept import Kept
 from capture_cli.protocol.log_checks import all_diverged, check_parameters_move_outputs
 from capture_cli.protocol.log_parts import FIT, SELECT, TEST, LogParts
 from capture_cli.protocol.log_starts import as_acted, begins_as_acted
@@ -36,13 +37,16 @@ OnStep = Callable[[str, int, int, Sequence[str]], None]
 
 @dataclass(frozen=True)
 class Settings:
-    """starts: of the declared model's fit. most_effects: to add. expression: to look for a formula of what is left."""
+    """starts: of the declared model's fit. most_effects: to add. expression: to look for a formula of what is left.
+    kept: what an earlier run made of the same steps.
+    """
 
     starts: int = 3
     most_effects: int = MOST_EFFECTS
     expression: bool = False
     seed: int = 0
     threads: int | None = None
+    kept: Kept | None = None
 
 
 def explain(prepared: PreparedLog, nominal: np.ndarray, settings: Settings, on_step: OnStep) -> Explanation:
@@ -134,7 +138,7 @@ class _Protocol:
         self.prepared = prepared
         self.settings = settings
         self.on_step = on_step
-        self.fits = ModelFits(prepared, settings.threads)
+        self.fits = ModelFits(prepared, settings.threads, settings.kept)
         self.fits.rollouts = rollouts
         self.parts = LogParts.of(prepared)
 

@@ -10,6 +10,7 @@ import numpy as np
 from capture_cli.diagnosis.score import similarity
 from capture_cli.protocol.candidates import Candidate, score_at_null, thinned, worth_a_refit
 from capture_cli.protocol.fit import Fit, least
+from capture_cli.protocol.kept import kept_scores
 from capture_cli.protocol.model_comparison import ModelComparison
 from capture_cli.protocol.narrow_shapes import NarrowShapes
 from capture_cli.protocol.part_fit import PartFit
@@ -50,12 +51,16 @@ class ForwardRound:
         self.supported, self._unfitted = self._fitted(patient=patient)
 
     def _scored(self, candidates: Sequence[Candidate]) -> list[Candidate]:
+        self._score_all(candidates)
+        return sorted((c for c in candidates if c.why_rejected is None), key=lambda c: -c.score.gain)
+
+    @kept_scores
+    def _score_all(self, candidates: Sequence[Candidate]) -> None:
         part, at = thinned(self.models.fit_part, self.current)
         narrow = NarrowShapes(self.models.fits, part, replace(self.current, at=at))
         for number, candidate in enumerate(candidates):
             self.on_step("score", number, len(candidates))
             score_at_null(narrow, candidate)
-        return sorted((c for c in candidates if c.why_rejected is None), key=lambda c: -c.score.gain)
 
     def _fitted(self, *, patient: bool) -> tuple[list[Candidate], list[Candidate]]:
         """Candidates that are supported once they are fitted, and those that were not worth a fit."""

@@ -16,6 +16,7 @@ from capture_cli.identifiers.least_squares import LONG_PATIENCE, PATIENCE, Least
 from capture_cli.linearization import Linearization, best_trials, columns, trial_objectives
 from capture_cli.parameters import ParameterSpace
 from capture_cli.protocol.fit import TOLERANCE, Fit
+from capture_cli.protocol.kept import Kept, kept_fit, kept_part
 from capture_cli.protocol.part_fit import PartFit
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.protocol.ways_out import unstuck
@@ -26,10 +27,11 @@ FIT_ROUNDS = 60
 
 
 class ModelFits:
-    """Fits models of `prepared.task` plus effects, on one engine."""
+    """Fits models of `prepared.task` plus effects, on one engine. kept: what an earlier run made of the same steps."""
 
-    def __init__(self, prepared: PreparedLog, threads: int | None):
+    def __init__(self, prepared: PreparedLog, threads: int | None, kept: Kept | None = None):
         self.prepared = prepared
+        self.kept = kept
         self.engine = Engine(prepared.task.model, threads)
         self._elsewhere = 0
 
@@ -42,6 +44,7 @@ class ModelFits:
     def rollouts(self, count: int) -> None:
         self._elsewhere = count - self.engine.rollouts
 
+    @kept_fit
     def fit(
         self,
         part: PreparedLog,
@@ -181,6 +184,7 @@ class ModelFits:
         outputs, diverged = part.evaluate(self.simulator(fit.effects), Trial(points, offsets))
         return trial_objectives(on.evidence, offsets, outputs, diverged, fit.at.scatter).sum(axis=1)
 
+    @kept_part
     def on(
         self,
         part: PreparedLog,

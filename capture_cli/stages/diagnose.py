@@ -17,13 +17,15 @@ from capture_cli.protocol.prepare import prepare
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.stages.diagnosis_document import diagnosis_of
 from capture_cli.stages.earlier_estimate import continues
+from capture_cli.stages.kept_steps import ENDS, OPTIONS, recipe_of, unfinished_diagnosis
 from capture_cli.stages.progress import Progress
 from capture_cli.stages.recorded_task import find_task, load_recorded, named, task_inputs
+from capture_cli.stages.training_state import check_recipe
 from capture_cli.stages.wide_bounds import warn_of_wide_bounds
 from capture_cli.stores.diagnosis import Diagnosis
 from capture_cli.stores.estimate import Estimate
 from capture_cli.stores.measured_log import MeasuredLog
-from capture_cli.stores.output import new_directory, refuse_existing, refuse_inputs, sha256
+from capture_cli.stores.output import is_complete, refuse_inputs, sha256
 from capture_cli.stores.provenance import Provenance
 from capture_cli.stores.result import read_provenance
 from capture_cli.tasks.base import Task
@@ -43,17 +45,19 @@ def diagnose(
     seed: int | None = None,
     threads: int | None = None,
     force: bool = False,
+    resume: bool = False,
     quiet: bool = False,
 ) -> Diagnosis:
     """Diagnose the log at `real_log`; write a diagnosis directory at `out`.
 
     estimate: the estimate directory of the same log, whose task, windows, held-out part and seed are taken over where
     nothing else is said. Without it `task`, `test`, `window` and `seed` are as for identify. most_effects: to add.
-    expression: where the catalogue leaves something, look for a formula of the missing force. Raises CaptureError for
-    whatever the user can mend.
+    expression: where the catalogue leaves something, look for a formula of the missing force. With `resume` a run that
+    was killed goes on after the last step that it made, to the same result, and one that is complete is read. Raises
+    CaptureError for whatever the user can mend.
     """
-    options = {k: v for k, v in locals().items() if k not in ("quiet", "force")}
-    refuse_existing(out, force=force)
+    options = {k: v for k, v in locals().items() if k not in ("quiet", "force", "resume")}
+    complete = is_complete(out, force=force, resume=resume)
     log = MeasuredLog.read(real_log)
     begin = None
     if estimate is not None:
@@ -68,14 +72,19 @@ def diagnose(
     inputs = {"real_log": real_log, **task_inputs(found), "estimate": estimate}
     refuse_inputs(out, inputs.values())
     provenance = Provenance("diagnose", options, inputs)
+    if complete:
+        return _completed(out, provenance)
     warn_of_wide_bounds(found)
     held_out = None if begin is None or test is not None else _held_out(begin)
-    prepared = prepare(log, found, window=window, test=test, held_out=held_out, seed=seed, threads=threads)
     nominal = _nominal(found, begin)
-    settings = Settings(starts, most_effects, expression, seed, threads)
-    with Progress("diagnose", "model", quiet=quiet) as progress:
-        diagnosis = diagnose_prepared(prepared, nominal, settings, progress)
-    with new_directory(out, force=force) as folder:
+    made = provenance.document()
+    with unfinished_diagnosis(out, made, force=force, resume=resume) as (folder, kept):
+        prepared = prepare(
+            log, found, window=window, test=test, held_out=held_out, seed=seed, threads=threads
+        )
+        settings = Settings(starts, most_effects, expression, seed, threads, kept)
+        with Progress("diagnose", "model", quiet=quiet) as progress:
+            diagnosis = diagnose_prepared(prepared, nominal, settings, progress)
         diagnosis.write(folder)
         _write_pages(diagnosis, folder, provenance)
         provenance.write(folder)
@@ -87,7 +96,7 @@ def diagnose_prepared(
 ) -> Diagnosis:
     """What `diagnose` finds in a log that was made ready, from the values `nominal` (parameter,) of its task.
 
-    Raises FitError; Interrupted, which names what was found until then.
+    Raises FitError; Interrupted, which names what was found until then, and how to go on.
     """
     last: list[str] = []
 
@@ -99,20 +108,27 @@ def diagnose_prepared(
     try:
         return diagnosis_of(explain(prepared, nominal, settings, tell))
     except KeyboardInterrupt:
-        raise _interrupted(last, settings.most_effects) from None
+        raise _interrupted(last, settings) from None
 
 
-def _interrupted(found: Sequence[str], most_effects: int) -> Interrupted:
-    """Of a run that had `found` effects, called EFFECT@SITE, and was to end when it had `most_effects`."""
-    if not found:
-        return Interrupted(
-            "interrupted: nothing was written; so far no effect was found", cure="run the same command again"
-        )
+def _interrupted(found: Sequence[str], settings: Settings) -> Interrupted:
+    """Of a run with these settings that had `found` effects, called EFFECT@SITE."""
+    state, cure = "nothing was written", "run the same command again"
+    if settings.kept is not None and settings.kept.anything:
+        state, cure = "what was worked out is kept", "go on with the same command and --resume"
+    so_far = f"so far: {', '.join(found)}" if found else "so far no effect was found"
     sooner = len({name.partition("@")[0] for name in found})  # one at several places at once counts as one
-    cure = "run the same command again"
-    if sooner < most_effects:
+    if 0 < sooner < settings.most_effects:
         cure += f"; with --most-effects {sooner} it ends sooner, when it has as many as now"
-    return Interrupted(f"interrupted: nothing was written; so far: {', '.join(found)}", cure=cure)
+    return Interrupted(f"interrupted: {state}; {so_far}", cure=cure)
+
+
+def _completed(out: Path, provenance: Provenance) -> Diagnosis:
+    """The diagnosis at `out`, if it is what this run would make. Raises CaptureError otherwise."""
+    diagnosis = Diagnosis.read(out)
+    made, options = read_provenance(out, Diagnosis.CURE), (*OPTIONS, *ENDS)
+    check_recipe(recipe_of(made, options), recipe_of(provenance.document(), options))
+    return diagnosis
 
 
 def _check_estimate(folder: Path, log: MeasuredLog, task: str | None) -> tuple[Estimate, dict[str, Any]]:

@@ -7,6 +7,7 @@ from typing import Any
 
 from capture_cli.errors import StoreError
 from capture_cli.stages.evaluation_run import PARTS, RECIPE
+from capture_cli.stages.kept_steps import STEPS
 from capture_cli.stages.log_findings import finding
 from capture_cli.stages.training_state import METRICS, read_state
 from capture_cli.stores.histories import HistoriesWriter
@@ -25,7 +26,7 @@ def inspect_unfinished(path: Path, document: dict[str, Any]) -> None:
     """Fill the inspection `document` of the folder at `path` in. Raises StoreError where what it holds is damaged."""
     out = path.with_name(path.name.removeprefix(".").removesuffix(UNFINISHED))
     document["result"] = {"out": str(out)}
-    for described in (_training, _evaluation, _histories):
+    for described in (_training, _evaluation, _diagnosis, _histories):
         found = described(path, document)
         if found is not None:
             break
@@ -60,6 +61,14 @@ def _evaluation(path: Path, document: dict[str, Any]) -> tuple[str, str] | None:
     kept = [p.name for p in sorted((path / PARTS).glob("*")) if p.is_dir() and p.suffix != ".new"]
     document["result"] |= {"command": "eval-sim2sim", "parts": kept}
     return f"evaluation, of which {len(kept)} parts are kept", GO_ON
+
+
+def _diagnosis(path: Path, document: dict[str, Any]) -> tuple[str, str] | None:
+    if not (path / STEPS).is_dir():
+        return None
+    kept = len(list((path / STEPS).glob("*.safetensors")))
+    document["result"] |= {"command": "diagnose", "steps_kept": kept}
+    return f"diagnosis, of which {kept} steps are kept", GO_ON
 
 
 def _histories(path: Path, document: dict[str, Any]) -> tuple[str, str] | None:

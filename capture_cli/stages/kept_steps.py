@@ -1,0 +1,102 @@
+"""What `capture diagnose` keeps beside its output as it goes: a file for every long step, and of what run they are."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from capture_cli.errors import FitError, StoreError
+from capture_cli.protocol.kept import Kept, Values
+from capture_cli.stages.training_state import check_recipe
+from capture_cli.stores.output import resumable_directory
+from capture_cli.stores.provenance import write_json
+from capture_cli.stores.tensors import read_arrays, save_arrays
+
+STEPS, RECIPE = "steps", "steps.json"  # of a run that is not complete
+SHORT = 12  # characters of a hash in a message
+OPTIONS = ("task", "test", "window", "starts", "seed")
+ENDS = ("most_effects", "expression")  # options that say how far to go: the steps until there are the same
+
+
+class StepFiles(Kept):
+    """Steps in the files of a folder, each called by its number and a hash of what it follows from."""
+
+    def __init__(self, folder: Path):
+        self._folder = folder
+        self._number = 0
+
+    @property
+    def anything(self) -> bool:
+        return any(self._folder.glob("*.safetensors"))
+
+    def step(self, name: str, given: Sequence[Any], make: Callable[[], Values]) -> Values:
+        self._number += 1
+        path = self._folder / f"{self._number:05d}-{_hash(name, given)}.safetensors"
+        with suppress(StoreError):  # not made yet, or damaged when the machine went down
+            return _read(path)
+        values = make()
+        arrays = {n: v for n, v in values.items() if isinstance(v, np.ndarray)}
+        others = {n: v for n, v in values.items() if n not in arrays}
+        beside = path.with_suffix(".new")
+        save_arrays(beside, arrays, {"others": json.dumps(others)})
+        beside.replace(path)
+        return _read(path)  # so that what comes next is the same in both cases, to the last bit
+
+
+def _read(path: Path) -> Values:
+    arrays, metadata = read_arrays(path, "make it again")
+    return {**arrays, **json.loads(metadata["others"])}
+
+
+def _hash(name: str, given: Sequence[Any]) -> str:
+    digest = hashlib.sha256(name.encode())
+    for value in given:
+        array = isinstance(value, np.ndarray)
+        digest.update(b"\0" + (np.ascontiguousarray(value).tobytes() if array else repr(value).encode()))
+    return digest.hexdigest()[:SHORT]
+
+
+@contextmanager
+def unfinished_diagnosis(
+    out: Path, made: Mapping[str, Any], *, force: bool, resume: bool
+) -> Iterator[tuple[Path, StepFiles]]:
+    """A folder that becomes `out`, and the steps that are kept in it until then.
+
+    made: the provenance of this run. Raises OptionError where the folder is of a run with another recipe, otherwise as
+    `resumable_directory`.
+    """
+    with resumable_directory(out, force=force, resume=resume) as folder:
+        steps = StepFiles(folder / STEPS)
+        _begin(folder, {**recipe_of(made), "code": made["code"][:SHORT], "packages": made["packages"]})
+        try:
+            yield folder, steps
+        except BaseException as error:
+            if isinstance(error, FitError) or not steps.anything:
+                shutil.rmtree(folder)  # nothing to go on from, or nowhere to go
+            raise
+        shutil.rmtree(folder / STEPS)
+        (folder / RECIPE).unlink()
+
+
+def recipe_of(made: Mapping[str, Any], options: Sequence[str] = OPTIONS) -> dict[str, Any]:
+    """Of the provenance `made` what the result follows from: these options, and hashes of the inputs."""
+    inputs = {name: i["sha256"][:SHORT] for name, i in made["inputs"].items()}
+    return {"options": {name: made["options"].get(name) for name in options}, "inputs": inputs}
+
+
+def _begin(folder: Path, recipe: Mapping[str, Any]) -> None:
+    """Take note of what is run, or see that it is what an earlier run took note of."""
+    path, beside = folder / RECIPE, folder / f"{RECIPE}.new"
+    (folder / STEPS).mkdir(exist_ok=True)
+    if path.is_file():
+        check_recipe(json.loads(path.read_text(encoding="utf-8")), recipe)
+    else:
+        write_json(beside, recipe)
+        beside.replace(path)  # whole or not at all: a run that is killed goes on
