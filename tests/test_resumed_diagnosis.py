@@ -106,6 +106,17 @@ def test_it_goes_on_to_the_same_bytes(asked, whole, tmp_path, monkeypatch, share
     assert not unfinished(out).exists()
 
 
+def test_what_does_not_fit_into_the_room_is_made_again(asked, whole, tmp_path, monkeypatch):
+    out, (uninterrupted, steps) = tmp_path / "d", whole
+    monkeypatch.setattr(StepFiles.__init__, "__defaults__", (2e5,))
+    interrupted(out, asked, after=steps - 5)
+    kept = list((unfinished(out) / STEPS).iterdir())
+    assert 0 < len(kept) < steps - 5
+    assert sum(path.stat().st_size for path in kept) < 2.2e5
+    diagnose(out=out, resume=True, **asked)
+    assert files(out) == files(uninterrupted)
+
+
 def test_what_was_found_is_said_and_how_to_end_sooner(asked, whole, tmp_path):
     _, steps = whole
     said = interrupted(tmp_path / "d", asked, after=steps - 5)

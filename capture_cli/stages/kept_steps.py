@@ -20,17 +20,22 @@ from capture_cli.stores.provenance import write_json
 from capture_cli.stores.tensors import read_arrays, save_arrays
 
 STEPS, RECIPE = "steps", "steps.json"  # of a run that is not complete
+MOST = 2e9  # bytes, of all steps: of a log of a million rows one takes hundreds of megabytes
 SHORT = 12  # characters of a hash in a message
 OPTIONS = ("task", "test", "window", "starts", "seed")
 ENDS = ("most_effects", "expression")  # options that say how far to go: the steps until there are the same
 
 
 class StepFiles(Kept):
-    """Steps in the files of a folder, each called by its number and a hash of what it follows from."""
+    """Steps in the files of a folder, each called by its number and a hash of what it follows from.
 
-    def __init__(self, folder: Path):
+    Those that would take the folder beyond `most` bytes are not kept, and made again.
+    """
+
+    def __init__(self, folder: Path, most: float = MOST):
         self._folder = folder
         self._number = 0
+        self._room = most - sum(path.stat().st_size for path in folder.glob("*.safetensors"))
 
     @property
     def anything(self) -> bool:
@@ -42,12 +47,15 @@ class StepFiles(Kept):
         with suppress(StoreError):  # not made yet, or damaged when the machine went down
             return _read(path)
         values = make()
-        arrays = {n: v for n, v in values.items() if isinstance(v, np.ndarray)}
-        others = {n: v for n, v in values.items() if n not in arrays}
-        beside = path.with_suffix(".new")
-        save_arrays(beside, arrays, {"others": json.dumps(others)})
-        beside.replace(path)
-        return _read(path)  # so that what comes next is the same in both cases, to the last bit
+        # as they are read, so that what comes next is the same in both cases, to the last bit
+        arrays = {n: np.ascontiguousarray(v) for n, v in values.items() if isinstance(v, np.ndarray)}
+        others = json.dumps({n: v for n, v in values.items() if n not in arrays})
+        self._room -= sum(v.nbytes for v in arrays.values())
+        if self._room >= 0:
+            beside = path.with_suffix(".new")
+            save_arrays(beside, arrays, {"others": others})
+            beside.replace(path)
+        return {**arrays, **json.loads(others)}
 
 
 def _read(path: Path) -> Values:
