@@ -229,6 +229,10 @@ _TIME_STEP = (
     "null, or what the model's time step is in what was found: {finer (s), parameters (where they would be, about, in "
     "such steps), text}"
 )
+_TIME_STAMPS = (
+    "null, or by how much stamps seem off at random: {outputs (of each sd (s) and share (of its noise's variance)), "
+    "explained (share of what is beyond chance; 1: with that nothing is; null: nothing is without), text}"
+)
 _FLOOR_SOURCE = "declared, repeats, differences, residual, outliers or resolution (docs/concepts.md)"
 _LACK = {
     "normalized": "error of the fit over the noise floor, degrees of freedom allowed for",
@@ -264,6 +268,7 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str]]] = {
             "unmeasured_joints": "list of joints whose position at the start of a window nothing says",
             "open_loops": "{equality constraint: by how much it stays open, m or rad, where joints are as measured}",
             "time_step": _TIME_STEP,
+            "time_stamps": _TIME_STAMPS,
             "correlation[][]": "of the estimates, (parameter, parameter)",
             "recordings": "null, or how the recordings agree: {names, agree, parameters, text}",
             "split.how": "how windows were divided into fit and test, in words",
@@ -323,6 +328,7 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str]]] = {
             "held_out": _HELD_OUT,
             "impossible_inertia": _IMPOSSIBLE,
             "time_step": _TIME_STEP,
+            "time_stamps": _TIME_STAMPS,
             "absorbed.NAME.before": "a declared parameter without the effects, for which it had been standing in",
             "absorbed.NAME.after": "with them",
             "absorbed.NAME.unit": "its unit",

@@ -130,6 +130,7 @@ def test_every_key_of_a_document_is_documented_and_no_other(written, document):
         "unmeasured_joints",
         "open_loops",
         "time_step",
+        "time_stamps",
         "misread",
         "options.OPTION",
         "histories.ATTRIBUTE",

@@ -52,15 +52,18 @@ class LackOfFit:
         return not self.lacking or (self.normalized <= NEAR_FLOOR and self.outputs.max() <= NEAR_FLOOR_OF_ONE)
 
 
-def lack_of_fit(at: Linearization) -> LackOfFit:
+def lack_of_fit(at: Linearization, residual: np.ndarray | None = None) -> LackOfFit:
     """Compare the residual of a fit, in units of the noise, with its degrees of freedom.
+
+    residual (window, row): instead of its own, as of another noise.
 
     Under the null the residual is the noise, which the floor takes to be white: the ratio of their squares has mean 1
     and variance 2 / n, plus FLOOR_SHARE times as much, as the floor is itself estimated from these samples. The
     autocorrelation time is reported only: a residual that is not white is no reason to ask for less.
     """
     spent = len(at.x) + at.fitted_starts
-    return _compared(at.evidence, at.residual, spent, PRACTICAL, PRACTICAL_OF_ONE)
+    residual = at.residual if residual is None else residual
+    return _compared(at.evidence, residual, spent, PRACTICAL, PRACTICAL_OF_ONE)
 
 
 def lack_held_out(evidence: Evidence, residual: np.ndarray) -> LackOfFit:

@@ -155,12 +155,10 @@ def _by_order(series: Sequence[np.ndarray], times: Sequence[np.ndarray]) -> list
     """The estimates by differences of each order, as long as there are any."""
     estimates = []
     for order in ORDERS:
-        differences = [
-            _differences(s, t, order) for s, t in zip(series, times, strict=True) if len(s) > order + 2
-        ]
-        if not differences:
+        found = [differences(s, t, order) for s, t in zip(series, times, strict=True) if len(s) > order + 2]
+        if not found:
             break
-        estimates.append(trimmed_sd(np.concatenate(differences)))
+        estimates.append(trimmed_sd(np.concatenate(found)))
     return estimates
 
 
@@ -169,7 +167,7 @@ def _settled(estimates: Sequence[float]) -> Iterator[float]:
     return (this for this, following in pairwise(estimates) if following > STILL_FALLING * this)
 
 
-def _differences(series: np.ndarray, time: np.ndarray, order: int) -> np.ndarray:
+def differences(series: np.ndarray, time: np.ndarray, order: int) -> np.ndarray:
     """Differences (step - order,) of a series (step,), scaled such that white noise keeps its variance.
 
     Divided differences where samples are not evenly spaced: a polynomial of lower degree vanishes there, too.

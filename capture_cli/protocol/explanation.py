@@ -14,8 +14,9 @@ from capture_cli.protocol.attribution import Accepted
 from capture_cli.protocol.candidates import Candidate
 from capture_cli.protocol.fit import Fit
 from capture_cli.protocol.held_out import HeldOut
-from capture_cli.protocol.log_parts import TEST, LogParts
+from capture_cli.protocol.log_parts import FIT, TEST, LogParts
 from capture_cli.protocol.part_fit import PartFit
+from capture_cli.protocol.scattered_stamps import ScatteredStamps, scattered_stamps
 from capture_cli.protocol.time_step import ShorterStep
 from capture_cli.simulator import Begun, Motion
 
@@ -100,6 +101,13 @@ class Explanation:
     def leaves_something(self) -> bool:
         """Whether the last model does not explain what it was fitted to."""
         return not self.after.lacking.is_near
+
+    @property
+    def stamps(self) -> ScatteredStamps | None:
+        """What the last model leaves says of the log's time stamps."""
+        number, last = self.parts.number, self.after
+        fitted = number == FIT if last.again is last.fit else number != TEST
+        return scattered_stamps(self.parts.prepared, last.whole, last.again.at, fitted)
 
     @cached_property
     def verdict(self) -> str:

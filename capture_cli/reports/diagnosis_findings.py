@@ -10,10 +10,12 @@ from capture_cli.effects.placed import placed_name
 from capture_cli.reports.findings import (
     NOT_ALIKE,
     UNTRUSTED,
+    behind,
     beyond_chance,
     impossible,
     left_open,
     outputs_left,
+    time_stamps,
     time_step,
 )
 from capture_cli.reports.quantities import (
@@ -157,15 +159,16 @@ def summary(document: Mapping[str, Any]) -> str:
         return f"Nothing is missing: the error is {significant(left['normalized'])} times the noise floor."
     part, where = ("test", "held-out") if stages[-1]["test"] else ("fit", "fit")
     first, last = (stage[part]["normalized"] for stage in (stages[0], stages[-1]))
+    stamps = f" {behind(document)}" if behind(document) else ""
     if not effects and not left["lacking"]:
         return (
             "The model fits what it was fitted to, but not what was held out: there the error is "
-            f"{significant(last)} times the noise floor. {NOT_ALIKE}"
+            f"{significant(last)} times the noise floor. {behind(document) or NOT_ALIKE}"
         )
     if not effects:
         return (
             f"None of these: the {where} error is {significant(last)} times the noise floor{_of_one(left)}, and no "
-            f"effect of the catalogue explains it.{_with_formula(document)}"
+            f"effect of the catalogue explains it.{_with_formula(document)}{stamps}"
         )
     tied = [f" (or {', '.join(e['tied_with'])})" if e["tied_with"] else "" for e in effects]
     found = _found(document, [f"{placed(e)}{rivals}" for e, rivals in zip(effects, tied, strict=True)])
@@ -176,7 +179,8 @@ def summary(document: Mapping[str, Any]) -> str:
     text = f"{found}: with {them} the {where} error falls to {last / first:.2g} of what it was."
     if document["verdict"] == "unexplained":
         size, on = (left["normalized"], " on what was fitted") if left["normalized"] > last else (last, "")
-        text += f" What is left{on} is still {significant(size)} times the noise floor{_of_one(left)}: this is not all."
+        text += f" What is left{on} is still {significant(size)} times the noise floor{_of_one(left)}"
+        text += f".{stamps}" if stamps else ": this is not all."
     return text
 
 
@@ -253,6 +257,7 @@ def notes(document: Mapping[str, Any]) -> list[str]:
             found.append(UNTRUSTED)
     found += left_open(document)
     found += impossible(document)
+    found += time_stamps(document)
     found += time_step(document)
     found += [
         f"{name} is at the end of its range: the range, not the log, decides it."

@@ -20,6 +20,9 @@ NOT_ALIKE = (
     "The two parts of the log are not alike: see what differs between them, or hold out another with --test. With "
     "--test none both are fitted, and what cannot be the same in both is left."
 )
+STAMPS_ALONE = "With time stamps that are off at random nothing is missing."
+STAMPS_MOST = "Most of that is as if time stamps were off at random."
+MOST = 0.5  # of what is beyond chance
 UNTRUSTED = "Do not trust the intervals: they leave out what the model lacks."
 FLOOR_SOURCES = {
     "declared": "declared in the task",
@@ -101,6 +104,7 @@ def notes(document: Mapping[str, Any]) -> list[str]:
     found += dict.fromkeys(item["text"] for item in document["undetermined"])
     found += impossible(document)
     found += [_at_bound(n, p) for n, p in document["parameters"].items() if p["at_bound"]]
+    found += time_stamps(document)
     found += time_step(document)
     recordings = document["recordings"]
     if recordings and not recordings["agree"]:
@@ -164,6 +168,17 @@ def cut_short(document: Mapping[str, Any]) -> list[str]:
 def time_step(document: Mapping[str, Any]) -> list[str]:
     """What of the estimate is the model's time step; earlier versions did not look."""
     return [document["time_step"]["text"]] if document.get("time_step") else []
+
+
+def time_stamps(document: Mapping[str, Any]) -> list[str]:
+    """What of the noise is as if stamps were off at random; earlier versions did not look."""
+    return [document["time_stamps"]["text"]] if document.get("time_stamps") else []
+
+
+def behind(document: Mapping[str, Any]) -> str:
+    """What stamps are of what is beyond chance, where that is most of it; "" where not."""
+    share = (document.get("time_stamps") or {}).get("explained") or 0.0
+    return STAMPS_ALONE if share == 1 else STAMPS_MOST if share > MOST else ""
 
 
 def suspicions(estimate: Estimate) -> list[str]:

@@ -97,7 +97,7 @@ def print_diagnosis(diagnosis: Diagnosis, console: Console, out_path: Path) -> N
 def _beside(diagnosis: Diagnosis) -> list[str]:
     """What has to be known beside the answer, and no other line says."""
     document = diagnosis.document
-    found = [findings.left_open, findings.impossible, findings.time_step]
+    found = [findings.left_open, findings.impossible, findings.time_stamps, findings.time_step]
     return [*diagnosis_findings.suspicions(diagnosis), *(text for told in found for text in told(document))]
 
 

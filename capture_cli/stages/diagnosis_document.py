@@ -50,6 +50,7 @@ def _document(found: Explanation, curves: list[dict[str, Any]]) -> dict[str, Any
         effects=[(a.placed.effect, fit.point[fit.columns(a.name)]) for a in found.accepted],
         held=found.held_out,
         shorter=found.shorter_step,
+        stamps=found.stamps,
         parts={name: found.parts.number == part for name, part in PARTS.items()},
         simulated=found.rollouts,
     )

@@ -17,8 +17,9 @@ from capture_cli.protocol.fit import TOLERANCE, Fit
 from capture_cli.protocol.held_out import HeldOut, held_out
 from capture_cli.protocol.part_fit import PartFit
 from capture_cli.protocol.prepared_log import PreparedLog
+from capture_cli.protocol.scattered_stamps import scattered_stamps
 from capture_cli.protocol.time_step import shorter_step
-from capture_cli.reports.findings import NOT_ALIKE, beyond_chance
+from capture_cli.reports.findings import NOT_ALIKE, behind, beyond_chance
 from capture_cli.reports.quantities import significant
 from capture_cli.sim.coordinate_sources import unmeasured_joints
 from capture_cli.stages.earlier_estimate import EarlierEstimate
@@ -163,6 +164,7 @@ class Report:
             found,
             held=held,
             shorter=shorter,
+            stamps=scattered_stamps(prepared, whole, self.result.at.at, ~self.is_test),
             parts=parts,
             simulated=self.fits.rollouts,
         )
@@ -177,7 +179,7 @@ class Report:
             "identifier": self.identifier,
             "error": {name: error_of(prepared, whole.rows(part)) for name, part in parts.items()},
             "verdict": verdict,
-            "summary": _summary(verdict, *lacks, undetermined, diverged, self.result.cut_short is not None),
+            "summary": _summary(verdict, *lacks, undetermined, diverged, self._why(common)),
             "diverged_windows": int(diverged.sum()),
             "lack_of_fit": lacks[0],
             "undetermined": undetermined,
@@ -194,6 +196,12 @@ class Report:
             "in_context": self._in_context(),
             "next_command": None,
         }
+
+    def _why(self, common: dict[str, Any]) -> str:
+        """What leaves an error, where it need not be the model; "" where nothing says so."""
+        if self.result.cut_short is not None:
+            return "The search was not finished."
+        return behind(common)
 
     def _in_context(self) -> dict | None:
         """What the rounds over the episodes gave; those of the earlier estimate where there were none now."""
@@ -323,8 +331,9 @@ def _summary(
     held_out: dict[str, Any],
     undetermined: list[dict],
     diverged: np.ndarray,
-    cut_short: bool,
+    why: str,
 ) -> str:
+    """why: what leaves an error, where it need not be the model."""
     if diverged.any():
         return (
             f"With these parameters the simulation runs away in {diverged.sum()} of {len(diverged)} windows. "
@@ -333,11 +342,10 @@ def _summary(
     if verdict == "unexplained" and not lacking["lacking"]:
         return (
             "The parameters explain what they were fitted to, but not what was held out: there the "
-            f"{beyond_chance(held_out)}. {NOT_ALIKE}"
+            f"{beyond_chance(held_out)}. {why or NOT_ALIKE}"
         )
     if verdict == "unexplained":
-        why = "The search was not finished." if cut_short else "The model lacks something."
-        return unexplained(lacking, why)
+        return unexplained(lacking, why or "The model lacks something.")
     if verdict == "not-identifiable":
         names = dict.fromkeys(name for u in undetermined for name in u["combination"])
         return f"The fit reaches the noise floor, but the log does not determine {', '.join(names)}."

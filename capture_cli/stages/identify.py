@@ -20,7 +20,7 @@ from capture_cli.protocol.prepare import prepare
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.protocol.repeated_noise import with_noise_of_repeats
 from capture_cli.protocol.residual_noise import with_noise_of_residual
-from capture_cli.reports.findings import is_fit_explained, suspicions
+from capture_cli.reports.findings import STAMPS_ALONE, behind, is_fit_explained, suspicions
 from capture_cli.stages.chosen_identifier import ChosenIdentifier, choose_identifier
 from capture_cli.stages.earlier_estimate import EarlierEstimate
 from capture_cli.stages.estimate_document import Report, unexplained
@@ -109,7 +109,7 @@ def identify(
             why = "A channel may be misread, or the model lacks much."
             document["summary"] = unexplained(document["lack_of_fit"], why)
     lacking = document["verdict"] == "unexplained" and not is_fit_explained(document)
-    if lacking and not document["cut_short"] and not suspicious:
+    if lacking and not (document["cut_short"] or suspicious or behind(document) == STAMPS_ALONE):
         document["next_command"] = shlex.join(
             ["capture", "diagnose", "--real-log", str(real_log), "--estimate", str(out)]
         )

@@ -14,8 +14,9 @@ from capture_cli.parameters import ParameterSpace
 from capture_cli.protocol.held_out import HeldOut
 from capture_cli.protocol.part_fit import PartFit
 from capture_cli.protocol.prepared_log import PreparedLog
+from capture_cli.protocol.scattered_stamps import ScatteredStamps
 from capture_cli.protocol.time_step import ShorterStep
-from capture_cli.reports.quantities import bound, scaled_unit, significant, with_unit
+from capture_cli.reports.quantities import bound, percent, scaled_unit, significant, with_unit
 from capture_cli.sim.engine import ModelFields
 from capture_cli.sim.impossible_inertia import impossible_inertias
 from capture_cli.simulator import Begun
@@ -35,6 +36,7 @@ def common_part(
     effects: Sequence[tuple[Effect, np.ndarray]] = (),
     held: HeldOut,
     shorter: ShorterStep | None,
+    stamps: ScatteredStamps | None,
     parts: Mapping[str, np.ndarray],
     simulated: int,
 ) -> dict[str, Any]:
@@ -42,7 +44,8 @@ def common_part(
 
     space, point (parameter,), sure: the parameters of the task, and after them those of effects, where they were found
     and how well they are known. effects: each with its values (parameter,). held, shorter: what the windows that were
-    held out, and a shorter time step of the model, say of the point. parts: which windows are of "fit", "test" and what
+    held out, and a shorter time step of the model, say of the point. stamps: what is left says of time
+    stamps. parts: which windows are of "fit", "test" and what
     else there is, (window,) each. simulated: windows.
     """
     task, log = prepared.task, prepared.log
@@ -55,6 +58,7 @@ def common_part(
         "held_out": held_out_of(prepared, space, point, held, parts["test"]),
         "impossible_inertia": impossible_inertia_of(task, point[: len(task.space)], effects),
         "time_step": time_step_of(shorter, space, point),
+        "time_stamps": time_stamps_of(prepared, stamps),
         "split": {
             "how": prepared.split.how,
             **{f"{name}_windows": int(windows.sum()) for name, windows in parts.items()},
@@ -159,6 +163,33 @@ def time_step_of(
     )
     parameters = {name: there for name, (there, _) in would_be.items()}
     return {"finer": shorter.finer, "parameters": parameters, "text": text}
+
+
+def time_stamps_of(prepared: PreparedLog, stamps: ScatteredStamps | None) -> dict[str, Any] | None:
+    """By how much stamps seem off at random, and what that is of each output's noise; None where nothing says so."""
+    if stamps is None:
+        return None
+    outputs = prepared.task.outputs
+    off = {
+        c.name: (float(sd), float(share))
+        for c, sd, share in zip(outputs, stamps.sd, stamps.share, strict=True)
+        if sd
+    }
+    factor, unit = scaled_unit("s", max(sd for sd, _ in off.values()))
+    said = ", ".join(
+        f"{name} by {significant(sd * factor, 2)} {unit}" for name, (sd, _) in list(off.items())[:MOST_NAMED]
+    )
+    more = f" and {len(off) - MOST_NAMED} more" if len(off) > MOST_NAMED else ""
+    share = percent(max(share for _, share in off.values()))
+    return {
+        "outputs": {name: {"sd": sd, "share": share} for name, (sd, share) in off.items()},
+        "explained": stamps.explained,
+        "text": (
+            f"It is as if samples were taken off their time stamps at random: {said}{more}, standard deviation. Up to "
+            f"{share} of the noise is that; it grows with the speed, and may hide what the model lacks. Stamp samples "
+            "where they are measured, not where they arrive."
+        ),
+    }
 
 
 def _sentence(words: str) -> str:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from capture_cli.errors import CaptureError
-from capture_cli.reports.findings import NOT_ALIKE, cut_short, is_fit_explained
+from capture_cli.reports.findings import NOT_ALIKE, STAMPS_ALONE, behind, cut_short, is_fit_explained
 from capture_cli.stages import identifier_checkpoint, policy_checkpoint
 from capture_cli.stages.log_findings import Finding, finding
 from capture_cli.stages.training_state import METRICS
@@ -120,6 +120,8 @@ def _cure_of_unexplained(result: Mapping[str, Any], path: Path) -> str:
     if result["format"] != "capture/estimate":
         formula = result.get("expression") or {}
         return f"a formula describes what is left: {formula['text']}" if formula.get("terms") else where
+    if behind(result) == STAMPS_ALONE:
+        return result["time_stamps"]["text"]
     if is_fit_explained(result):
         return NOT_ALIKE
     if result.get("misread"):
