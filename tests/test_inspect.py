@@ -205,10 +205,15 @@ def test_gaps_are_found_with_their_place(tmp_path):
 
 
 def test_uneven_sampling_is_noted(tmp_path):
-    jitter = np.random.default_rng(1).uniform(-0.4, 0.4, 2 * STEPS) / RATE
-    finding = only(inspected(replace(sound_log(), time=sound_log().time + jitter), tmp_path))
+    log = sound_log()
+    time = log.time + np.random.default_rng(1).uniform(-0.4, 0.4, 2 * STEPS) / RATE
+    there = [np.interp(time[e], log.time[e], log.outputs[e, 0]) for e in log.episodes]
+    finding = only(inspected(replace(log, time=time, outputs=np.concatenate(there)[:, None]), tmp_path))
     assert finding["severity"] == "note"
     assert "uneven" in finding["message"]
+    finding = only(inspected(replace(log, time=time), tmp_path))
+    assert finding["severity"] == "warning"
+    assert "stamps scatter" in finding["message"]
 
 
 @pytest.mark.parametrize(("channel_name", "severity"), [("inputs", "warning"), ("outputs", "error")])

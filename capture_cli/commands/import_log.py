@@ -31,6 +31,12 @@ def import_log(
             "--drop-held", help="Empty the repeats of sparse outputs that hold each sample until the next."
         ),
     ] = False,
+    even_times: Annotated[
+        bool,
+        typer.Option(
+            "--even-times", help="Put samples at even intervals where their stamps scatter about those."
+        ),
+    ] = False,
     append: Annotated[
         bool, typer.Option("--append", help="Add the episodes to the log at --out, which exists.")
     ] = False,
@@ -45,6 +51,11 @@ def import_log(
     """
     from capture_cli.stages.import_log import import_log as stage
 
-    dropped = {"drop_nan": drop_nan, "drop_repeats": drop_repeats, "drop_held": drop_held}
-    stage(files=files, task=task, out=out, append=append, force=force, **dropped)
+    mended = {
+        "drop_nan": drop_nan,
+        "drop_repeats": drop_repeats,
+        "drop_held": drop_held,
+        "even_times": even_times,
+    }
+    stage(files=files, task=task, out=out, append=append, force=force, **mended)
     show_inspection(out, task, json_, quiet)

@@ -17,6 +17,7 @@ from capture_cli.reports.quantities import with_unit
 from capture_cli.sim.shorter_window import set_shorter
 from capture_cli.sim.windows import SHORTEST_EPISODE
 from capture_cli.stages.equal_episodes import refuse_repeated
+from capture_cli.stages.even_times import with_even_times
 from capture_cli.stages.held_outputs import without_repeats
 from capture_cli.stages.recorded_task import task_inputs
 from capture_cli.stages.source_files import SourceFile, open_source
@@ -47,6 +48,7 @@ def import_log(
     drop_nan: bool = False,
     drop_repeats: bool = False,
     drop_held: bool = False,
+    even_times: bool = False,
 ) -> MeasuredLog:
     """Read `files`, each a recording named by its stem, in their order, as channels of `task`; write a log at `out`.
 
@@ -56,6 +58,7 @@ def import_log(
     outputs that are sparse may be missing.
     drop_repeats: leave out rows that say the same as the row before, time and all; `repeated_rows` says how many.
     drop_held: empty the repeats of sparse outputs that hold each sample for some rows; `held_repeats` says how many.
+    even_times: put the samples of each episode at even intervals; `evened_times` says how far stamps were off, s.
     append: `out` is a log already, and the episodes come after those in it; nobody else adds to it meanwhile.
     A recording that is given twice, or that `out` holds already, is refused.
     Raises LogError, TaskError, ModelError, StoreError or OutputError before anything is written.
@@ -77,6 +80,8 @@ def import_log(
             _check_task(log, machine)
         if drop_held:  # what is at `out` stays as it is
             logs = [without_repeats(log, machine) for log in logs]
+        if even_times:
+            logs = [with_even_times(log) for log in logs]
         refuse_repeated([*held, *logs])
         log = reduce(MeasuredLog.followed_by, [*held, *logs]).check()
         _check_long_enough(log, machine)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ import numpy as np
 from capture_cli.errors import CaptureError, StoreError
 from capture_cli.sim.windows import usual_interval
 from capture_cli.stages.equal_episodes import equal_episodes
+from capture_cli.stages.even_times import scatter
 from capture_cli.stages.file_header import read_header
 from capture_cli.stages.held_outputs import rows_per_sample, sample_rate, slices_within
 from capture_cli.stages.log_findings import finding, log_findings, task_findings
@@ -153,12 +154,13 @@ def _inspect_log(path: Path, document: dict[str, Any], machine: Task | None) -> 
     if not len(log.time) or not log.episodes_cover_steps:
         what = f"episode_ends do not divide its {len(log.time)} steps" if len(log.time) else "it is empty"
         findings.append(finding("error", "store", what, LOG_SCHEMA.cure_for_other_version))
-        document.update(recordings=list(log.recordings), episodes=[], channels=[])
+        document.update(recordings=list(log.recordings), episodes=[], channels=[], time_scatter=None)
         return
     machine = machine or _own_task(log)
     episodes = _episodes(log)
     recordings = [_recording(log, number, episodes) for number in range(len(log.recordings))]
     document.update(episodes=episodes, recordings=recordings, channels=_channels(log, _smooth_ends(machine)))
+    document["time_scatter"] = _scatter(log)
     findings += [*_not_finite(log.time), *_import_findings(recordings), *_repeated(log)]
     findings += log_findings(document, machine)
     if machine is not None:
@@ -236,7 +238,13 @@ def _import_findings(recordings: Sequence[Mapping[str, Any]]) -> list[dict[str, 
         *_noted(recordings, "comment_lines", "lines of comments before the header were passed over"),
         *_noted(recordings, "repeated_rows", "repeated rows were dropped on import"),
         *_noted(recordings, "held_repeats", "repeats of samples that are held were emptied on import"),
+        *(_evened(r) for r in recordings if r.get("evened_times")),
     ]
+
+
+def _evened(recording: Mapping[str, Any]) -> dict[str, str]:
+    what = f"samples were put at even times on import: stamps were off by {1e3 * recording['evened_times']:.3g} ms"
+    return finding("note", recording["name"], what, NOTHING_TO_DO)
 
 
 def _noted(recordings: Sequence[Mapping[str, Any]], key: str, what: str) -> list[dict[str, str]]:
@@ -318,6 +326,12 @@ def _channels(log: MeasuredLog, smooth: Mapping[str, Collection[str]]) -> list[d
             places[:] = steps[places].tolist()  # of the log
         channels.append({**described, **own})
     return channels
+
+
+def _scatter(log: MeasuredLog) -> dict[str, Any] | None:
+    """How stamps scatter about even times at which outputs are smoother; None where they do not."""
+    found = scatter(log)
+    return None if found is None else asdict(found)
 
 
 def _held(values: np.ndarray, time: np.ndarray, episodes: Sequence[slice]) -> dict[str, float | None] | None:

@@ -51,7 +51,8 @@ def log_findings(document: Mapping[str, Any], task: Task | None = None) -> list[
     """Findings on the `episodes` and `channels` of an inspection document. task: theirs, where it is known."""
     episodes = document["episodes"]
     return [
-        *_timing(episodes),
+        *_timing(episodes, document["time_scatter"]),
+        *_scatter(document["time_scatter"], document["channels"]),
         *(f for c in document["channels"] for f in _values(c, len(episodes))),
         *(f for c in document["channels"] if c["kind"] == "input" for f in _input(c)),
         *(f for c in document["channels"] if c["kind"] == "output" for f in _output(c, task)),
@@ -79,7 +80,7 @@ def task_findings(log: MeasuredLog, document: Mapping[str, Any], task: Task) -> 
 # --- timing ---
 
 
-def _timing(episodes: Sequence[Mapping[str, Any]]) -> Iterator[Finding]:
+def _timing(episodes: Sequence[Mapping[str, Any]], scatter: Mapping[str, Any] | None) -> Iterator[Finding]:
     for key, what in (("backward_times", "goes back"), ("repeated_times", "stands still")):
         count, where, examples = _gather(
             episodes, key, lambda p: f"after {p['time']:.6g} s (step {p['step']})"
@@ -103,7 +104,7 @@ def _timing(episodes: Sequence[Mapping[str, Any]]) -> Iterator[Finding]:
             "windows end at a gap, so nothing needs doing; look for lost messages if there are many",
         )
     uneven = [e for e in episodes if e["jitter_sd"] is not None and e["jitter_sd"] > UNEVEN]
-    if uneven:
+    if uneven and scatter is None:
         worst = max(uneven, key=lambda e: e["jitter_sd"])
         yield finding(
             "note",
@@ -112,6 +113,23 @@ def _timing(episodes: Sequence[Mapping[str, Any]]) -> Iterator[Finding]:
             f"the longest is {worst['jitter_max']:.3g} times the median",
             "nothing to do: every sample is compared at its own time, and a model's step takes the mean of its inputs",
         )
+
+
+def _scatter(scatter: Mapping[str, Any] | None, channels: Sequence[Mapping[str, Any]]) -> Iterator[Finding]:
+    """Stamps that scatter about even times at which outputs are smoother."""
+    if scatter is None:
+        return
+    own = {c["name"]: c for c in channels if c["kind"] == "output"}
+    smoother = [
+        f"{name} has a noise of {_in_unit(there, own[name])} there, and {_in_unit(here, own[name])} at its stamps"
+        for name, (here, there) in scatter["smoother"].items()
+    ]
+    yield finding(
+        "warning",
+        "time",
+        f"stamps scatter by {1e3 * scatter['sd']:.3g} ms (sd) about even times: {_listed(smoother, len(smoother))}",
+        "import the files again with --even-times, or stamp samples where they are measured and not where they arrive",
+    )
 
 
 def _gather(episodes, key: str, describe) -> tuple[int, str, str]:

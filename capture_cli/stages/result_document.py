@@ -20,6 +20,7 @@ from capture_cli.reports.quantities import bound, percent, scaled_unit, signific
 from capture_cli.sim.engine import ModelFields
 from capture_cli.sim.impossible_inertia import impossible_inertias
 from capture_cli.simulator import Begun
+from capture_cli.stages.even_times import scatter
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.stores.output import sha256
 from capture_cli.tasks.base import Task
@@ -180,6 +181,7 @@ def time_stamps_of(prepared: PreparedLog, stamps: ScatteredStamps | None) -> dic
         f"{name} by {significant(sd * factor, 2)} {unit}" for name, (sd, _) in list(off.items())[:MOST_NAMED]
     )
     more = f" and {len(off) - MOST_NAMED} more" if len(off) > MOST_NAMED else ""
+    even = scatter(prepared.log) is not None
     share = percent(max(share for _, share in off.values()))
     return {
         "outputs": {name: {"sd": sd, "share": share} for name, (sd, share) in off.items()},
@@ -187,7 +189,12 @@ def time_stamps_of(prepared: PreparedLog, stamps: ScatteredStamps | None) -> dic
         "text": (
             f"It is as if samples were taken off their time stamps at random: {said}{more}, standard deviation. Up to "
             f"{share} of the noise is that; it grows with the speed, and may hide what the model lacks. Stamp samples "
-            "where they are measured, not where they arrive."
+            "where they are measured, not where they arrive"
+            + (
+                "; or import these files again with --even-times: that is when they were taken."
+                if even
+                else "."
+            )
         ),
     }
 
