@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import mujoco
@@ -9,8 +10,10 @@ import numpy as np
 import pytest
 from test_starts import GYROS
 
+from capture_cli.effects import REGISTRY
 from capture_cli.errors import TaskError
 from capture_cli.sim.coordinate_sources import sources_of
+from capture_cli.stages import diagnose as diagnose_stage
 from capture_cli.stages import identify as identify_stage
 from capture_cli.stages.export import export
 from capture_cli.stages.import_log import import_log
@@ -137,3 +140,35 @@ def test_an_attitude_is_logged_whole(craft):
     with pytest.raises(TaskError, match="an attitude is all of its 4 values") as caught:
         load_task(str(craft))
     assert "[outputs.how]" in caught.value.message
+
+
+def test_an_effect_on_a_sensor_has_the_values_alone_that_were_logged(craft, tmp_path, monkeypatch):
+    monkeypatch.setattr(diagnose_stage, "_write_pages", lambda *_: None)
+    log = imported(craft, recorded(craft, effects=["sensor-bias@gyro.z=0.1"]))
+    options = dict(most_effects=1, starts=1, expression=False, threads=1, quiet=True)
+    diagnose_stage.diagnose(real_log=log, task=str(craft), out=tmp_path / "d", **options)
+    document = json.loads((tmp_path / "d" / "diagnosis.json").read_text())
+    (effect,) = document["effects"]
+    assert effect["name"] == "sensor-bias"
+    assert list(effect["parameters"]) == ["z"]
+    assert effect["parameters"]["z"]["value"] == pytest.approx(0.1, abs=2e-3)
+    exported = export(result=tmp_path / "d", out=tmp_path / "found.xml")
+    assert exported.companion is not None
+
+
+@pytest.mark.parametrize("kind", ["sensor-bias", "sensor-drift", "sensor-crosstalk"])
+def test_what_was_not_logged_is_left_as_it_is(craft, kind):
+    model = load_task(str(craft)).model
+    known = {"window": 1.0, "longest": 6.0, "seen": {}}
+    site = next(s for s in REGISTRY.get(kind).sites(model) if s.startswith("gyro"))
+    whole, partly = (REGISTRY.get(kind)(model, site) for _ in range(2))
+    partly.look_in(logged=frozenset({0, 1, 5}), **known)
+    assert [p.name for p in partly.parameters] == ["z"]
+    sensors, force = np.ones((1, 4, model.nsensordata)), np.ones((1, 4, model.nu))
+    values, all_of_them = np.array([[0.1]]), np.array([[0.0, 0.0, 0.1]])
+    for effect, given in ((whole, all_of_them), (partly, values)):
+        effect.found = effect.measure(sensors, given, 0.01, elapsed=np.zeros(1))
+        if effect.reads_actuators:
+            effect.found = effect.pick_up(sensors, given, force)
+    np.testing.assert_array_equal(partly.found, whole.found)
+    assert not np.array_equal(partly.found, sensors)

@@ -188,10 +188,26 @@ class NumberEffect(SensorEffect):
         return [object_name(model, "sensor", s) for s in sensors]
 
     def for_each(self, name: str, unit: str, high: float) -> tuple[Parameter, ...]:
-        """A parameter within `high` of 0 for each of the sensor's numbers: `name`, or x, y and z of several."""
+        """A parameter within `high` of 0 for each of the sensor's numbers: `name`, or x, y and z of several.
+
+        In a log that has some of them, of those alone: nothing would show the others.
+        """
         size = self.columns.stop - self.columns.start
         names = (name,) if size == 1 else "xyz"[:size]
-        return tuple(Parameter(n, unit, -high, high, 0.0) for n in names)
+        return tuple(Parameter(names[k], unit, -high, high, 0.0) for k in self._shown)
+
+    def of_all(self, values: np.ndarray) -> np.ndarray:
+        """Values (simulation, parameter) of `for_each` for all of the sensor's numbers, (simulation, column)."""
+        every = np.zeros((len(values), self.columns.stop - self.columns.start))
+        every[:, self._shown] = values
+        return every
+
+    @property
+    def _shown(self) -> list[int]:
+        """Which of the sensor's numbers the log has that it looks in; all of them where that has none."""
+        first, end = self.columns.start, self.columns.stop
+        own = [k - first for k in range(first, end) if self.logged is None or k in self.logged]
+        return own or list(range(end - first))
 
 
 class TimeEffect(SensorEffect):

@@ -136,6 +136,7 @@ class Effect(ABC):
         simulation begins, they know what the others do, in whatever order the effects are named.
     reads_actuators: whether it has a `pick_up`, for which a simulation keeps what its actuators give.
     reports_late: whether it has a `lateness`, for which a simulation begins before its window.
+    number_by_number: whether it has a parameter for each of a sensor's numbers, of those alone that a log has.
     window, longest, logged: of the log that it is looked for in, as `look_in` is given them; None where in no log.
     states_tried: points (point, state) among which those that a simulation began with are looked for, where a descent
         from 0 can miss them; none where it finds them.
@@ -164,6 +165,7 @@ class Effect(ABC):
     reads_acceleration: ClassVar[bool] = False
     reads_actuators: ClassVar[bool] = False
     reports_late: ClassVar[bool] = False
+    number_by_number: ClassVar[bool] = False
     substeps: int = 1
     window: float | None = None
     longest: float | None = None

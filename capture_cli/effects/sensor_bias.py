@@ -14,6 +14,7 @@ class SensorBias(NumberEffect):
     """An offset, in the sensor's unit, of each of its numbers: `offset`, or `x`, `y` and `z`."""
 
     summary = "a sensor reports with an offset"
+    number_by_number = True
     kernel = staticmethod(offset_readings)
 
     @property
@@ -21,9 +22,9 @@ class SensorBias(NumberEffect):
         return self.for_each("offset", self.quantity.unit, 0.3 * self.quantity.size)
 
     def coefficients(self, values):
-        return {"offset": values}
+        return {"offset": self.of_all(values)}
 
     def undone(self, jets, values):
         true = jets.copy()
-        true[:, 0] -= values
+        true[:, 0] -= self.of_all(values)
         return true

@@ -44,6 +44,7 @@ class SensorCrosstalk(NumberEffect):
     summary = "a sensor picks up a motor's current: an encoder or a compass beside it, a load cell"
     where = "every sensor but those of orientation, with actuators next to it that do not drive its own joint"
     reads_actuators = True
+    number_by_number = True
 
     def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
         super().__init__(model, site)
@@ -68,11 +69,12 @@ class SensorCrosstalk(NumberEffect):
         return self.for_each("share", unit, MOST * self.quantity.size / strongest)
 
     def coefficients(self, values):
-        return {"share": values}
+        return {"share": self.of_all(values)}
 
     def pick_up(self, sensors, values, actuator_force):
         reported, force = sensors.copy(), actuator_force[..., [self.actuator]]
-        reported[..., self.columns] = picked_up(reported[..., self.columns], force, share=values[:, None])
+        share = self.of_all(values)[:, None]
+        reported[..., self.columns] = picked_up(reported[..., self.columns], force, share=share)
         return reported
 
     def measure(self, sensors, values, timestep, **_):
@@ -80,7 +82,8 @@ class SensorCrosstalk(NumberEffect):
 
     def companion(self, name, values):
         force = f"data.actuator_force[{self.actuator}]"
-        shares = {"share": values if len(values) > 1 else values[0]}
+        (shares,) = self.of_all(values[None])
+        shares = {"share": shares if len(shares) > 1 else shares[0]}
         reported, _ = call(name, picked_up, ["data.sensordata[at]", force], shares)
         at = columns_source(self.model, object_name(self.model, "sensor", self.sensor))
         return Companion((picked_up,), (), after=(f"at = {at}", f"data.sensordata[at] = {reported}"))

@@ -20,6 +20,7 @@ class SensorDrift(NumberEffect):
     """
 
     summary = "a sensor's offset grows while the machine runs"
+    number_by_number = True
     kernel = staticmethod(drifted)
 
     @property
@@ -27,14 +28,14 @@ class SensorDrift(NumberEffect):
         return self.for_each("rate", f"{self.quantity.unit}/s", LARGEST * self.quantity.size)
 
     def coefficients(self, values):
-        return {"rate": values}
+        return {"rate": self.of_all(values)}
 
     def measure(self, sensors, values, timestep, *, elapsed=0.0, **_):
         begin = np.broadcast_to(elapsed, len(values))[:, None]
         return self.measured(sensors, values, timestep, elapsed=begin)
 
     def true_motion(self, jets, values, elapsed=0.0):
-        true = jets.copy()
+        true, values = jets.copy(), self.of_all(values)
         true[:, 0, self.columns] -= values * np.reshape(elapsed, (-1, 1))
         true[:, 1, self.columns] -= values
         return true

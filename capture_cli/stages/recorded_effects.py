@@ -36,9 +36,17 @@ def recorded_effects(rows, model, command: str) -> WithValues:
         effect = REGISTRY.get(row["name"])(model, row["site"])
         name = Placed(row["name"], effect).name
         known = {n: p for n, p in row["parameters"].items() if not effect.of_one_recording(n)}
+        known = _of_what_was_not_logged(effect) | known
         values = recorded_values(known, effect.space, name, command)
         effects[name] = (effect, _null_of_here(effect.space, values, known))
     return effects
+
+
+def _of_what_was_not_logged(effect: Effect) -> dict[str, dict[str, float]]:
+    """Null for each of a sensor's several numbers, which a diagnosis leaves out where its log lacked them."""
+    if not effect.number_by_number or len(effect.parameters) == 1:
+        return {}
+    return {p.name: {"value": p.nominal, "high": p.high} for p in effect.parameters}
 
 
 def _null_of_here(space: ParameterSpace, values: np.ndarray, recorded: Mapping[str, Any]) -> np.ndarray:
