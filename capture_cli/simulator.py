@@ -309,9 +309,9 @@ class Simulator:
         """Rollouts whose sensors are the outputs on the grid of the windows."""
         windows, row, each = runs.windows, runs.row, runs.each
         begun, length = self._begun(runs), windows.grid * windows.timestep
-        ahead = -self._lateness(each, windows.elapsed[row] + length)[:, self._sensors].min(
-            axis=1, initial=0.0
-        )
+        # each by itself: a clock that runs ahead is read before what is late after it
+        late = self._each_lateness(each, windows.elapsed[row] + length)
+        ahead = sum(-np.minimum(own[:, self._sensors], 0.0).min(axis=1, initial=0.0) for own in late)
         more = begun.early + ahead + self._drift(each, np.full(len(row), length))
         rollouts = self._step(
             begun,
@@ -374,7 +374,12 @@ class Simulator:
         episode began.
         """
         none = np.zeros((len(each), self.task.model.nsensordata))
-        return sum((own.effect.lateness(each[:, own.parameters], elapsed) for own in self._placed), none)
+        return sum(self._each_lateness(each, elapsed), none)
+
+    def _each_lateness(self, each: np.ndarray, elapsed: np.ndarray) -> list[np.ndarray]:
+        """The same by each effect, (simulation, column)."""
+        none = np.zeros((len(each), self.task.model.nsensordata))
+        return [none + own.effect.lateness(each[:, own.parameters], elapsed) for own in self._placed]
 
     def _start_change(
         self, reported: ReportedMotion, before: np.ndarray, each: np.ndarray, elapsed: np.ndarray

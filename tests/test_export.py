@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import subprocess
 import sys
@@ -259,6 +260,14 @@ def test_several_effects_act_together(tasks, tmp_path):
     )
     written = export(result=diagnosis(tmp_path / "d", tasks["slider"], found), out=tmp_path / "m.xml")
     assert written.effects == tuple(found)[1:], "coulomb-friction is in the model"
+    assert np.abs(played(written, tasks["slider"]) - simulated(tasks["slider"], found)).max() < EXACT
+
+
+@pytest.mark.parametrize("names", list(itertools.permutations(["sensor-delay@x", "sensor-own-clock@x"])))
+def test_a_clock_that_runs_ahead_of_what_is_late_is_exact_to_the_end(names, tasks, tmp_path):
+    """The simulation ended where both together are, and the clock went on in a straight line from there."""
+    found = found_at(*names, where="slider", part=0.3)
+    written = export(result=diagnosis(tmp_path / "d", tasks["slider"], found), out=tmp_path / "m.xml")
     assert np.abs(played(written, tasks["slider"]) - simulated(tasks["slider"], found)).max() < EXACT
 
 
