@@ -202,8 +202,7 @@ class Linearization:
         dx = x - self.x
         dz = scaled_offsets(self.evidence, offsets - self.offsets)[:, self.evidence.movable]
         expected = self.residual - self.by_parameter @ dx - (self.by_start @ dz[..., None])[..., 0]
-        seen = np.square(self.by_parameter).sum(axis=(0, 1)) > self.scatter / UNSEEN**2
-        along = np.where(seen, dx, 0.0)
+        along = np.where(self.unseen, 0.0, dx)
         square = float(along @ along)
         change = (expected - residual)[..., None] * (along / square) if square > 0 else 0.0
         by_parameter = self.by_parameter + change
@@ -240,6 +239,11 @@ class Linearization:
         movable = self.evidence.movable
         sd = self.evidence.start_sd[:, movable]
         return np.divide(self.offsets[:, movable], sd, out=np.zeros_like(sd), where=sd > 0)
+
+    @property
+    def unseen(self) -> np.ndarray:
+        """Which parameters show next to nothing here, (parameter,)."""
+        return np.square(self.by_parameter).sum(axis=(0, 1)) <= self.scatter / UNSEEN**2
 
     @cached_property
     def scatter(self) -> float:

@@ -10,7 +10,7 @@ from capture_cli.protocol.model_fits import ModelFits
 from capture_cli.protocol.prepare import prepare
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.stages import estimation
-from capture_cli.stages.estimation import by_physics
+from capture_cli.stages.estimation import by_physics, from_where_all_show
 from capture_cli.stages.progress import Progress
 from capture_cli.stages.record import record
 from capture_cli.tasks import load_task
@@ -73,3 +73,62 @@ def test_offsets_of_the_starts_are_gone_on_from(prepared):
 def test_when_a_descent_is_over(errors, over):
     history = [Best(np.zeros(1), np.zeros((1, 1)), e) for e in errors]
     assert estimation._idle(history, count=1000, unexplained_rounds=2) == over
+
+
+WALL_XML = """
+<mujoco model="cart">
+  <option timestep="0.001" integrator="implicitfast"/>
+  <worldbody>
+    <geom name="wall" type="box" size=".1 1 1" pos="1 0 0" solref="0.02 1"/>
+    <body name="cart">
+      <joint name="x" type="slide" axis="1 0 0" stiffness="20" damping="2"/>
+      <geom type="box" size=".1 .1 .1" mass="2"/>
+    </body>
+  </worldbody>
+  <actuator><motor name="m" joint="x" ctrlrange="-10 10"/></actuator>
+  <sensor><jointpos name="x" joint="x"/></sensor>
+</mujoco>
+"""
+WALL_TOML = """
+format = 1
+name = "cart"
+model = "model.xml"
+parameters.mass = { set = "body:cart:mass", low = 1.0, high = 5.0, unit = "kg" }
+parameters.wall = { set = "geom:wall:size_x", low = 0.05, high = 0.85, unit = "m" }
+inputs.m = { column = "u", unit = "N" }
+outputs.x = { column = "x", unit = "m" }
+log.window = 0.5
+"""
+
+
+def test_what_does_not_show_at_the_nominal_value_is_looked_for_where_it_does(tmp_path):
+    """A cart that touches a wall which, where the model has it, it never reaches: only a little of the wall's range is
+    neither out of reach nor far too near.
+    """
+    (tmp_path / "model.xml").write_text(WALL_XML)
+    (tmp_path / "task.toml").write_text(WALL_TOML)
+    task = str(tmp_path / "task.toml")
+
+    def driven(wall: float):
+        made = record(
+            task=task,
+            out=tmp_path / f"{wall}.zarr",
+            parameters={"mass": 1.8, "wall": wall},
+            noise=5e-4,
+            episodes=4,
+            duration=4.0,
+            rate=200,
+            seed=1,
+            threads=1,
+        )
+        return made.log
+
+    reach = float(driven(0.05).values.max())
+    wall = 0.9 - 0.95 * reach
+    ready = prepare(driven(wall), load_task(task), window=None, test=None, seed=0)
+    found = found_in(ready)
+    assert found.at.at.unseen.tolist() == [False, True]
+    with Progress("identify", "round", quiet=True) as progress:
+        better = from_where_all_show(found, progress, seed=0)
+    assert better.best.parameters == pytest.approx([1.8, wall], abs=0.01)
+    assert better.best.error < 1.1

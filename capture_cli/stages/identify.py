@@ -29,6 +29,7 @@ from capture_cli.stages.estimation import (
     Found,
     by_physics,
     by_rounds,
+    from_where_all_show,
     looked_about,
     unstuck,
     with_longer_differences,
@@ -200,7 +201,8 @@ class _Search:
         if self.rounds is not None or self.chosen.method is not LeastSquares:
             return found
         found = with_longer_differences(found, self.progress, seed=self.seed, threads=self.threads)
-        return unstuck(found, self.progress, seed=self.seed)
+        found = unstuck(found, self.progress, seed=self.seed)
+        return from_where_all_show(found, self.progress, seed=self.seed)
 
 
 def _misread(search: _Search, window: float | None) -> tuple[dict[str, Any] | None, int]:
