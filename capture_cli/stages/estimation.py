@@ -17,7 +17,7 @@ from capture_cli.identifiers.rounds import Rounds, finite
 from capture_cli.linearization import Linearization
 from capture_cli.parameters import ParameterSpace
 from capture_cli.protocol.difference_step import difference_step, hits_something
-from capture_cli.protocol.fit import TOLERANCE, Fit
+from capture_cli.protocol.fit import AS_GOOD, TOLERANCE, Fit
 from capture_cli.protocol.log_checks import all_diverged
 from capture_cli.protocol.log_starts import as_acted
 from capture_cli.protocol.model_fits import ModelFits
@@ -41,7 +41,8 @@ AROUND, AROUND_POINTS = 0.1, 81  # of the range, about the answer to labels, whi
 ROUNDS = 100  # of simulations, at most, unless told otherwise
 ONE_SD = 1.0  # of the objective over k, by which an estimate that is off by its standard deviation is above the bottom
 AGAIN = 20  # rounds, at most, of a descent from a better point near where one ended
-ALONG = 17  # places along the range of a parameter that shows nowhere about the estimate
+# Places along the range of a parameter that shows nowhere about the estimate, and, of the objective over k, what shows
+ALONG, SHOWS = 17, 0.1
 JUDGED_BY = 3  # entries of the log, at most, that the estimates of all rounds are compared on
 
 
@@ -235,41 +236,44 @@ def unstuck(found: Found, progress: Progress, *, seed: int) -> Found:
 
 
 def from_where_all_show(found: Found, progress: Progress, *, seed: int) -> Found:
-    """`found`; where a parameter shows nowhere about it, from the best place along its range, if that is a better one:
-    the grip of a wheel that never slips with the nominal one tells nothing, and less of it may explain what is left.
+    """`found`; where a parameter shows nowhere about it, from where it does, if that is better by more than chance: the
+    grip of a wheel that never slips with the nominal one tells nothing, and less of it may explain what is left.
     """
-    fits, at = found.fits, found.at.at
-    now, k = at.objectives(at.scatter).sum(), at.scatter
-    for column in np.flatnonzero(at.unseen):
-        points, objectives = _along(found, column)
-        best = int(np.argmin(objectives))
-        if now - objectives[best] > ONE_SD * k:
-            again = by_physics(fits, points[best], progress, seed=seed, rounds=AGAIN, offsets=at.offsets)
-            return _after(found, again) if again.best.error < found.best.error else found
+    for column in np.flatnonzero(found.at.at.unseen):
+        point = _where_it_shows(found, column)
+        if point is not None:
+            offsets = found.at.at.offsets
+            again = by_physics(found.fits, point, progress, seed=seed, rounds=AGAIN, offsets=offsets)
+            gained = (found.best.error**2 - again.best.error**2) * found.at.at.evidence.count
+            if gained > AS_GOOD * found.at.at.scatter:
+                return _after(found, again)
     return found
 
 
-def _along(found: Found, column: int) -> tuple[np.ndarray, np.ndarray]:
-    """Points (point, parameter) along the range of one parameter, and objectives (point,) there: closer where it begins
-    to show, as it has its best place there: what slips more is far off, what slips less is like what never slips.
+def _where_it_shows(found: Found, column: int) -> np.ndarray | None:
+    """The best point (parameter,) along one parameter's range of those at which it shows; None where it never does.
+
+    Closer where it begins to show: a wheel that slips more is far off, and one that slips less is like one that never
+    does.
     """
     fits, at = found.fits, found.at.at
     now, k = at.objectives(at.scatter).sum(), at.scatter
 
-    def at_places(places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def along(places: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         x = np.repeat(at.x[None], len(places), axis=0)
         x[:, column] = places
         points = found.at.space.from_unit(x)
-        return points, fits.objectives(found.part, found.at, PartFit.of(at), points)
+        objectives = fits.objectives(found.part, found.at, PartFit.of(at), points)
+        return points, objectives, np.abs(objectives - now) > SHOWS * k
 
     places = np.linspace(0, 1, ALONG)
-    points, objectives = at_places(places)
-    shows = np.abs(objectives - now) > ONE_SD * k
+    *_, shows = along(places)
     begins = np.flatnonzero(shows[1:] != shows[:-1])
     if not begins.size:
-        return points, objectives
-    closer = at_places(np.concatenate([np.linspace(places[i], places[i + 1], ALONG) for i in begins]))
-    return np.concatenate([points, closer[0]]), np.concatenate([objectives, closer[1]])
+        return None
+    closer = np.concatenate([np.linspace(places[i], places[i + 1], ALONG) for i in begins])
+    points, objectives, shows = along(closer)
+    return points[np.argmin(np.where(shows, objectives, np.inf))]
 
 
 def _after(found: Found, again: Found) -> Found:
