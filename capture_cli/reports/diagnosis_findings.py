@@ -159,11 +159,12 @@ def summary(document: Mapping[str, Any]) -> str:
         return f"Nothing is missing: the error is {significant(left['normalized'])} times the noise floor."
     part, where = ("test", "held-out") if stages[-1]["test"] else ("fit", "fit")
     first, last = (stage[part]["normalized"] for stage in (stages[0], stages[-1]))
-    stamps = f" {behind(document)}" if behind(document) else ""
+    by_stamps = behind(document)
+    stamps = f" {by_stamps}" if by_stamps else ""
     if not effects and not left["lacking"]:
         return (
             "The model fits what it was fitted to, but not what was held out: there the error is "
-            f"{significant(last)} times the noise floor. {behind(document) or NOT_ALIKE}"
+            f"{significant(last)} times the noise floor. {by_stamps or NOT_ALIKE}"
         )
     if not effects:
         return (

@@ -200,7 +200,7 @@ class Engine:
 
         controls: (row, at least `steps`, nu); simulation i is driven by controls[control_row[i]] (row i where None).
         fields: per-simulation model values; constants that derive from them are recomputed.
-        columns: which columns of sensordata to keep (all where None). states: keep states, contacts and forces as well;
+        columns: which columns of sensordata to keep (all where None). states: keep states, contacts, limits, forces;
         actuator_forces: keep those of actuators, whatever `states` says.
         substeps: how many of the simulations' own time steps, which `fields` then say, make one step.
 
