@@ -128,15 +128,16 @@ class _Looks:
         return [ways[i] for i in np.argsort(at_a_glance, kind="stable")[:LOOKED_AT]]
 
     def left(self, way: Reading, windows: int, rounds: int) -> float:
-        """Share of the motion that a fit leaves of the log read so, cut as it is; inf where it cannot be read so."""
-        log = replace(self.prepared.log, **{way.kind: _values(self.prepared, way)})
+        """Share of the motion that a fit leaves of the log read so, cut as it is, by differences as long as of the log as
+        it was read; inf where it cannot be read so.
+        """
+        prepared = self.prepared
+        log = replace(prepared.log, **{way.kind: _values(prepared, way)})
+        cut = dict(window=self.window, test="none", seed=0, step=prepared.difference_step)
         try:
-            part = prepare(
-                log, self.prepared.task, window=self.window, test="none", seed=0, threads=self.threads
-            )
+            part = prepare(log, prepared.task, **cut, threads=self.threads)
         except CaptureError:
             return np.inf
-        self.rollouts += part.rollouts
         return _total(self.shares(part, windows, rounds))
 
     def shares(self, whole: PreparedLog, windows: int, rounds: int) -> np.ndarray:

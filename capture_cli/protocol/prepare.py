@@ -29,6 +29,7 @@ def prepare(
     test: str | None,
     seed: int,
     held_out: EarlierSplit | None = None,
+    step: float | None = None,
     threads: int | None = None,
 ) -> PreparedLog:
     """Check that the log fits the task, and make it ready. Raises LogError or OptionError.
@@ -69,7 +70,7 @@ def prepare(
     )
     prepared = PreparedLog(task, log, windows, starts, noise, split)
     check_fitted(prepared)
-    step, rollouts = difference_step(prepared, threads)
+    step, rollouts = difference_step(prepared, threads) if step is None else (step, 0)
     return replace(prepared, difference_step=step, rollouts=rollouts)
 
 
