@@ -128,8 +128,9 @@ class _Looks:
         return [ways[i] for i in np.argsort(at_a_glance, kind="stable")[:LOOKED_AT]]
 
     def left(self, way: Reading, windows: int, rounds: int) -> float:
-        """Share of the motion that a fit leaves of the log read so, cut as it is, by differences as long as of the log as
-        it was read; inf where it cannot be read so.
+        """Share of the motion that a fit leaves of the log read so, cut as it is; inf where it cannot be read so.
+
+        Differences are as long as of the log as it was read: to see how long they have to be costs more than the fit.
         """
         prepared = self.prepared
         log = replace(prepared.log, **{way.kind: _values(prepared, way)})
