@@ -26,7 +26,7 @@ ROWS = (
     ("simulator", "worlds", "observation_noise", "multisine"),
     ("tasks", "effects"),
     ("sim", "stores"),
-    ("autocorrelation", "json_text", "named_arrays", "parameters", "registry"),
+    ("autocorrelation", "evenly_spread", "json_text", "named_arrays", "parameters", "registry"),
     ("errors",),
     ("__init__",),
 )
@@ -34,6 +34,7 @@ ROW = {name: number for number, row in enumerate(ROWS) for name in row}
 # only stages join files and algorithms: these take arrays and return arrays
 ALGORITHMS = (
     "autocorrelation",
+    "evenly_spread",
     "identifiers",
     "linearization",
     "policies",

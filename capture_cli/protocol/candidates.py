@@ -15,6 +15,7 @@ from capture_cli.diagnosis.score import STEP, Score, score, similarity
 from capture_cli.effects import REGISTRY
 from capture_cli.effects.base import Driven, Effect, JointMotion, Recordings, Reports
 from capture_cli.effects.placed import Placed
+from capture_cli.evenly_spread import evenly_spread
 from capture_cli.linearization import Linearization
 from capture_cli.protocol.fit import Fit
 from capture_cli.protocol.log_windows import clock
@@ -158,7 +159,7 @@ def thinned(part: PreparedLog, fit: Fit) -> tuple[PreparedLog, Linearization]:
     most = int(np.clip(affordable, FEWEST_SCORED, SCORED_WINDOWS))
     if count <= most:
         return part, fit.at
-    keep = np.unique(np.linspace(0, count - 1, most).astype(int))
+    keep = evenly_spread(count, most)
     few, at = part.part(keep), fit.at.windows(keep)
     rows = few.windows.measured.shape[1] * few.windows.measured.shape[2]  # its longest window may be gone
     return few, replace(

@@ -13,6 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from capture_cli.evenly_spread import evenly_spread
 from capture_cli.identifiers.base import Trial
 from capture_cli.linearization import ROUGH_START_STEP, Linearization, columns
 from capture_cli.protocol.prepared_log import PreparedLog
@@ -44,7 +45,7 @@ def difference_step(
         return 0.0, 0
     point = space.nominal if point is None else point
     offsets = np.zeros_like(prepared.starts.sd) if offsets is None else offsets
-    some = _evenly_spread(prepared)
+    some = evenly_spread(len(prepared.windows), WINDOWS)
     few, offsets = prepared.part(some), offsets[some]
     simulator = Simulator(prepared.task, engine=Engine(model, threads))
     if not _hits(few, simulator, point, offsets):
@@ -62,12 +63,8 @@ def hits_something(
     """
     if not can_hit(prepared.task.model):
         return False
-    some = _evenly_spread(prepared)
+    some = evenly_spread(len(prepared.windows), WINDOWS)
     return _hits(prepared.part(some), simulator, point, offsets[some])
-
-
-def _evenly_spread(prepared: PreparedLog) -> np.ndarray:
-    return np.unique(np.linspace(0, len(prepared.windows) - 1, WINDOWS).astype(int))
 
 
 def _hits(part: PreparedLog, simulator: Simulator, point: np.ndarray, offsets: np.ndarray) -> bool:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from capture_cli.errors import FitError, LogError, OptionError
+from capture_cli.evenly_spread import evenly_spread
 from capture_cli.identifiers.base import Trial
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.sim.coordinate_sources import unmeasured_joints
@@ -19,6 +20,7 @@ from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.tasks.base import Channel, Task
 
 MOVES_SHARE = 0.05  # of the range: the step with which a parameter must move some output
+MOVED_AT_FIRST = 16  # windows, evenly spread
 MOVES_LEAST = 1e-4  # of the noise floor: less is nothing
 FEWEST_SAMPLES = 8  # of the longest episode
 IMPORT_AGAIN = "import it again: columns, scales and offsets are applied by `capture import-log`"
@@ -161,7 +163,7 @@ def check_parameters_move_outputs(prepared: PreparedLog, *, seed: int, threads: 
         return 0
     random = np.random.default_rng(seed).uniform(0.1, 0.9, len(space))
     bases = np.clip([space.to_unit(space.nominal), np.full(len(space), 0.5), random], 0, 1)
-    some = prepared.part(np.unique(np.linspace(0, len(prepared.windows) - 1, 16).astype(int)))
+    some = prepared.part(evenly_spread(len(prepared.windows), MOVED_AT_FIRST))
     short = [(some, base, base + np.where(base < 0.5, MOVES_SHARE, -MOVES_SHARE)) for base in bases]
     far = [(prepared, base, np.full(len(space), end)) for base in bases for end in (0.0, 1.0)]
     still, seen = np.ones(len(space), dtype=bool), np.zeros(len(space), dtype=bool)

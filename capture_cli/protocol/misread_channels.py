@@ -9,6 +9,7 @@ from itertools import combinations
 import numpy as np
 
 from capture_cli.errors import CaptureError
+from capture_cli.evenly_spread import evenly_spread
 from capture_cli.protocol.model_fits import ModelFits
 from capture_cli.protocol.prepare import prepare
 from capture_cli.protocol.prepared_log import PreparedLog, attitudes
@@ -145,7 +146,7 @@ class _Looks:
         """Share of the motion of each output that a fit to so many windows leaves, (output,), LARGEST_SHARE at most,
         NaN of those that do not move and inf where every trial diverges.
         """
-        few = self.fitted[np.unique(np.linspace(0, len(self.fitted) - 1, windows).astype(int))]
+        few = self.fitted[evenly_spread(len(self.fitted), windows)]
         part = whole.part(few)
         fits = ModelFits(part, self.threads)
         fit = fits.fit(part, [], part.task.space.nominal, rounds=rounds)

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from capture_cli.diagnosis.lack_of_fit import PRACTICAL, lack_of_fit
+from capture_cli.evenly_spread import evenly_spread
 from capture_cli.identifiers._sampled_posterior import SampledPosterior, is_rough, sampled_posterior
 from capture_cli.identifiers.base import Best, Identifier, run
 from capture_cli.identifiers.intervals import Intervals, intervals, unit_covariance
@@ -345,7 +346,7 @@ def _errors(fits: ModelFits, part: PreparedLog, logged: LoggedRounds, points: np
     """
     if not logged.noise_sd.all():
         return fits.errors(part, points)
-    some = np.unique(np.linspace(0, len(logged) - 1, JUDGED_BY).astype(int))
+    some = evenly_spread(len(logged), JUDGED_BY)
     actions = np.tile(logged.actions[some], (len(points), 1))
     simulator = Simulator(logged.task, engine=fits.engine)
     trajectories, diverged = simulator.trajectories(np.repeat(points, len(some), axis=0), actions)

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from capture_cli.errors import FitError, TaskError
+from capture_cli.evenly_spread import evenly_spread
 from capture_cli.simulator import Simulator
 from capture_cli.tasks.base import ActionTask
 from capture_cli.tasks.tape_task import TapeTask
@@ -28,7 +29,7 @@ def check_parameters_move_trajectories(task: TapeTask, *, seed: int, threads: in
     simulator = Simulator(task, threads=threads)
     still = np.arange(len(task.space))
     for count in ACTIONS:
-        rows = np.unique(np.linspace(0, len(task.library) - 1, count).astype(int))
+        rows = evenly_spread(len(task.library), count)
         still = _still(simulator, task.library[rows], still, seed)
     if not still.size:
         return

@@ -8,6 +8,7 @@ import numpy as np
 
 from capture_cli.diagnosis.noise_floor import NoiseFloor
 from capture_cli.diagnosis.split import Split
+from capture_cli.evenly_spread import evenly_spread
 from capture_cli.protocol.difference_step import difference_step
 from capture_cli.protocol.log_starts import as_acted, in_whole_episodes, log_starts
 from capture_cli.protocol.log_windows import cut_log
@@ -103,7 +104,7 @@ def planned(
     none_held_out = Split(np.zeros(len(windows), dtype=bool), "nothing held out")
     there = StartEstimate(starts, read.sd)
     prepared = PreparedLog(task, log, windows, there, known.noise, none_held_out)
-    some = np.unique(np.linspace(0, len(windows) - 1, JUDGED).astype(int))
+    some = evenly_spread(len(windows), JUDGED)
     step, _ = difference_step(prepared.part(some), threads, known.point)
     prepared = replace(prepared, difference_step=step)
     return as_acted(prepared) if known.acted else prepared, sound
