@@ -57,9 +57,14 @@ class EarlierEstimate:
         """With which it was made."""
         return self.provenance["options"]
 
-    def task(self, real_log: Path) -> str:
-        """The `--task` it was made with: a name, or where the file is now. Raises OptionError where it is gone."""
-        return recorded_task(self.path, self.provenance, str(real_log))
+    def taken_over(self, options: Mapping[str, Any], real_log: Path) -> dict[str, Any]:
+        """Options of a run that goes on from it, those that nobody gave as it was made with; its task where the file
+        is now. Raises OptionError where it is gone.
+        """
+        taken = {**options, **{n: self.options[n] for n in OPTIONS if options[n] is None}}
+        if options["task"] is None:
+            taken["task"] = recorded_task(self.path, self.provenance, str(real_log))
+        return taken
 
     def check(self, task: Task, log: MeasuredLog) -> None:
         """Raise CaptureError where it is of another task, other parameters, or not of the first episodes of `log`."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import shlex
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,6 @@ from capture_cli.identifiers.least_squares import LeastSquares
 from capture_cli.protocol.log_checks import check_parameters_move_outputs
 from capture_cli.protocol.misread_channels import misread_channels
 from capture_cli.protocol.model_fits import ModelFits
-from capture_cli.protocol.prepare import prepare
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.protocol.repeated_noise import with_noise_of_repeats
 from capture_cli.protocol.residual_noise import with_noise_of_residual
@@ -34,12 +33,13 @@ from capture_cli.stages.estimation import (
     unstuck,
     with_longer_differences,
 )
+from capture_cli.stages.log_to_fit import LogToFit
 from capture_cli.stages.progress import Progress
-from capture_cli.stages.recorded_task import find_task, named, task_inputs
+from capture_cli.stages.recorded_task import find_task
 from capture_cli.stages.wide_bounds import warn_of_wide_bounds
 from capture_cli.stores.estimate import Estimate
 from capture_cli.stores.measured_log import MeasuredLog
-from capture_cli.stores.output import new_directory, refuse_existing, refuse_inputs
+from capture_cli.stores.output import new_directory, refuse_existing
 from capture_cli.stores.provenance import Provenance
 from capture_cli.tasks.base import ActionTask
 
@@ -77,47 +77,30 @@ def identify(
     earlier = None
     if resume:
         earlier = EarlierEstimate.read(out)
-        taken = earlier.options | {"task": earlier.task(real_log) if task is None else task}
-        for name in ("task", "identifier", "test", "window", "seed"):
-            options[name] = options[name] if options[name] is not None else taken[name]
-    options["seed"] = options["seed"] or 0
+        options = earlier.taken_over(options, real_log)
     found = find_task(options["task"], log)
     if earlier is not None:
         earlier.check(found, log)
-    options["task"] = options["task"] or named(found)
     chosen = choose_identifier(options["identifier"], found, log)
-    inputs = {"real_log": real_log, **task_inputs(found), "identifier": chosen.path}
-    refuse_inputs(out, inputs.values())
-    provenance = Provenance("identify", options, inputs)
+    to_fit = LogToFit.of("identify", log, found, options, out=out, identifier=chosen.path)
     warn_of_wide_bounds(found)
-    given = {name: options[name] for name in ("window", "test", "seed")}
-    prepared = prepare(log, found, **given, threads=threads)
+    prepared = to_fit.prepared()
     if earlier is not None:
         prepared = replace(prepared, split=earlier.split(prepared.windows, prepared.split))
     _import_meanwhile(NEEDED_LAST)
+    options = to_fit.options
     with Progress("identify", "round", quiet=quiet) as progress:
         search = _Search(prepared, chosen, progress, starts, rounds, options["seed"], threads, earlier)
-        result = search.run()
-        estimate = Report(result, chosen.name, options["seed"], earlier, progress).estimate()
-        document = estimate.document
-        suspicious = bool(suspicions(estimate))
-        if suspicious and not isinstance(found, ActionTask):
-            document["misread"], more = _misread(search, options["window"])
-            document["rollouts"]["simulated"] += more
-        if document["misread"] and document["lack_of_fit"]["lacking"]:
-            document["summary"] = unexplained(document["lack_of_fit"], "A channel seems to be misread.")
-        elif suspicious and document["lack_of_fit"]["lacking"] and not document["diverged_windows"]:
-            why = "A channel may be misread, or the model lacks much."
-            document["summary"] = unexplained(document["lack_of_fit"], why)
-    lacking = document["verdict"] == "unexplained" and not is_fit_explained(document)
-    if lacking and not (document["cut_short"] or suspicious or behind(document) == STAMPS_ALONE):
-        document["next_command"] = shlex.join(
-            ["capture", "diagnose", "--real-log", str(real_log), "--estimate", str(out)]
-        )
+        estimate = Report(search.run(), chosen.name, options["seed"], earlier, progress).estimate()
+        if suspicions(estimate):
+            _look_for_misread(estimate.document, search, options["window"])
+        elif _lacks(estimate.document):
+            diagnose = ["capture", "diagnose", "--real-log", str(real_log), "--estimate", str(out)]
+            estimate.document["next_command"] = shlex.join(diagnose)
     with new_directory(out, force=force or resume) as folder:
         estimate.write(folder)
-        _write_pages(estimate, folder, provenance)
-        provenance.write(folder)
+        _write_pages(estimate, folder, to_fit.provenance)
+        to_fit.provenance.write(folder)
     return estimate
 
 
@@ -165,34 +148,39 @@ class _Search:
 
     def _find(self, prepared: PreparedLog, start: np.ndarray, before: Found | None = None) -> Found:
         """before: found with another noise floor; physics goes on from there, rounds in context are made anew."""
-        earlier = self.earlier
-        fitted = ~prepared.split.is_test
-        new = None if earlier is None else earlier.new(prepared.windows)
-        if self.chosen.checkpoint is not None and (new is None or (new & fitted).any()):
-            return by_rounds(
-                prepared,
-                self.chosen.checkpoint,
-                self.chosen.path,
-                self.progress,
-                start=start,
-                rounds=self.rounds,
-                starts=self.starts,
-                threads=self.threads,
-                seed=self.seed,
-                new=new,
-                earlier=None if earlier is None else earlier.rounds,
-            )
+        new = None if self.earlier is None else self.earlier.new(prepared.windows)
+        if self.chosen.checkpoint is not None and (new is None or (new & ~prepared.split.is_test).any()):
+            return self._by_rounds(prepared, start, new)
+        return self._by_physics(prepared, start, before)
+
+    def _by_rounds(self, prepared: PreparedLog, start: np.ndarray, new: np.ndarray | None) -> Found:
+        """new (window,): those of episodes that the earlier estimate has not seen."""
+        return by_rounds(
+            prepared,
+            self.chosen.checkpoint,
+            self.chosen.path,
+            self.progress,
+            start=start,
+            rounds=self.rounds,
+            starts=self.starts,
+            threads=self.threads,
+            seed=self.seed,
+            new=new,
+            earlier=None if self.earlier is None else self.earlier.rounds,
+        )
+
+    def _by_physics(self, prepared: PreparedLog, start: np.ndarray, before: Found | None) -> Found:
         offsets = None
         if before is not None:
-            start = before.best.parameters
-            offsets = prepared.part(fitted).offsets_from(before.part, before.best.offsets)
+            start, fitted = before.best.parameters, prepared.part(~prepared.split.is_test)
+            offsets = fitted.offsets_from(before.part, before.best.offsets)
         found = by_physics(
             ModelFits(prepared, self.threads),
             start,
             self.progress,
             offsets=offsets,
             method=self.chosen.method,
-            starts=self.starts if earlier is None else 1,
+            starts=self.starts if self.earlier is None else 1,
             rounds=ROUNDS if self.rounds is None else self.rounds,
             seed=self.seed,
         )
@@ -203,6 +191,22 @@ class _Search:
         found = with_longer_differences(found, self.progress, seed=self.seed, threads=self.threads)
         found = unstuck(found, self.progress, seed=self.seed)
         return from_where_all_show(found, self.progress, seed=self.seed)
+
+
+def _look_for_misread(document: dict[str, Any], search: _Search, window: float | None) -> None:
+    """Look for channels that are misread, for an estimate that leaves what no physics would; the document says which,
+    and its summary that it may be so. Actions have no channels of the log's.
+    """
+    if not isinstance(search.prepared.task, ActionTask):
+        document["misread"], rollouts = _misread(search, window)
+        document["rollouts"]["simulated"] += rollouts
+    if not document["lack_of_fit"]["lacking"]:
+        return
+    if document["misread"]:
+        document["summary"] = unexplained(document["lack_of_fit"], "A channel seems to be misread.")
+    elif not document["diverged_windows"]:
+        why = "A channel may be misread, or the model lacks much."
+        document["summary"] = unexplained(document["lack_of_fit"], why)
 
 
 def _misread(search: _Search, window: float | None) -> tuple[dict[str, Any] | None, int]:
@@ -216,6 +220,12 @@ def _misread(search: _Search, window: float | None) -> tuple[dict[str, Any] | No
 
     found, rollouts = misread_channels(search.prepared, window, search.threads, tell)
     return None if found is None else {**asdict(found), "text": found.text}, rollouts
+
+
+def _lacks(document: Mapping[str, Any]) -> bool:
+    """Whether the model lacks something: not where the search was cut short, or time stamps alone are behind it."""
+    lacking = document["verdict"] == "unexplained" and not is_fit_explained(document)
+    return lacking and not (document["cut_short"] or behind(document) == STAMPS_ALONE)
 
 
 def _import_meanwhile(modules: Sequence[str]) -> None:

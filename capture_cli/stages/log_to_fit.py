@@ -1,0 +1,51 @@
+"""What `identify` and `diagnose` begin with: a log, the task whose model is fitted to it, and the record of the run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from capture_cli.diagnosis.split import EarlierSplit
+from capture_cli.protocol.prepare import prepare
+from capture_cli.protocol.prepared_log import PreparedLog
+from capture_cli.stages.recorded_task import named, task_inputs
+from capture_cli.stores.measured_log import MeasuredLog
+from capture_cli.stores.output import refuse_inputs
+from capture_cli.stores.provenance import Provenance
+from capture_cli.tasks.base import Task
+
+
+@dataclass(frozen=True)
+class LogToFit:
+    """options: of the run, with what stands for those that nobody gave. provenance: says them, and hashes of inputs."""
+
+    log: MeasuredLog
+    task: Task
+    options: Mapping[str, Any]
+    provenance: Provenance
+
+    @classmethod
+    def of(
+        cls,
+        command: str,
+        log: MeasuredLog,
+        task: Task,
+        options: Mapping[str, Any],
+        *,
+        out: Path,
+        **others: Path | None,
+    ) -> LogToFit:
+        """Of a run of the command that writes `out`. others: what it reads beside the log and the task, by the names
+        of their options. Raises OptionError where `out` is among what it reads.
+        """
+        resolved = {**options, "task": options["task"] or named(task), "seed": options["seed"] or 0}
+        inputs = {"real_log": log.path, **task_inputs(task), **others}
+        refuse_inputs(out, inputs.values())
+        return cls(log, task, resolved, Provenance(command, resolved, inputs))
+
+    def prepared(self, held_out: EarlierSplit | None = None) -> PreparedLog:
+        """As `prepare` makes it, with the options of the run."""
+        given = {name: self.options[name] for name in ("window", "test", "seed", "threads")}
+        return prepare(self.log, self.task, **given, held_out=held_out)
