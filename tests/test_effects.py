@@ -339,15 +339,41 @@ def test_a_payload_is_a_point_mass_welded_on(host):
     xml = ARM if host == "fore" else BALL.replace("0 2 .12", "0 2 2").replace('density="1.2"', "")
     model = build(xml)
     effect = effects.REGISTRY.get("payload")(model, host)
-    mass, reach = 0.3, 1.4 * effect.distance
+    mass, place = 0.3, effect.centre.copy()
+    place[effect.axes] += [0.03, -0.02, 0.04][: len(effect.axes)]
     spec = mujoco.MjSpec.from_string(xml)
-    point = spec.body(host).add_body(name="point", pos=reach * effect.centre / effect.distance)
+    point = spec.body(host).add_body(name="point", pos=place)
     point.mass, point.ipos, point.inertia, point.explicitinertial = mass, [0.0] * 3, [1e-12] * 3, True
     welded = spec.compile()
-    sensors, _ = run(model, (effect, np.array([[mass, reach]])))
+    sensors, _ = run(model, (effect, np.append(mass, place[effect.axes])[None]))
     expected = run(welded, starts=start(model, 1), tape=controls(model, 1))[0]
     assert np.abs(run(model)[0] - expected).max() > 1e-3
     assert np.abs(sensors - expected).max() < 1e-6
+
+
+@pytest.mark.parametrize(("host", "axes"), [("fore", "xz"), ("brick", "xyz")])
+def test_where_a_payload_sits_is_looked_for_along_axes_on_which_it_shows(host, axes):
+    effect = effects.REGISTRY.get("payload")(machine("arm" if host == "fore" else "ball"), host)
+    assert effect.space.names == ("mass", *axes)
+    assert len(effect.shape_grid()) == 1 + 2 * len(axes)
+
+
+def test_several_payloads_are_one_where_their_centre_is():
+    effect = effects.REGISTRY.get("payload")(machine("arm"), "fore")
+    shapes = effect.shape_grid()
+    amplitudes = np.array([0.15, 0.1, 0.0, -0.05, 0.0])
+    (mass, *place), span = effect.mixture(shapes, amplitudes), effect.space.span[0]
+    assert mass == pytest.approx(0.2 * span)
+    np.testing.assert_allclose(mass * np.array(place), span * amplitudes @ shapes[:, 1:])
+
+
+def test_of_a_moment_without_mass_a_payload_has_as_much_as_that_takes():
+    effect = effects.REGISTRY.get("payload")(machine("arm"), "fore")
+    values = effect.mixture(effect.shape_grid(), np.array([0.0, 0.1, 0.0, -0.1, 0.0]))
+    assert effect.space.low[1] <= values[1] <= effect.space.high[1]
+    assert values[0] > 0
+    assert not effect.mixture(effect.shape_grid(), np.zeros(5))[0]
+
 
 
 def test_a_shifted_centre_of_mass_is_the_one_compiled_there():

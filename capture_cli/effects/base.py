@@ -118,6 +118,8 @@ class Effect(ABC):
         nothing while the amplitudes, which are all the others, are null: a score at null has to be taken at
         several of their values.
     shares: names of shapes that are shares of a whole: none and all of it are ends that a machine may be at.
+    mixes: whether next to null several of it, each of one amplitude and a shape of its own, do what one does: it has a
+        `mixture`, and is scored with an amplitude at each shape of the grid at once, too.
     vague_at_end: names of shapes at whose ends it imitates what it is not: a fit that ends there says nothing, however
         well it does.
     narrow_shape: whether a score at null has peaks along its one shape that a handful of values would miss: those of a
@@ -151,6 +153,7 @@ class Effect(ABC):
     where: ClassVar[str]
     shapes: ClassVar[tuple[str, ...]] = ()
     shares: ClassVar[tuple[str, ...]] = ()
+    mixes: ClassVar[bool] = False
     vague_at_end: ClassVar[tuple[str, ...]] = ()
     narrow_shape: ClassVar[bool] = False
     has_threshold: ClassVar[bool] = False
@@ -254,6 +257,12 @@ class Effect(ABC):
             return np.zeros((1, 0))
         axes = [spread(p, count) if p.name in self.shapes else [p.nominal] for p in self.parameters]
         return np.stack([a.ravel() for a in np.meshgrid(*axes, indexing="ij")], axis=-1)
+
+    def mixture(self, shapes: np.ndarray, amplitudes: np.ndarray) -> np.ndarray | None:
+        """Values (parameter,) that do what several at `shapes` (point, parameter) do whose `amplitudes` (point,) are
+        these, in units of their range; None where none do.
+        """
+        return None
 
     @classmethod
     def of_one_recording(cls, name: str) -> bool:

@@ -8,6 +8,7 @@ import numpy as np
 from capture_cli.effects._inertia import add_point_mass
 from capture_cli.effects._places import site_id
 from capture_cli.effects._scales import moving_bodies
+from capture_cli.effects._turning_axes import axes_that_show, reach, turning_joints
 from capture_cli.effects.base import GLOBAL, Effect
 from capture_cli.parameters import Parameter
 from capture_cli.sim.object_names import object_name
@@ -16,22 +17,25 @@ FARTHEST = 3.0  # times the distance of the centre of mass; the end of a rod is 
 
 
 class Payload(Effect):
-    """A point of `mass` (kg), fixed to a body on the line from its frame through its centre of mass.
+    """A point of `mass` (kg), fixed to a body at `x`, `y`, `z` (m) in the body's frame.
 
-    `reach` (m) is how far from the frame it sits. Where the centre of mass is in the frame's origin, it sits
-    there.
+    Where the body can turn about one axis only, the place along it moves nothing, and is left out; where it
+    cannot turn, the whole place is.
     """
 
     place = "model"
     summary = "a body carries mass that the model does not know of"
     where = "every moving body with mass"
-    shapes = ("reach",)
+    shapes = ("x", "y", "z")
+    mixes = True
 
     def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
         super().__init__(model, site)
         self.body = site_id(model, "body", site)
         self.centre = model.body_ipos[self.body].copy()
-        self.distance = float(np.linalg.norm(self.centre))
+        # of a body that was compiled as `simple` MuJoCo cannot move the centre; those of a task never are
+        shows = turning_joints(model, self.body) and not model.body_simple[self.body]
+        self.axes = axes_that_show(model, self.body) if shows else np.zeros(0, dtype=int)
 
     @classmethod
     def sites(cls, model):
@@ -39,14 +43,31 @@ class Payload(Effect):
 
     @property
     def parameters(self):
+        size = reach(self.model, self.body, self.centre)
+        most = max(FARTHEST * float(np.linalg.norm(self.centre)), size)
         mass = Parameter("mass", "kg", 0.0, 2 * float(self.model.body_mass[self.body]), 0.0)
-        if self.distance < 1e-6:
-            return (mass,)
-        return (mass, Parameter("reach", "m", 0.2 * self.distance, FARTHEST * self.distance, self.distance))
+        return (mass, *(Parameter("xyz"[i], "m", -most, most, self.centre[i]) for i in self.axes))
+
+    def shape_grid(self, count=5):
+        """At the centre of mass, and as far on all sides of it as the body is large."""
+        aside = reach(self.model, self.body, self.centre) * np.eye(len(self.axes))
+        places = self.centre[self.axes] + np.concatenate([np.zeros((1, len(self.axes))), aside, -aside])
+        return np.insert(places, 0, 0.0, axis=1)
+
+    def mixture(self, shapes, amplitudes):
+        """All their mass, where its centre is; no less of it than has their moment within reach.
+
+        Of a body whose own mass is a parameter, a log tells the moment alone.
+        """
+        moment = amplitudes @ (shapes[:, 1:] - self.centre[self.axes])
+        space = self.space
+        below, above = (space.nominal - space.low)[1:], (space.high - space.nominal)[1:]
+        farthest = np.where(moment > 0, above, below)
+        share = max(amplitudes.sum(), *(np.abs(moment) / farthest), 0.0)
+        aside = moment / share if share > 0 else moment
+        return np.append(share * space.span[0], self.centre[self.axes] + aside)
 
     def write(self, fields, values):
-        if self.distance < 1e-6:
-            position = fields["body_ipos"][:, self.body]
-        else:
-            position = values[:, 1:] * self.centre / self.distance
+        position = np.repeat(self.centre[None], len(values), axis=0)
+        position[:, self.axes] = values[:, 1:]
         add_point_mass(fields, self.body, values[:, 0], position)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 
@@ -250,10 +250,33 @@ def _probed(
         if amplitudes:
             start[amplitudes] = space.nominal[amplitudes] + begin * space.span[amplitudes]
         scored.append((found, np.clip(start, space.low, space.high)))
+    if effect.mixes:
+        scored += _mixed(at, effect, change, probes, steps)
     moved = np.linalg.norm(change.reshape(len(change), -1), axis=1) / np.linalg.norm(at.residual)
     moved[diverged] = np.inf
     smallest = np.abs(steps) == np.abs(steps).min()
     return _Probed(scored, bool(moved[~diverged].any()), float(np.median(moved[smallest])))
+
+
+def _mixed(
+    at: Linearization, effect: Effect, change: np.ndarray, probes: np.ndarray, steps: np.ndarray
+) -> Iterator[tuple[Score, np.ndarray]]:
+    """Scores of the effect with an amplitude at each of its shapes, and what does what those do.
+
+    change (probe, window, row): by the `probes` (probe, parameter), whose amplitudes are at `steps` (probe,).
+    """
+    for step in dict.fromkeys(steps.tolist()):
+        own = steps == step
+        sensitivity = np.moveaxis(change[own] / step, 0, -1)
+        if not np.isfinite(sensitivity).all():
+            continue
+        count = sensitivity.shape[-1]
+        found = score(at, sensitivity, -np.ones(count), np.ones(count))
+        values = effect.mixture(probes[own], found.amplitudes)
+        if values is not None:
+            # what more amplitudes explain by chance, each 1, is not counted
+            gain = max(found.gain - count + 1, 0.0)
+            yield replace(found, gain=gain), np.clip(values, effect.space.low, effect.space.high)
 
 
 def _of_reference(at: Linearization, sensitivity: np.ndarray, low: np.ndarray, high: np.ndarray) -> Score:
