@@ -91,3 +91,34 @@ def test_what_is_known_of_held_starts_is_not_measured_again_where_they_are_freed
     free_best = run(known, evaluate)
     assert free_best.error <= best.error
     assert known.at.carried == 0
+
+
+@pytest.mark.parametrize("diverges", (False, True))
+def test_a_window_whose_start_runs_away_does_not_keep_the_others_from_their_step(diverges):
+    """The slope of one window's start leads over a cliff, which costs more than all other windows gain."""
+    windows, rows = 20, 30
+    generator = np.random.default_rng(5)
+    space = ParameterSpace([Parameter(n, "1", 0.0, 1.0, 0.5) for n in "ab"])
+    by_parameter = generator.normal(size=(windows, rows, 2)) * 20.0
+    by_start = generator.normal(size=(windows, rows))
+    truth = np.array([0.3, 0.8])
+    measured = by_parameter @ truth + generator.normal(size=(windows, rows))
+    measured[0] += 6.0 * by_start[0]
+    evidence = Evidence(
+        space, measured[..., None], np.ones((windows, rows, 1), dtype=bool), np.ones(1), np.ones((windows, 1))
+    )
+    simulated = 0
+
+    def evaluate(trial: Trial):
+        nonlocal simulated
+        simulated += trial.offsets.shape[0]
+        outputs = np.einsum("wrp,cp->cwr", by_parameter, trial.parameters) + by_start * trial.offsets
+        over = trial.offsets[..., 0] > 0.5
+        over[:, 1:] = False
+        outputs += 1e3 * over[..., None]
+        return outputs[..., None], over & diverges
+
+    solver = LeastSquares(evidence, start=space.nominal, starts=1, rounds=ROUNDS)
+    best = run(solver, evaluate)
+    np.testing.assert_allclose(best.parameters, truth, atol=0.01)
+    assert simulated < 100  # of all windows; held back by the one it takes 306

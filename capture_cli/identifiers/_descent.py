@@ -34,7 +34,10 @@ SEARCHES = 3  # times that it looks for windows that got stuck
 STUCK = 0.999  # share of the error at the last restart above which another would end in the same place
 CARRIED = 3  # steps in a row with sensitivities that were carried along rather than measured
 PACE = 8  # rounds: how fast a descent goes is how far it came in these
-RUNAWAY = 2.0  # a window whose objective grows by this factor in a step that helps the others goes back
+# A window goes back alone from a step that helps the others where its objective grows by SPOILT, over k, and takes all
+# that they gain; where they gain more, only if it grows to RUNAWAY times what it was and SPOILT.
+SPOILT, RUNAWAY = 9.0, 2.0
+LET_GO = 10.0  # a window's damping is so many times less after each step
 
 
 class Descent:
@@ -138,40 +141,31 @@ class Descent:
             self._known = None
         else:
             there = Linearization.from_columns(self.evidence, x, offsets, outputs, diverged)
-        lost = bool(diverged[0].any()) or not np.isfinite(there.residual).all()
         if self._at is None:
-            if lost:
+            if diverged[0].any() or not np.isfinite(there.residual).all():
                 self.converged = True
             else:
                 self._move(there)
                 self._propose()
             return
-        k = self._k
-        before = self._at.objectives(k)
-        after = np.where(diverged[0], np.inf, there.objectives(k))
-        if lost or after.sum() >= before.sum():
-            if self._carried:
-                self._refresh()
-            elif self._repairing:
-                self._propose()
-            elif self._promised < self._lost:
-                self._give_up()
-            else:
-                self._propose_shorter()
-            return
-        self._accept(there, before, after, k)
+        before = self._at.objectives(self._k)
+        after = np.where(diverged[0], np.inf, there.objectives(self._k))
+        if after.sum() < before.sum():
+            self._accept(there, before, after)
+        else:
+            self._reject(x, offsets, before, after)
 
-    def _accept(self, there: Linearization, before: np.ndarray, after: np.ndarray, k: float) -> None:
-        back, worse = self.offsets, after > RUNAWAY * before + 9 * k
+    def _accept(self, there: Linearization, before: np.ndarray, after: np.ndarray) -> None:
+        k, back = self._k, self.offsets
         gained = float((before - after).sum())
+        ran_away = after > RUNAWAY * before + SPOILT * k
         self._move(there)
-        self._repairing = bool(worse.any())
+        self._repairing = bool(ran_away.any())
         if self._repairing:
-            self._damping[worse] = np.maximum(10 * self._damping[worse], k)
             self._carry = False
-            self._try(self.x, np.where(worse[:, None], back, self.offsets))
+            self._send_back(ran_away, self.x, self.offsets, back)
             return
-        self._damping = np.where(self._damping > 1e-3 * k, self._damping / 10, 0.0)
+        self._damping = np.where(self._damping > 1e-3 * k, self._damping / LET_GO, 0.0)
         self._radius = min(2 * self._radius, 1.0)
         if gained < self._little:
             self._settle()
@@ -179,6 +173,30 @@ class Descent:
             self._refresh()
         else:
             self._propose()
+
+    def _reject(self, x: np.ndarray, offsets: np.ndarray, before: np.ndarray, after: np.ndarray) -> None:
+        spoilt = (after > before + SPOILT * self._k) & (offsets != self.offsets).any(axis=1)
+        if (before - after)[~spoilt].sum() > self._lost:
+            self._send_back(spoilt, x, offsets, self.offsets)
+        elif self._carried:
+            self._refresh()
+        elif self._repairing:
+            self._propose()
+        elif self._promised < self._lost:
+            self._give_up()
+        else:
+            self._propose_shorter()
+
+    def _send_back(self, windows: np.ndarray, x: np.ndarray, offsets: np.ndarray, back: np.ndarray) -> None:
+        """Ask next for x (parameter,) with starts at `offsets`, those of the `windows` (window,) back and damped.
+
+        By what their objectives bend on average: of less, directions that show little take no notice. And LET_GO times
+        as much, which the step that they do not take lets go of.
+        """
+        bends = np.trace(self._at.products[2], axis1=1, axis2=2) / max(len(self.evidence.movable), 1)
+        damping = LET_GO * np.maximum(LET_GO * self._damping, bends + self._k)
+        self._damping = np.where(windows, damping, self._damping)
+        self._try(x, np.where(windows[:, None], back, offsets))
 
     def _settle(self) -> None:
         """Nothing more to gain: done, if the sensitivities that say so were measured here."""
