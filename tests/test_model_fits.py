@@ -168,6 +168,15 @@ def test_a_window_of_a_sensor_with_a_clock_of_its_own_reads_what_was_or_comes(tm
     assert fit.point[-1] == pytest.approx(error, abs=2e-4)
 
 
+def test_a_fit_that_stays_far_above_what_is_asked_of_it_is_given_up(tmp_path):
+    prepared, truth = planted(tmp_path, "coulomb-friction@x.friction=6")
+    effect = Placed("coulomb-friction", REGISTRY.get("coulomb-friction")(prepared.task.model, "x"))
+    fits, start = ModelFits(prepared, 1), truth[: len(prepared.task.space)]
+    assert not fits.fit(prepared, [], start, to_reach=1.1).finished
+    assert fits.fit(prepared, [], start).finished
+    assert fits.fit(prepared, [effect], truth, to_reach=1.1).error < 1.1
+
+
 def test_a_model_is_known_by_its_effects_in_the_order_of_its_parameters(tmp_path):
     prepared, truth = planted(tmp_path, "coulomb-friction@x=2")
     names = "coulomb-friction", "cubic-stiffness"

@@ -16,6 +16,7 @@ from capture_cli.diagnosis.acceptance import (
     ratio_p_value,
 )
 from capture_cli.diagnosis.folds import Folds
+from capture_cli.diagnosis.lack_of_fit import lack_of_fit
 from capture_cli.diagnosis.score import similarity
 from capture_cli.effects.placed import Placed
 from capture_cli.protocol.candidates import Candidate
@@ -80,7 +81,12 @@ class ModelComparison:
         return self._fitted[key]
 
     def _fit_from(
-        self, starts: Sequence[np.ndarray], effects: Sequence[Placed], near: Fit, rival: Fit | None
+        self,
+        starts: Sequence[np.ndarray],
+        effects: Sequence[Placed],
+        near: Fit,
+        rival: Fit | None,
+        to_reach: float = np.inf,
     ) -> Fit | None:
         """The best fit from `starts`, of which one is taken after the other until nothing is left."""
         found = None
@@ -94,6 +100,7 @@ class ModelComparison:
                 offsets_with=near.effects,
                 seed=self.seed,
                 rival=beaten,
+                to_reach=to_reach,
             )
             found = least([found, fit])
             if found is not None and self.is_explained(found):
@@ -102,7 +109,7 @@ class ModelComparison:
 
     def explained_from(self, start: np.ndarray, effects: Sequence[Placed], near: Fit) -> Fit | None:
         """The fit from `start` (parameter,), taken for the one of its effects, if it leaves nothing but noise."""
-        found = self._fit_from([start], effects, near, None)
+        found = self._fit_from([start], effects, near, None, to_reach=lack_of_fit(near.at).threshold)
         if found is None or not self.is_explained(found):
             return None
         self.know(found)

@@ -12,7 +12,7 @@ import numpy as np
 from capture_cli.effects.placed import Placed
 from capture_cli.identifiers._window_starts import fit_starts
 from capture_cli.identifiers.base import Best, Trial, run
-from capture_cli.identifiers.least_squares import LONG_PATIENCE, PATIENCE, LeastSquares
+from capture_cli.identifiers.least_squares import HOPELESS, LONG_PATIENCE, PATIENCE, LeastSquares
 from capture_cli.linearization import Linearization, best_trials, columns, trial_objectives
 from capture_cli.parameters import ParameterSpace
 from capture_cli.protocol.fit import TOLERANCE, Fit
@@ -58,6 +58,7 @@ class ModelFits:
         tolerance: float = TOLERANCE,
         seed: int = 0,
         rival: Fit | None = None,
+        to_reach: float = np.inf,
     ) -> Fit | None:
         """Fit from `start` (parameter,); None where every trial diverged. Other options are those of LeastSquares.
 
@@ -65,6 +66,7 @@ class ModelFits:
         those of the effects that it begins with as this one does.
         rival: a fit of the same part; this one is given up where it stays far behind, later where it has fewer
         parameters: of two that do as well it would be the better.
+        to_reach: the error that is asked of it; it is given up, as late, where it stays far above.
         """
         new = effects
         if offsets is not None:
@@ -72,7 +74,14 @@ class ModelFits:
             new = effects[_in_common(offsets_with, effects) :]
         offsets = self._with_states_found(part, effects, start, offsets, new)
         descend = partial(
-            self._descended, part, effects, rounds=rounds, tolerance=tolerance, seed=seed, rival=rival
+            self._descended,
+            part,
+            effects,
+            rounds=rounds,
+            tolerance=tolerance,
+            seed=seed,
+            rival=rival,
+            to_reach=to_reach,
         )
         fit = descend(start, offsets, starts=starts)
         carried = {e.name for e in offsets_with}
@@ -122,6 +131,7 @@ class ModelFits:
         tolerance: float,
         seed: int,
         rival: Fit | None,
+        to_reach: float,
         starts: int = 1,
     ) -> Fit | None:
         """The fit where least squares from `start` (parameter,) and `offsets` (window, state) ends; None where every
@@ -130,6 +140,7 @@ class ModelFits:
         simulator = self.simulator(effects)
         evidence = part.evidence(simulator)
         simpler = rival is not None and len(simulator.space) < len(rival.space)
+        to_beat = to_reach if rival is None else min(to_reach, rival.error)
         solver = LeastSquares(
             evidence,
             start=start,
@@ -138,14 +149,14 @@ class ModelFits:
             rounds=rounds,
             tolerance=tolerance,
             seed=seed,
-            to_beat=np.inf if rival is None else rival.error,
-            patience=LONG_PATIENCE if simpler else PATIENCE,
+            to_beat=to_beat,
+            patience=LONG_PATIENCE if simpler or np.isfinite(to_reach) else PATIENCE,
         )
         best = run(solver, lambda trial: part.evaluate(simulator, trial))
         if not np.isfinite(best.error):
             return None
         fit = self.at(part, effects, best, solver.at)
-        return replace(fit, finished=not (solver.gave_up or fit.is_far_behind(rival)))
+        return replace(fit, finished=not (solver.gave_up or fit.error > HOPELESS * to_beat))
 
     def at(
         self,
