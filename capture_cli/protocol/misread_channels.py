@@ -24,8 +24,9 @@ FACTORS = {  # by which a channel may have to be multiplied
     180 / np.pi: "times 180/pi, as what is in radians already",
     np.pi / 30: "times pi/30, as what is in turns a minute",
 }
-GLANCE, LOOK = (6, 6), (12, 15)  # windows and rounds of a fit: to each reading, and to the best of them
-LOOKED_AT = 4  # of the best at a glance
+# Windows and rounds of a fit: to each reading, to the best share of them, and to the best of these
+GLANCE, SECOND_GLANCE, LOOK = (3, 3), (6, 6), (12, 15)
+BEST, LOOKED_AT = 0.25, 4
 BETTER = 0.3  # of what the fit leaves as the log was read
 RIGHT = 0.25  # of the motion: a model that leaves more, read so, does not tell how the log is to be read
 AS_GOOD = 1.5  # times what the best reading leaves: another that may be meant
@@ -90,7 +91,7 @@ def misread_channels(
     orders = list(_orders(prepared))
     others = [Reading(*group, factor) for group in _groups(prepared) for factor in FACTORS]
     others += _exchanges(prepared, shares)
-    total = len(orders) + len(others)
+    total = len(orders) + len(others) + _of_best(others)
     # an attitude that is turned about leaves nothing to see of the others
     for first, ways in ((0, orders), (len(orders), others)):
 
@@ -119,14 +120,18 @@ class _Looks:
         self.rollouts = 0
 
     def promising(self, ways: Sequence[Reading], on_step: Callable[[int], None]) -> Sequence[Reading]:
-        """Those of `ways` that leave least at a glance; all where they are few. on_step (number of a way)."""
-        if len(ways) <= LOOKED_AT:
-            return ways
-        at_a_glance = []
-        for number, way in enumerate(ways):
-            on_step(number)
-            at_a_glance.append(self.left(way, *GLANCE))
-        return [ways[i] for i in np.argsort(at_a_glance, kind="stable")[:LOOKED_AT]]
+        """Those of `ways` that leave least at a glance; all where they are few. on_step (number of a glance)."""
+        done = 0
+        for glance, most in ((GLANCE, _of_best(ways)), (SECOND_GLANCE, LOOKED_AT)):
+            if len(ways) <= most:
+                continue
+            left = []
+            for number, way in enumerate(ways, start=done):
+                on_step(number)
+                left.append(self.left(way, *glance))
+            done += len(ways)
+            ways = [ways[i] for i in np.argsort(left, kind="stable")[:most]]
+        return ways
 
     def left(self, way: Reading, windows: int, rounds: int) -> float:
         """Share of the motion that a fit leaves of the log read so, cut as it is; inf where it cannot be read so.
@@ -137,23 +142,32 @@ class _Looks:
         log = replace(prepared.log, **{way.kind: _values(prepared, way)})
         cut = dict(window=self.window, test="none", seed=0, step=prepared.difference_step)
         try:
-            part = prepare(log, prepared.task, **cut, threads=self.threads)
+            part = prepare(log, prepared.task, **cut, only=self._few(windows), threads=self.threads)
         except CaptureError:
             return np.inf
-        return _total(self.shares(part, windows, rounds))
+        return _total(self._shares(part, rounds))
 
     def shares(self, whole: PreparedLog, windows: int, rounds: int) -> np.ndarray:
         """Share of the motion of each output that a fit to so many windows leaves, (output,), LARGEST_SHARE at most,
         NaN of those that do not move and inf where every trial diverges.
         """
-        few = self.fitted[evenly_spread(len(self.fitted), windows)]
-        part = whole.part(few)
+        return self._shares(whole.part(self._few(windows)), rounds)
+
+    def _few(self, windows: int) -> np.ndarray:
+        return self.fitted[evenly_spread(len(self.fitted), windows)]
+
+    def _shares(self, part: PreparedLog, rounds: int) -> np.ndarray:
         fits = ModelFits(part, self.threads)
         fit = fits.fit(part, [], part.task.space.nominal, rounds=rounds)
         self.rollouts += fits.rollouts
         if fit is None:
             return np.full(len(part.task.outputs), np.inf)
         return _shares(part, fit.at.residual.reshape(part.windows.measured.shape) * part.noise.sd)
+
+
+def _of_best(ways: Sequence[Reading]) -> int:
+    """How many of so many are glanced at once more."""
+    return max(LOOKED_AT, round(BEST * len(ways)))
 
 
 def _values(prepared: PreparedLog, way: Reading) -> np.ndarray:

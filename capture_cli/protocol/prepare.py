@@ -30,12 +30,14 @@ def prepare(
     seed: int,
     held_out: EarlierSplit | None = None,
     step: float | None = None,
+    only: np.ndarray | None = None,
     threads: int | None = None,
 ) -> PreparedLog:
     """Check that the log fits the task, and make it ready. Raises LogError or OptionError.
 
     held_out: what an estimate of the same log kept back, which is kept back again; `test` and `seed` say what where
-    None.
+    None. step: of differences; the shortest that shows, where None. only: numbers (window,) of the windows to make
+    ready; all where None.
     """
     check_fits(log, task)
     turned = continuous(log.outputs, log.episodes, attitudes(task), log.sampled)
@@ -43,6 +45,8 @@ def prepare(
     duration = window if window is not None else task.log.window
     check_long_enough(log, duration)
     windows = cut_log(log, task, duration)
+    if only is not None:
+        windows = windows.rows(only)
     noise = noise_floor(
         log.values,
         log.episodes,
