@@ -281,6 +281,12 @@ class Linearization:
         return 1 - k * np.diagonal(self.start_gain(k), axis1=1, axis2=2)
 
     @property
+    def information(self) -> np.ndarray:
+        """What each window says of each parameter alone, its start fitted too, (window, parameter)."""
+        through = self.start_gain(self.scatter) @ self.products[1].swapaxes(1, 2)
+        return np.square(self.by_parameter - self.by_start @ through).sum(axis=1)
+
+    @property
     def leverage(self) -> np.ndarray:
         """What share of each residual's own noise the starts take up, (window, row)."""
         b = self.by_start

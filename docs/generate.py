@@ -219,6 +219,8 @@ _PARAMETER = {
     "ci95[]": "95 % interval, cut to the bounds",
     "at_bound": "whether the estimate lies at a bound: within 1e-4 of the range of it, and within 3 `sd`",
     "identifiable": "whether the log determines it",
+    "limits": "null, or what the log says of it although it does not determine it: {at_least, at_most}, null where it "
+    "excludes nothing on that side",
 }
 _HELD_OUT = (
     "null, or where a fit to the whole log has the parameters, if what was held out shows what the fit leaves open: "

@@ -375,7 +375,6 @@ def test_of_a_moment_without_mass_a_payload_has_as_much_as_that_takes():
     assert not effect.mixture(effect.shape_grid(), np.zeros(5))[0]
 
 
-
 def test_a_shifted_centre_of_mass_is_the_one_compiled_there():
     effect = effects.REGISTRY.get("com-shift")(machine("arm"), "fore")
     assert [p.name for p in effect.parameters] == ["x", "z"]  # along y, its only axis, nothing would move

@@ -417,8 +417,11 @@ def test_only_a_sum_is_determined(plant, identify, tmp_path):
     assert open_["combination"]["damping"] * open_["combination"]["back_emf"] == pytest.approx(1, abs=0.01)
     assert "damping" in document["summary"]
     assert "back_emf" in document["summary"]
-    total = document["parameters"]["damping"]["value"] - document["parameters"]["back_emf"]["value"]
-    assert total == pytest.approx(7.0, abs=0.1)
+    damping, back_emf = document["parameters"]["damping"], document["parameters"]["back_emf"]
+    assert damping["value"] - back_emf["value"] == pytest.approx(7.0, abs=0.1)
+    # neither brakes less than not at all
+    assert damping["limits"] == {"at_least": None, "at_most": pytest.approx(7.0, abs=0.15)}
+    assert back_emf["limits"] == {"at_least": pytest.approx(-7.0, abs=0.15), "at_most": None}
 
 
 @pytest.mark.parametrize("noise", [0.0, 5e-4])
@@ -432,6 +435,11 @@ def test_only_a_product_is_determined(plant, identify, tmp_path, noise):
     values = {name: p["value"] for name, p in found.document["parameters"].items()}
     assert values["gain"] * values["gear"] == pytest.approx(1.08, rel=0.01)
     assert [set(u["combination"]) for u in found.document["undetermined"]] == [{"gain", "gear"}]
+    # any gain will do, and with it the gears from 1.08 / 2.0 to 1.08 / 0.5
+    gain, gear = found.document["parameters"]["gain"], found.document["parameters"]["gear"]
+    assert (gain["limits"], gain["ci95"]) == (None, [0.5, 2.0])
+    assert gear["ci95"] == list(gear["limits"].values()) == pytest.approx([0.54, 2.16], abs=0.09)
+    assert "determine gain, gear (between" in found.document["summary"]
 
 
 def test_a_parameter_that_moves_nothing_is_named(plant, identify, tmp_path):

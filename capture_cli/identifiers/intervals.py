@@ -12,7 +12,7 @@ How far short is a part of the estimate's error, and its square is added to the 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -44,7 +44,8 @@ class Intervals:
 
     covariance (p, p); sd (p,); low, high (p,): 95 %, cut to the bounds; identifiable (p,); undetermined: unit
     directions (direction, p) in the unit cube that the log does not determine, each with its sd over the range.
-    degrees: effective degrees of freedom of the residual.
+    degrees: effective degrees of freedom of the residual. limits (p, 2): what the log says of a parameter all the same
+    that is not identifiable, at least and at most; nan where it does not, None where nobody looked.
     """
 
     covariance: np.ndarray
@@ -55,6 +56,38 @@ class Intervals:
     undetermined: np.ndarray
     undetermined_sd: np.ndarray
     degrees: float
+    limits: np.ndarray | None = None
+
+    def limited(self, space: ParameterSpace, looked: Sequence[int], excluded: np.ndarray) -> Intervals:
+        """With what the log excludes, from below and from above, of the parameters numbered `looked`.
+
+        excluded (p, 2): in the unit cube; nan where it does not exclude the end of the range. Intervals reach as far,
+        and a parameter of which it does not exclude both ends is not identifiable, whatever its sd was.
+        """
+        own = np.isin(np.arange(len(space)), looked)
+        limits = np.where(own[:, None], space.low[:, None] + excluded * space.span[:, None], np.nan)
+        hanging = own & self.identifiable & np.isnan(limits).any(axis=1)
+        identifiable = self.identifiable & ~hanging
+        low = np.where(identifiable, np.fmin(self.low, limits[:, 0]), np.fmax(space.low, limits[:, 0]))
+        high = np.where(identifiable, np.fmax(self.high, limits[:, 1]), np.fmin(space.high, limits[:, 1]))
+        limits[identifiable] = np.nan
+        covariance = np.where(hanging[:, None] | hanging, 0.0, self.covariance)
+        covariance[hanging, hanging] = np.square(LOST_SD * space.span[hanging])
+        return replace(
+            self,
+            covariance=covariance,
+            sd=np.where(hanging, LOST_SD * space.span, self.sd),
+            low=low,
+            high=high,
+            identifiable=identifiable,
+            limits=limits,
+            undetermined=np.concatenate([self.undetermined, np.eye(len(space))[hanging]]),
+            undetermined_sd=np.concatenate([self.undetermined_sd, np.full(hanging.sum(), LOST_SD)]),
+        )
+
+    def quantile(self, among: int = 1) -> float:
+        """95 % intervals reach to so many standard deviations; of the worst of `among` as many (Bonferroni)."""
+        return _quantile(self.degrees, among)
 
     def rows(self, space: ParameterSpace, point: np.ndarray, which: Iterable[int]) -> list[dict[str, Any]]:
         """The parameters numbered `which` at `point` (parameter,), as result files have them."""
@@ -69,9 +102,16 @@ class Intervals:
                 "ci95": [float(self.low[i]), float(self.high[i])],
                 "at_bound": self._is_at_bound(x[i], self.sd[i] / space.span[i]),
                 "identifiable": bool(self.identifiable[i]),
+                "limits": self._limits(i),
             }
             for i in which
         ]
+
+    def _limits(self, i: int) -> dict[str, float | None] | None:
+        if self.limits is None or np.isnan(self.limits[i]).all():
+            return None
+        least, most = (None if np.isnan(limit) else float(limit) for limit in self.limits[i])
+        return {"at_least": least, "at_most": most}
 
     @staticmethod
     def _is_at_bound(x: float, sd: float) -> bool:
@@ -89,8 +129,6 @@ def intervals(
     that are nearly as good. sampled: what was simulated about an estimate, to be believed instead of the linearization;
     the intervals are about its mean, and reach to the estimate.
     """
-    from scipy.special import stdtrit
-
     assert at.evidence.count > 0
     space = at.evidence.space
     covariance, degrees = unit_covariance(at)
@@ -104,7 +142,7 @@ def intervals(
     loose = np.sqrt(np.maximum(values, 0)) > UNDETERMINED_SD
     value = space.from_unit(at.x)
     middle = value if sampled is None else space.from_unit(sampled.mean)
-    half = stdtrit(degrees, 0.975) * sd_unit * space.span
+    half = _quantile(degrees) * sd_unit * space.span
     return Intervals(
         covariance=covariance * np.outer(space.span, space.span),
         sd=sd_unit * space.span,
@@ -117,6 +155,12 @@ def intervals(
     )
 
 
+def _quantile(degrees: float, among: int = 1) -> float:
+    from scipy.special import stdtrit
+
+    return float(stdtrit(degrees, 1 - 0.025 / among))
+
+
 def unit_covariance(at: Linearization) -> tuple[np.ndarray, float]:
     """Covariance (p, p) in the unit cube, and the effective degrees of freedom of the residual."""
     k = at.scatter
@@ -125,17 +169,26 @@ def unit_covariance(at: Linearization) -> tuple[np.ndarray, float]:
     through = gain @ (b.swapaxes(1, 2) @ j)
     projected = j - b @ through  # M J, (window, row, p)
     hessian, _ = at.normal(k)
-    fitted_starts = at.fitted_starts
-    count = at.evidence.count
-    free = max(count - j.shape[-1] - fitted_starts, 1.0)
-    meat, correlation = _filtered_product(at, projected)
-    meat *= count / free
-    starts = b.swapaxes(1, 2) @ projected  # B'MJ
-    meat += np.einsum("wsp,wsq->pq", starts, starts)
+    fitted_starts, count = at.fitted_starts, at.evidence.count
+    meat, correlation = _noise_along(at, projected)
     degrees = max(count / correlation - j.shape[-1] - fitted_starts / correlation, 1.0)
     # sensitivities are finite differences, wrong by about their step: columns more alike than that are the same
     floor = max(at.evidence.space.steps, default=0.0) ** 2
     return _sandwich(hessian, meat, np.einsum("wrp,wrp->p", j, j), floor), degrees
+
+
+def noise_along(at: Linearization, changes: np.ndarray) -> np.ndarray:
+    """Covariance (change, change) of the products of noise with `changes` (window, row, change) of the residual."""
+    return _noise_along(at, changes)[0]
+
+
+def _noise_along(at: Linearization, changes: np.ndarray) -> tuple[np.ndarray, float]:
+    """Likewise, changes' (G + B B') changes, and the residual's autocorrelation time, in samples."""
+    count = at.evidence.count
+    product, correlation = _filtered_product(at, changes)
+    product *= count / max(count - len(at.x) - at.fitted_starts, 1.0)
+    starts = at.by_start.swapaxes(1, 2) @ changes
+    return product + np.einsum("wsp,wsq->pq", starts, starts), correlation
 
 
 def _left_to_go(at: Linearization) -> np.ndarray:

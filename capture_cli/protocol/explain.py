@@ -17,6 +17,7 @@ from capture_cli.protocol.explanation import Explanation, Expression, JudgedMode
 from capture_cli.protocol.fit import EXACT, Fit, least
 from capture_cli.protocol.held_out import held_out
 from capture_cli.protocol.kept import Kept
+from capture_cli.protocol.limits import with_limits
 from capture_cli.protocol.log_checks import all_diverged, check_parameters_move_outputs
 from capture_cli.protocol.log_parts import FIT, SELECT, TEST, LogParts
 from capture_cli.protocol.log_starts import as_acted, begins_as_acted
@@ -174,6 +175,7 @@ class _Protocol:
             attribution.accepted,
             attribution.candidates,
             models,
+            sure=with_limits(self.fits, self._seen(after), after.again, after.intervals),
             motion=self.fits.motion(self.prepared, after.again, after.whole.offsets),
             begun=self.fits.begun(self.prepared, after.again, after.whole.offsets),
             held_out=held_out(

@@ -71,8 +71,8 @@ class Expression:
 class Explanation:
     """What the protocol found in a log.
 
-    models: the declared one, then each with one more of the `accepted` effects. motion: of the last, in every window.
-    begun: where that begins. held_out: whether that model holds on the test part.
+    models: the declared one, then each with one more of the `accepted` effects. sure: how well the last is known.
+    motion: of that, in every window. begun: where that begins. held_out: whether that model holds on the test part.
     shorter_step: what the model's time step is in that model's values; None where nothing.
     next_experiment: what would separate the first tie. rollouts: windows simulated in all.
     """
@@ -81,6 +81,7 @@ class Explanation:
     accepted: list[Accepted]
     candidates: list[Candidate]
     models: list[JudgedModel]
+    sure: Intervals
     motion: Motion
     begun: Begun
     held_out: HeldOut

@@ -6,7 +6,15 @@ from collections.abc import Callable, Mapping
 from html import escape
 from typing import Any
 
-from capture_cli.reports.quantities import MISSING, bound, place, shown_unit, significant, to_precision_of
+from capture_cli.reports.quantities import (
+    MISSING,
+    bound,
+    deviation,
+    place,
+    shown_unit,
+    to_precision_of,
+    told,
+)
 
 PARAMETER_HEAD = ["parameter", "estimate", "sd", "95 % interval", "within its range", "remarks"]
 
@@ -16,7 +24,7 @@ def parameter_row(name: str, p: Mapping[str, Any]) -> list[str]:
     return [
         named(name, p["unit"]),
         f'<span class="name">{to_precision_of(p["value"], p["sd"])}</span>',
-        significant(p["sd"], 2),
+        deviation(p),
         interval(p),
         range_bar(p),
         remarks(p) or '<span class="quiet">determined</span>',
@@ -35,7 +43,7 @@ def interval(p: Mapping[str, Any]) -> str:
 
 def remarks(p: Mapping[str, Any]) -> str:
     """What is wrong with the value; "" where nothing is."""
-    found = ['<span class="unsure">not determined</span>'] * (not p["identifiable"])
+    found = [f'<span class="unsure">{told(p)}</span>'] * (not p["identifiable"])
     found += ['<span class="warn">at its bound</span>'] * p["at_bound"]
     return ", ".join(found)
 

@@ -82,6 +82,23 @@ def with_unit(number: str, unit: str) -> str:
     return number if number == MISSING or not shown_unit(unit) else f"{number} {unit}"
 
 
+def deviation(p: Mapping[str, Any]) -> str:
+    """The standard deviation of a parameter; missing where it is the range or beyond: it says nothing then."""
+    sd = p["sd"]
+    return MISSING if sd is not None and sd >= p["high"] - p["low"] else significant(sd, 2)
+
+
+def told(p: Mapping[str, Any]) -> str:
+    """What a log says of a parameter that it does not determine: "at least 0.62", or "not determined"."""
+    limits = p.get("limits") or {"at_least": None, "at_most": None}
+    least, most = (significant(limits[end]) for end in ("at_least", "at_most"))
+    if MISSING not in (least, most):
+        return with_unit(f"between {least} and {most}", p["unit"])
+    if least != MISSING:
+        return with_unit(f"at least {least}", p["unit"])
+    return "not determined" if most == MISSING else with_unit(f"at most {most}", p["unit"])
+
+
 def percent(share: float, digits: int = 0) -> str:
     """0.0312 -> "3 %", as everywhere with a space."""
     return f"{100 * share:.{digits}f} %"

@@ -13,7 +13,15 @@ from rich.table import Table
 from rich.text import Text
 
 from capture_cli.reports import diagnosis_findings, findings
-from capture_cli.reports.quantities import MISSING, bound, significant, to_precision_of, with_unit
+from capture_cli.reports.quantities import (
+    MISSING,
+    bound,
+    deviation,
+    significant,
+    to_precision_of,
+    told,
+    with_unit,
+)
 from capture_cli.stores.diagnosis import Diagnosis
 from capture_cli.stores.estimate import Estimate
 
@@ -186,9 +194,9 @@ def _parameters(document: Mapping[str, Any], *, wide: bool) -> list[list[str]]:
         sd, interval = p["sd"], p["ci95"]
         between = " to ".join(to_precision_of(v, sd) for v in interval) if interval else MISSING
         bounds = [f"{bound(p['low'])} to {bound(p['high'])}"] if wide else []
-        remarks = ["at bound"] * p["at_bound"] + ["not determined"] * (not p["identifiable"])
+        remarks = ["at bound"] * p["at_bound"] + [told(p)] * (not p["identifiable"])
         value = with_unit(to_precision_of(p["value"], sd), p["unit"])
-        rows.append([name, value, significant(sd, 2), between, *bounds, ", ".join(remarks)])
+        rows.append([name, value, deviation(p), between, *bounds, ", ".join(remarks)])
     return rows if any(row[-1] for row in rows) else [row[:-1] for row in rows]
 
 
@@ -236,7 +244,7 @@ def _sizes(effect: Mapping[str, Any]) -> str:
 
 def _size(p: Mapping[str, Any]) -> str:
     if not p["identifiable"]:
-        return "not determined"
+        return told(p)
     return with_unit(to_precision_of(p["value"], p.get("sd")), p["unit"])
 
 

@@ -41,7 +41,7 @@ def diagnosis_of(found: Explanation) -> Diagnosis:
 
 def _document(found: Explanation, curves: list[dict[str, Any]]) -> dict[str, Any]:
     prepared, before, after = found.parts.prepared, found.before, found.after
-    log, fit, sure = prepared.log, after.again, after.intervals
+    log, fit, sure = prepared.log, after.again, found.sure
     common = common_part(
         prepared,
         fit.space,

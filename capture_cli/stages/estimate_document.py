@@ -20,7 +20,7 @@ from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.protocol.scattered_stamps import scattered_stamps
 from capture_cli.protocol.time_step import shorter_step
 from capture_cli.reports.findings import NOT_ALIKE, behind, beyond_chance
-from capture_cli.reports.quantities import significant
+from capture_cli.reports.quantities import significant, told
 from capture_cli.sim.coordinate_sources import unmeasured_joints
 from capture_cli.stages.earlier_estimate import EarlierEstimate
 from capture_cli.stages.estimation import Found
@@ -168,7 +168,7 @@ class Report:
             parts=parts,
             simulated=self.fits.rollouts,
         )
-        undetermined = _undetermined(found, self.space.names)
+        undetermined = _undetermined(found, common["parameters"])
         lacks = [lack_of_fit_of(prepared, part) for part in (lacking, held.lack)]
         verdict = _verdict(found, diverged.any() or lacking.lacking or held.lacking)
         return {
@@ -179,7 +179,9 @@ class Report:
             "identifier": self.identifier,
             "error": {name: error_of(prepared, whole.rows(part)) for name, part in parts.items()},
             "verdict": verdict,
-            "summary": _summary(verdict, *lacks, undetermined, diverged, self._why(common)),
+            "summary": _summary(
+                verdict, *lacks, undetermined, common["parameters"], diverged, self._why(common)
+            ),
             "diverged_windows": int(diverged.sum()),
             "lack_of_fit": lacks[0],
             "undetermined": undetermined,
@@ -307,15 +309,15 @@ def _unmeasured_joints(task: Task) -> list[str]:
     return unmeasured_joints(task.model, [c.index for c in task.outputs])
 
 
-def _undetermined(found: Intervals, names) -> list[dict]:
+def _undetermined(found: Intervals, parameters: dict[str, dict]) -> list[dict]:
     """Combinations of parameters that the log leaves open, largest weights first."""
-    result = []
+    result, names = [], list(parameters)
     for direction, sd in zip(found.undetermined, found.undetermined_sd, strict=True):
         order = np.argsort(-np.abs(direction))
         main = [i for i in order if abs(direction[i]) > 0.1]
         combination = {names[i]: round(float(direction[i] / direction[main[0]]), 4) for i in main}
         text = (
-            f"this log does not determine {names[main[0]]}"
+            f"this log does not determine {_with_limits(names[main[0]], parameters)}"
             if len(main) == 1
             else "only a combination of "
             + ", ".join(names[i] for i in sorted(main))
@@ -325,11 +327,18 @@ def _undetermined(found: Intervals, names) -> list[dict]:
     return result
 
 
+def _with_limits(name: str, parameters: dict[str, dict]) -> str:
+    """ "grip (at least 0.62)", or the name alone of one of which the log says nothing."""
+    p = parameters[name]
+    return f"{name} ({told(p)})" if p["limits"] else name
+
+
 def _summary(
     verdict: str,
     lacking: dict[str, Any],
     held_out: dict[str, Any],
     undetermined: list[dict],
+    parameters: dict[str, dict],
     diverged: np.ndarray,
     why: str,
 ) -> str:
@@ -348,7 +357,8 @@ def _summary(
         return unexplained(lacking, why or "The model lacks something.")
     if verdict == "not-identifiable":
         names = dict.fromkeys(name for u in undetermined for name in u["combination"])
-        return f"The fit reaches the noise floor, but the log does not determine {', '.join(names)}."
+        said = ", ".join(_with_limits(name, parameters) for name in names)
+        return f"The fit reaches the noise floor, but the log does not determine {said}."
     return f"The parameters explain the log: the error is {significant(lacking['normalized'])} times the noise floor."
 
 

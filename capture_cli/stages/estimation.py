@@ -10,6 +10,7 @@ import numpy as np
 
 from capture_cli.diagnosis.lack_of_fit import PRACTICAL, lack_of_fit
 from capture_cli.evenly_spread import evenly_spread
+from capture_cli.identifiers._profile import Profile
 from capture_cli.identifiers._sampled_posterior import SampledPosterior, is_rough, sampled_posterior
 from capture_cli.identifiers.base import Best, Identifier, run
 from capture_cli.identifiers.intervals import Intervals, intervals, unit_covariance
@@ -19,6 +20,7 @@ from capture_cli.linearization import Linearization
 from capture_cli.parameters import ParameterSpace
 from capture_cli.protocol.difference_step import difference_step, hits_something
 from capture_cli.protocol.fit import AS_GOOD, TOLERANCE, Fit
+from capture_cli.protocol.limits import profiled
 from capture_cli.protocol.log_checks import all_diverged
 from capture_cli.protocol.log_starts import as_acted
 from capture_cli.protocol.model_fits import ModelFits
@@ -44,6 +46,7 @@ ONE_SD = 1.0  # of the objective over k, by which an estimate that is off by its
 AGAIN = 20  # rounds, at most, of a descent from a better point near where one ended
 # Places along the range of a parameter that shows nowhere about the estimate, and, of the objective over k, what shows
 ALONG, SHOWS = 17, 0.1
+BETTER = 3  # times, at most, that a profile is gone on from
 JUDGED_BY = 3  # entries of the log, at most, that the estimates of all rounds are compared on
 
 
@@ -54,6 +57,7 @@ class Found:
     history: the best so far (in rounds: each estimate), in order. known: the linearization at the best, where the
     search left it. fallback, elsewhere: as in `InContext.document`. sampled: what was simulated about the best, where
     the error is rough there. cut_short: after how many rounds the search was stopped, where it had not come to rest.
+    profile: of the parameters that it does not determine, or where sensitivities do not tell how well.
     """
 
     fits: ModelFits
@@ -65,6 +69,7 @@ class Found:
     elsewhere: bool = False
     sampled: SampledPosterior | None = None
     cut_short: int | None = None
+    profile: Profile | None = None
 
     @cached_property
     def part(self) -> PreparedLog:
@@ -91,7 +96,9 @@ class Found:
     @property
     def intervals(self) -> Intervals:
         """Intervals of the parameters, at the best."""
-        return intervals(self.at.at, sampled=self.sampled)
+        found = intervals(self.at.at, sampled=self.sampled)
+        seen = self.profile
+        return found if seen is None else found.limited(self.at.space, seen.looked, seen.excluded)
 
 
 def by_physics(
@@ -275,6 +282,23 @@ def _where_it_shows(found: Found, column: int) -> np.ndarray | None:
     closer = np.concatenate([np.linspace(places[i], places[i + 1], ALONG) for i in begins])
     points, objectives, shows = along(closer)
     return points[np.argmin(np.where(shows, objectives, np.inf))]
+
+
+def with_profile(found: Found, progress: Progress, *, seed: int) -> Found:
+    """`found`, with what the log excludes of the parameters that it does not determine; from where the error along them
+    is lower by more than chance, if it is.
+    """
+    if found.cut_short is not None:
+        return found
+    for worth in (*[AS_GOOD] * BETTER, np.inf):
+        seen = profiled(found.fits, found.part, found.at, found.intervals, worth=worth)
+        if seen is None or seen.better is None:
+            break
+        x, offsets = seen.better
+        again = by_physics(found.fits, x, progress, seed=seed, rounds=AGAIN, offsets=offsets)
+        history = [*found.history, *again.history]
+        found = replace(found, best=again.best, known=again.known, history=history, sampled=None)
+    return replace(found, profile=seen)
 
 
 def _after(found: Found, again: Found) -> Found:

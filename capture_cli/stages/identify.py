@@ -32,6 +32,7 @@ from capture_cli.stages.estimation import (
     looked_about,
     unstuck,
     with_longer_differences,
+    with_profile,
 )
 from capture_cli.stages.log_to_fit import LogToFit
 from capture_cli.stages.progress import Progress
@@ -132,6 +133,7 @@ class _Search:
             rollouts += found.fits.rollouts
             found = self._find(quieter, start, found)
         found = looked_about(found, self.progress, seed=self.seed)
+        found = with_profile(found, self.progress, seed=self.seed)
         found.fits.rollouts += rollouts
         return found
 

@@ -10,6 +10,7 @@ from typing import Any
 
 from capture_cli.errors import CaptureError
 from capture_cli.reports.findings import NOT_ALIKE, STAMPS_ALONE, behind, cut_short, is_fit_explained
+from capture_cli.reports.quantities import told
 from capture_cli.stages import identifier_checkpoint, policy_checkpoint
 from capture_cli.stages.log_findings import Finding, finding
 from capture_cli.stages.training_state import METRICS
@@ -105,7 +106,10 @@ def _verdict(result: Mapping[str, Any], path: Path) -> list[Finding]:
     for name, parameter in result.get("parameters", {}).items():
         if not parameter.get("identifiable", True):
             cure = "record a motion in which it matters, or leave it out of the task.toml"
-            found.append(finding("warning", f"parameter {name}", "the log does not determine it", cure))
+            only = f": it is {told(parameter)}" if parameter.get("limits") else ""
+            found.append(
+                finding("warning", f"parameter {name}", f"the log does not determine it{only}", cure)
+            )
         elif parameter.get("at_bound"):
             cure = (
                 "widen its bounds if the value is physical; otherwise something else is missing in the model"
