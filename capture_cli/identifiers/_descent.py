@@ -20,9 +20,8 @@ from capture_cli.linearization import (
 RADIUS = 0.25  # of the unit cube, the first trust region
 SHRINK = (1.0, 0.25, 0.0625, 0.015625)  # step lengths tried at once after a step that failed
 # Of the objective over k: less that is promised and not kept is lost in roughness; where contacts make the error rough,
-# and in a fit that is done by a gain as small, more, or a descent goes on for a hundred rounds by a tenth of a standard
-# error at a time.
-LOST, LOST_IF_COARSE = 0.1, 0.5
+# more, or a descent goes on for a hundred rounds by a tenth of a standard error at a time.
+LOST, LOST_IF_ROUGH = 0.1, 0.5
 MOST_VAIN = 2  # rounds of shorter steps, one after the other, that bring less than that
 # Rounds from where it begins after which k is held. It depends on the residual and the residual on it: where the model
 # is wrong the two can chase each other for ever.
@@ -108,8 +107,7 @@ class Descent:
     @property
     def _lost(self) -> float:
         """Of the objective: what is promised, and not kept, for roughness alone."""
-        coarse = self.evidence.rough or self.tolerance >= LOST
-        return max((LOST_IF_COARSE if coarse else LOST) * self._k, self._little)
+        return max((LOST_IF_ROUGH if self.evidence.rough else LOST) * self._k, self._little)
 
     def ask(self) -> Trial:
         """One candidate, with its finite differences where they are due; or several without, to choose from."""
