@@ -358,6 +358,20 @@ def test_where_a_payload_sits_is_looked_for_along_axes_on_which_it_shows(host, a
     assert len(effect.shape_grid()) == 1 + 2 * len(axes)
 
 
+def test_of_bodies_that_are_fixed_to_each_other_a_payload_is_looked_for_at_the_first():
+    model = build("""
+        <mujoco><worldbody><body name="link"><joint axis="0 1 0"/><geom size=".1" mass="2"/>
+          <body name="hand" pos="0 0 .5"><geom size=".05" mass=".3"/></body>
+        </body></worldbody></mujoco>""")
+    payload = effects.REGISTRY.get("payload")
+    link, hand = (payload(model, name) for name in ("link", "hand"))
+    for effect in (link, hand):
+        effect.look_in(window=1.0, longest=1.0, logged=frozenset({0}), seen={})
+    assert link.shows and not hand.shows
+    assert link.space.high[0] == pytest.approx(2 * 2.3)
+    assert link.space.high[1] >= 1.5, "as far as for what its hand carries"
+
+
 def test_several_payloads_are_one_where_their_centre_is():
     effect = effects.REGISTRY.get("payload")(machine("arm"), "fore")
     shapes = effect.shape_grid()

@@ -20,7 +20,7 @@ class Payload(Effect):
     """A point of `mass` (kg), fixed to a body at `x`, `y`, `z` (m) in the body's frame.
 
     Where the body can turn about one axis only, the place along it moves nothing, and is left out; where it
-    cannot turn, the whole place is.
+    cannot turn, the whole place is. Of bodies that are fixed to each other it is looked for at the first.
     """
 
     place = "model"
@@ -33,6 +33,8 @@ class Payload(Effect):
         super().__init__(model, site)
         self.body = site_id(model, "body", site)
         self.centre = model.body_ipos[self.body].copy()
+        self.fixed = [b for b in moving_bodies(model) if model.body_weldid[b] == model.body_weldid[self.body]]
+        self.farthest = max(self._farthest(b) for b in self.fixed)
         # of a body that was compiled as `simple` MuJoCo cannot move the centre; those of a task never are
         shows = turning_joints(model, self.body) and not model.body_simple[self.body]
         self.axes = axes_that_show(model, self.body) if shows else np.zeros(0, dtype=int)
@@ -42,11 +44,14 @@ class Payload(Effect):
         return [object_name(model, "body", b) for b in moving_bodies(model)]
 
     @property
+    def shows(self):
+        return super().shows and self.body == self.fixed[0]
+
+    @property
     def parameters(self):
-        size = reach(self.model, self.body, self.centre)
-        most = max(FARTHEST * float(np.linalg.norm(self.centre)), size)
-        mass = Parameter("mass", "kg", 0.0, 2 * float(self.model.body_mass[self.body]), 0.0)
-        return (mass, *(Parameter("xyz"[i], "m", -most, most, self.centre[i]) for i in self.axes))
+        mass = Parameter("mass", "kg", 0.0, 2 * float(self.model.body_mass[self.fixed].sum()), 0.0)
+        places = (Parameter("xyz"[i], "m", -self.farthest, self.farthest, self.centre[i]) for i in self.axes)
+        return (mass, *places)
 
     def shape_grid(self, count=5):
         """At the centre of mass, and as far on all sides of it as the body is large."""
@@ -66,6 +71,13 @@ class Payload(Effect):
         share = max(amplitudes.sum(), *(np.abs(moment) / farthest), 0.0)
         aside = moment / share if share > 0 else moment
         return np.append(share * space.span[0], self.centre[self.axes] + aside)
+
+    def _farthest(self, body: int) -> float:
+        """m: how far from its own frame it may sit on a `body` that is fixed to its own, or is it."""
+        data = mujoco.MjData(self.model)
+        mujoco.mj_kinematics(self.model, data)
+        centre = data.xipos[body] - data.xpos[self.body]
+        return max(FARTHEST * float(np.linalg.norm(centre)), reach(self.model, body, centre))
 
     def write(self, fields, values):
         position = np.repeat(self.centre[None], len(values), axis=0)
