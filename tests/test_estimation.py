@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -132,3 +134,13 @@ def test_what_does_not_show_at_the_nominal_value_is_looked_for_where_it_does(tmp
         better = from_where_all_show(found, progress, seed=0)
     assert better.best.parameters == pytest.approx([1.8, wall], abs=0.01)
     assert better.best.error < 1.1
+
+
+@pytest.mark.parametrize("error", [1.5, 2.5, 10.0])
+def test_far_from_explained_a_way_out_has_to_lead_far_down(prepared, error):
+    found = found_in(prepared)
+    stuck = replace(found, best=replace(found.best, error=error))
+    at = found.at.at
+    share = estimation.LEAST_GAIN * at.objectives(at.scatter).sum() / at.scatter
+    assert share > estimation.ONE_SD
+    assert estimation._worth_of_a_way(stuck) == (estimation.ONE_SD if error < estimation.CLEARLY else share)

@@ -226,13 +226,14 @@ def unstuck(found: Found, progress: Progress, *, seed: int) -> Found:
     """`found`; where bodies touch or joints stop, from where there is a way out, as long as there is one.
 
     Where all is explained, too: a descent may end where no step of parameters and starts together is one down, standard
-    deviations from the bottom, and its intervals would not know.
+    deviations from the bottom, and its intervals would not know. Far from explained no bottom is the right one, and a
+    way is taken only while it leads far down: each costs as much as a fit.
     """
     fits, part = found.fits, found.part
     if not hits_something(part, fits.simulator([]), found.best.parameters, found.best.offsets):
         return found
     for _ in range(WAYS_OUT):
-        way = way_out(fits, part, found.at, whole_step=True, worth=ONE_SD)
+        way = way_out(fits, part, found.at, whole_step=True, worth=_worth_of_a_way(found))
         if way is None:
             break
         x, offsets = way
@@ -241,6 +242,14 @@ def unstuck(found: Found, progress: Progress, *, seed: int) -> Found:
             break
         found = _after(found, again)
     return found
+
+
+def _worth_of_a_way(found: Found) -> float:
+    """How far down a way must lead to be taken, in squares of standard deviations."""
+    if found.best.error <= CLEARLY:
+        return ONE_SD
+    at = found.at.at
+    return max(ONE_SD, LEAST_GAIN * at.objectives(at.scatter).sum() / at.scatter)
 
 
 def from_where_all_show(found: Found, progress: Progress, *, seed: int) -> Found:
