@@ -55,6 +55,7 @@ def shards_to_make(
         writer.create(attributes)
     else:
         _refuse_other(with_new_hashes(found, checkpoints), attributes, writer.location)
+        writer.remove_halves()
     marked = writer.is_written()
     return [s for s in range(len(marked)) if not (marked[s] and writer.is_sound(s))]
 

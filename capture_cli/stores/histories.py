@@ -171,6 +171,15 @@ class HistoriesWriter:
 
         zarr.open_group(self.location, mode="w", zarr_format=3)
 
+    def remove_halves(self) -> None:
+        """Remove what a killed run left of the files it was about to write; nobody else may write meanwhile.
+
+        Zarr writes a file beside its place and renames it. Objects at a URL are written whole or not at all.
+        """
+        if not is_url(self.location):
+            for half in Path(self.location).rglob("*.partial"):
+                half.unlink()
+
     def is_written(self) -> np.ndarray:
         """Which shards are marked as whole, bool (shard,)."""
         import zarr
