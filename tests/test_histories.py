@@ -15,7 +15,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import zarr
-
 from typer.testing import CliRunner
 
 from capture_cli.cli import app
