@@ -226,6 +226,10 @@ _HELD_OUT = (
     "null, or where a fit to the whole log has the parameters, if what was held out shows what the fit leaves open: "
     "{parameters, error, text}"
 )
+_BEYOND_FITTED = (
+    "null, or how what was held out differs, where the model does not hold there: {output, unit, fitted [low, high], "
+    "reached, share (of the squared error, that of windows that leave the fitted range), text}"
+)
 _IMPOSSIBLE = "bodies whose estimated inertia no body has: {body, moments (kg m^2), text}"
 _TIME_STEP = (
     "null, or what the model's time step is in what was found: {finer (s), parameters (where they would be, about, in "
@@ -266,6 +270,7 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str]]] = {
             **{f"lack_of_fit.{k}": v for k, v in _LACK.items()},
             "undetermined": "combinations of parameters that the log leaves open: {combination, sd_over_range, text}",
             "held_out": _HELD_OUT,
+            "beyond_fitted": _BEYOND_FITTED,
             "impossible_inertia": _IMPOSSIBLE,
             "unmeasured_joints": "list of joints whose position at the start of a window nothing says",
             "open_loops": "{equality constraint: by how much it stays open, m or rad, where joints are as measured}",
@@ -328,6 +333,7 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str]]] = {
             **{f"lack_of_fit.before.{k}": f"{v}; declared model" for k, v in _LACK.items()},
             **{f"lack_of_fit.after.{k}": f"{v}; with the effects" for k, v in _LACK.items()},
             "held_out": _HELD_OUT,
+            "beyond_fitted": _BEYOND_FITTED,
             "impossible_inertia": _IMPOSSIBLE,
             "time_step": _TIME_STEP,
             "time_stamps": _TIME_STAMPS,

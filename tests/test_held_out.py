@@ -12,6 +12,7 @@ from capture_cli.reports import findings
 from capture_cli.stages import identify as stage
 from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.identify import identify
+from capture_cli.stages.import_log import import_log
 from capture_cli.stages.inspect import inspect
 from capture_cli.stages.record import record
 from capture_cli.stores import output
@@ -110,3 +111,38 @@ def test_where_what_was_fitted_is_explained_no_formula_is_looked_for(changed):
     assert (document["verdict"], document["effects"]) == ("unexplained", [])
     assert not document["lack_of_fit"]["after"]["lacking"]
     assert document["expression"] is None
+
+
+@pytest.fixture
+def farther(tmp_path) -> Path:
+    """A log of two recordings of the slider on a stiffening spring, "near" and "far", which goes where it shows."""
+    for name, amplitude in (("near", 1.0), ("far", 8.0)):
+        record(
+            task=str(SLIDER),
+            out=tmp_path / f"{name}.zarr",
+            effects=["cubic-stiffness@x=400"],
+            amplitude={"drive": amplitude},
+            noise=5e-4,
+            episodes=3,
+            duration=1.5,
+            rate=250,
+            threads=1,
+        )
+    import_log(
+        files=[tmp_path / "near.zarr", tmp_path / "far.zarr"], task=str(SLIDER), out=tmp_path / "log.zarr"
+    )
+    return tmp_path / "log.zarr"
+
+
+def test_where_it_goes_farther_than_all_that_was_fitted_is_said(farther, tmp_path):
+    options = {"task": str(SLIDER), "test": "far", "starts": 1, "quiet": True, "threads": 1}
+    found = identify(real_log=farther, out=tmp_path / "estimate", **options).document
+    beyond = found["beyond_fitted"]
+    low, high = beyond["fitted"]
+    assert found["verdict"] == "unexplained" and found["lack_of_fit"]["normalized"] < 1.1
+    assert not low <= beyond["reached"] <= high and beyond["share"] > 0.5
+    assert beyond["text"] in found["summary"] and "--test none" in found["summary"]
+    diagnosed = diagnose(real_log=farther, out=tmp_path / "diagnosis", **options).document
+    assert beyond["text"] in diagnosed["summary"]
+    advice = [f["cure"] for f in inspect(tmp_path / "estimate")["findings"] if f["where"] == "verdict"]
+    assert [beyond["text"] in cure for cure in advice] == [True]

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from capture_cli.diagnosis.lack_of_fit import LackOfFit, lack_held_out, lack_of_fit
+from capture_cli.protocol.beyond_fitted import Beyond, beyond_fitted
 from capture_cli.protocol.fit import EXACT, Fit
 from capture_cli.protocol.model_fits import ModelFits
 from capture_cli.protocol.part_fit import PartFit
@@ -30,11 +31,13 @@ NEXT_TO_NOTHING = 0.01  # noise floors that what was fitted may be worse
 class HeldOut:
     """lack: what a fit leaves of what it was not fitted to. whole: the same model fitted to the whole log, where it
     leaves nothing of either part and its parameters are where the first fit may have missed them, or would hardly have
-    been worse; else None.
+    been worse; else None. beyond: where no model of these parameters holds on both, how what was held out differs; None
+    where that is not seen.
     """
 
     lack: LackOfFit
     whole: Fit | None = None
+    beyond: Beyond | None = None
 
     @property
     def lacking(self) -> bool:
@@ -49,8 +52,14 @@ def held_out(fits: ModelFits, fit: Fit, covariance: np.ndarray, on: PartFit, is_
     """
     test = on.rows(is_test)
     lack = lack_held_out(test.evidence, test.residual)
-    if not lack.lacking or not len(fit.space) or lack_of_fit(fit.at).lacking:
+    if not lack.lacking or lack_of_fit(fit.at).lacking:
         return HeldOut(lack)
+    whole = _whole(fits, fit, covariance, on, is_test) if len(fit.space) else None
+    return HeldOut(lack, whole, None if whole else beyond_fitted(fits.prepared, on, is_test))
+
+
+def _whole(fits: ModelFits, fit: Fit, covariance: np.ndarray, on: PartFit, is_test: np.ndarray) -> Fit | None:
+    """The model fitted to the whole log, where it holds on all of it and is no other than `fit` may be."""
     in_unit = covariance / np.outer(fit.space.span, fit.space.span)
     whole = fits.fit(
         fits.prepared,
@@ -61,10 +70,10 @@ def held_out(fits: ModelFits, fit: Fit, covariance: np.ndarray, on: PartFit, is_
         tolerance=EXACT,
     )
     if whole is None or not _leaves_nothing(whole, is_test):
-        return HeldOut(lack)
+        return None
     if not _by_chance(fit, whole, in_unit) and _loss(whole, on, ~is_test) > NEXT_TO_NOTHING:
-        return HeldOut(lack)
-    return HeldOut(lack, whole)
+        return None
+    return whole
 
 
 def _begin(fits: ModelFits, fit: Fit, covariance: np.ndarray, on: PartFit) -> np.ndarray:

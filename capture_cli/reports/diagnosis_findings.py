@@ -8,12 +8,12 @@ from typing import Any
 
 from capture_cli.effects.placed import placed_name
 from capture_cli.reports.findings import (
-    NOT_ALIKE,
     UNTRUSTED,
     behind,
     beyond_chance,
     impossible,
     left_open,
+    not_alike,
     outputs_left,
     time_stamps,
     time_step,
@@ -164,7 +164,7 @@ def summary(document: Mapping[str, Any]) -> str:
     if not effects and not left["lacking"]:
         return (
             "The model fits what it was fitted to, but not what was held out: there the error is "
-            f"{significant(last)} times the noise floor. {by_stamps or NOT_ALIKE}"
+            f"{significant(last)} times the noise floor. {by_stamps or not_alike(document)}"
         )
     if not effects:
         return (
@@ -175,7 +175,9 @@ def summary(document: Mapping[str, Any]) -> str:
     found = _found(document, [f"{placed(e)}{rivals}" for e, rivals in zip(effects, tied, strict=True)])
     if _fits_alone(document):
         with_it, without = significant(last), significant(first)
-        return f"{found}: there the error is {with_it} times the noise floor, and {without} without."
+        beyond = (document.get("beyond_fitted") or {}).get("text")
+        text = f"{found}: there the error is {with_it} times the noise floor, and {without} without."
+        return f"{text} {beyond}" if beyond else text
     them = "it" if len(effects) == 1 else "them"
     text = f"{found}: with {them} the {where} error falls to {last / first:.2g} of what it was."
     if document["verdict"] == "unexplained":

@@ -16,9 +16,9 @@ from capture_cli.stores.result import Result
 LEFT, ABOVE = 0.5, 3.0
 TOO_GOOD = 0.7  # times the noise floor: no fit gets so far below it
 TITLES = {"explained": "explained", "unexplained": "unexplained", "not-identifiable": "not identifiable"}
-NOT_ALIKE = (
-    "The two parts of the log are not alike: see what differs between them, or hold out another with --test. With "
-    "--test none both are fitted, and what cannot be the same in both is left."
+NOT_ALIKE = "The two parts of the log are not alike: see what differs between them"
+FIT_BOTH = (
+    "hold out another with --test. With --test none both are fitted: what cannot be the same in both is left."
 )
 STAMPS_ALONE = "With time stamps that are off at random nothing is missing."
 STAMPS_MOST = "Most of that is as if time stamps were off at random."
@@ -72,6 +72,12 @@ def is_fit_explained(document: Mapping[str, Any]) -> bool:
     """
     lack = document.get("lack_of_fit", {"lacking": True})
     return not lack["lacking"] and not document["diverged_windows"]
+
+
+def not_alike(document: Mapping[str, Any]) -> str:
+    """Why a model that holds where it was fitted may fail on what was held out; earlier versions did not look."""
+    beyond = document.get("beyond_fitted")
+    return f"{beyond['text']} To fit that too, {FIT_BOTH}" if beyond else f"{NOT_ALIKE}, or {FIT_BOTH}"
 
 
 def output_errors(estimate: Estimate) -> list[OutputError]:

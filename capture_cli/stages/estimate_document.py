@@ -19,7 +19,7 @@ from capture_cli.protocol.part_fit import PartFit
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.protocol.scattered_stamps import scattered_stamps
 from capture_cli.protocol.time_step import shorter_step
-from capture_cli.reports.findings import NOT_ALIKE, behind, beyond_chance
+from capture_cli.reports.findings import behind, beyond_chance, not_alike
 from capture_cli.reports.quantities import significant, told
 from capture_cli.sim.coordinate_sources import unmeasured_joints
 from capture_cli.stages.earlier_estimate import EarlierEstimate
@@ -180,7 +180,13 @@ class Report:
             "error": {name: error_of(prepared, whole.rows(part)) for name, part in parts.items()},
             "verdict": verdict,
             "summary": _summary(
-                verdict, *lacks, undetermined, common["parameters"], diverged, self._why(common)
+                verdict,
+                *lacks,
+                undetermined,
+                common["parameters"],
+                diverged,
+                self._why(common),
+                not_alike(common),
             ),
             "diverged_windows": int(diverged.sum()),
             "lack_of_fit": lacks[0],
@@ -341,8 +347,9 @@ def _summary(
     parameters: dict[str, dict],
     diverged: np.ndarray,
     why: str,
+    unlike: str,
 ) -> str:
-    """why: what leaves an error, where it need not be the model."""
+    """why: what leaves an error, where it need not be the model. unlike: how what was held out may differ."""
     if diverged.any():
         return (
             f"With these parameters the simulation runs away in {diverged.sum()} of {len(diverged)} windows. "
@@ -351,7 +358,7 @@ def _summary(
     if verdict == "unexplained" and not lacking["lacking"]:
         return (
             "The parameters explain what they were fitted to, but not what was held out: there the "
-            f"{beyond_chance(held_out)}. {why or NOT_ALIKE}"
+            f"{beyond_chance(held_out)}. {why or unlike}"
         )
     if verdict == "unexplained":
         return unexplained(lacking, why or "The model lacks something.")

@@ -57,6 +57,7 @@ def common_part(
         "parameters": dict(zip(task.space.names, declared, strict=True)),
         **noise_floor_of(prepared),
         "held_out": held_out_of(prepared, space, point, held, parts["test"]),
+        "beyond_fitted": beyond_fitted_of(prepared, held),
         "impossible_inertia": impossible_inertia_of(task, point[: len(task.space)], effects),
         "time_step": time_step_of(shorter, space, point),
         "time_stamps": time_stamps_of(prepared, stamps),
@@ -125,6 +126,28 @@ def held_out_of(
             f"{significant(held.lack.normalized)} times the noise floor, and "
             f"{significant(error['test']['normalized'])} with {most.name} {value}, and what was fitted is explained "
             "with it, too."
+        ),
+    }
+
+
+def beyond_fitted_of(prepared: PreparedLog, held: HeldOut) -> dict[str, Any] | None:
+    """How what was held out differs from what was fitted, where the model does not hold there; None if not seen."""
+    beyond = held.beyond
+    if beyond is None:
+        return None
+    output = prepared.task.outputs[beyond.output]
+    low, high, reached = (
+        with_unit(significant(v), output.unit) for v in (beyond.low, beyond.high, beyond.reached)
+    )
+    return {
+        "output": output.name,
+        "unit": output.unit,
+        "fitted": [beyond.low, beyond.high],
+        "reached": beyond.reached,
+        "share": beyond.share,
+        "text": (
+            f"{output.name} was fitted between {low} and {high} and goes to {reached} there, in windows with "
+            f"{percent(beyond.share)} of the squared error."
         ),
     }
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from capture_cli.errors import CaptureError
-from capture_cli.reports.findings import NOT_ALIKE, STAMPS_ALONE, behind, cut_short, is_fit_explained
+from capture_cli.reports.findings import STAMPS_ALONE, behind, cut_short, is_fit_explained, not_alike
 from capture_cli.reports.quantities import told
 from capture_cli.stages import identifier_checkpoint, policy_checkpoint
 from capture_cli.stages.log_findings import Finding, finding
@@ -127,7 +127,7 @@ def _cure_of_unexplained(result: Mapping[str, Any], path: Path) -> str:
     if behind(result) == STAMPS_ALONE:
         return result["time_stamps"]["text"]
     if is_fit_explained(result):
-        return NOT_ALIKE
+        return not_alike(result)
     if result.get("misread"):
         return result["misread"]["text"]
     if cut_short(result):
