@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from capture_cli.protocol.beyond_fitted import beyond_fitted
 from capture_cli.reports import findings
 from capture_cli.stages import identify as stage
 from capture_cli.stages.diagnose import diagnose
@@ -146,3 +148,34 @@ def test_where_it_goes_farther_than_all_that_was_fitted_is_said(farther, tmp_pat
     assert beyond["text"] in diagnosed["summary"]
     advice = [f["cure"] for f in inspect(tmp_path / "estimate")["findings"] if f["where"] == "verdict"]
     assert [beyond["text"] in cure for cure in advice] == [True]
+
+
+FITTED, HELD = [[0.0, 1.0], [-1.0, 0.5]], [[0.0, 3.0], [-1.5, 0.0], [0.2, 0.4]]  # of one output, by window
+
+
+@pytest.mark.parametrize(
+    ("held", "errors", "reached", "share"),
+    [
+        (HELD, [8.0, 1.0, 1.0], 3.0, 0.9),
+        (HELD, [1.0, 8.0, 1.0], 3.0, 0.9),  # the farthest of the windows that leave it
+        (HELD, [1.0, 1.0, 8.0], None, None),  # most of the error is where it stays within
+        ([[0.0, 1.1]] * 3, [1.0, 1.0, 1.0], None, None),  # as any two parts differ
+        (HELD, [np.nan, 1.0, 1.0], None, None),  # the simulation ran away
+        ([[np.nan, np.nan]] * 3, [1.0, 1.0, 1.0], None, None),  # never sampled
+        ([[np.nan, -4.0], [0.0, 1.0], [0.0, 1.0]], [8.0, 1.0, 1.0], -4.0, 0.8),
+    ],
+)
+def test_the_output_leaves_its_fitted_range_where_the_error_is(held, errors, reached, share):
+    measured = np.array([*FITTED, *held])[..., None]
+    residual = np.sqrt(np.array([1.0, 1.0, *errors]))[:, None]
+    is_test = np.array([False, False, True, True, True])
+    found = _beyond_of(measured, residual, is_test)
+    assert (found and (found.reached, found.share)) == (reached and (reached, pytest.approx(share)))
+    assert found is None or (found.low, found.high) == (-1.0, 1.0)
+    assert _beyond_of(np.where(is_test[:, None, None], measured, np.nan), residual, is_test) is None
+
+
+def _beyond_of(measured, residual, is_test):
+    sampled = np.isfinite(measured)
+    windows = SimpleNamespace(measured=np.where(sampled, measured, 0.0), sampled=sampled)
+    return beyond_fitted(SimpleNamespace(windows=windows), SimpleNamespace(residual=residual), is_test)

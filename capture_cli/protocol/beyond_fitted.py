@@ -54,10 +54,12 @@ def _ranges(measured: np.ndarray, sampled: np.ndarray) -> tuple[np.ndarray, np.n
 def _beyond(output: int, fitted, low: np.ndarray, high: np.ndarray, squares: np.ndarray) -> Beyond | None:
     """Of one output: fitted, low and high are (output,) and (window, output); squares (window,)."""
     least, most = (float(edge[output]) for edge in fitted)
+    if least > most:
+        return None  # it was never sampled where it was fitted
     below, above = least - low[:, output], high[:, output] - most
     leaves = np.maximum(below, above) > BEYOND * (most - least)
     share = float(squares[leaves].sum() / squares.sum())
-    if not np.isfinite(most - least) or share <= MOSTLY:
+    if not share > MOSTLY:  # nor is it where the simulation runs away and there is no error
         return None
     reached = low[:, output].min() if below.max() > above.max() else high[:, output].max()
     return Beyond(output, least, most, float(reached), share)
