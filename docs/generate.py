@@ -54,7 +54,17 @@ CAPTIONS = {
     "docs/schemas.md": "every file format, array by array and key by key",
     "docs/task-file.md": "every key of a task.toml, and everything a parameter can set",
     "docs/worlds.md": "robosuite scenes that stand in for a real machine",
+    "docs/tree.md": "every file, with a caption",
     "docs/tutorial.md": "your own machine, from a CSV to an identified MJCF",
+}
+# Captions of folders that are no package, in the short tree of README.md.
+FOLDERS = {
+    "benchmarks/machines": "the machines of the planted-effect benchmark, each an MJCF with its task.toml",
+    "datasets": "two logs with an effect that their models lack, and how they were made",
+    "docs": "these pages, and what writes those that come from the code (generate.py)",
+    "docs/examples": "task files of machines that were measured by others",
+    "runs": "what is shipped ready-made, with provenance: policies, identifiers, results of the benchmarks",
+    "tests": "one file for each thing that is tested; `make test` runs them all",
 }
 
 
@@ -485,7 +495,7 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str]]] = {
 }
 
 
-# --- the table of task-file.md and the tree of README.md ---
+# --- the table of task-file.md, and the trees of README.md and tree.md ---
 
 
 def targets() -> str:
@@ -502,7 +512,7 @@ def targets() -> str:
 
 
 def tree() -> str:
-    """Every file of the project with a caption: the first line of its docstring, or one of CAPTIONS."""
+    """The page of every file of the project, with its caption."""
     lines = []
     shown: set[Path] = set()
     for path, caption in _captioned():
@@ -510,10 +520,37 @@ def tree() -> str:
             if folder not in shown:
                 shown.add(folder)
                 lines.append(f"{'  ' * (len(folder.parts) - 1)}{folder.name}/")
-        indent = "  " * (len(path.parts) - 1)
-        name = path.name + ("/" if (ROOT / path).is_dir() else "")
-        lines.append(f"{indent}{name:<{max(1, 34 - len(indent))}}  {caption}")
-    return "\n".join(["```", *lines, "```"])
+        lines.append(_line(path, caption))
+    return "\n".join([_TREE.strip(), "", "```", *lines, "```", ""])
+
+
+_TREE = """
+# What is where
+
+Every file with the first line of its docstring (written by `make docs`).
+[README.md](../README.md#what-is-where) has the folders alone.
+"""
+
+
+def folders() -> str:
+    """The files beside README.md, and the folders, with their captions."""
+    files = {path: caption for path, caption in _captioned() if len(path.parts) == 1}
+    within = {folder for path, _ in _captioned() for folder in path.parents[:-1] if len(folder.parts) < 3}
+    packages = {path: _folder_caption(path) for path in {*within, Path("runs")} - {Path(".ci")}}
+    shown = sorted((files | packages).items(), key=lambda item: _place(item[0]))
+    return "\n".join(["```", *(_line(path, caption) for path, caption in shown), "```"])
+
+
+def _folder_caption(folder: Path) -> str:
+    if folder.as_posix() in FOLDERS:
+        return FOLDERS[folder.as_posix()]
+    return _caption(folder / "__init__.py")
+
+
+def _line(path: Path, caption: str) -> str:
+    indent = "  " * (len(path.parts) - 1)
+    name = path.name + ("/" if (ROOT / path).is_dir() else "")
+    return f"{indent}{name:<{max(1, 34 - len(indent))}}  {caption}"
 
 
 def _captioned() -> list[tuple[Path, str]]:
@@ -723,11 +760,12 @@ PAGES: dict[str, Callable[[], str]] = {
     "docs/commands.md": commands,
     "docs/schemas.md": schemas,
     "docs/effects.md": _effects,
+    "docs/tree.md": tree,
 }
 PARTS: dict[str, dict[str, Callable[[], str]]] = {
     "docs/task-file.md": {"targets": targets},
     "docs/benchmarks.md": {"figures": measured},
-    "README.md": {"found": found, "figures": headlines, "tree": tree},
+    "README.md": {"found": found, "figures": headlines, "tree": folders},
 }
 
 if __name__ == "__main__":
