@@ -565,6 +565,46 @@ def test_what_arises_in_contact_is_found_there(tmp_path):
     assert share["y", "number of contacts"] < 0.05  # along the wall nothing is missing
 
 
+TIED = """<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody>
+<body><joint name="a" type="slide" axis="1 0 0" damping="2"/><geom size=".03" mass="1"/></body>
+<body pos="0 .2 0"><joint name="b" type="slide" axis="1 0 0" damping="2"/><geom size=".03" mass="1"/></body>
+</worldbody><tendon><fixed name="tie"><joint joint="a" coef="-1"/><joint joint="b" coef="1"/></fixed></tendon>
+<actuator><motor name="u" joint="a" ctrlrange="-5 5"/><motor name="w" joint="b" ctrlrange="-5 5"/></actuator>
+<sensor><jointpos name="a" joint="a"/><jointpos name="b" joint="b"/></sensor></mujoco>"""
+
+
+def test_what_two_bodies_do_to_each_other_is_found_in_their_distance(tmp_path):
+    (tmp_path / "tied.xml").write_text(TIED)
+    channels = "".join(
+        f'[inputs.{u}]\ncolumn = "{u}"\nunit = "N"\n[outputs.{q}]\ncolumn = "{q}"\nunit = "m"\n'
+        for u, q in ("ua", "wb")
+    )
+    task_file = tmp_path / "task.toml"
+    task_file.write_text(
+        f'format = 1\nname = "tied"\nmodel = "tied.xml"\n{channels}[log]\ntime = "t"\nwindow = 0.5\n'
+    )
+    task = load_task(str(task_file))
+    log = record(
+        task=str(task_file),
+        out=tmp_path / "tied.zarr",
+        effects=["tendon-spring@tie=20", "tendon-spring@tie.rest=0.01"],
+        noise=1e-5,
+        episodes=4,
+        duration=5.0,
+        rate=200,
+        seed=1,
+    ).log
+    prepared = prepare(log, task, window=None, test="none", seed=0)
+    fits = ModelFits(prepared, 1)
+    fit = fits.at(prepared, [], Best(task.space.nominal, np.zeros_like(prepared.starts.sd), error=0.0))
+    whole = PartFit.of(fit.at)
+    curves = residual_curves(prepared, whole, whole, fits.motion(prepared, fit).contacts)
+    share = {(c.output, c.against): c.share for c in curves}
+    for output, apart in (("a", "b - a"), ("b", "a - b")):
+        assert share[output, apart] > 0.75
+        assert max(curves, key=lambda c: c.share * (c.output == output)).against == apart
+
+
 def test_silent_when_nothing_is_missing(logs, tmp_path, monkeypatch):
     monkeypatch.setattr(diagnose_stage, "_write_pages", lambda *_: None)
     document = diagnose(

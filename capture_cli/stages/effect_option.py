@@ -42,7 +42,7 @@ def parse_effects(texts: Sequence[str], model: mujoco.MjModel) -> tuple[list[Pla
         if not effect.parameters and not parameter and not match["value"]:
             continue
         which = _parameter(text, match, parameter, effect.space.names)
-        values[which] = _number(match["value"], f"--effect {text!r}")
+        values[which] = _number(text, match["value"], placed.name, effect.space.names)
         refuse_negative(f"--effect {text}", effect.space.parameters[which], values[which])
     effects = [placed for placed, _ in found.values()]
     return effects, np.concatenate([np.zeros(0), *(values for _, values in found.values())])
@@ -155,11 +155,16 @@ def _site(name: str, site: str | None, cls: type[Effect], model: mujoco.MjModel)
     return site
 
 
-def _number(text: str, where: str) -> float:
+def _number(text: str, value: str, placed: str, names: Sequence[str]) -> float:
+    """`value` of `--effect text`; placed: the effect's name and site, which has parameters of these names."""
     try:
-        value = float(text)
+        number = float(value)
     except ValueError:
-        value = float("nan")
-    if not np.isfinite(value):
-        raise OptionError(f"{where}: {text!r} is not a finite number", cure="give a number in SI units")
-    return value
+        number = float("nan")
+    if not np.isfinite(number):
+        cure = "give a number in SI units"
+        if len(names) > 1:
+            cure += f", each parameter by an option of its own: --effect {placed}.{names[0]}=VALUE"
+            cure += f" --effect {placed}.{names[1]}=VALUE"
+        raise OptionError(f"--effect {text!r}: {value!r} is not a finite number", cure=cure)
+    return number
