@@ -10,13 +10,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from capture_cli.effects.base import GLOBAL
 from capture_cli.effects.placed import Placed
 from capture_cli.linearization import Evidence
 from capture_cli.parameters import Parameter, ParameterSpace
 from capture_cli.protocol import attribution, model_comparison
 from capture_cli.protocol.attribution import Accepted, Attribution
 from capture_cli.protocol.candidates import Candidate
-from capture_cli.protocol.forward_round import ForwardRound
+from capture_cli.protocol.forward_round import Scores
 from capture_cli.protocol.model_comparison import TIED, WORSE, ModelComparison
 from capture_cli.protocol.part_fit import PartFit
 from capture_cli.stages.diagnose import diagnose
@@ -204,6 +205,84 @@ class Sized:
 
 
 @dataclass
+class JudgedFit:
+    """A fit of effects, one parameter each after the declared one; squares: its error."""
+
+    effects: list
+    point: np.ndarray
+    squares: dict[tuple[str, ...], float]
+
+    def columns(self, name: str) -> slice:
+        place = 1 + [e.name for e in self.effects].index(name)
+        return slice(place, place + 1)
+
+    @property
+    def penalised_squares(self) -> float:
+        return self.squares[tuple(sorted(e.name for e in self.effects))]
+
+
+def judged_selection(monkeypatch, squares, candidates) -> Attribution:
+    selection = Attribution.__new__(Attribution)
+    selection.models = SimpleNamespace(
+        fit=lambda effects, start, *_: JudgedFit(effects, start, squares),
+    )
+    selection.candidates = selection.ranked = candidates
+    selection.on_step = lambda *_: None
+    selection._backward = lambda fit, *_: fit
+    monkeypatch.setattr(attribution, "at_end", lambda *_: {})
+    monkeypatch.setattr(attribution, "effective_samples", lambda _: 1000)
+    return selection
+
+
+def sized(*names: str) -> list[Candidate]:
+    """Candidates by their names, KIND@SITE or KIND of all places."""
+    parts = [name.partition("@") for name in names]
+    placed = [Placed(kind, Sized(site or GLOBAL)) for kind, _, site in parts]
+    return [Candidate(p, start=np.full(1, 5.0)) for p in placed]
+
+
+@pytest.mark.parametrize(("of_delay", "found"), [(101, ["delay"]), (130, ["lag@a", "lag@b"])])
+def test_one_at_all_places_in_the_place_of_one_at_each(of_delay, found, monkeypatch):
+    """While something else was missing, each sensor took another lag; in truth all of them are late."""
+    payload, lag, delay, lag_a, lag_b, delay_a = sized(
+        "payload@a", "lag", "delay", "lag@a", "lag@b", "delay@a"
+    )
+    squares = {
+        ("lag@a", "lag@b", "payload@a"): 100,
+        ("lag", "payload@a"): 140,
+        ("delay", "payload@a"): of_delay,
+    }
+    together = [lag, delay]
+    selection = judged_selection(monkeypatch, squares, [payload, lag, delay, lag_a, lag_b, delay_a])
+    selection.accepted = [Accepted(payload.placed, None, [], None, 0.5)] + [
+        Accepted(c.placed, None, [], None, 0.1, together=together) for c in (lag_a, lag_b)
+    ]
+    before = JudgedFit([payload.placed, lag_a.placed, lag_b.placed], np.arange(4.0), squares)
+    after = selection._at_all_places(before)
+    assert [a.name for a in selection.accepted] == ["payload@a", *found]
+    assert [e.name for e in after.effects] == ["payload@a", *found]
+    if found == ["delay"]:
+        assert after.point.tolist() == [0.0, 1.0, 5.0]
+        assert [r.name for r in selection.accepted[-1].rivals] == ["lag"]
+        assert lag_a.why_rejected == lag_b.why_rejected == "delay does as much at all places at once"
+    else:
+        assert after is before
+
+
+@pytest.mark.parametrize(("of_delay", "found"), [(101, ["lag"]), (130, ["lag@a", "lag@b"])])
+def test_each_place_on_its_own_only_where_no_other_kind_does_for_all(of_delay, found, monkeypatch):
+    lag, delay, lag_a, lag_b, delay_a = sized("lag", "delay", "lag@a", "lag@b", "delay@a")
+    squares = {("lag@a", "lag@b"): 100, ("lag",): 140, ("delay",): of_delay}
+    selection = judged_selection(monkeypatch, squares, [lag, delay, lag_a, lag_b, delay_a])
+    delay.fit = JudgedFit([delay.placed], np.zeros(2), squares)
+    selection.accepted = [Accepted(lag.placed, None, [delay], None, 0.9)]
+    selection._at_each_place(JudgedFit([lag.placed], np.zeros(2), squares))
+    assert [a.name for a in selection.accepted] == found
+    if len(found) == 2:  # what is told apart at all places need not be at each
+        assert [[r.name for r in a.rivals] for a in selection.accepted] == [["delay@a"], []]
+
+
+@dataclass
 class SizedFit:
     """The declared model has one parameter, 0; those of the effects follow, each of the value that it was begun at."""
 
@@ -267,13 +346,13 @@ def test_two_effects_are_exchanged_at_once(are_kin, monkeypatch):
 def test_rivals_are_compared_by_what_they_answered_in_one_round(tmp_path, monkeypatch, without_pages):
     """Later, with the accepted effect in the model, a rival answers to what that one leaves."""
     rounds, compared = {}, []
-    score, forward, compare = ForwardRound._scored, Attribution._forward, ModelComparison.compare
+    score, forward, compare = Scores.ranked, Attribution._forward, ModelComparison.compare
 
     def tagged(self, candidates):
         ranked = score(self, candidates)
         for candidate in candidates:
             # kept: an id is of one that lives
-            rounds[id(candidate.score)] = len(rounds["begun"]), candidate.score
+            rounds[id(candidate.score)] = id(ranked), candidate.score, ranked
         return ranked
 
     def begin(self, current):
@@ -289,7 +368,7 @@ def test_rivals_are_compared_by_what_they_answered_in_one_round(tmp_path, monkey
     monkeypatch.setattr(
         attribution, "all_candidates", lambda log: [c for c in catalogue(log) if c.placed.kind in few]
     )
-    monkeypatch.setattr(ForwardRound, "_scored", tagged)
+    monkeypatch.setattr(Scores, "ranked", tagged)
     monkeypatch.setattr(Attribution, "_forward", begin)
     monkeypatch.setattr(ModelComparison, "compare", judged)
     effects = ["control-delay@drive=0.006", "coulomb-friction@x=0.1"]

@@ -1251,6 +1251,33 @@ def test_an_attitude_is_turned_in_the_world_or_on_its_body():
         assert np.allclose(reported, seen.as_quat()[[3, 0, 1, 2]])
 
 
+def test_an_imu_that_is_askew_tells_all_in_its_own_frame():
+    """What MuJoCo's own sensors report at a site that is turned by as much."""
+    xml = """<mujoco><worldbody><body pos="0 0 1"><freejoint/><geom type="box" size=".1 .2 .3" mass="1"/>
+      <site name="imu" quat="{quat}" pos=".05 .02 -.03"/></body></worldbody><sensor>
+      <framequat name="attitude" objtype="site" objname="imu"/><gyro name="gyro" site="imu"/>
+      <accelerometer name="shock" site="imu"/><framepos name="place" objtype="site" objname="imu"/>
+      </sensor></mujoco>"""
+    turn = np.array([[0.2, -0.1, 0.05]])
+    quat = np.zeros(4)
+    mujoco.mju_axisAngle2Quat(quat, turn[0] / np.linalg.norm(turn[0]), np.linalg.norm(turn[0]))
+    reports = []
+    for turned in ("1 0 0 0", " ".join(map(str, quat))):
+        model = mujoco.MjModel.from_xml_string(xml.format(quat=turned))
+        data = mujoco.MjData(model)
+        data.qvel[:] = 0.3, -0.2, 0.1, 2.0, 1.0, -1.5
+        data.qpos[3:7] = 0.5, 0.5, -0.5, 0.5
+        mujoco.mj_forward(model, data)
+        reports.append(data.sensordata.copy())
+    effect = effects.REGISTRY.get("sensor-mount-rotation")
+    assert effect.sites(model) == ["attitude", "attitude+gyro+shock"]
+    imu = effect(model, "attitude+gyro+shock")
+    told = imu.measure(reports[0][None, None], turn, 1.0)[0, 0]
+    assert np.allclose(told, reports[1])
+    jets = np.repeat(reports[1][None, None], 3, axis=1)
+    assert np.allclose(imu.true_motion(jets, turn)[0], reports[0])
+
+
 def test_lift_is_perpendicular_to_spin_and_flight():
     effect = effects.REGISTRY.get("magnus-lift")(machine("ball"), "ball")
     lift = 0.005

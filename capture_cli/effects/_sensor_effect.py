@@ -103,6 +103,18 @@ def columns_source(model: mujoco.MjModel, site: str) -> str:
     return f"{sensor}.adr[0] + np.arange({sensor}.dim[0])"
 
 
+def devices(
+    model: mujoco.MjModel, among: Callable[[mujoco.MjModel, int], bool] = lambda *_: True
+) -> dict[str, list[int]]:
+    """Those `among` the sensors that sit at one site, by the names of all of them, where there are several."""
+    at: dict[int, list[int]] = {}
+    for sensor in np.flatnonzero(model.sensor_objtype == int(mujoco.mjtObj.mjOBJ_SITE)):
+        if among(model, int(sensor)):
+            at.setdefault(int(model.sensor_objid[sensor]), []).append(int(sensor))
+    several = (sensors for sensors in at.values() if len(sensors) > 1)
+    return {"+".join(object_name(model, "sensor", s) for s in sensors): sensors for sensors in several}
+
+
 class SensorEffect(Effect):
     """An effect on the reports of one sensor.
 

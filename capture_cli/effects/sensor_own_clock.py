@@ -7,14 +7,12 @@ import numpy as np
 
 from capture_cli.effects._clock import off_clock, on_time
 from capture_cli.effects._places import site_id
-from capture_cli.effects._sensor_effect import SensorEffect, columns_of, columns_source
+from capture_cli.effects._sensor_effect import SensorEffect, columns_of, columns_source, devices
 from capture_cli.effects.base import GLOBAL
 from capture_cli.parameters import Parameter
 from capture_cli.sim.object_names import object_name
 from capture_cli.sim.reported_motion import MOST_LATE
 from capture_cli.sim.windows import MOST_DRIFT
-
-SITE = int(mujoco.mjtObj.mjOBJ_SITE)
 
 
 class SensorOwnClock(SensorEffect):
@@ -32,13 +30,13 @@ class SensorOwnClock(SensorEffect):
 
     def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
         super().__init__(model, site)
-        self.sensors = _devices(model).get(site) or [site_id(model, "sensor", site)]
+        self.sensors = devices(model).get(site) or [site_id(model, "sensor", site)]
 
     @classmethod
     def sites(cls, model):
         single = super().sites(model)
-        devices = [name for name, sensors in _devices(model).items() if len(sensors) < model.nsensor]
-        return [*single, *devices] if model.nsensor > 1 else []
+        several = [name for name, sensors in devices(model).items() if len(sensors) < model.nsensor]
+        return [*single, *several] if model.nsensor > 1 else []
 
     @property
     def columns(self):
@@ -66,12 +64,3 @@ class SensorOwnClock(SensorEffect):
 
     def undone(self, jets, values):
         return on_time(jets, error=values)
-
-
-def _devices(model: mujoco.MjModel) -> dict[str, list[int]]:
-    """Sensors that sit at one site, by the names of all of them, where there are several."""
-    at: dict[int, list[int]] = {}
-    for sensor in np.flatnonzero(model.sensor_objtype == SITE):
-        at.setdefault(int(model.sensor_objid[sensor]), []).append(int(sensor))
-    several = (sensors for sensors in at.values() if len(sensors) > 1)
-    return {"+".join(object_name(model, "sensor", s) for s in sensors): sensors for sensors in several}

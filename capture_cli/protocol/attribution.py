@@ -14,9 +14,9 @@ from capture_cli.diagnosis.lack_of_fit import NEAR_FLOOR
 from capture_cli.diagnosis.score import Score
 from capture_cli.effects.base import GLOBAL
 from capture_cli.effects.placed import Placed
-from capture_cli.protocol.candidates import Candidate, all_candidates
-from capture_cli.protocol.fit import Fit
-from capture_cli.protocol.forward_round import RIVALS, ForwardRound
+from capture_cli.protocol.candidates import Candidate, all_candidates, worth_a_refit
+from capture_cli.protocol.fit import Fit, least
+from capture_cli.protocol.forward_round import RIVALS, ForwardRound, Scores
 from capture_cli.protocol.model_comparison import (
     CLEARLY_BETTER,
     TIED,
@@ -35,6 +35,7 @@ MOST_EFFECTS = 6
 MINOR, MOST_MINOR = 0.05, 2
 # Of the squared error above the noise floor: what an effect's other places must take together
 MOST_OF_IT = 0.5
+AS_MUCH = 0.8  # of an effect's score, with the others in: what has more may be what is there in its place
 PAIRED = 3  # rivals of each of two effects that are exchanged at once
 ALSO_ENOUGH = "; but with it, too, no more is left than chance allows"  # of a rival that is not as good
 STEPS_AS_WELL = "{mine} does as well, and so do steps of this length"
@@ -46,7 +47,8 @@ class Accepted:
 
     score: when it entered, and so are those of the rivals: later, with it in the model, they answer to what it leaves.
     share: of the squared error above the noise floor of the declared model, what it took when it entered.
-    along: whether it came with another of its kind, at another place.
+    along: whether it came with another of its kind, at another place. together: where it was
+    found at all of its places at once, what was found, and rivals of that; one list for all of the places.
     """
 
     placed: Placed
@@ -55,6 +57,7 @@ class Accepted:
     support: Support
     share: float
     along: bool = False
+    together: list[Candidate] = field(default_factory=list)
     tied: list[Candidate] = field(default_factory=list)
 
     @property
@@ -120,7 +123,11 @@ class Attribution:
                 break
         current = self._without_minor(current)
         current = self._backward(current, self.accepted, Support.reason_against)
-        return self._compare_with_rivals(self._in_pairs(current))
+        current = self._in_pairs(current)
+        self._ask_again(current)
+        current = self._compare_with_rivals(current)
+        together = self._at_all_places(current)
+        return current if together is current else self._compare_with_rivals(together)
 
     @property
     def _count(self) -> int:
@@ -167,19 +174,72 @@ class Attribution:
         fit = self.models.fit([*current.effects[:-1], *places], start, current)
         if fit is None:
             return current
-        added = size * (len(places) - 1)
-        gain = bic_gain(current.penalised_squares, fit.penalised_squares, effective_samples(fit), added)
-        if gain < CLEARLY_BETTER:
+        joint = self.accepted[-1]
+        # another kind at all places may do what this one takes other values for at each: a delay, where this is a lag
+        together = [self._candidate(joint.name), *joint.rivals]
+        together = [replace(c) for c in together if c.placed.effect.site == GLOBAL]
+        if not self._clearly_better(fit, least([current, *(c.fit for c in together)])):
             return current
-        joint = self.accepted.pop()
+        self.accepted.pop()
         self._candidate(joint.name).why_rejected = "better at each of its places on its own"
         for place in places:
             self._candidate(place.name).why_rejected = None
         self.accepted += [
-            Accepted(place, self._candidate(place.name).score, [], joint.support, joint.share, along=k > 0)
+            Accepted(
+                place,
+                self._candidate(place.name).score,
+                self._rivals_at(place.effect.site, joint),
+                joint.support,
+                joint.share,
+                along=k > 0,
+                together=together,
+            )
             for k, place in enumerate(places)
         ]
         return fit
+
+    def _at_all_places(self, current: Fit) -> Fit:
+        """One effect at all places in exchange for those at each of them, where these are no longer clearly better.
+
+        While something else is missing, a delay of all sensors may be followed better by another lag of each.
+        """
+        groups = {id(a.together): a.together for a in self.accepted if a.together}
+        for together in groups.values():
+            parts = [a for a in self.accepted if a.together is together]
+            found = self._in_place_of(parts, together, current)
+            if found is None or self._clearly_better(current, found.fit):
+                continue
+            for part in parts:
+                self._candidate(part.name).why_rejected = f"{found.name} does as much at all places at once"
+                self.accepted.remove(part)
+            self._candidate(found.name).why_rejected = None
+            rivals = [c for c in together if c.name != found.name]
+            self.accepted.append(
+                Accepted(found.placed, found.score, rivals, parts[0].support, parts[0].share)
+            )
+            current = self._backward(found.fit, self.accepted, Support.reason_against)
+        return current
+
+    def _in_place_of(
+        self, parts: Sequence[Accepted], candidates: Sequence[Candidate], current: Fit
+    ) -> Candidate | None:
+        """The one of `candidates` that explains most in the place of the accepted effects `parts`, with its fit."""
+        inside = {a.name for a in self.accepted}
+        found = []
+        for candidate in (c for c in candidates if c.name not in inside):
+            self._step("compare", 0, 1)
+            fit = self._exchanged(current, parts, [candidate])
+            if fit is not None and not at_end(fit, candidate.placed):
+                found.append(replace(candidate, fit=fit))
+        return min(found, key=lambda c: c.fit.penalised_squares, default=None)
+
+    @staticmethod
+    def _clearly_better(larger: Fit, smaller: Fit) -> bool:
+        """Whether the fit with more parameters is worth them."""
+        added = len(larger.point) - len(smaller.point)
+        samples = effective_samples(larger)
+        gain = bic_gain(smaller.penalised_squares, larger.penalised_squares, samples, added)
+        return gain >= CLEARLY_BETTER
 
     def _at_other_places(self, current: Fit) -> Fit:
         """The newest effect at its other places, too, all at once, where that takes most of what is left: of friction
@@ -199,14 +259,11 @@ class Attribution:
         taken = current.excess - fit.excess
         if taken < MOST_OF_IT * current.excess:
             return current
-        rivals = {r.placed.kind for r in newest.rivals}
         for candidate in kin:
-            site = candidate.placed.effect.site
-            own = [c for c in self.ranked if c.placed.effect.site == site and c.placed.kind in rivals]
             accepted = Accepted(
                 candidate.placed,
                 candidate.score,
-                [replace(c) for c in own[:RIVALS]],
+                self._rivals_at(candidate.placed.effect.site, newest),
                 newest.support,
                 taken / self.excess,
                 along=True,
@@ -228,6 +285,12 @@ class Attribution:
                     kin.append(candidate)
                 taken.add(effect.variant_of)
         return kin
+
+    def _rivals_at(self, site: str, accepted: Accepted) -> list[Candidate]:
+        """Candidates at `site` of the kinds that are rivals of `accepted` where it was found."""
+        kinds = {r.placed.kind for r in accepted.rivals}
+        own = [c for c in self.ranked if c.placed.effect.site == site and c.placed.kind in kinds]
+        return [replace(c) for c in own[:RIVALS]]
 
     def _step(self, what: str, number: int, total: int) -> None:
         self.on_step(what, number, total, [a.name for a in self.accepted])
@@ -334,10 +397,32 @@ class Attribution:
         size = len(accepted.placed.effect.parameters)
         return [r for r in accepted.rivals if len(r.placed.effect.parameters) <= size][:PAIRED]
 
-    def _exchanged(self, current: Fit, pair: Sequence[Accepted], rivals: Sequence[Candidate]) -> Fit | None:
-        """The model with `rivals` in the place of the accepted effects `pair`."""
-        out = np.concatenate([np.arange(len(current.point))[current.columns(a.name)] for a in pair])
-        rest = [e for e in current.effects if e.name not in {a.name for a in pair}]
+    def _ask_again(self, current: Fit) -> None:
+        """Rivals of accepted effects but the last, by what the model without it leaves with the others in.
+
+        The first was found while the others were missing: what spoke for it then may have been theirs.
+        """
+        later = [number for number, accepted in enumerate(self.accepted) if not accepted.along]
+        for accepted in self.accepted[: max(later, default=0)]:
+            without = self.models.without(current, accepted.name)
+            if without is None:
+                continue
+            inside = {a.name for a in self.accepted} - {accepted.name}
+            candidates = [replace(c) for c in self.candidates if c.name not in inside]
+            ranked = Scores(self.models, without, self._step).ranked(candidates)
+            mine = next((c for c in ranked if c.name == accepted.name), None)
+            if mine is None:
+                continue
+            known = {r.name for r in accepted.rivals}
+            new = [c for c in ranked if c.score.gain > AS_MUCH * mine.score.gain and c.name not in known]
+            new, _ = worth_a_refit([c for c in new if c is not mine])
+            accepted.score = mine.score
+            accepted.rivals = [*(c for c in ranked if c.name in known), *new[:RIVALS]]
+
+    def _exchanged(self, current: Fit, some: Sequence[Accepted], rivals: Sequence[Candidate]) -> Fit | None:
+        """The model with `rivals` in the place of `some` accepted effects."""
+        out = np.concatenate([np.arange(len(current.point))[current.columns(a.name)] for a in some])
+        rest = [e for e in current.effects if e.name not in {a.name for a in some}]
         start = np.concatenate([np.delete(current.point, out), *(r.start for r in rivals)])
         return self.models.fit([*rest, *(r.placed for r in rivals)], start, current, current)
 
@@ -345,7 +430,7 @@ class Attribution:
         """Put each accepted effect's rivals in its place: swap where one is better, tie where none can tell."""
         for accepted in list(self.accepted):
             inside = {a.name for a in self.accepted}
-            others = []
+            accepted.tied, others = [], []
             for number, rival in enumerate(r for r in accepted.rivals if r.name not in inside):
                 self._step("compare", number, len(accepted.rivals))
                 other = self._swapped(current, accepted, rival)

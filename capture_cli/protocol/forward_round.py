@@ -25,6 +25,28 @@ FURTHER = (0.2, MATERIAL), (0.2, MATERIAL), (0.1, 0.9)
 SIMILAR = 0.97  # cosine of responses beyond which a candidate that was not fitted may still be a rival
 
 
+class Scores:
+    """How much each candidate would explain of what the model `current` leaves, judged at null."""
+
+    def __init__(self, models: ModelComparison, current: Fit, on_step: Callable[[str, int, int], None]):
+        self.models = models
+        self.current = current
+        self.on_step = on_step
+
+    def ranked(self, candidates: Sequence[Candidate]) -> list[Candidate]:
+        """Those that their scores, which are filled in, speak for; best first."""
+        self._score_all(candidates)
+        return sorted((c for c in candidates if c.why_rejected is None), key=lambda c: -c.score.gain)
+
+    @kept_scores
+    def _score_all(self, candidates: Sequence[Candidate]) -> None:
+        part, at = thinned(self.models.fit_part, self.current)
+        narrow = NarrowShapes(self.models.fits, part, replace(self.current, at=at))
+        for number, candidate in enumerate(candidates):
+            self.on_step("score", number, len(candidates))
+            score_at_null(narrow, candidate)
+
+
 class ForwardRound:
     """What may be added to the model `current`.
 
@@ -47,20 +69,8 @@ class ForwardRound:
         self.current = current
         self.tried = len(candidates)
         self.on_step = on_step
-        self.ranked = self._scored(candidates)
+        self.ranked = Scores(models, current, on_step).ranked(candidates)
         self.supported, self._unfitted = self._fitted(patient=patient)
-
-    def _scored(self, candidates: Sequence[Candidate]) -> list[Candidate]:
-        self._score_all(candidates)
-        return sorted((c for c in candidates if c.why_rejected is None), key=lambda c: -c.score.gain)
-
-    @kept_scores
-    def _score_all(self, candidates: Sequence[Candidate]) -> None:
-        part, at = thinned(self.models.fit_part, self.current)
-        narrow = NarrowShapes(self.models.fits, part, replace(self.current, at=at))
-        for number, candidate in enumerate(candidates):
-            self.on_step("score", number, len(candidates))
-            score_at_null(narrow, candidate)
 
     def _fitted(self, *, patient: bool) -> tuple[list[Candidate], list[Candidate]]:
         """Candidates that are supported once they are fitted, and those that were not worth a fit."""

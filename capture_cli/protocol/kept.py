@@ -24,7 +24,7 @@ from capture_cli.protocol.prepared_log import PreparedLog
 
 if TYPE_CHECKING:
     from capture_cli.protocol.candidates import Candidate
-    from capture_cli.protocol.forward_round import ForwardRound
+    from capture_cli.protocol.forward_round import Scores
     from capture_cli.protocol.model_fits import ModelFits
 
 # of a candidate, and of its score, what a round says
@@ -86,7 +86,7 @@ def kept_scores(method: Callable[..., None]) -> Callable[..., None]:
     """Makes a step of what scores the candidates of a round."""
 
     @wraps(method)
-    def score_all(found: ForwardRound, candidates: Sequence[Candidate]) -> None:
+    def score_all(found: Scores, candidates: Sequence[Candidate]) -> None:
         def make() -> Values:
             method(found, candidates)
             every = ({**_fields(c, SCORED), **_fields(c.score, SCORE)} for c in candidates)

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import mujoco
 import numpy as np
 
 from capture_cli.diagnosis.noise_floor import NoiseFloor
+from capture_cli.evenly_spread import evenly_spread
+from capture_cli.protocol.followed_motion import followed_motion
 from capture_cli.protocol.log_windows import clock, cut_log
 from capture_cli.protocol.nominal_motion import nominal_motion
-from capture_cli.protocol.prepared_log import PreparedLog
-from capture_cli.sim.coordinate_sources import measures_every_coordinate
+from capture_cli.protocol.prepared_log import PreparedLog, attitudes
+from capture_cli.sim.coordinate_sources import measures_every_coordinate, sources_of, unmeasured_joints
 from capture_cli.sim.engine import Engine, ModelFields, Rollouts
 from capture_cli.sim.loop_closure import EVERY, LoopClosure
+from capture_cli.sim.quaternion_signs import aligned
 from capture_cli.sim.starts import (
     StartEstimate,
     estimate_starts,
@@ -22,9 +26,11 @@ from capture_cli.sim.starts import (
     with_known,
 )
 from capture_cli.sim.windows import Windows
+from capture_cli.simulator import Simulator
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.tasks.base import ActionTask, Task
 
+JUDGED = 40  # windows, evenly spread, that tell which of several ways to read starts is nearer to the log
 AGREES = 1e-3  # p of the first samples of episodes below which they do not begin where their actions say
 
 
@@ -40,23 +46,49 @@ def log_starts(
         if acted.all():
             return known
     all_measured = measures_every_coordinate(task.model, data)
-    unmeasured, slack = None, None
+    believed: Sequence[StartEstimate | None] = [None]
+    slack = None
     if task.model.neq or not all_measured:
-        unmeasured, slack = _of_whole_episodes(log, task, windows, threads)
-    read = estimate_starts(
-        task.model,
-        data,
-        time=clock(log),
-        outputs=log.values,
-        episodes=log.episodes,
-        window_first=windows.first,
-        window_episode=windows.episode,
-        noise_sd=noise.sd,
-        sampled=log.sampled,
-        unmeasured=None if all_measured else unmeasured,
-        slack=slack,
-    )
+        simulated, slack = _of_whole_episodes(log, task, windows, noise, threads)
+        believed = believed if all_measured else simulated
+    reads = [
+        estimate_starts(
+            task.model,
+            data,
+            time=clock(log),
+            outputs=log.values,
+            episodes=log.episodes,
+            window_first=windows.first,
+            window_episode=windows.episode,
+            noise_sd=noise.sd,
+            sampled=log.sampled,
+            unmeasured=unmeasured,
+            slack=slack,
+        )
+        for unmeasured in believed
+    ]
+    read = _nearest(task, windows, noise, reads, threads)
     return with_known(read, known, acted) if acted.any() else read
+
+
+def _nearest(
+    task: Task, windows: Windows, noise: NoiseFloor, reads: Sequence[StartEstimate], threads: int | None
+) -> StartEstimate:
+    """The one of `reads` of the windows' starts from which the nominal model comes nearest to the log; the first of
+    those that come as near.
+    """
+    if len(reads) == 1:
+        return reads[0]
+    some = evenly_spread(len(windows), JUDGED)
+    own, simulator = windows.rows(some), Simulator(task, threads=threads)
+
+    def distance(read: StartEstimate) -> float:
+        found = simulator.simulate(own, read.starts.rows(some), task.space.nominal)
+        outputs = aligned(found.outputs[0], own.measured, attitudes(task))
+        squares = np.where(own.sampled, np.square((outputs - own.measured) / noise.sd), 0.0).sum(axis=(1, 2))
+        return float(np.median(np.where(found.diverged[0], np.inf, squares / own.sampled.sum(axis=(1, 2)))))
+
+    return min(reads, key=distance)
 
 
 def _readable(task: Task) -> list[int]:
@@ -108,25 +140,30 @@ def begins_as_acted(prepared: PreparedLog) -> bool:
 
 
 def _of_whole_episodes(
-    log: MeasuredLog, task: Task, windows: Windows, threads: int | None
-) -> tuple[StartEstimate, np.ndarray | None]:
-    """What the nominal model shows that is driven through whole episodes: what the coordinates do that no output
-    measures, and how far equality constraints give way (2, row); None where there are none or all simulations diverge.
+    log: MeasuredLog, task: Task, windows: Windows, noise: NoiseFloor, threads: int | None
+) -> tuple[list[StartEstimate], np.ndarray | None]:
+    """What the nominal model shows in whole episodes: what the coordinates do that no output measures, and how far
+    equality constraints give way (2, row); None where there are none or all simulations diverge.
+
+    Driven by the inputs alone; and, where there are no such constraints, kept to what outputs measure.
     """
-    model = task.model
+    model, data = task.model, _readable(task)
     whole = cut_log(log, task, None)
     steps = int(whole.grid_steps.max())
-    rollouts = nominal_motion(task, task.controls(whole.controls), steps=steps, threads=threads)
-    number, step = in_whole_episodes(windows, whole, rollouts)
-    believed = from_episodes(model, rollouts, window_episode=number, window_step=step)
-    return believed, _slack(model, rollouts, whole.grid_steps, max(1, round(EVERY / task.timestep)))
+    driven = nominal_motion(task, task.controls(whole.controls), steps=steps, threads=threads)
+    motions = [driven]
+    if not model.neq and unmeasured_joints(model, data) and sources_of(model, data):
+        motions.append(followed_motion(log, task, whole, data, noise.sd, threads))
+    number, step = in_whole_episodes(windows, whole)
+    believed = [from_episodes(model, m, window_episode=number, window_step=step) for m in motions]
+    return believed, _slack(model, driven, whole.grid_steps, max(1, round(EVERY / task.timestep)))
 
 
-def in_whole_episodes(windows: Windows, whole: Windows, rollouts: Rollouts) -> tuple[np.ndarray, np.ndarray]:
+def in_whole_episodes(windows: Windows, whole: Windows) -> tuple[np.ndarray, np.ndarray]:
     """In which of the `whole` episodes each window begins, and at which step of their rollouts, (window,) each."""
     number = np.searchsorted(whole.first, windows.first, side="right") - 1
     step = np.round((windows.time - whole.time[number]) / windows.timestep).astype(int)
-    return number, np.minimum(step, rollouts.qpos.shape[1] - 1)
+    return number, np.minimum(step, int(whole.grid_steps.max()) - 1)
 
 
 def _slack(model: mujoco.MjModel, whole: Rollouts, steps: np.ndarray, stride: int) -> np.ndarray | None:

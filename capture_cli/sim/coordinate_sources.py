@@ -79,6 +79,13 @@ def unmeasured_joints(model: mujoco.MjModel, data: Sequence[int]) -> list[str]:
     return [object_name(model, "joint", j) for j in range(model.njnt) if int(model.jnt_dofadr[j]) not in dofs]
 
 
+def measured_states(model: mujoco.MjModel, data: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
+    """What the outputs give of a state: places in qpos, and in qvel, those of positions' rates among them."""
+    sources = sources_of(model, data)
+    qpos = sorted({place for s in sources for place in s.qpos})
+    return np.array(qpos, dtype=int), np.array(sorted({d for s in sources for d in s.dofs}), dtype=int)
+
+
 def _positioned(model: mujoco.MjModel, data: Sequence[int]) -> set[int]:
     """Tangent coordinates whose position is among the outputs."""
     return {d for s in sources_of(model, data) if s.kind != "velocity" for d in s.dofs}

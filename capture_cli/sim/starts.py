@@ -1,7 +1,7 @@
 """Initial states from the outputs of a log, with how well each is known.
 
 Where outputs measure a coordinate or its velocity, their motion around the window's first sample gives value and
-derivative. What no output measures is taken from one simulation of the whole episode, and may be off by more than it
+derivative. What no output measures is taken from a simulation of the whole episode, and may be off by more than it
 moves there: a coordinate that rests stays where it is. Both are then made to satisfy the equality constraints.
 """
 
@@ -390,13 +390,21 @@ def from_episodes(model: mujoco.MjModel, whole: Rollouts, *, window_episode, win
     """
     qpos, qvel, act = whole.qpos, whole.qvel, whole.act
     starts = states_of(whole, window_episode, window_step)
-    moved = np.zeros((len(qpos), qpos.shape[1], model.nv))
-    for episode, path in enumerate(qpos):
-        for step, position in enumerate(path):
-            mujoco.mj_differentiatePos(model, moved[episode, step], 1.0, path[0], position)
+    moved = _since_the_first(model, qpos)
     motion = np.concatenate([states.std(axis=1) for states in (moved, qvel, act)], axis=1)
     motion[motion < STILL] = 0.0
     return StartEstimate(starts, UNMEASURED_MOTION * motion[window_episode])
+
+
+def _since_the_first(model: mujoco.MjModel, qpos: np.ndarray) -> np.ndarray:
+    """Tangent moves (simulation, step, nv) from each first position of qpos (simulation, step, nq)."""
+    if model.nq == model.nv:
+        return qpos - qpos[:, :1]
+    moved = np.zeros((*qpos.shape[:2], model.nv))
+    for episode, path in enumerate(qpos):
+        for step, position in enumerate(path):
+            mujoco.mj_differentiatePos(model, moved[episode, step], 1.0, path[0], position)
+    return moved
 
 
 def _velocity_lag(model: mujoco.MjModel) -> float:

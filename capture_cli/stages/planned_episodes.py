@@ -99,7 +99,7 @@ def planned(
     log = _measured(task, driven, outputs[whole.mask], known)
     windows = cut_log(log, task, known.window)
     read = log_starts(log, task, windows, known.noise, threads)
-    true = states_of(rollouts, *in_whole_episodes(windows, whole, rollouts))
+    true = states_of(rollouts, *in_whole_episodes(windows, whole))
     starts = replace(read.starts, qpos=true.qpos, qvel=true.qvel, act=true.act)
     none_held_out = Split(np.zeros(len(windows), dtype=bool), "nothing held out")
     there = StartEstimate(starts, read.sd)
