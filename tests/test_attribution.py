@@ -269,6 +269,27 @@ def test_one_at_all_places_in_the_place_of_one_at_each(of_delay, found, monkeypa
         assert after is before
 
 
+@pytest.mark.parametrize(
+    ("squares_of_one", "kin", "found"),
+    [(100, True, ["shift"]), (110, True, ["turn@a", "turn@b"]), (100, False, ["turn@a", "turn@b"])],
+)
+def test_one_in_the_place_of_two_that_do_its_job(squares_of_one, kin, found, monkeypatch):
+    """A shift of a centre of mass, which looked like one sensor that is askew, and then like another."""
+    turn_a, turn_b, shift = sized("turn@a", "turn@b", "shift")
+    squares = {("turn@a", "turn@b"): 100, ("shift",): squares_of_one}
+    selection = judged_selection(monkeypatch, squares, [turn_a, turn_b, shift])
+    selection.accepted = [
+        Accepted(turn_a.placed, None, [turn_b, shift] if kin else [shift], None, 0.9),
+        Accepted(turn_b.placed, None, [], None, 0.1),
+    ]
+    before = JudgedFit([turn_a.placed, turn_b.placed], np.arange(3.0), squares)
+    after = selection._one_for_two(before)
+    assert [a.name for a in selection.accepted] == found == [e.name for e in after.effects]
+    if found == ["shift"]:
+        assert turn_a.why_rejected == turn_b.why_rejected == "shift alone does as much as both"
+        assert selection.accepted[0].share == 1.0
+
+
 @pytest.mark.parametrize(("of_delay", "found"), [(101, ["lag"]), (130, ["lag@a", "lag@b"])])
 def test_each_place_on_its_own_only_where_no_other_kind_does_for_all(of_delay, found, monkeypatch):
     lag, delay, lag_a, lag_b, delay_a = sized("lag", "delay", "lag@a", "lag@b", "delay@a")

@@ -123,7 +123,7 @@ class Attribution:
                 break
         current = self._without_minor(current)
         current = self._backward(current, self.accepted, Support.reason_against)
-        current = self._in_pairs(current)
+        current = self._in_pairs(self._one_for_two(current))
         self._ask_again(current)
         current = self._compare_with_rivals(current)
         together = self._at_all_places(current)
@@ -178,7 +178,7 @@ class Attribution:
         # another kind at all places may do what this one takes other values for at each: a delay, where this is a lag
         together = [self._candidate(joint.name), *joint.rivals]
         together = [replace(c) for c in together if c.placed.effect.site == GLOBAL]
-        if not self._clearly_better(fit, least([current, *(c.fit for c in together)])):
+        if self._gain(least([current, *(c.fit for c in together)]), fit) < CLEARLY_BETTER:
             return current
         self.accepted.pop()
         self._candidate(joint.name).why_rejected = "better at each of its places on its own"
@@ -206,19 +206,40 @@ class Attribution:
         groups = {id(a.together): a.together for a in self.accepted if a.together}
         for together in groups.values():
             parts = [a for a in self.accepted if a.together is together]
-            found = self._in_place_of(parts, together, current)
-            if found is None or self._clearly_better(current, found.fit):
-                continue
-            for part in parts:
-                self._candidate(part.name).why_rejected = f"{found.name} does as much at all places at once"
-                self.accepted.remove(part)
-            self._candidate(found.name).why_rejected = None
-            rivals = [c for c in together if c.name != found.name]
-            self.accepted.append(
-                Accepted(found.placed, found.score, rivals, parts[0].support, parts[0].share)
-            )
-            current = self._backward(found.fit, self.accepted, Support.reason_against)
+            found = self._in_place_of(parts, together, current) if len(parts) > 1 else None
+            if found is not None and self._gain(found.fit, current) < CLEARLY_BETTER:
+                current = self._exchange(
+                    parts, found, together, f"{found.name} does as much at all places at once"
+                )
         return current
+
+    def _one_for_two(self, current: Fit) -> Fit:
+        """One rival of two effects that do for each other's job in the place of both, where they are no better.
+
+        An IMU that is askew may be an attitude's error first, and then one of all its sensors.
+        """
+        for pair in combinations(self.accepted, 2):
+            if not _are_kin(*pair) or any(a not in self.accepted for a in pair):
+                continue
+            rivals = list({r.name: r for a in pair for r in a.rivals}.values())
+            found = self._in_place_of(pair, rivals, current)
+            if found is not None and self._gain(found.fit, current) <= 0:
+                current = self._exchange(pair, found, rivals, f"{found.name} alone does as much as both")
+        return current
+
+    def _exchange(
+        self, parts: Sequence[Accepted], found: Candidate, rivals: Sequence[Candidate], why: str
+    ) -> Fit:
+        """Accept `found` in the place of `parts`, with `rivals`; the model that stands then."""
+        for part in parts:
+            self._candidate(part.name).why_rejected = why
+            self.accepted.remove(part)
+        self._candidate(found.name).why_rejected = None
+        inside = {found.name, *(a.name for a in self.accepted)}
+        others = [r for r in rivals if r.name not in inside]
+        share = sum(p.share for p in parts if not p.along)
+        self.accepted.append(Accepted(found.placed, found.score, others, parts[0].support, share))
+        return self._backward(found.fit, self.accepted, Support.reason_against)
 
     def _in_place_of(
         self, parts: Sequence[Accepted], candidates: Sequence[Candidate], current: Fit
@@ -234,12 +255,10 @@ class Attribution:
         return min(found, key=lambda c: c.fit.penalised_squares, default=None)
 
     @staticmethod
-    def _clearly_better(larger: Fit, smaller: Fit) -> bool:
-        """Whether the fit with more parameters is worth them."""
-        added = len(larger.point) - len(smaller.point)
-        samples = effective_samples(larger)
-        gain = bic_gain(smaller.penalised_squares, larger.penalised_squares, samples, added)
-        return gain >= CLEARLY_BETTER
+    def _gain(before: Fit, after: Fit) -> float:
+        """What the model `after` gains over `before` by BIC."""
+        added = len(after.point) - len(before.point)
+        return bic_gain(before.penalised_squares, after.penalised_squares, effective_samples(after), added)
 
     def _at_other_places(self, current: Fit) -> Fit:
         """The newest effect at its other places, too, all at once, where that takes most of what is left: of friction

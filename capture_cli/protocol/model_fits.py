@@ -70,7 +70,8 @@ class ModelFits:
         """
         new = effects
         if offsets is not None:
-            offsets = self._carried(offsets, offsets_with, effects)
+            carried = self._carried(offsets, offsets_with, effects)
+            offsets = self._nearer(part, effects, start, [carried, np.zeros_like(carried)])
             new = effects[_in_common(offsets_with, effects) :]
         offsets = self._with_states_found(part, effects, start, offsets, new)
         descend = partial(
@@ -89,6 +90,20 @@ class ModelFits:
         if tried or (part.difference_step and not effects):
             fit = unstuck(self, part, fit, rival, descend)
         return fit
+
+    def _nearer(
+        self, part: PreparedLog, effects: Sequence[Placed], point: np.ndarray, begins: Sequence[np.ndarray]
+    ) -> np.ndarray:
+        """Of each window the one of `begins`, each (window, state), that is best at `point` (parameter,).
+
+        Starts that stood in for what a model lacked are far from those of a model that has it.
+        """
+        simulator = self.simulator(effects)
+        evidence = part.evidence(simulator)
+        trials = np.stack(begins)
+        points = np.repeat(point[None], len(trials), axis=0)
+        outputs, diverged = part.evaluate(simulator, Trial(points, trials))
+        return best_trials(trials, trial_objectives(evidence, trials, outputs, diverged, 1.0))[0]
 
     def _with_states_found(
         self,
