@@ -584,6 +584,9 @@ def _caption(path: Path) -> str:
         caption = (ROOT / path).read_text(encoding="utf-8").removeprefix("# ")
     elif path.suffix == ".py":
         caption = ast.get_docstring(ast.parse((ROOT / path).read_text(encoding="utf-8")))
+    elif path.suffix == ".html":  # a template: the first sentence of its comment
+        comment = re.search(r"{#(.*?)#}", (ROOT / path).read_text(encoding="utf-8"), re.DOTALL)
+        caption = comment and " ".join(comment.group(1).split()).split(". ")[0]
     elif (ROOT / path / "model.xml").is_file():
         comment = re.search(
             r"<!--(.*?)-->", (ROOT / path / "model.xml").read_text(encoding="utf-8"), re.DOTALL

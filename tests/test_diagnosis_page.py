@@ -403,12 +403,11 @@ def test_many_outputs_are_folded():
 def test_the_law_of_what_was_found_stands_in_its_page():
     page = render(RECORDS["full"](), PROVENANCE)
     assert (
-        "coulomb-friction: <code>friction</code> (N or N m) is added to the joint&#x27;s frictionloss."
-        in page
+        "coulomb-friction: <code>friction</code> (N or N m) is added to the joint&#39;s frictionloss." in page
     )
     assert "direction-dependent-viscous: <code>asymmetry</code> is added forward.</p>" in page
     of_six = render(RECORDS["many"](), None)
-    assert of_six.count("(N or N m) is added to the joint&#x27;s frictionloss.") == 1
+    assert of_six.count("(N or N m) is added to the joint&#39;s frictionloss.") == 1
 
 
 @pytest.mark.parametrize("name", ["full", "short"])

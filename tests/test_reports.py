@@ -733,7 +733,8 @@ def test_imports_stay_light():
     program = (
         "import sys;"
         "import capture_cli.reports.estimate_page, capture_cli.reports.figures, capture_cli.reports.terminal;"
-        "from capture_cli.reports.page import page; page(title='', body='', plots={});"
+        "from capture_cli.reports.page import page;"
+        "page('page.html', plots={}, curves=None, document={'task': ''}, badge='');"
         "print([m for m in ('matplotlib.pyplot', 'plotly.graph_objs', 'pandas') if m in sys.modules])"
     )
     assert run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout == "[]\n"

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from capture_cli.reports.curves import HELD_OUT, Curves, Model, autocorrelation, bin_edges, thin
-from capture_cli.reports.page import packed
-from capture_cli.reports.plotly_parts import Plot, band, in_template, line, mark, swatch
+from capture_cli.reports.plotly_parts import Plot, band, in_template, line, mark, packed, swatch
 from capture_cli.reports.quantities import scaled_unit, titled
 from capture_cli.stores.diagnosis import Diagnosis
 from capture_cli.stores.estimate import Estimate

@@ -1,39 +1,12 @@
-"""A parameter's cells in a table of a page."""
+"""What a parameter's cells say in a table of a page."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from html import escape
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
-from capture_cli.reports.quantities import (
-    MISSING,
-    bound,
-    deviation,
-    place,
-    shown_unit,
-    to_precision_of,
-    told,
-)
-
-PARAMETER_HEAD = ["parameter", "estimate", "sd", "95 % interval", "within its range", "remarks"]
-
-
-def parameter_row(name: str, p: Mapping[str, Any]) -> list[str]:
-    """Cells under PARAMETER_HEAD, as HTML."""
-    return [
-        named(name, p["unit"]),
-        f'<span class="name">{to_precision_of(p["value"], p["sd"])}</span>',
-        deviation(p),
-        interval(p),
-        range_bar(p),
-        remarks(p) or '<span class="quiet">determined</span>',
-    ]
-
-
-def named(name: str, unit: str) -> str:
-    """A name and its unit."""
-    return f'<span class="name">{escape(name)}</span> <span class="unit">{escape(shown_unit(unit))}</span>'
+from capture_cli.reports.quantities import MISSING, place, to_precision_of, told
 
 
 def interval(p: Mapping[str, Any]) -> str:
@@ -41,23 +14,28 @@ def interval(p: Mapping[str, Any]) -> str:
     return " to ".join(to_precision_of(v, p["sd"]) for v in p["ci95"]) if p["ci95"] else MISSING
 
 
-def remarks(p: Mapping[str, Any]) -> str:
-    """What is wrong with the value; "" where nothing is."""
-    found = [f'<span class="unsure">{told(p)}</span>'] * (not p["identifiable"])
-    found += ['<span class="warn">at its bound</span>'] * p["at_bound"]
-    return ", ".join(found)
+def remarks_on(p: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """(CSS class, text) of what is wrong with the value; none where nothing is."""
+    found = [("unsure", told(p))] * (not p["identifiable"])
+    return [*found, *[("warn", "at its bound")] * p["at_bound"]]
 
 
-def range_bar(p: Mapping[str, Any], shown: Callable[[float], str] = bound) -> str:
-    """The value and its interval on a bar from low to high; `shown` writes those."""
+@dataclass(frozen=True)
+class OnRange:
+    """Where a value lies between its bounds, in percent from the left; interval: (left, width), None without one."""
+
+    value: str
+    interval: tuple[str, str] | None
+
+
+def on_range(p: Mapping[str, Any]) -> OnRange:
+    """The value and its interval on a bar from low to high."""
 
     def percent(value: float) -> float:
         return 100 * min(1.0, max(0.0, place(value, p)))
 
-    shade = ""
-    if p["ci95"]:
-        a, b = (percent(v) for v in p["ci95"])
-        shade = f'<span class="interval" style="left:{a:.2f}%;width:{b - a:.2f}%"></span>'
-    value = f'<span class="value" style="left:{percent(p["value"]):.2f}%"></span>'
-    ends = f"<span>{shown(p['low'])}</span><span>{shown(p['high'])}</span>"
-    return f'<div class="range">{shade}{value}</div><div class="ends">{ends}</div>'
+    value = f"{percent(p['value']):.2f}"
+    if not p["ci95"]:
+        return OnRange(value, None)
+    a, b = (percent(v) for v in p["ci95"])
+    return OnRange(value, (f"{a:.2f}", f"{b - a:.2f}"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 from typing import Any
 
 import numpy as np
@@ -97,3 +98,11 @@ def rounded(values) -> list:
     if np.ndim(values):
         return [rounded(v) for v in values]
     return float(f"{values:.6g}") if np.isfinite(values) else None
+
+
+def packed(values: np.ndarray, dtype: str) -> dict[str, str]:
+    """Numbers (n,) as little-endian bytes in base64. dtype: "f4" or "f8"; what is not finite is a gap."""
+    with np.errstate(over="ignore"):
+        values = np.asarray(values).astype(f"<{dtype}")
+    values = np.where(np.isfinite(values), values, np.nan).astype(f"<{dtype}")
+    return {"dtype": dtype, "bdata": base64.b64encode(values.tobytes()).decode("ascii")}
