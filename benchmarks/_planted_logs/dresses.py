@@ -1,0 +1,66 @@
+"""The same log as other loggers would have written it, and the task file that goes with it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from copy import copy
+from dataclasses import replace
+
+import numpy as np
+
+from capture_cli.stores.measured_log import MeasuredLog
+from capture_cli.tasks.base import Task
+
+PLAIN, NO_WINDOW, HALF, QUARTER, FILTERED = "plain", "no-window", "half-rate", "quarter-rate", "filtered"
+CUTOFF = 1 / 8  # of the sampling rate
+SETTLING = 64  # samples that the filter has seen before an episode begins
+
+Dress = Callable[[MeasuredLog], MeasuredLog]
+
+
+def _every(rows: int) -> Dress:
+    """Each so many-th row is kept: between two rows the commands change, as they did."""
+
+    def thinned(log: MeasuredLog) -> MeasuredLog:
+        kept = [np.arange(e.start, e.stop, rows) for e in log.episodes]
+        each = np.concatenate(kept)
+        return replace(
+            log,
+            time=log.time[each],
+            inputs=log.inputs[each],
+            outputs=log.outputs[each],
+            episode_ends=np.cumsum([len(k) for k in kept]),
+        )
+
+    return thinned
+
+
+def _filtered(log: MeasuredLog) -> MeasuredLog:
+    """Outputs, noise and all, behind a causal low-pass of second order (Butterworth)."""
+    from scipy.signal import butter, lfilter
+
+    numerator, denominator = butter(2, 2 * CUTOFF)
+    outputs = log.outputs.copy()
+    for episode in log.episodes:
+        own = log.outputs[episode]
+        before = 2 * own[0] - own[SETTLING:0:-1]  # the motion goes on backwards as it begins
+        seen = np.concatenate([before, own]) - before[0]
+        outputs[episode] = before[0] + lfilter(numerator, denominator, seen, axis=0)[SETTLING:]
+    return replace(log, outputs=outputs)
+
+
+DRESSES: Mapping[str, Dress] = {
+    PLAIN: lambda log: log,
+    NO_WINDOW: lambda log: log,
+    HALF: _every(2),
+    QUARTER: _every(4),
+    FILTERED: _filtered,
+}
+
+
+def dressed(name: str, task: Task, log: MeasuredLog) -> tuple[Task, MeasuredLog]:
+    """Task and log of a plain recording in the dress `name`."""
+    if name == NO_WINDOW:
+        task = copy(task)
+        task.log = replace(task.log, window=None)
+    return task, DRESSES[name](log)
