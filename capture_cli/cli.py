@@ -7,7 +7,6 @@ Exit codes: 0 done; 1 our fault; 2 the user can mend it; 3 it ran, and the verdi
 
 from __future__ import annotations
 
-import errno
 import os
 import signal
 import sys
@@ -20,7 +19,8 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from capture_cli import __version__
-from capture_cli.commands._wrong_number import wrong_number
+from capture_cli.commands._surroundings import check_surroundings, of_the_system
+from capture_cli.commands._wrong_usage import UsageError, wrong_usage
 from capture_cli.commands.diagnose import diagnose
 from capture_cli.commands.effects import effects
 from capture_cli.commands.eval_sim2sim import eval_sim2sim
@@ -34,7 +34,7 @@ from capture_cli.commands.record import record
 from capture_cli.commands.tasks import tasks
 from capture_cli.commands.train_policy import train_policy
 from capture_cli.commands.train_sysid import train_sysid
-from capture_cli.errors import CaptureError, Interrupted
+from capture_cli.errors import CaptureError, Interrupted, shortened
 
 _COMMANDS = {  # in the order of --help
     "identify": identify,
@@ -58,6 +58,14 @@ class _PassedOn(Exception):
 
 
 class _Commands(TyperGroup):
+    def make_context(self, info_name, args, parent=None, **extra):
+        try:
+            return super().make_context(info_name, args, parent, **extra)
+        except UsageError as error:
+            if not sys.argv[1:]:  # it says what there is
+                raise
+            raise wrong_usage(error, ()) from None
+
     def invoke(self, ctx):
         arguments = list(ctx.args)  # of the command; they are taken from there
         try:
@@ -67,12 +75,13 @@ class _Commands(TyperGroup):
                 sys.stdout.flush()
         except (KeyboardInterrupt, BrokenPipeError) as error:
             raise _PassedOn from error
-        except typer.BadParameter as error:
-            raise wrong_number(error, arguments) or error from None
+        except UsageError as error:
+            raise wrong_usage(error, arguments) from None
 
 
 class _Command(TyperCommand):
     def invoke(self, ctx):
+        check_surroundings()
         if ctx.params.get("config") is not None:
             from capture_cli.stores.output import refuse_inputs
 
@@ -102,6 +111,9 @@ def main() -> None:
         os.environ.setdefault(name, "1")
     # nothing is rendered, and to look for a window system takes MuJoCo a third of its import
     os.environ.setdefault("MUJOCO_GL", "disable")
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):  # a name that the terminal has no characters for ends nothing
+            stream.reconfigure(errors="backslashreplace")
     debug = "--debug" in sys.argv
     arguments = [a for a in sys.argv[1:] if a != "--debug"]
     for stream in ("stdout", "stderr"):
@@ -152,11 +164,10 @@ def _run_to_exit(arguments: list[str], debug: bool, received: list[int]) -> None
             debug,
         )
     except Exception as error:
-        # of --out those who write it say so
-        if isinstance(error, OSError) and error.errno == errno.ENOSPC:
-            _discard_stdout()
-            found = "error: the disk is full: what goes to stdout was not written"
-            _fail(f"{found}\n  cure: free some space, or send stdout elsewhere", 2, debug)
+        if isinstance(error, OSError) and (of_system := of_the_system(error)):
+            if error.filename is None:  # it is stdout that was refused: what is left of it would be, too
+                _discard_stdout()
+            _fail(f"error: {of_system}", 2, debug)
         _fail(
             f"internal error: {type(error).__name__}: {error}\n  this is a fault of `capture`; --debug shows where",
             1,
@@ -186,7 +197,7 @@ def _fail(message: str, code: int, debug: bool) -> None:
         import traceback
 
         traceback.print_exc()
-    print(message, file=sys.stderr)
+    print(shortened(message), file=sys.stderr)
     sys.exit(code)
 
 

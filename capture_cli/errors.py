@@ -17,7 +17,7 @@ class CaptureError(Exception):
     def __init__(self, message: str, *, cure: str):
         super().__init__(message)
         self.message = message
-        self.cure = cure
+        self.cure = cure.replace("\n", " ")  # it is the last line
 
     def __reduce__(self):
         # what a worker on another host raises is sent here
@@ -64,6 +64,28 @@ class Interrupted(KeyboardInterrupt):
 
     def __init__(self, message: str, *, cure: str):
         super().__init__(f"{message}\n  cure: {cure}")
+
+
+LONGEST = 999  # characters of a message on stderr
+LONGEST_CURE = 500  # of these
+LEFT_OUT = " [...] "
+
+
+def shortened(message: str) -> str:
+    """A message as it is shown: of LONGEST characters, its last line, the cure, before all; without what moves a
+    terminal's cursor or changes its colours, as a name from a file may.
+    """
+    found, newline, cure = "".join(map(_visible, message)).rpartition("\n")
+    if len(cure) > LONGEST_CURE and newline:
+        cure = f"{cure[: LONGEST_CURE - 3]}..."
+    room = LONGEST - len(cure) - len(newline) - len(LEFT_OUT)
+    if len(found) > room + len(LEFT_OUT):  # both of its ends say something: what it is of, and what is wrong
+        found = f"{found[: room // 2]}{LEFT_OUT}{found[-(room // 2) :]}"
+    return f"{found}{newline}{cure}"
+
+
+def _visible(character: str) -> str:
+    return character if character.isprintable() or character == "\n" else repr(character)[1:-1]
 
 
 MANY = 20  # names: where one is near, more are not listed beside it

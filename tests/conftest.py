@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from pathlib import Path
 
 # As the command line does, before numpy is loaded: threads for small matrices only wait for each other.
@@ -10,6 +11,8 @@ for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(name, "1")
 
 import pytest  # noqa: E402
+
+from capture_cli import cli  # noqa: E402
 
 SLIDER_XML = """\
 <mujoco model="slider">
@@ -76,6 +79,25 @@ def real_data() -> Path:
     if not path.is_dir():
         pytest.skip(f"no real logs at {path}: set CAPTURE_REAL_DATA to the folder that holds them")
     return path.resolve()
+
+
+@pytest.fixture
+def capture(capsys, monkeypatch, tmp_path):
+    """Runs `capture ARGUMENTS` in this process and in tmp_path: (exit code, stdout, stderr)."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["capture", *map(str, arguments)])
+        capsys.readouterr()
+        try:
+            cli.main()
+            code = 0
+        except SystemExit as ended:
+            code = ended.code or 0
+        out, err = capsys.readouterr()
+        return code, out, err
+
+    return run
 
 
 @pytest.fixture

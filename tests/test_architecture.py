@@ -26,7 +26,7 @@ ROWS = (
     ("simulator", "worlds", "observation_noise", "multisine"),
     ("tasks", "effects"),
     ("sim", "stores"),
-    ("autocorrelation", "evenly_spread", "json_text", "named_arrays", "parameters", "registry"),
+    ("autocorrelation", "documents", "evenly_spread", "json_text", "named_arrays", "parameters", "registry"),
     ("errors",),
     ("__init__",),
 )

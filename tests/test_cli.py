@@ -38,25 +38,6 @@ FAST = ("--starts", "1", "--threads", "1")
 RECORD = ("record", "--task", str(SLIDER), "--duration", "1.5", "--rate", "250", "--noise", "0.0005")
 
 
-@pytest.fixture
-def capture(capsys, monkeypatch, tmp_path):
-    """Runs `capture ARGUMENTS` in this process and in tmp_path: (exit code, stdout, stderr)."""
-    monkeypatch.chdir(tmp_path)
-
-    def run(*arguments) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["capture", *map(str, arguments)])
-        capsys.readouterr()
-        try:
-            cli.main()
-            code = 0
-        except SystemExit as ended:
-            code = ended.code or 0
-        out, err = capsys.readouterr()
-        return code, out, err
-
-    return run
-
-
 @pytest.fixture(scope="module")
 def log(tmp_path_factory) -> Path:
     """A log of the slider, 4 episodes of 1.5 s, with noise."""

@@ -57,7 +57,7 @@ def test_a_proposal_is_what_record_runs(scooping, tmp_path):
     others += [{"action": {"scoop_point": value}} for value in (0.1, {}, {"value": "far"}, {"value": np.nan})]
     for bad in ("{", *(json.dumps({**proposal, **other}) for other in others)):
         (tmp_path / "p.json").write_text(bad)
-        with pytest.raises(OptionError, match="holds no action"):
+        with pytest.raises(OptionError, match=r"holds no action|is not JSON|value = nan; expected a finite number"):
             record(task="scooping", out=tmp_path / "m.zarr", actions_from=tmp_path / "p.json")
     assert not (tmp_path / "m.zarr").exists()
 
@@ -181,7 +181,7 @@ def test_proposed_inputs_are_recorded_appended_and_taken_up(slider_task, tmp_pat
         ({"inputs": {"push": [0.0, 1.0]}}, r"of \(push\), and the task has \(drive\)"),
         ({"inputs": {"drive": ["a", 1.0]}}, "have no values"),
         ({"inputs": {"drive": [0.0]}}, "1 values of each and 2 times"),
-        ({"inputs": {"drive": [0.0, float("nan")]}}, "not finite"),
+        ({"inputs": {"drive": [0.0, None]}}, "not finite"),
         ({"time_s": [0.0, 0.0]}, "does not increase"),
     ],
 )
@@ -196,7 +196,7 @@ def test_a_file_without_inputs_for_the_task_is_not_recorded(slider_task, tmp_pat
 
 def test_a_table_is_no_proposal(slider_task, tmp_path):
     (tmp_path / "run.csv").write_text("t_s,u_N\n0,1\n")
-    with pytest.raises(OptionError, match="holds no inputs: it cannot be read") as caught:
+    with pytest.raises(OptionError, match="is not JSON") as caught:
         record(task=str(slider_task), out=tmp_path / "n.zarr", inputs_from=tmp_path / "run.csv")
     assert "capture import-log" in caught.value.cure
 

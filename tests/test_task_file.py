@@ -223,8 +223,8 @@ MISTAKES = {
     "parameter-empty-set": ('"body:left:mass"', "[]", PARAMETER, ["set = []", "KIND:NAME:ATTRIBUTE"]),
     "parameter-set-type": ('"body:left:mass"', "[1]", PARAMETER, ["set = [1]", "KIND:NAME:ATTRIBUTE"]),
     "parameter-low-type": ("low = 0.5", 'low = "0.5"', PARAMETER, ["low = '0.5'", "a number"]),
-    "parameter-low-nan": ("low = 0.5", "low = nan", PARAMETER, ["low = nan", "a number"]),
-    "parameter-high-infinite": ("high = 4.0", "high = inf", PARAMETER, ["high = inf", "a number"]),
+    "parameter-low-nan": ("low = 0.5", "low = nan", "", ["parameters.mass.low = nan", "finite number"]),
+    "parameter-high-infinite": ("high = 4.0", "high = inf", "", ["parameters.mass.high = inf", "finite number"]),
     "parameter-low-bool": ("low = 0.5", "low = true", PARAMETER, ["low = True", "a number"]),
     "parameter-bounds": ("high = 4.0", "high = 0.25", PARAMETER, ["low = 0.5, high = 0.25", "low < high"]),
     "parameter-bounds-equal": ("high = 4.0", "high = 0.5", PARAMETER, ["low = 0.5, high = 0.5", "low < high"]),
@@ -299,7 +299,7 @@ def test_a_mistake_is_named_with_its_place_and_cure(write, name):
 def test_a_file_that_is_not_text(tmp_path):
     path = tmp_path / "task.toml"
     path.write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(TaskError, match="is not TOML"):
+    with pytest.raises(TaskError, match="is not UTF-8"):
         load_task(str(path))
 
 

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
+from capture_cli.documents import read_toml
 from capture_cli.errors import OptionError, did_you_mean
 
 
@@ -15,15 +16,7 @@ def _read_config(context: typer.Context, path: Path | None) -> Path | None:
     """Make the keys of a TOML the defaults of this command's options."""
     if path is None or context.resilient_parsing:
         return path
-    import tomllib
-
-    if not path.is_file():
-        raise OptionError(f"--config {path} does not exist, or is no file", cure="check the path")
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise OptionError(f"--config {path}: {error}", cure="give a readable TOML file") from error
-    table = _of_command(table, context)
+    table = _of_command(read_toml(path, OptionError, called=f"--config {path}"), context)
     known = {p.name: p for p in context.command.params if p.name not in ("config", "help")}
     flags = {option.lstrip("-").replace("-", "_"): name for name, p in known.items() for option in p.opts}
     defaults: dict[str, Any] = {}

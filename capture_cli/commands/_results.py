@@ -12,6 +12,7 @@ def print_json(document: Any) -> None:
 
 
 def console():
+    """The terminal. No text is markup: a name or a unit comes from a file, and may hold what looks like it."""
     from rich.console import Console
 
-    return Console(highlight=False)
+    return Console(highlight=False, markup=False, emoji=False)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 import sys
 from collections.abc import Mapping, Sequence
@@ -11,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from capture_cli.errors import Interrupted, OptionError
+from capture_cli.documents import read_json
+from capture_cli.errors import Interrupted, OptionError, StoreError
 from capture_cli.stages.checkpoint_hash import with_new_hashes
 from capture_cli.stages.evaluated_identifier import Evaluated
 from capture_cli.stages.evaluation_plan import EvaluationPlan, evaluation_plan
@@ -105,7 +105,7 @@ def _begin(folder: Path, plan: EvaluationPlan) -> None:
     path, beside = folder / RECIPE, folder / f"{RECIPE}.new"
     (folder / PARTS).mkdir(exist_ok=True)
     if path.is_file():
-        _refuse_other(json.loads(path.read_text(encoding="utf-8")), plan, folder)
+        _refuse_other(read_json(path, StoreError, cure="begin anew with --force"), plan, folder)
     else:
         write_json(beside, plan.recipe)
         beside.replace(path)  # whole or not at all: a run that is killed goes on

@@ -6,13 +6,13 @@ A cell is one evaluation: the tables of Section IV-C, the same under noise and w
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from capture_cli.documents import read_json
 from capture_cli.errors import OptionError, StoreError, did_you_mean
 from capture_cli.identifiers import REGISTRY
 from capture_cli.stages.evaluated_identifier import PAPER, checkpoints_in, how_trained, untrained
@@ -21,6 +21,7 @@ from capture_cli.stages.evaluation_run import carry_out, completed, time_left
 from capture_cli.stages.evaluation_time import Expected
 from capture_cli.stages.identifier_checkpoint import DOCUMENT, read_document
 from capture_cli.stages.policy_checkpoint import SETTINGS
+from capture_cli.stores.document_shape import OBJECT, check_shape
 from capture_cli.stores.output import is_complete, refuse_inputs, resumable_directory
 from capture_cli.stores.provenance import Provenance, write_json
 from capture_cli.stores.result import read_result
@@ -284,11 +285,10 @@ def _policy(given: str, task: str) -> str:
     if not folder.is_dir():
         return given
     for path in sorted(folder.rglob(SETTINGS)):
-        try:
-            if json.loads(path.read_text(encoding="utf-8")).get("task") == task:
-                return str(path.parent)
-        except (json.JSONDecodeError, AttributeError) as error:
-            raise StoreError(f"{path} cannot be read: {error}", cure="train the policy again") from error
+        found = read_json(path, StoreError, cure="train the policy again")
+        check_shape(found, OBJECT, path, "train the policy again")
+        if found.get("task") == task:
+            return str(path.parent)
     return "random"
 
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from capture_cli.documents import read_json
 from capture_cli.errors import StoreError
 from capture_cli.stages.source_files import SUFFIXES
 
@@ -24,12 +25,10 @@ def read_header(path: Path) -> Mapping[str, Any]:
 
     Raises StoreError, naming what reads it where something does, for any other file.
     """
-    try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-        if str(document["format"]).startswith("capture/"):
+    with suppress(StoreError):
+        document = read_json(path, StoreError, cure="")
+        if isinstance(document, dict) and str(document.get("format")).startswith("capture/"):
             return document
-    except (OSError, ValueError, TypeError, KeyError):
-        pass
     otherwise = "give a log (.zarr), an estimate, a diagnosis or another output of `capture`"
     raise StoreError(
         f"{path} is a file, and neither a Zarr store nor JSON that `capture` wrote",

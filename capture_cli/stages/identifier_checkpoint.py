@@ -16,7 +16,7 @@ from capture_cli.identifiers.rounds import RoundIdentifier, Signature
 from capture_cli.stores.document_shape import COUNT, FEATURES, NUMBER, PARAMETERS, TEXT, WHOLE
 from capture_cli.stores.provenance import write_json
 from capture_cli.stores.result import read_result
-from capture_cli.stores.tensors import read_arrays, save_arrays
+from capture_cli.stores.tensors import read_weights, save_arrays
 
 if TYPE_CHECKING:
     from capture_cli.identifiers._learned import TrainedModel
@@ -106,7 +106,7 @@ def load_identifier(path: str | Path, signature: Signature | None = None) -> Ide
 
     path = Path(path)
     document = read_document(path)
-    arrays, _ = read_arrays(path / WEIGHTS, _AGAIN)
+    arrays = read_weights(path / WEIGHTS, _AGAIN, network="network.")
     try:
         kind = round_identifier(document["identifier"])
         model = TrainedModel.from_state(document, arrays)

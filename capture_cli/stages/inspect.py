@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from capture_cli.documents import read_json
 from capture_cli.errors import CaptureError, StoreError
 from capture_cli.sim.windows import usual_interval
 from capture_cli.stages.equal_episodes import equal_episodes
@@ -25,6 +26,7 @@ from capture_cli.stages.result_inspection import OF_PROVENANCE, RESULTS, inspect
 from capture_cli.stages.unfinished_inspection import inspect_unfinished, is_unfinished
 from capture_cli.stages.wide_bounds import wide_bounds
 from capture_cli.stores.diagnosis import Diagnosis
+from capture_cli.stores.document_shape import OBJECT, check_shape
 from capture_cli.stores.estimate import Estimate
 from capture_cli.stores.evaluation import Evaluation
 from capture_cli.stores.histories import SCHEMA as HISTORIES_SCHEMA
@@ -131,10 +133,10 @@ def _has_root(path: Path) -> bool:
 
 def _made_by(path: Path) -> str | None:
     """The command that provenance.json in the folder `path` names; None where it cannot be read."""
-    try:
-        return json.loads((path / PROVENANCE).read_text(encoding="utf-8")).get("command")
-    except (OSError, ValueError, AttributeError):
-        return None
+    with suppress(StoreError):
+        found = read_json(path / PROVENANCE, StoreError, cure="")
+        return found.get("command") if isinstance(found, dict) else None
+    return None
 
 
 def _bytes(path: Path) -> int:
@@ -391,14 +393,15 @@ def _inspect_provenance(path: Path, document: dict[str, Any]) -> None:
     file = path / PROVENANCE
     if not file.is_file():
         return
+    lost = "nothing depends on it: how it was made is lost"
+    cure = OF_PROVENANCE if document["kind"] in RESULTS else lost
     try:
-        found = json.loads(file.read_text(encoding="utf-8"))
+        found = read_json(file, StoreError, cure=cure)
+        check_shape(found, OBJECT, file, cure)
         document["provenance"] = {
             k: found.get(k) for k in ("command", "capture", "began", "seconds", "inputs")
         }
-    except (ValueError, AttributeError) as error:
-        lost = "nothing depends on it: how it was made is lost"
-        cure = OF_PROVENANCE if document["kind"] in RESULTS else lost
-        document["findings"].append(finding("warning", PROVENANCE, f"cannot be read: {error}", cure))
+    except StoreError as error:
+        document["findings"].append(finding("warning", PROVENANCE, error.message, error.cure))
     if document["kind"] == "directory" and document["provenance"]:
         document["sizes"] = {"files": sum(1 for f in path.rglob("*") if f.is_file())}

@@ -12,9 +12,11 @@ from typing import Any
 
 import numpy as np
 
+from capture_cli.documents import parse_json, read_json
 from capture_cli.errors import FitError, StoreError
 from capture_cli.protocol.kept import Kept, Values
 from capture_cli.stages.training_state import check_recipe
+from capture_cli.stores.document_shape import OBJECT, check_shape
 from capture_cli.stores.output import resumable_directory
 from capture_cli.stores.provenance import write_json
 from capture_cli.stores.tensors import read_arrays, save_arrays
@@ -60,7 +62,10 @@ class StepFiles(Kept):
 
 def _read(path: Path) -> Values:
     arrays, metadata = read_arrays(path, "make it again")
-    return {**arrays, **json.loads(metadata["others"])}
+    others = metadata.get("others", "null")
+    found = parse_json(others, str(path), StoreError, cure="make it again", any_numbers=True)
+    check_shape(found, OBJECT, path, "make it again")
+    return {**arrays, **found}
 
 
 def _hash(name: str, given: Sequence[Any]) -> str:
@@ -104,7 +109,7 @@ def _begin(folder: Path, recipe: Mapping[str, Any]) -> None:
     path, beside = folder / RECIPE, folder / f"{RECIPE}.new"
     (folder / STEPS).mkdir(exist_ok=True)
     if path.is_file():
-        check_recipe(json.loads(path.read_text(encoding="utf-8")), recipe)
+        check_recipe(read_json(path, StoreError, cure="begin anew with --force"), recipe)
     else:
         write_json(beside, recipe)
         beside.replace(path)  # whole or not at all: a run that is killed goes on

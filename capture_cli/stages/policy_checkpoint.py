@@ -13,7 +13,7 @@ from capture_cli.policies.base import Policy
 from capture_cli.stores.document_shape import BOUNDS, OBJECT, TEXT
 from capture_cli.stores.provenance import write_json
 from capture_cli.stores.result import read_result
-from capture_cli.stores.tensors import read_arrays, save_arrays
+from capture_cli.stores.tensors import read_weights, save_arrays
 from capture_cli.tasks.base import ActionTask
 
 FORMAT, VERSION = "capture/policy", 1
@@ -97,7 +97,7 @@ def _from_checkpoint(path: Path, task: ActionTask) -> Policy:
                     f"that of {task.name!r} lies between {bounds[0]:g} and {bounds[1]:g}",
                     cure=again,
                 )
-    weights, _ = read_arrays(path / WEIGHTS, AGAIN)
+    weights = read_weights(path / WEIGHTS, AGAIN)
     try:
         return REGISTRY.get(settings["policy"]).from_state(task, settings["settings"], weights)
     except (KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import os
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import mujoco
 
-from capture_cli.errors import OptionError
+from capture_cli.documents import read_toml
+from capture_cli.errors import OptionError, TaskError
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.stores.output import sha256
 from capture_cli.tasks import REGISTRY, load_task
@@ -94,7 +94,7 @@ def named(task: Task) -> str | None:
 
 def _has_model(path: Path, provenance: Mapping[str, Any]) -> bool:
     """Whether the model of the task at `path` is as recorded."""
-    model = path.parent / str(tomllib.loads(path.read_text(encoding="utf-8")).get("model"))
+    model = path.parent / str(read_toml(path, TaskError).get("model"))
     return _changed(model, provenance) is None
 
 

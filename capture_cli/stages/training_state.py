@@ -12,7 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from capture_cli.documents import parse_json
 from capture_cli.errors import Interrupted, OptionError, StoreError
+from capture_cli.stores.document_shape import OBJECT, check_shape
 from capture_cli.stores.tensors import read_arrays, save_arrays
 
 STATE = "state.safetensors"
@@ -58,10 +60,16 @@ def read_state(folder: Path) -> tuple[dict[str, Any], dict[str, Any], dict[str, 
     if not path.is_file():
         return None
     arrays, metadata = read_arrays(path, cure)
-    try:
-        return json.loads(metadata["recipe"]), json.loads(metadata["counters"]), arrays
-    except (KeyError, json.JSONDecodeError) as error:
-        raise StoreError(f"{path} cannot be read: {error}", cure=cure) from error
+    recipe, counters = (_parsed(metadata, part, path, cure) for part in ("recipe", "counters"))
+    return recipe, counters, arrays
+
+
+def _parsed(metadata: Mapping[str, str], part: str, path: Path, cure: str) -> dict[str, Any]:
+    """One of the objects in the metadata of the state at `path`. Raises StoreError where there is none."""
+    where = f"{path}: {part}"
+    found = parse_json(metadata.get(part, "null"), where, StoreError, cure=cure, any_numbers=True)
+    check_shape(found, OBJECT, where, cure)
+    return found
 
 
 def interrupted(folder: Path, after: str) -> Interrupted:

@@ -93,4 +93,4 @@ def _faults_of_keys(value: dict[str, Any], shape: dict[str, Any], name: str) -> 
 
 def _unlike(value: Any, expected: str, name: str) -> str:
     found = repr(value)
-    return f"{name} is {found if len(found) <= SHOWN else found[: SHOWN - 3] + '...'}; expected {expected}"
+    return f"{name or 'it'} is {found if len(found) <= SHOWN else found[: SHOWN - 3] + '...'}; expected {expected}"

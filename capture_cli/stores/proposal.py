@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from capture_cli.documents import read_json
 from capture_cli.errors import OptionError
 
 FORMAT = "capture/proposal"
 VERSION = 1
+HEADER = ("format", "version", "task", "kind")
 
 
 def read_action(path: Path, task: str, names: Sequence[str]) -> np.ndarray:
@@ -58,21 +59,23 @@ def read_inputs(path: Path, task: str, names: Sequence[str]) -> tuple[np.ndarray
 
 def _read(path: Path, task: str, kind: str) -> dict[str, Any]:
     """The document of `kind` for `task` in the file `path`. Raises OptionError where it is another."""
-    try:
-        document = json.loads(Path(path).read_text(encoding="utf-8"))
-        found = tuple(document[key] for key in ("format", "version", "task", "kind"))
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError, KeyError, TypeError) as error:
-        raise _no_proposal(path, kind, f"it cannot be read: {type(error).__name__}: {error}") from error
-    expected = FORMAT, VERSION, task, kind
+    document = read_json(path, OptionError, cure=_cure(kind))
+    if not isinstance(document, dict):
+        raise _no_proposal(path, kind, f"it is no object, but {document!r:.60}")
+    found, expected = tuple(map(document.get, HEADER)), (FORMAT, VERSION, task, kind)
     if found != expected:
-        raise _no_proposal(path, kind, f"format, version, task and kind are {found}; expected {expected}")
+        raise _no_proposal(path, kind, f"{', '.join(HEADER)} are {found!r:.200}; expected {expected}")
     if not isinstance(document.get(kind), dict):
         raise _no_proposal(path, kind, f"{kind!r} is missing")
     return document
 
 
 def _no_proposal(path: Path, kind: str, why: str) -> OptionError:
-    cure = "make it with `capture propose ESTIMATE --out FILE`"
-    if kind == "inputs":
-        cure += ", or give a log: `capture import-log` makes one of CSV and Parquet files"
-    return OptionError(f"{path} holds no {kind}: {why}", cure=cure)
+    return OptionError(f"{path} holds no {kind}: {why}", cure=_cure(kind))
+
+
+def _cure(kind: str) -> str:
+    made = "make it with `capture propose ESTIMATE --out FILE`"
+    if kind != "inputs":
+        return made
+    return f"{made}, or give a log: `capture import-log` makes one of CSV and Parquet files"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
+from capture_cli.documents import read_json
 from capture_cli.errors import StoreError
 from capture_cli.stores import provenance
 from capture_cli.stores.document_shape import OBJECT, TEXT, check_shape
@@ -70,10 +70,7 @@ def read_result(
         raise StoreError(f"{folder} does not exist", cure="check the path")
     if not path.is_file():
         raise StoreError(f"{folder} holds no {name}", cure=f"give the directory that holds it; {cure}")
-    try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
-        raise StoreError(f"{path} is not JSON: {error}", cure=cure) from error
+    document = read_json(path, StoreError, cure=cure)
     if not isinstance(document, dict) or document.get("format") != form:
         raise StoreError(f"{path} is not of the format {form}", cure=cure)
     if document.get("version") != version:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 import math
-import tomllib
 from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
 import mujoco
 
+from capture_cli.documents import open_file, read_toml
 from capture_cli.errors import ModelError, TaskError, did_you_mean
 from capture_cli.parameters import Parameter, ParameterSpace
 from capture_cli.sim.engine import silence_mujoco
@@ -35,7 +35,7 @@ class MjcfFile(Task):
 
     def __init__(self, path: Path):
         self.path = Path(path)
-        table = _read(self.path)
+        table = read_toml(self.path, TaskError)
         where = str(self.path)
         _known(table, {"format", "name", "model", "parameters", "inputs", "outputs", "log"}, where)
         if table.get("format") != FORMAT or isinstance(table["format"], bool):
@@ -206,11 +206,8 @@ def compile_model(path: Path, moved_centres: Collection[str] = ()) -> mujoco.MjM
     Raises ModelError with MuJoCo's own words.
     """
     silence_mujoco()
-    if not path.is_file():
-        found = "is a folder" if path.is_dir() else "does not exist"
-        raise ModelError(
-            f"the model {path} {found}", cure="correct `model = ...` in the task.toml: a path from its folder"
-        )
+    elsewhere = "correct `model = ...` in the task.toml: a path from its folder"
+    open_file(path, ModelError, called=f"the model {path}", elsewhere=elsewhere).close()
     try:
         spec = mujoco.MjSpec.from_file(str(path))
         free_centres(spec, moved_centres)
@@ -309,13 +306,6 @@ def _moved_centres(table: dict[str, Any], where: str) -> set[str]:
         for text in _set_texts(entry, f"{where}: [parameters.{name}]")
     ]
     return {name for kind, name, attribute in targets if kind == "body" and attribute.startswith("com_")}
-
-
-def _read(path: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise TaskError(f"{path} is not TOML: {error}", cure="correct the file at the place named") from error
 
 
 def _known(table: Any, keys: set[str], where: str) -> None:

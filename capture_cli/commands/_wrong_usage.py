@@ -1,4 +1,4 @@
-"""What is wrong with an option that takes numbers, in our words: what was found, and the whole range."""
+"""What is wrong with a command line, in our words: what was found, and the cure."""
 
 from __future__ import annotations
 
@@ -10,8 +10,29 @@ import typer
 
 from capture_cli.errors import OptionError
 
+UsageError = (
+    typer.BadParameter.__base__
+)  # of the library that reads options, which typer does not give a name
+SHOWN = 60  # characters of what was found
 
-def wrong_number(error: typer.BadParameter, arguments: Sequence[str]) -> OptionError | None:
+
+def wrong_usage(error: UsageError, arguments: Sequence[str]) -> OptionError:
+    """What is wrong with the `arguments` of a command, of which the library that reads options says `error`."""
+    number = _wrong_number(error, arguments) if isinstance(error, typer.BadParameter) else None
+    return number or _otherwise(error)
+
+
+def _otherwise(error: UsageError) -> OptionError:
+    """Its own words: an option or a command that there is not, one that is missing, or has no value."""
+    command = "capture" if error.ctx is None else error.ctx.command_path
+    lists = "the commands" if command == "capture" else "what it takes"
+    found, cure = error.format_message().rstrip("."), f"`{command} --help` lists {lists}"
+    if found.endswith("is not readable"):
+        cure = "check its permissions, and those of the folders above it"
+    return OptionError(found, cure=cure)
+
+
+def _wrong_number(error: typer.BadParameter, arguments: Sequence[str]) -> OptionError | None:
     """What is wrong with an option that takes numbers: typer says neither what it found nor all of the range."""
     if error.param is None or error.ctx is None:
         return None
@@ -24,7 +45,8 @@ def wrong_number(error: typer.BadParameter, arguments: Sequence[str]) -> OptionE
     if kind is None or value is None:
         return None
     several = isinstance(value, list | tuple)
-    found = " ".join(map(str, value)) if several else value
+    found = " ".join(map(str, value)) if several else str(value)
+    found = found if len(found) <= SHOWN else f"{found[:SHOWN]}... ({len(found)} characters)"
     low, high = next((p.min, p.max) for p in parts if hasattr(p, "min") and hasattr(p, "max"))
     cure = f"give {len(value)} numbers" if several else f"give a {kind}{_range(low, high)}"
     return OptionError(f"{where}{error.param.opts[0]} {found}", cure=cure)
