@@ -27,6 +27,7 @@ import json, sys, time
 began = time.perf_counter()
 from pathlib import Path
 import capture_cli.stages.identify as stage
+import capture_cli.stages.log_to_fit as log_to_fit
 parts = {"import": time.perf_counter() - began}
 
 def timed(owner, name, part):
@@ -39,7 +40,7 @@ def timed(owner, name, part):
             parts[part] = parts.get(part, 0.0) + time.perf_counter() - began
     setattr(owner, name, outer)
 
-timed(stage, "prepare", "prepare the log")
+timed(log_to_fit, "prepare", "prepare the log")
 timed(stage, "check_parameters_move_outputs", "check the parameters")
 timed(stage.Report, "estimate", "intervals, curves, verdict")
 timed(stage, "_write_pages", "report and figures")

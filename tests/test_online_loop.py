@@ -57,7 +57,9 @@ def test_a_proposal_is_what_record_runs(scooping, tmp_path):
     others += [{"action": {"scoop_point": value}} for value in (0.1, {}, {"value": "far"}, {"value": np.nan})]
     for bad in ("{", *(json.dumps({**proposal, **other}) for other in others)):
         (tmp_path / "p.json").write_text(bad)
-        with pytest.raises(OptionError, match=r"holds no action|is not JSON|value = nan; expected a finite number"):
+        with pytest.raises(
+            OptionError, match=r"holds no action|is not JSON|value = nan; expected a finite number"
+        ):
             record(task="scooping", out=tmp_path / "m.zarr", actions_from=tmp_path / "p.json")
     assert not (tmp_path / "m.zarr").exists()
 

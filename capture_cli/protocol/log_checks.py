@@ -7,13 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from capture_cli.errors import FitError, LogError, OptionError
+from capture_cli.errors import FitError, LogError, ModelError, OptionError
 from capture_cli.evenly_spread import evenly_spread
 from capture_cli.identifiers.base import Trial
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.sim.coordinate_sources import unmeasured_joints
 from capture_cli.sim.engine import Engine
 from capture_cli.sim.shorter_window import set_shorter
+from capture_cli.sim.step_length import unsuitable_step
 from capture_cli.sim.windows import FEWEST_IN_WINDOW, SHORTEST_EPISODE, usual_interval
 from capture_cli.simulator import Simulator
 from capture_cli.stores.measured_log import MeasuredLog
@@ -137,13 +138,28 @@ def check_long_enough(log: MeasuredLog, duration: float | None) -> None:
         raise LogError(
             f"{log.path}: no episode has {FEWEST_SAMPLES} samples", cure="record longer, or at a higher rate"
         )
-    interval = float(np.median([usual_interval(log.time[e], log.sampled[e]) for e in log.episodes]))
+    interval = _interval(log)
     if duration is not None and duration < FEWEST_IN_WINDOW * interval:
         raise LogError(
             f"{log.path}: a window of {duration:.3g} s holds fewer than {FEWEST_IN_WINDOW} samples, "
             f"which are {interval:.3g} s apart",
             cure="set a longer `window` under [log] of the task.toml, or pass --window",
         )
+
+
+def check_step(log: MeasuredLog, task: Task, duration: float | None) -> None:
+    """Raise ModelError where the model's time step does not suit the log, or windows of `duration` s; whole episodes
+    where None.
+    """
+    lasts = log.longest if duration is None else duration
+    found = unsuitable_step(task.timestep, _interval(log), lasts)
+    if found is not None:
+        raise ModelError(f"{log.path}: {found[0]}", cure=found[1])
+
+
+def _interval(log: MeasuredLog) -> float:
+    """s, between samples of most episodes."""
+    return float(np.median([usual_interval(log.time[e], log.sampled[e]) for e in log.episodes]))
 
 
 def check_parameters_move_outputs(prepared: PreparedLog, *, seed: int, threads: int | None) -> int:

@@ -10,7 +10,13 @@ import numpy as np
 from capture_cli.diagnosis.noise_floor import NoiseFloor, noise_floor
 from capture_cli.diagnosis.split import EarlierSplit, split_windows
 from capture_cli.protocol.difference_step import difference_step
-from capture_cli.protocol.log_checks import check_changes, check_fits, check_fitted, check_long_enough
+from capture_cli.protocol.log_checks import (
+    check_changes,
+    check_fits,
+    check_fitted,
+    check_long_enough,
+    check_step,
+)
 from capture_cli.protocol.log_starts import log_starts
 from capture_cli.protocol.log_windows import cut_log
 from capture_cli.protocol.prepared_log import PreparedLog, attitudes
@@ -44,6 +50,7 @@ def prepare(
     log = replace(log, outputs=turned)
     duration = window if window is not None else task.log.window
     check_long_enough(log, duration)
+    check_step(log, task, duration)
     windows = cut_log(log, task, duration)
     if only is not None:
         windows = windows.rows(only)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 import os
-from collections.abc import Collection
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -15,6 +14,7 @@ from capture_cli.errors import ModelError
 from capture_cli.sim.assets import name_from, name_in_full
 from capture_cli.sim.engine import ModelFields, model_field
 from capture_cli.sim.impossible_inertia import impossible_inertias, without_rounding
+from capture_cli.sim.model_file import MUJOCO_ERRORS, free_centres, refuse_not_finite, refused
 
 FULL_PRECISION = 17  # significant digits that carry a double through text
 # of what a model is made of; a file that is loaded again has as many
@@ -41,8 +41,9 @@ def to_mjcf(source: Path, fields: ModelFields, target: Path, header: str = "") -
     Raises ModelError where a value, or the model, cannot be written in MJCF.
     """
     _refuse_impossible(source, fields)
-    spec = mujoco.MjSpec.from_file(str(source))
-    assets = name_in_full(spec, fields.model)
+    with refused(source):
+        spec = mujoco.MjSpec.from_file(str(source))
+        assets = name_in_full(spec, fields.model)
     folders = _point_at_folders(spec, source, target) if assets else {}
     from_geoms = spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
     if "geom_size" in fields.values or (from_geoms and any(n.startswith("body_") for n in fields.values)):
@@ -55,19 +56,21 @@ def to_mjcf(source: Path, fields: ModelFields, target: Path, header: str = "") -
     simple = [body.simple for body in spec.bodies]
     if "body_ipos" in fields.values:
         free_centres(spec, [body.name for body in spec.bodies])
-    model = spec.compile()
+    with refused(source):
+        model = spec.compile()
     _fix_gains(spec, model)
     for name, values in fields.values.items():
         if name != "actuator_biastype":  # set above
             _assign(model, name, values[0])
-    mujoco.mj_setConst(model, mujoco.MjData(model))
     try:
+        mujoco.mj_setConst(model, mujoco.MjData(model))
+        refuse_not_finite(source, model, cure="look at the values that were found, and identify again")
         spec.copy_back(model)
         for body, was in zip(spec.bodies, simple, strict=True):
             body.simple = was
         with _full_precision():
             text = header + name_from(spec.to_xml(), assets, folders)
-    except ValueError as error:
+    except MUJOCO_ERRORS as error:
         raise ModelError(
             f"{source}: these values cannot be written as MJCF: {error}",
             cure=_cure(str(error)),
@@ -96,17 +99,6 @@ def _cure(message: str) -> str:
             "have, and identify again"
         )
     return "give the elements that parameters set explicit attributes in the model file"
-
-
-def free_centres(spec: mujoco.MjSpec, names: Collection[str] = ()) -> None:
-    """Let the centres of mass of bodies that can turn, and of those in `names`, be moved after compilation.
-
-    MuJoCo takes a body whose centre lies in its frame as "simple" and then refuses to move it. Turning that off costs
-    1 % (a wheel) to 7 % (a free box) of the speed, and a model of ten loose boxes 28 %.
-    """
-    for body in spec.bodies[1:]:
-        if body.name in names or any(joint.type != mujoco.mjtJoint.mjJNT_SLIDE for joint in body.joints):
-            body.simple = 0
 
 
 def _fix_inertia(spec: mujoco.MjSpec) -> None:
@@ -172,7 +164,7 @@ def _refuse_what_does_not_load(text: str, source: Path, target: Path, model: muj
         loaded = spec.compile()
         other = [name for name in _SIZES if getattr(loaded, name) != getattr(model, name)]
         wrong = ", ".join(f"{name} = {getattr(loaded, name)}, not {getattr(model, name)}" for name in other)
-    except ValueError as error:
+    except MUJOCO_ERRORS as error:
         wrong = str(error)
     if wrong:
         raise ModelError(

@@ -17,6 +17,7 @@ from capture_cli.sim.quaternion_order import W_FIRST, W_LAST, is_w_last, order_i
 from capture_cli.sim.quaternion_signs import quaternion_columns
 from capture_cli.sim.sensor_units import unit_in_name
 from capture_cli.sim.shorter_window import set_shorter
+from capture_cli.sim.step_length import unsuitable_step
 from capture_cli.sim.windows import SHORTEST_EPISODE
 from capture_cli.stores.measured_log import FEWEST_OF_A_SPARSE, LARGEST, MeasuredLog
 from capture_cli.tasks.base import Channel, Task
@@ -395,7 +396,10 @@ def _lengths(episodes: Sequence[Mapping[str, Any]], task: Task) -> Iterator[Find
             f"a window of {window:g} s holds {window / interval:.2g} samples, {interval:.3g} s apart",
             f"set a longer [log] window{_time_unit(interval, task.log.time_scale)}",
         )
-    if task.timestep > 1.001 * interval:
+    unsuitable = unsuitable_step(task.timestep, interval, longest["duration"] if window is None else window)
+    if unsuitable is not None:
+        yield finding("error", "time", *unsuitable)
+    elif task.timestep > 1.001 * interval:
         yield finding(
             "warning",
             "time",

@@ -7,10 +7,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import mujoco
-
 from capture_cli.documents import read_toml
-from capture_cli.errors import OptionError, TaskError
+from capture_cli.errors import ModelError, OptionError, TaskError
+from capture_cli.sim.model_file import files_of
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.stores.output import sha256
 from capture_cli.tasks import REGISTRY, load_task
@@ -99,9 +98,14 @@ def _has_model(path: Path, provenance: Mapping[str, Any]) -> bool:
 
 
 def _changed(model: Path, provenance: Mapping[str, Any]) -> Path | None:
-    """The first of the model's files that is not as recorded."""
+    """The first of the model's files that is not as recorded, the model itself where it is no model any more."""
     recorded = {name: source for name, source in provenance["inputs"].items() if name.startswith(MODEL)}
-    files = _model_files(model) if recorded and model.is_file() else {}
+    if not recorded:
+        return None
+    try:
+        files = _model_files(model)
+    except ModelError:
+        return model
     for name, source in recorded.items():
         path = files.get(name, model)
         if name not in files or sha256(path) != source["sha256"]:
@@ -111,7 +115,7 @@ def _changed(model: Path, provenance: Mapping[str, Any]) -> Path | None:
 
 def _model_files(model: Path) -> dict[str, Path]:
     """The model, and what it includes: other MJCFs, meshes, textures; by what provenance.json calls them."""
-    others = {os.path.relpath(f, model.parent): Path(f) for f in mujoco.mju_getXMLDependencies(str(model))}
+    others = {os.path.relpath(file, model.parent): file for file in files_of(model)}
     return {MODEL: model} | {
         f"{MODEL}: {name}": f for name, f in sorted(others.items()) if name != model.name
     }

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
 import mujoco
 
-from capture_cli.documents import open_file, read_toml
+from capture_cli.documents import read_toml
 from capture_cli.errors import ModelError, TaskError, did_you_mean
 from capture_cli.parameters import Parameter, ParameterSpace
-from capture_cli.sim.engine import silence_mujoco
-from capture_cli.sim.mjcf import free_centres
+from capture_cli.sim.model_file import compile_file
 from capture_cli.sim.quaternion_signs import is_quaternion
 from capture_cli.sim.sensor_units import factor_between, refuse_other_units, refuse_period_in_other_unit
 from capture_cli.sim.target_names import least_value, object_id, parse_target, split_target
@@ -45,7 +43,7 @@ class MjcfFile(Task):
             )
         self.name = _value(table, "name", str, where, default=self.path.parent.name)
         self.model_path = self.path.parent / _value(table, "model", str, where)
-        self.model = compile_model(self.model_path, _moved_centres(table, where))
+        self.model = compile_file(self.model_path, _moved_centres(table, where))
         self._targets: list[tuple[int, Target]] = []  # with the number of the parameter that sets each
         parameters = []
         set_by: dict[str, str] = {}
@@ -198,24 +196,6 @@ class MjcfFile(Task):
             window=window,
             time_scale=time_scale,
         )
-
-
-def compile_model(path: Path, moved_centres: Collection[str] = ()) -> mujoco.MjModel:
-    """The MJCF at `path`, compiled; centres of mass can be moved of bodies that turn and of the `moved_centres`.
-
-    Raises ModelError with MuJoCo's own words.
-    """
-    silence_mujoco()
-    elsewhere = "correct `model = ...` in the task.toml: a path from its folder"
-    open_file(path, ModelError, called=f"the model {path}", elsewhere=elsewhere).close()
-    try:
-        spec = mujoco.MjSpec.from_file(str(path))
-        free_centres(spec, moved_centres)
-        return spec.compile()
-    except ValueError as error:
-        raise ModelError(
-            f"{path} does not compile: {error}", cure="correct the MJCF at the place named"
-        ) from error
 
 
 def _columns(entry: dict[str, Any], size: int, where: str) -> list[str]:
