@@ -1,60 +1,55 @@
-"""Is the right effect found? Is nothing found where nothing is? `python -m benchmarks.planted` does all of it.
+"""Is the right effect found, and nothing where nothing is? `python -m benchmarks.planted run` asks on sealed logs.
 
-Logs are recorded from six machines with one effect planted, of every kind, at every place and in three sizes; with two
-at once; with nothing missing; and with effects that the catalogue does not have. One JSON line is kept per log, so
-that the work can be stopped and taken up again; a line counts as long as the code that made it is unchanged.
+    python -m benchmarks.planted run --out DIR                    all kinds of logs, by a seed drawn now
+    python -m benchmarks.planted run --out DIR --dress half-rate  some of the same cases as another logger writes them
+    python -m benchmarks.planted run --out OTHER --seed N --sample 40 --root CHECKOUT     another version on the same
+    python -m benchmarks.planted summary DIR
+    python -m benchmarks.planted compare DIR/plain.jsonl OTHER/plain.jsonl
+
+The folder belongs to one version of the code and one seed (frozen.json); a run that ended goes on with the same
+command. One JSON line is kept per log, in a file per dress.
 """
 
 from __future__ import annotations
 
 import argparse
-import re
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 
-import numpy as np
-
 from benchmarks import ROOT
-from benchmarks._planted import pages, results
-from benchmarks._planted.cases import Case, cases
-from benchmarks._planted.summary import figures, summary
+from benchmarks._planted.frozen import capture_hash, freeze
+from benchmarks._planted.rows import add, draws, read
+from benchmarks._planted.summary import compare, figures, page, summary
+from benchmarks._planted_logs.cases import KINDS, LEFT, NOTHING, PAIR, PLANTED, UNKNOWN, WEAK
+from benchmarks._planted_logs.dresses import DRESSES, PLAIN
+from benchmarks._planted_logs.machines import MACHINE
 from benchmarks.base import Benchmark, Figure, Result
 from capture_cli.errors import CaptureError, OptionError
 from capture_cli.stores.provenance import Provenance, write_json
 
-SEEDS, NOTHING_MISSING = 5, 200
-EXAMPLE = "planted/slider/coulomb-friction@x/3/0"
-FOLDER = ROOT / "runs" / "planted"
+COUNTS = {PLANTED: 300, NOTHING: 200, PAIR: 60, WEAK: 60, UNKNOWN: 30, LEFT: 12}
+COUNTS_OF_A_DRESS = {PLANTED: 100, NOTHING: 100}
+FOLDER = ROOT / "runs" / "planted" / "sealed"
 
 
 class Planted(Benchmark):
     summary = "planted effects found, and false alarms: `--logs` of the logs of python -m benchmarks.planted"
 
     def run(self) -> Result:
-        folder = self.folder / "planted"
-        everything = list(cases(SEEDS, NOTHING_MISSING))
-        drawn = np.random.default_rng(0).permutation(len(everything))[: self.logs]
-        results.add([everything[i] for i in drawn], folder, jobs=2)
-        found = summary(results.newest(folder))
-        return Result(figures(found), found)
+        folder = self.folder / "planted" / capture_hash(ROOT)  # of one version
+        frozen = freeze(folder, ROOT, seed=0)
+        path = folder / f"{PLAIN}.jsonl"
+        add(draws(COUNTS, frozen.seed, PLAIN, tuple(MACHINE), self.logs), path, ROOT, jobs=2)
+        found = summary(read(path).values())
+        return Result(figures(found, PLAIN), found)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.planted", description=__doc__.splitlines()[0])
-    parser.add_argument(
-        "--only", default="", metavar="REGEX", help="of KIND/MACHINE/EFFECT@SITE[&EFFECT@SITE]/ERROR/SEED"
-    )
-    parser.add_argument("--seeds", type=int, default=SEEDS, help="of each effect, place and size")
-    parser.add_argument("--logs", type=int, default=NOTHING_MISSING, help="with nothing missing")
-    parser.add_argument("--sample", type=int, help="so many of all of these, drawn at random")
-    parser.add_argument("--jobs", type=int, default=2, help="logs worked on at a time")
-    parser.add_argument("--out", type=Path, default=FOLDER, help="where lines and summary go")
-    parser.add_argument(
-        "--versions", type=int, default=1, help="of the code, whose newest line of each log is summed up"
-    )
-    parser.add_argument("--summary", action="store_true", help="only sum up the lines that there are")
+    parser = _parser()
+    options = parser.parse_args()
     try:
-        _run(parser.parse_args())
+        {"run": _run, "summary": _summary, "compare": _compare}[options.command](options)
     except CaptureError as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(2)
@@ -63,50 +58,102 @@ def main() -> None:
             "interrupted: the lines of finished logs are kept\n  cure: run the same command again",
             file=sys.stderr,
         )
-        sys.exit(2)
+        sys.exit(130)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.planted",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    run = commands.add_parser("run", help="ask about logs, and sum up")
+    run.add_argument("--out", type=Path, default=FOLDER, help=f"default {FOLDER.relative_to(ROOT)}")
+    run.add_argument("--dress", choices=DRESSES, default=PLAIN, help="what the logger was like")
+    run.add_argument(
+        "--count", action="append", default=[], metavar="KIND=N", help=f"logs of a kind: {', '.join(KINDS)}"
+    )
+    run.add_argument("--machine", action="append", choices=MACHINE, help="of this alone; may be repeated")
+    run.add_argument("--sample", type=int, help="so many of all of these, at random")
+    run.add_argument("--seed", type=int, help="of the cases; drawn now, and kept, where it is left out")
+    run.add_argument(
+        "--root", type=Path, default=ROOT, help="checkout whose version is asked; default this one"
+    )
+    run.add_argument("--jobs", type=int, default=2, help="logs worked on at a time")
+    one = commands.add_parser("summary", help="sum up what a folder holds")
+    one.add_argument("out", type=Path)
+    two = commands.add_parser("compare", help="two files of rows on the cases that both have")
+    two.add_argument("a", type=Path)
+    two.add_argument("b", type=Path)
+    return parser
 
 
 def _run(options: argparse.Namespace) -> None:
-    provenance = Provenance("benchmarks planted", {k: v for k, v in vars(options).items() if k != "out"}, {})
-    if not options.summary:
-        results.add(_chosen(options), options.out, options.jobs)
-    for figure in sum_up(options.out, options.versions, provenance):
-        met = {None: "", True: "met", False: "not met"}[figure.met]
-        print(f"{figure.name:64} {figure.value:8.3f} {met}")
+    root = options.root.resolve()
+    counts = _counts(options.count) or (COUNTS if options.dress == PLAIN else COUNTS_OF_A_DRESS)
+    frozen = freeze(options.out, root, options.seed)
+    machines = tuple(options.machine or MACHINE)
+    drawn = draws(counts, frozen.seed, options.dress, machines, options.sample)
+    add(drawn, options.out / f"{options.dress}.jsonl", root, options.jobs)
+    _summary(options)
 
 
-def _chosen(options: argparse.Namespace) -> list[Case]:
-    everything = list(cases(options.seeds, options.logs))
-    form = f"it is searched for in KIND/MACHINE/EFFECT@SITE/ERROR/SEED, for example {EXAMPLE}"
-    try:
-        pattern = re.compile(options.only)
-    except re.error as error:
-        raise OptionError(f"--only {options.only!r} is no regular expression: {error}", cure=form) from error
-    chosen = [c for c in everything if pattern.search(c.label)]
-    if not chosen:
-        raise OptionError(f"--only {options.only!r} matches none of {len(everything)} logs", cure=form)
-    if options.sample is None:
-        return chosen
-    return [chosen[i] for i in np.random.default_rng(0).permutation(len(chosen))[: options.sample]]
+def _counts(given: list[str]) -> dict[str, int]:
+    counts = {}
+    for text in given:
+        kind, _, number = text.partition("=")
+        if kind not in KINDS or not number.isdigit():
+            raise OptionError(
+                f"--count {text!r} is not KIND=N", cure=f"for example {PLANTED}=40; kinds: {', '.join(KINDS)}"
+            )
+        counts[kind] = int(number)
+    return counts
 
 
-def sum_up(folder: Path, versions: int, provenance: Provenance) -> list[Figure]:
-    """Write summary.json, the confusion table and the figures, of each log as the last of so many `versions` of the
-    code that saw it; their numbers.
-    """
-    code = results.newest_code(folder)
-    rows = results.newest(folder, versions)
+def _summary(options: argparse.Namespace) -> None:
+    rows = {dress: list(read(options.out / f"{dress}.jsonl").values()) for dress in DRESSES}
+    rows = {dress: own for dress, own in rows.items() if own}
     if not rows:
         raise OptionError(
-            f"{folder} holds no line of a finished log", cure="leave out --summary, to make some"
+            f"{options.out} holds no row of a log", cure="ask about some first: the command `run`"
         )
-    found = summary(rows)
-    pages.write(rows, found, folder)
-    write_json(
-        folder / "summary.json",
-        {**found, "code": code, "versions": versions, "provenance": provenance.document()},
-    )
-    return figures(found)
+    found = {dress: summary(own) for dress, own in rows.items()}
+    (options.out / "summary.md").write_text(page(rows), encoding="utf-8")
+    made = Provenance("benchmarks planted", {}, {})
+    write_json(options.out / "summary.json", {"dresses": found, "provenance": made.document()})
+    for dress, own in found.items():
+        for figure in figures(own, dress):
+            _print(figure)
+
+
+def _print(figure: Figure) -> None:
+    met = {None: "", True: "met", False: "not met"}[figure.met]
+    print(f"{figure.name:100} {figure.value:8.3f} {met}")
+
+
+def _compare(options: argparse.Namespace) -> None:
+    a, b = _rows_of(options.a), _rows_of(options.b)
+    found = compare(a, b)
+    print(f"{'':10}{'both':>6}{'A':>6}{'B':>6}{'none':>6}{'p':>8}   right by both, only A, only B, neither")
+    for kind, own in found["kinds"].items():
+        counts = "".join(f"{own[k]:6}" for k in ("both", "only_a", "only_b", "neither"))
+        print(f"{kind:10}{counts}{own['p_value']:8.3g}")
+    if found["other_logs"]:
+        print(f"left out: {found['other_logs']} cases whose logs are not the same")
+    if found["cpu_ratio"] is not None:
+        print(f"median CPU ratio, B over A: {found['cpu_ratio']:.3g}")
+    for one, other in found["differ"]:
+        print(
+            f"{one['machine']:10} {'&'.join(one['planted']) or '-':50} {one['outcome']} -> {other['outcome']}"
+        )
+
+
+def _rows_of(path: Path) -> Mapping:
+    rows = read(path)
+    if not rows:
+        raise OptionError(f"{path} holds no row of a log", cure="name a file DRESS.jsonl of a run")
+    return rows
 
 
 if __name__ == "__main__":

@@ -675,13 +675,13 @@ DIAGNOSED = {
 
 
 def found() -> str:
-    """What `diagnose` added to the models of DIAGNOSED, and how often it is right on planted effects."""
+    """What `diagnose` added to the models of DIAGNOSED."""
     lines = ["| log | what the model lacked | RMSE on data never fitted |", "|---|---|---|"]
     for folder, machine in DIAGNOSED.items():
         path = ROOT / "runs" / "diagnosis" / folder / "diagnosis.json"
         document = json.loads(path.read_text(encoding="utf-8"))
         lines.append(f"| {machine} | {_effects_of(document)} | {_before_and_after(document)} |")
-    return "\n".join([*lines, "", _planted()])
+    return "\n".join(lines)
 
 
 def _effects_of(diagnosis: dict) -> str:
@@ -702,20 +702,6 @@ def _before_and_after(diagnosis: dict) -> str:
     own = next(c["unit"] for c in diagnosis["localisation"] if c["against"] == output)
     factor, unit = scaled_unit(own, after[output])
     return f"{significant(before[output] * factor)} → {significant(after[output] * factor)} {unit}"
-
-
-def _planted() -> str:
-    path = ROOT / "runs" / "planted" / "summary.json"
-    planted = json.loads(path.read_text(encoding="utf-8"))
-    alarms, right = planted["false_alarms"], planted["right_where_visible"]
-    return (
-        "On simulated logs with a known answer, of the simulator that diagnoses them: the right effect in "
-        f"{right['hits']} of the {right['of']} in which it "
-        f"more than doubles the error ({100 * right['low']:.1f} % or more, with 95 % confidence), and {alarms['hits']} "
-        f"false alarms in {alarms['of']} with nothing missing ({100 * alarms['high']:.1f} % or less). Each log counts "
-        f"as the last of {planted['versions']} versions that saw it; [what the newest alone "
-        "says](docs/diagnosis.md#on-logs-with-a-known-answer)."
-    )
 
 
 _COMMANDS = """

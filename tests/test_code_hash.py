@@ -7,7 +7,7 @@ import shutil
 from benchmarks import _code_hash
 from benchmarks._code_hash import ROOT, code_hash, imported_files
 
-MODULE = "benchmarks._planted.diagnosing"
+MODULE = "capture_cli.stages.diagnose"
 
 
 def names(modules) -> set[str]:

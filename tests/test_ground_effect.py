@@ -5,10 +5,10 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 import pytest
+from diagnosing import diagnose
 from machines import DRONE, build, run
 from plain_loop import imported, looped
 
-from benchmarks._planted.diagnosing import diagnose
 from capture_cli.effects.companion import companion_module
 from capture_cli.effects.ground_effect import GroundEffect, lift_near_floor
 from capture_cli.multisine import multisine

@@ -1,4 +1,4 @@
-"""A small part of the planted-effect benchmark, and how it sizes effects, judges and sums up."""
+"""The planted-effect benchmark: how it asks, judges, freezes, draws, sums up and compares."""
 
 from __future__ import annotations
 
@@ -7,168 +7,175 @@ import signal
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict
-from pathlib import Path
+from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 import pytest
+from diagnosing import diagnose
 
-from benchmarks import MACHINES, planted
-from benchmarks._planted import pages, results
-from benchmarks._planted.cases import (
+from benchmarks import MACHINES, ROOT, chain, planted
+from benchmarks._planted import asking
+from benchmarks._planted import rows as rows_module
+from benchmarks._planted.asking import Answer, ask
+from benchmarks._planted.frozen import capture_hash, freeze
+from benchmarks._planted.outcomes import EQUIVALENTS, RIGHT, judge
+from benchmarks._planted.rows import FAILED, NOTHING_TO_FIND, Draw, add, draws, key, read, row_of
+from benchmarks._planted.summary import compare, figures, page, summary
+from benchmarks._planted_logs.cases import (
     LEFT,
     MAGNITUDES,
-    NO_SIZE,
-    NOISE,
     NOTHING,
     PAIR,
-    PAIRS,
     PLANTED,
     UNKNOWN,
+    WEAK,
     Case,
     cases,
-    direction,
-    experiment,
-    size,
 )
-from benchmarks._planted.diagnosing import diagnose, line
-from benchmarks._planted.machines import MACHINE, Experiment
-from benchmarks._planted.outcomes import EQUIVALENTS, judge
-from benchmarks._planted.outside import OUTSIDE
-from benchmarks._planted.summary import confusion, summary
+from benchmarks._planted_logs.dresses import FILTERED, HALF, NO_WINDOW, PLAIN
+from benchmarks._planted_logs.machines import MACHINE, Experiment
+from benchmarks._planted_logs.outside import OUTSIDE
 from benchmarks._share import share
 from capture_cli.effects import REGISTRY
+from capture_cli.errors import OptionError
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.tasks import load_task
 
-EPISODES = 6  # rather than twelve, for the time it takes
-# of bodies that fly, and of sensors of forces: none of the machines has any
-NO_PLACE = {
-    "ground-effect",
-    "magnus-lift",
-    "sensor-high-pass",
-    "sensor-mount-rotation",
-    "sensor-saturation",
-    "site-shift",
-}
-OBVIOUS = {
-    Case(PLANTED, "slider", "coulomb-friction", "x", 10.0, 0): 0.08,
-    Case(PLANTED, "slider", "cubic-stiffness", "x", 10.0, 0): 0.6,
-    Case(PLANTED, "slider", "control-saturation", "drive", 10.0, 0): 0.25,
-}
+EPISODES = 4  # rather than twelve, for the time it takes
+FRICTION = Case(PLANTED, "slider", ("coulomb-friction@x",), 3.0, 0, episodes=EPISODES)
+CONSTANT = Case(PLANTED, "slider", ("constant-force@x",), 3.0, 0)
 
 
-@pytest.mark.parametrize("case", OBVIOUS, ids=lambda c: c.effect)
-def test_an_obvious_effect_is_found_and_nothing_else(case):
-    row = line(case, OBVIOUS[case], EPISODES)
-    assert row["before"]["test"] > 3, "the effect is not obvious"
-    assert row["outcome"] == "exact", row["found"]
-    assert row["after"]["test"] < 1.2
+# --- asking ---
+
+
+def test_an_obvious_effect_is_found_and_not_where_the_catalogue_is_without_it():
+    row = row_of(FRICTION, ROOT)
+    assert (row["outcome"], row["verdict"]) == ("exact", "effect-found"), row
+    assert row["after"] < 1.2
+    truth, found = row["effects"]["coulomb-friction@x"], row["found"][0]["values"]
+    assert found == pytest.approx(truth, rel=0.1)
+    assert 0 < row["cpu_seconds"] < 2 * row["seconds"]
+
+
+def test_an_effect_that_is_hidden_is_in_no_catalogue():
+    told = [
+        subprocess.run(
+            [sys.executable, "-c", asking._CAPTURE, hidden, "effects", "--json"],
+            capture_output=True,
+            text=True,
+        ).stdout
+        for hidden in ("", "payload wind")
+    ]
+    assert [name in text for text in told for name in ("payload", '"wind"', "cogging")] == [
+        *(True, True, True),
+        *(False, False, True),
+    ]
+
+
+@pytest.fixture
+def stub(tmp_path):
+    """A version with a catalogue, and no command yet."""
+    (tmp_path / "capture_cli" / "effects").mkdir(parents=True)
+    (tmp_path / "capture_cli" / "__init__.py").touch()
+    (tmp_path / "capture_cli" / "effects" / "__init__.py").write_text(
+        "class REGISTRY:\n    not_listed = ('base',)\n"
+    )
+    return tmp_path
+
+
+def test_the_files_that_are_asked_about_are_those_of_the_dress(stub):
+    task, log, _ = replace(FRICTION, dress=NO_WINDOW).build()
+    (stub / "capture_cli" / "cli.py").write_text(
+        "import json, os, sys\nfrom pathlib import Path\nfrom capture_cli.effects import REGISTRY\n"
+        "def main():\n"
+        "    print(json.dumps([Path('task.toml').read_text(), sys.argv, REGISTRY.not_listed]))\n"
+    )
+    text, argv, hidden = ask(task, log, stub, seed=7, hidden=["payload"]).document
+    assert "window" not in text
+    assert text == "".join(
+        line
+        for line in task.path.read_text(encoding="utf-8").splitlines(keepends=True)
+        if not line.startswith("window")
+    )
+    assert argv[1:8] == ["diagnose", "--real-log", "log.zarr", "--task", "task.toml", "--out", "out"]
+    assert hidden == ["base", "payload"]
+
+
+def test_a_diagnosis_that_fails_is_a_row(stub):
+    (stub / "capture_cli" / "cli.py").write_text(
+        "def main():\n    raise SystemExit('error: no, not this one')\n"
+    )
+    row = row_of(FRICTION, stub)
+    assert (row["outcome"], row["why"].splitlines()[0]) == (FAILED, "error: no, not this one")
+    assert str(stub) not in json.dumps(row)
+
+
+def test_what_shows_nothing_is_not_asked_about(tmp_path):
+    row = row_of(Case(PLANTED, "slider", ("gravity-magnitude",), 3.0, 0), tmp_path)
+    assert row["outcome"] == NOTHING_TO_FIND
+    assert "at most 1 times the noise" in row["why"]
 
 
 @pytest.mark.parametrize("name", OUTSIDE)
 def test_an_effect_outside_the_catalogue_can_be_simulated_and_shows(name):
-    made, (plant,) = experiment(Case(UNKNOWN, "slider", name, "x", 10.0, 0), 1)
-    assert np.abs(made.log([(plant.effect, plant.values(0.5))]).outputs - made.log().outputs).max() > 0
+    made = Experiment(MACHINE["slider"], np.random.default_rng(0), 1)
+    (effect,) = Case(UNKNOWN, "slider", (f"{name}@x",), 3.0, 0).effects(made.task.model)
+    size = effect.space.nominal + 0.5 * (effect.space.high - effect.space.nominal)
+    assert np.abs(made.outputs([(effect, size)]) - made.outputs()).max() > 0
 
 
 def test_steps_that_are_too_long_are_found(tmp_path):
     made = Experiment(MACHINE["arm"], np.random.default_rng(0), episodes=3)
     effect = REGISTRY.get("finer-time-step")(made.task.model, "quarter")
-    made.log([(effect, np.zeros(0))]).write(tmp_path / "log.zarr")
+    made.log(made.outputs([(effect, np.zeros(0))])).write(tmp_path / "log.zarr")
     document = diagnose(MeasuredLog.read(tmp_path / "log.zarr"), made.task, seed=0)
     assert [(e["name"], e["site"]) for e in document["effects"]] == [("finer-time-step", "quarter")]
     assert document["verdict"] == "effect-found"
     assert document["before"]["test"]["normalized"] > 10 > 1.2 > document["after"]["test"]["normalized"]
 
 
-@pytest.mark.parametrize("machine", ["slider", "cart_pole"])
-def test_nothing_is_found_where_nothing_is_missing(machine):
-    row = line(Case(NOTHING, machine, "", "", 1.0, 0), episodes=EPISODES)
-    assert row["outcome"] == "silent", row["found"]
-
-
-def test_an_effect_that_moves_no_output_is_nothing_to_find():
-    row = line(Case(PLANTED, "slider", "gravity-magnitude", "", 3.0, 0), episodes=EPISODES)
-    assert row["outcome"] == "absorbed"
-    assert row["left_at_most"] < 0.5
-
-
-def test_cases_cover_catalogue_and_machines():
-    every = list(cases(seeds=1, logs=8))
-    assert len(set(every)) == len(every)
-    assert len([c for c in every if c.kind == NOTHING]) == 8
-    planted = {c.effect for c in every if c.kind == PLANTED}
-    assert planted == {n for n in REGISTRY.names() if n not in (*NO_PLACE, *NO_SIZE, *NOISE)}
-    assert {c.effect for c in every if c.kind == UNKNOWN} == set(OUTSIDE)
-    assert {c.machine for c in every if c.kind == LEFT} == {c.machine for c in every}
-    assert {c.magnitude for c in every if c.kind == PLANTED} == set(MAGNITUDES)
-    pairs = [c for c in every if c.kind == PAIR]
-    assert len(pairs) == PAIRS * len(MACHINE)
-    assert all(c.effect != c.second.split("@")[0] for c in pairs)
-
-
-@pytest.mark.parametrize("machine", ["slider", "cart_pole", "arm", "pan_tilt", "finger", "puck"])
-def test_directions_stay_within_ranges(machine):
-    model = load_task(str(MACHINES / machine / "task.toml")).model
-    sited = [(name, cls) for name, cls in REGISTRY.items() if name not in NO_SIZE and cls.sites(model)]
-    assert len(sited) >= 40
-    for name, cls in sited:
-        for site in cls.sites(model):
-            effect = cls(model, site)
-            values = direction(effect, np.random.default_rng(0))
-            shapes = [effect.space.names.index(n) for n in effect.shapes if n in effect.space.names]
-            amplitudes = np.setdiff1d(np.arange(len(effect.space)), shapes)
-            np.testing.assert_array_equal(values(0.0)[amplitudes], effect.space.nominal[amplitudes], name)
-            largest = values(1.0)
-            assert np.all((largest >= effect.space.low) & (largest <= effect.space.high)), name
-
-
-@pytest.mark.parametrize("power", [0.5, 1.0, 3.0])
-@pytest.mark.parametrize("magnitude", MAGNITUDES)
-def test_size_reaches_the_error_asked_for(power, magnitude):
-    found = size(lambda s: 40.0 * s**power, magnitude)
-    assert 40.0 * found**power == pytest.approx(np.sqrt(magnitude**2 - 1), rel=0.15)
-
-
-def test_size_out_of_reach_and_beyond_divergence():
-    assert size(lambda s: 0.2 * s, 3.0) is None
-    found = size(lambda s: 1000.0 * s if s < 0.02 else np.inf, 3.0)
-    assert 1000.0 * found == pytest.approx(np.sqrt(8), rel=0.15)
+# --- judging ---
 
 
 def effect(name: str, site: str = "", tied: tuple[str, ...] = ()) -> dict:
     return {"name": name, "site": site, "tied_with": list(tied)}
 
 
+def document(verdict: str, effects: list[dict], error: float = 1.0, **more) -> dict:
+    return {"verdict": verdict, "effects": effects, "after": {"test": {"normalized": error}}, **more}
+
+
 @pytest.mark.parametrize(
     ("verdict", "effects", "outcome"),
     [
         ("effect-found", [effect("constant-force", "x")], "exact"),
-        ("effect-found", [effect("cogging", "x"), effect("constant-force", "x")], "among others"),
+        ("effect-found", [effect("cogging", "x"), effect("constant-force", "x")], "beside others"),
+        ("effect-found", [effect("spring-preload", "x"), effect("cogging", "x")], "beside others"),
         ("tied", [effect("cogging", "x", ("constant-force@x",))], "tied"),
         ("effect-found", [effect("spring-preload", "x")], "equivalent"),
         ("effect-found", [effect("cogging", "x")], "wrong"),
-        ("unexplained", [effect("cogging", "x")], "unexplained"),
-        ("unexplained", [effect("cogging", "x"), effect("constant-force", "x")], "unexplained"),
+        ("unexplained", [effect("constant-force", "x")], "unexplained"),
+        ("unexplained", [], "unexplained"),
         ("explained", [], "missed"),
     ],
 )
 def test_outcomes_of_a_planted_effect(verdict, effects, outcome):
-    case = Case(PLANTED, "slider", "constant-force", "x", 3.0, 0)
-    assert judge(case, verdict, effects, 1.0) == outcome
+    assert judge(CONSTANT, document(verdict, effects)) == outcome
+    assert (outcome in RIGHT) == (outcome in ("exact", "tied", "equivalent"))
 
 
 @pytest.mark.parametrize(
     ("verdict", "effects", "outcome"),
     [
         ("effect-found", [effect("coulomb-friction", "x"), effect("constant-force", "x")], "exact"),
-        ("effect-found", [effect("constant-force", "x"), effect("coulomb-friction", "x")], "exact"),
         ("effect-found", [effect("spring-preload", "x"), effect("coulomb-friction", "x")], "equivalent"),
+        ("tied", [effect("cogging", "x", ("constant-force@x",)), effect("coulomb-friction", "x")], "tied"),
         (
-            "tied",
-            [effect("cogging", "x", ("constant-force@x",)), effect("coulomb-friction", "x")],
-            "tied",
+            "effect-found",
+            [effect("coulomb-friction", "x"), effect("constant-force", "x"), effect("cogging", "x")],
+            "beside others",
         ),
         ("effect-found", [effect("coulomb-friction", "x")], "one of two"),
         ("effect-found", [effect("load-dependent-friction", "x")], "wrong"),
@@ -177,32 +184,40 @@ def test_outcomes_of_a_planted_effect(verdict, effects, outcome):
     ],
 )
 def test_outcomes_of_two_at_once(verdict, effects, outcome):
-    case = Case(PAIR, "slider", "constant-force", "x", 3.0, 0, "coulomb-friction@x")
-    assert judge(case, verdict, effects, 1.0) == outcome
-
-
-def test_two_at_once_are_two_and_both_show():
-    case = Case(PAIR, "slider", "cubic-drag", "x", 3.0, 0, "gravity-tilt")
-    assert case.label == "pair/slider/cubic-drag@x&gravity-tilt/3/0"
-    made, plants = experiment(case, episodes=1)
-    nothing = made.log().outputs
-    alone = [(plant.effect, plant.values(0.3)) for plant in plants]
-    moved = [np.abs(made.log(planted).outputs - nothing).max() for planted in ([alone[0]], [alone[1]], alone)]
-    assert len(plants) == 2
-    assert min(moved) > 0
-    assert moved[2] not in moved[:2]
+    case = Case(PAIR, "slider", ("constant-force@x", "coulomb-friction@x"), 3.0, 0)
+    assert judge(case, document(verdict, effects)) == outcome
 
 
 def test_outcomes_without_a_planted_effect():
-    nothing = Case(NOTHING, "slider", "", "", 1.0, 0)
-    assert judge(nothing, "explained", [], 1.0) == "silent"
-    assert judge(nothing, "effect-found", [effect("cogging", "x")], 1.0) == "false alarm"
-    assert judge(nothing, "unexplained", [], 1.3) == "false alarm"
-    unknown = Case(UNKNOWN, "slider", "ratchet", "x", 3.0, 0)
-    assert judge(unknown, "unexplained", [effect("cogging", "x")], 2.0) == "honest"
-    assert judge(unknown, "effect-found", [effect("cogging", "x")], 1.1) == "imitated"
-    assert judge(unknown, "effect-found", [effect("cogging", "x")], 2.0) == "wrong"
-    assert judge(unknown, "explained", [], 2.0) == "missed"
+    nothing = Case(NOTHING, "slider", (), 1.0, 0)
+    assert judge(nothing, document("explained", [])) == "silent"
+    assert judge(nothing, document("effect-found", [effect("cogging", "x")])) == "false alarm"
+    assert judge(nothing, document("unexplained", [], 1.3)) == "false alarm"
+    unknown = Case(UNKNOWN, "slider", ("ratchet@x",), 3.0, 0)
+    assert judge(unknown, document("unexplained", [effect("cogging", "x")], 2.0)) == "honest"
+    assert judge(unknown, document("effect-found", [effect("cogging", "x")], 1.1)) == "imitated"
+    assert judge(unknown, document("effect-found", [effect("cogging", "x")], 2.0)) == "wrong"
+    assert judge(unknown, document("explained", [], 2.0)) == "missed"
+
+
+def test_a_weak_effect_may_be_found_or_said_to_be_confounded():
+    weak = replace(CONSTANT, kind=WEAK)
+    doubtful = [{"name": "constant-force", "site": "x"}]
+    assert judge(weak, document("effect-found", [effect("constant-force", "x")])) == "exact"
+    assert judge(weak, document("explained", [], confounded=doubtful)) == "confounded"
+    assert judge(weak, document("explained", [], confounded=[])) == "missed"
+    assert judge(CONSTANT, document("explained", [], confounded=doubtful)) == "missed"
+
+
+def test_what_the_logger_does_to_its_sensors_may_be_named():
+    named = [effect("sensor-low-pass", "q"), effect("constant-force", "x")]
+    assert judge(CONSTANT, document("effect-found", named)) == "beside others"
+    assert judge(replace(CONSTANT, dress=FILTERED), document("effect-found", named)) == "exact"
+    nothing = Case(NOTHING, "slider", (), 1.0, 0, dress=FILTERED)
+    assert judge(nothing, document("effect-found", named[:1])) == "silent"
+    assert judge(nothing, document("effect-found", named)) == "false alarm"
+    itself = Case(PLANTED, "slider", ("sensor-low-pass@q",), 3.0, 0, dress=FILTERED)
+    assert judge(itself, document("effect-found", named[:1])) == "exact"
 
 
 def test_equivalents_are_candidates_of_their_machine():
@@ -212,87 +227,214 @@ def test_equivalents_are_candidates_of_their_machine():
         assert e.planted | e.found <= known, e.machine
 
 
-def row(case: Case, outcome: str, found: str | None, error: float) -> dict:
-    accepted = [] if found is None else [{"effect": found, "tied_with": [], "values": {}}]
+# --- one version, one seed ---
+
+
+@pytest.fixture
+def checkout(tmp_path):
+    """A version of which one file is enough."""
+    root = tmp_path / "checkout"
+    (root / "capture_cli").mkdir(parents=True)
+    (root / "capture_cli" / "__init__.py").write_text("one = 1\n")
+    return root
+
+
+def test_a_seed_is_drawn_once(tmp_path, checkout):
+    first = freeze(tmp_path / "a", checkout, None)
+    assert first.sealed
+    assert freeze(tmp_path / "a", checkout, None) == first
+    assert freeze(tmp_path / "a", checkout, first.seed) == first
+    assert freeze(tmp_path / "b", checkout, None).seed != first.seed
+    assert not freeze(tmp_path / "c", checkout, 3).sealed
+
+
+def test_rows_of_other_code_or_another_seed_are_refused(tmp_path, checkout):
+    freeze(tmp_path / "a", checkout, 3)
+    with pytest.raises(OptionError, match="the seed is 4, and was 3"):
+        freeze(tmp_path / "a", checkout, 4)
+    (checkout / "capture_cli" / "more.py").write_text("two = 2\n")
+    with pytest.raises(OptionError, match="the version that is asked is"):
+        freeze(tmp_path / "a", checkout, None)
+    with pytest.raises(OptionError, match="holds no capture_cli"):
+        capture_hash(tmp_path / "nowhere")
+
+
+def test_code_that_makes_other_logs_is_refused(tmp_path, checkout):
+    freeze(tmp_path, checkout, 3)
+    path = tmp_path / "frozen.json"
+    path.write_text(path.read_text().replace('"logs": "', '"logs": "0'))
+    with pytest.raises(OptionError, match="the code that makes the logs is"):
+        freeze(tmp_path, checkout, 3)
+
+
+# --- drawing ---
+
+
+def answered(case: Case, root) -> dict:
+    """As though one in four had nothing to find."""
+    empty = case.number % 4 == 0 and case.kind != NOTHING
+    own = {k: getattr(case, k) for k in ("kind", "machine", "planted", "magnitude", "number", "dress")}
     return {
-        **asdict(case),
-        "code": "c",
-        "outcome": outcome,
-        "verdict": "effect-found" if found else "explained",
-        "found": accepted,
-        "before": {"test": error},
-        "after": {"test": 1.0 if outcome == "exact" else error},
-        "floor_over_noise": [1.0],
-        "seconds": 2.0,
-        "cpu_seconds": 1.0,
-        "rollouts": 10,
+        **own,
+        "outcome": NOTHING_TO_FIND if empty else "exact",
+        "log": "l",
+        "error": 3.0,
+        "cpu_seconds": 2.0,
     }
 
 
-def test_summary_counts_what_is_visible(tmp_path):
-    small = Case(PLANTED, "slider", "cogging", "x", 1.5, 0)
-    large = Case(PLANTED, "slider", "cogging", "x", 10.0, 0)
-    null = Case(NOTHING, "slider", "", "", 1.0, 0)
+@pytest.fixture
+def unasked(monkeypatch):
+    """Rows without logs; the cases that were asked about."""
+    asked = []
+
+    def row(case: Case, root) -> dict:
+        asked.append(case)
+        return answered(case, root)
+
+    monkeypatch.setattr(rows_module, "workers", ThreadPoolExecutor)
+    monkeypatch.setattr(rows_module, "row_of", row)
+    return asked
+
+
+def drawn(sample: int | None = None, seed: int = 1) -> list[Draw]:
+    return draws({PLANTED: 20, NOTHING: 5}, seed, PLAIN, tuple(MACHINE), sample)
+
+
+def test_so_many_are_asked_about_as_have_something_to_find(tmp_path, unasked):
+    path = tmp_path / "plain.jsonl"
+    add(drawn(), path, ROOT, jobs=2)
+    found = read(path).values()
+    countable = [r for r in found if r["outcome"] != NOTHING_TO_FIND]
+    assert [sum(r["kind"] == k for r in countable) for k in (PLANTED, NOTHING)] == [20, 5]
+    assert len(found) > 25
+    # the first of each kind, whichever were ready first
+    every = {key(vars(c)) for c in islice(cases(PLANTED, 1), len(found) - 5)}
+    assert {key(r) for r in found if r["kind"] == PLANTED} == every
+
+
+def test_a_run_goes_on_where_it_was_stopped(tmp_path, unasked):
+    whole, path = tmp_path / "whole.jsonl", tmp_path / "plain.jsonl"
+    add(drawn(), whole, ROOT, jobs=2)
+    some = whole.read_text().splitlines(keepends=True)[:9]
+    path.write_text("".join(some)[:-20])  # killed while writing
+    unasked.clear()
+    add(drawn(), path, ROOT, jobs=2)
+    assert read(path).keys() == read(whole).keys()
+    assert len(unasked) == len(read(whole)) - 8
+
+
+def test_a_sample_is_of_the_same_cases(tmp_path, unasked):
+    add(drawn(), tmp_path / "whole.jsonl", ROOT, jobs=2)
+    add(drawn(sample=7), tmp_path / "some.jsonl", ROOT, jobs=2)
+    whole, some = read(tmp_path / "whole.jsonl"), read(tmp_path / "some.jsonl")
+    assert sum(r["outcome"] != NOTHING_TO_FIND for r in some.values()) == 7
+    assert set(some) <= set(whole)
+
+
+def test_cases_cover_catalogue_and_machines():
+    every = {kind: list(islice(cases(kind, 0), 1200)) for kind in (PLANTED, PAIR, UNKNOWN, LEFT)}
+    names = {p.partition("@")[0] for c in every[PLANTED] for p in c.planted}
+    # of bodies that fly, and of sensors of forces: none of the machines has any; one has no size, one is noise
+    assert set(REGISTRY.names()) - names == {
+        "finer-time-step",
+        "ground-effect",
+        "magnus-lift",
+        "sensor-high-pass",
+        "sensor-mount-rotation",
+        "sensor-quantisation",
+        "sensor-saturation",
+        "site-shift",
+    }
+    assert {c.magnitude for c in every[PLANTED]} == set(MAGNITUDES)
+    assert {c.planted[0].partition("@")[0] for c in every[UNKNOWN]} == set(OUTSIDE)
+    assert all(len({p.partition("@")[0] for p in c.planted}) == 2 for c in every[PAIR])
+    assert {c.machine for c in every[LEFT]} == set(MACHINE)
+
+
+# --- summing up ---
+
+
+def row(case: Case, outcome: str, **more) -> dict:
+    return {**answered(case, None), "outcome": outcome, "after": 1.0, "seconds": 3.0, "found": [], **more}
+
+
+def many(kind: str, outcomes: str, dress: str = PLAIN, **more) -> list[dict]:
+    """A row for each word of `outcomes`."""
+    drawn = cases(kind, 0, dress)
+    return [row(c, o.replace("_", " "), **more) for c, o in zip(drawn, outcomes.split(), strict=False)]
+
+
+def test_the_summary_counts_each_kind():
     rows = [
-        row(small, "missed", None, 1.4),
-        row(large, "exact", "cogging@x", 9.0),
-        row(null, "silent", None, 1.0),
-        {**asdict(large), "code": "c", "effect": "wind", "outcome": "absorbed"},
+        *many(PLANTED, "exact tied wrong failed nothing_to_find beside_others"),
+        *many(PAIR, "exact one_of_two"),
+        *many(NOTHING, "silent silent false_alarm"),
+        *many(WEAK, "exact confounded missed missed"),
+        *many(UNKNOWN, "honest wrong"),
+        *many(LEFT, "imitated missed"),
     ]
+    del rows[3]["after"], rows[3]["cpu_seconds"]
+    rows[2]["after"] = 1.3
     found = summary(rows)
-    assert (found["right_where_visible"]["hits"], found["right_where_visible"]["of"]) == (1, 1)
-    assert found["power"]["1.5"]["share"] == 0.0
-    assert found["power"]["10"]["share"] == 1.0
-    assert found["power"]["3"] is None
-    assert found["false_alarms"]["of"] == 1
-    assert found["nothing_to_find"] == ["slider: wind@x"]
-    planted, names, counts = confusion(rows[:2])
-    assert (planted, names) == (["cogging"], ["cogging", "(nothing)"])
-    assert counts.tolist() == [[1, 1]]
-    pages.write(rows, found, tmp_path)
-    assert "| `cogging` | 2 | 1 | (nothing) 1 |" in (tmp_path / "confusion.md").read_text()
-    assert {p.name for p in tmp_path.iterdir()} == {"confusion.md", "confusion.png", "power.png"}
+    counted = {
+        k: (found[k]["hits"], found[k]["of"])
+        for k in ("right", "near_floor", "pairs", "false_alarms", "weak", "not_explained_away")
+    }
+    assert counted == {
+        "right": (2, 5),
+        "near_floor": (3, 5),
+        "pairs": (1, 2),
+        "false_alarms": (1, 3),
+        "weak": (2, 4),
+        "not_explained_away": (2, 4),
+    }
+    assert found["logs"] == len(rows) - 1
+    assert found["cpu_seconds"] == 2.0
+    told = figures(found, PLAIN)
+    assert told[0].name == "plain: right, of one effect that doubles the floor (2 of 5; 5.3 to 85.3 %)"
+    assert [f.met for f in told] == [False, False, False, False, False, False, None]
 
 
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        (["--only", "sliderr"], "error: --only 'sliderr' matches none of"),
-        (["--only", "("], "error: --only '(' is no regular expression: missing )"),
-        (["--summary"], "holds no line of a finished log"),
-    ],
-)
-def test_nothing_to_do_is_said_and_nothing_written(monkeypatch, capsys, tmp_path, options, said):
-    monkeypatch.setattr(sys, "argv", ["planted", *options, "--out", str(tmp_path)])
-    with pytest.raises(SystemExit, match="2"):
-        planted.main()
-    err = capsys.readouterr().err
-    assert said in err
-    assert (
-        "--summary" in options or f"KIND/MACHINE/EFFECT@SITE/ERROR/SEED, for example {planted.EXAMPLE}" in err
-    )
-    assert not list(tmp_path.iterdir())
-    assert planted.EXAMPLE in {c.label for c in cases(1, 0)}
+def test_the_page_lists_what_was_not_right():
+    rows = many(PLANTED, "exact wrong", found=[{"effect": "cogging@x"}])
+    text = page({PLAIN: rows})
+    (line,) = [t for t in text.splitlines() if t.startswith("| plain")]
+    assert line.endswith("| 3 | `cogging@x` | wrong |")
+    assert all(e.why in text for e in EQUIVALENTS)
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGKILL])
-def test_workers_end_with_who_started_them(number):
-    """A worker that lives on holds stdout open, and `run` waits for it."""
-    code = f"""
-import os, signal, time
-from benchmarks._planted.results import workers
-signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background ignores it
-with workers(1) as pool:
-    pool.submit(os.getpid).result()
-    pool.submit(time.sleep, 300)
-    time.sleep(0.5)
-    os.kill(os.getpid(), {int(number)})
-    time.sleep(300)
-"""
-    ended = subprocess.run(
-        [sys.executable, "-c", code], cwd=MACHINES.parents[1], capture_output=True, timeout=60
-    )
-    assert ended.returncode != 0
+def by_key(rows: list[dict]) -> dict:
+    return {key(r): r for r in rows}
+
+
+def test_two_versions_side_by_side():
+    a = many(PLANTED, "exact exact wrong wrong exact nothing_to_find exact") + many(NOTHING, "silent")
+    b = many(PLANTED, "exact wrong tied exact exact exact missed", cpu_seconds=1.0) + many(NOTHING, "silent")
+    b[6]["log"] = "another"
+    del a[5]["log"]
+    found = compare(by_key(a), by_key(b))
+    assert found["kinds"][PLANTED] == {"both": 2, "only_a": 1, "only_b": 2, "neither": 0, "p_value": 1.0}
+    assert found["kinds"]["all"]["both"] == 3
+    assert found["other_logs"] == 1
+    assert found["cpu_ratio"] == 0.5
+    assert [(p["outcome"], q["outcome"]) for p, q in found["differ"]] == [
+        ("exact", "wrong"),
+        ("wrong", "tied"),
+        ("wrong", "exact"),
+    ]
+
+
+def test_mcnemar_is_exact():
+    a, b = many(PLANTED, "exact " * 6), many(PLANTED, "wrong " * 6)
+    assert compare(by_key(a), by_key(b))["kinds"]["all"]["p_value"] == pytest.approx(2 / 2**6)
+
+
+def test_two_dresses_side_by_side():
+    a = many(PLANTED, "exact exact")
+    b = many(PLANTED, "exact wrong", HALF, log="another")
+    found = compare(by_key(a), by_key(b))
+    assert (found["other_logs"], found["kinds"]["all"]["only_a"]) == (0, 1)
 
 
 def test_share_has_the_exact_interval():
@@ -301,35 +443,89 @@ def test_share_has_the_exact_interval():
     assert share(0, 0) is None
 
 
-def test_lines_of_other_code_and_half_lines_are_not_read(tmp_path):
-    (tmp_path / "results.jsonl").write_text(
-        '{"code": "a", "seed": 1}\n{"code": "b", "seed": 2}\n{"code": "a", "se'
-    )
-    assert [r["seed"] for r in results.rows(tmp_path, "a")] == [1]
-    assert results.newest_code(tmp_path) == "b"
+# --- the command line ---
 
 
-def test_a_case_finished_after_a_line_was_cut_off_is_kept(tmp_path, monkeypatch):
-    monkeypatch.setattr(results, "workers", ThreadPoolExecutor)
-    monkeypatch.setattr(results, "_try", lambda case, size: {"outcome": "right"})
-    some = list(cases(1, 0))[:2]
-    results.add(some[:1], tmp_path, jobs=1)
-    path = tmp_path / "results.jsonl"
-    path.write_text(path.read_text()[:-20])  # killed while writing
-    results.add(some[1:], tmp_path, jobs=1)
-    assert [r["effect"] for r in results.rows(tmp_path, None)] == [some[1].effect]
+def run(monkeypatch, *options: str) -> None:
+    monkeypatch.setattr(sys, "argv", ["planted", *options])
+    planted.main()
 
 
-def test_of_a_log_the_newest_line_counts(tmp_path):
-    lines = [("a", 1), ("b", 1), ("a", 2), ("c", 2), ("b", 3)]
-    text = "".join(json.dumps({"code": code, "seed": seed}) + "\n" for code, seed in lines)
-    (tmp_path / "results.jsonl").write_text(text)
-    told = [[(r["code"], r["seed"]) for r in results.newest(tmp_path, versions)] for versions in (1, 2, 3)]
-    assert told == [[("b", 1), ("b", 3)], [("b", 1), ("c", 2), ("b", 3)], [("b", 1), ("c", 2), ("b", 3)]]
+def test_run_summary_and_compare(monkeypatch, capsys, tmp_path, unasked, checkout):
+    one, other = str(tmp_path / "one"), str(tmp_path / "other")
+    some = ["--count", "planted=6", "--count", "nothing=2", "--seed", "1", "--root", str(checkout)]
+    run(monkeypatch, "run", "--out", one, *some)
+    run(monkeypatch, "run", "--out", one, *some, "--dress", HALF)
+    run(monkeypatch, "run", "--out", other, *some, "--sample", "3")
+    assert {c.dress for c in unasked} == {PLAIN, HALF}
+    said = capsys.readouterr().out
+    assert "plain: right, of one effect that doubles the floor (6 of 6; 54.1 to 100.0 %)" in said
+    assert "half-rate: false alarms, of nothing missing (0 of 2; 0.0 to 84.2 %)" in said
+    kept = json.loads((tmp_path / "one" / "summary.json").read_text())["dresses"]
+    assert {d: own["right"]["of"] for d, own in kept.items()} == {PLAIN: 6, HALF: 6}
+    run(monkeypatch, "compare", f"{one}/plain.jsonl", f"{other}/plain.jsonl")
+    said = capsys.readouterr().out
+    assert "all            3     0     0     0       1\n" in said
+    assert "median CPU ratio, B over A: 1" in said
 
 
-def test_the_summary_that_is_shipped_is_of_the_newest_lines():
-    folder = Path(__file__).parents[1] / "runs" / "planted"
-    shipped = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
-    assert shipped["code"] == results.newest_code(folder)
-    assert shipped["logs"] == len(results.newest(folder, shipped["versions"]))
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["run", "--count", "plantd=3"], "error: --count 'plantd=3' is not KIND=N"),
+        (["run", "--root", "nowhere"], "holds no capture_cli"),
+        (["summary"], "holds no row of a log"),
+        (["compare"], "holds no row of a log"),
+    ],
+)
+def test_nothing_to_do_is_said_and_nothing_written(monkeypatch, capsys, tmp_path, options, said):
+    where = {
+        "run": ["--out", str(tmp_path)],
+        "summary": [str(tmp_path)],
+        "compare": [str(tmp_path / "a")] * 2,
+    }
+    with pytest.raises(SystemExit, match="2"):
+        run(monkeypatch, *options, *where[options[0]])
+    assert said in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGKILL])
+def test_workers_end_with_who_started_them_and_so_do_their_children(number):
+    """A process that lives on holds stdout open, and `run` waits for it."""
+    code = f"""
+import os, signal, subprocess, time
+from benchmarks._planted.rows import workers
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background ignores it
+with workers(1) as pool:
+    pool.submit(os.getpid).result()
+    pool.submit(subprocess.run, ["sleep", "300"])
+    time.sleep(0.5)
+    os.kill(os.getpid(), {int(number)})
+    time.sleep(300)
+"""
+    ended = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, timeout=60)
+    assert ended.returncode != 0
+
+
+# --- chains ---
+
+
+def test_the_exponent_is_that_of_cpu_by_joints(monkeypatch, tmp_path):
+    found = {"effects": [effect("coulomb-friction", "j1")]}
+    monkeypatch.setattr(chain, "_asked", lambda joints: Answer(found, 1.0, 0.5 * joints**1.2))
+    result = chain.Chain(logs=1, folder=tmp_path).run()
+    assert result.figures[-1].value == pytest.approx(1.2)
+    assert result.figures[-1].met
+    assert result.details["24"]["found"] == ["coulomb-friction@j1"]
+
+
+def test_the_middle_joint_of_a_chain_rubs_so_that_it_shows(tmp_path):
+    task, log = chain.planted(3, tmp_path)
+    made = Experiment(chain.chain(3, tmp_path), np.random.default_rng(3), chain.EPISODES)
+    bare = made.outputs()
+    apart = np.sqrt(((log.outputs - made.noise - bare) ** 2).mean(axis=0)) / chain.NOISE
+    assert apart.argmax() == 1
+    assert apart[1] > 3
+    assert np.abs(log.check().outputs).max() < 1.0  # rad: it follows its commands
+    assert len(task.space) == len(task.inputs) == len(task.outputs) == 3

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from diagnosing import diagnose
 from machines import ARM, build, machine, run
 
-from benchmarks._planted.diagnosing import diagnose
 from capture_cli import effects
 from capture_cli.stages.record import record
 from capture_cli.stores.measured_log import MeasuredLog

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from diagnosing import diagnose
 from machines import build
 from scipy.signal import bilinear, lfilter, lsim
 
-from benchmarks._planted.diagnosing import diagnose
 from capture_cli.effects.base import Reports
 from capture_cli.effects.sensor_high_pass import SensorHighPass, high_passed, integrated
 from capture_cli.stages.record import record

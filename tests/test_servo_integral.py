@@ -10,11 +10,11 @@ import mujoco
 import numpy as np
 import pytest
 from begun_inside import begun_inside
+from diagnosing import diagnose
 from machines import away, build, run
 from plain_loop import looped
 from test_hysteretic_friction import SLIDER
 
-from benchmarks._planted.diagnosing import diagnose
 from capture_cli import effects
 from capture_cli.effects.companion import companion_module
 from capture_cli.effects.servo_integral import IntegralTerm, ServoIntegral

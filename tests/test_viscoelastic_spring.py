@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from begun_inside import begun_inside
+from diagnosing import diagnose
 from hypothesis import given
 from hypothesis import strategies as st
 from machines import build
 from test_hysteretic_friction import RIG, SLIDER
 
-from benchmarks._planted.diagnosing import diagnose
 from capture_cli.effects._followed_log import measured_stretches
 from capture_cli.effects.viscoelastic_spring import MaxwellElement, ViscoelasticSpring, followed
 from capture_cli.stages.record import record

@@ -1,1 +1,1 @@
-"""The parts of the planted-effect benchmark: machines and logs, cases, effects outside the catalogue, judgement."""
+"""The planted-effect benchmark: a version of `capture diagnose` is asked about logs of `_planted_logs`, and judged."""

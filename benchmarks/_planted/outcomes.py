@@ -1,19 +1,31 @@
-"""What a diagnosis of a log with a known effect is worth."""
+"""What a diagnosis of a log with a known answer is worth."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from benchmarks._planted.cases import LEFT, NOTHING, UNKNOWN, Case
-from capture_cli.reports.diagnosis_findings import placed
+from benchmarks._planted_logs.cases import LEFT, NOTHING, UNKNOWN, WEAK, Case
+from benchmarks._planted_logs.dresses import FILTERED
+from capture_cli.effects.placed import placed_name
 
 NEAR_FLOOR = 1.2
-EXACT, AMONG, TIED, EQUIVALENT = "exact", "among others", "tied", "equivalent"
-WRONG, ONE_OF_TWO, MISSED, UNEXPLAINED = "wrong", "one of two", "missed", "unexplained"
+EXACT, TIED, EQUIVALENT = "exact", "tied", "equivalent"
+BESIDE, ONE_OF_TWO, WRONG, MISSED, UNEXPLAINED = (
+    "beside others",
+    "one of two",
+    "wrong",
+    "missed",
+    "unexplained",
+)
+CONFOUNDED = "confounded"
 SILENT, FALSE_ALARM = "silent", "false alarm"
 IMITATED, HONEST = "imitated", "honest"
-RIGHT = (EXACT, AMONG, TIED, EQUIVALENT)
+RIGHT = (EXACT, TIED, EQUIVALENT)
+GOOD = (*RIGHT, CONFOUNDED, SILENT, IMITATED, HONEST)
+# What the logger itself does to the sensors: neither right nor wrong beside what was planted.
+OF_THE_LOGGER = {FILTERED: ("sensor-low-pass", "sensor-delay")}
 
 
 @dataclass(frozen=True)
@@ -95,41 +107,65 @@ EQUIVALENTS = (
 )
 
 
-def judge(case: Case, verdict: str, effects: list[dict[str, Any]], test_error: float) -> str:
-    """The outcome of a diagnosis; effects: as in diagnosis.json. test_error over the noise floor."""
-    accepted = [placed(e) for e in effects]
-    tied = {name for e in effects for name in e["tied_with"]}
+def judge(case: Case, document: Mapping[str, Any]) -> str:
+    """The outcome of a diagnosis.json of the case's log."""
+    verdict = document["verdict"]
+    effects = [e for e in document["effects"] if not _of_the_logger(case, e)]
     if case.kind == NOTHING:
-        return FALSE_ALARM if accepted or verdict != "explained" else SILENT
+        return FALSE_ALARM if effects or verdict == "unexplained" else SILENT
     if case.kind in (UNKNOWN, LEFT):
-        return _judge_unknown(verdict, test_error)
-    if sorted(accepted) == sorted(case.planted):
-        return EXACT
+        return _judge_unknown(verdict, test_error(document))
+    found = _judge_known(case, verdict, effects)
+    if case.kind == WEAK and found not in RIGHT:
+        doubtful = {placed(e) for e in document.get("confounded", ())}
+        return CONFOUNDED if doubtful.intersection(case.planted) else found
+    return found
+
+
+def test_error(document: Mapping[str, Any]) -> float:
+    """Of the last model, on what no fit saw, over the noise floor."""
+    return document["after"]["test"]["normalized"]
+
+
+def placed(effect: Mapping[str, Any]) -> str:
+    """EFFECT@SITE of an effect in a diagnosis.json."""
+    return placed_name(effect["name"], effect["site"])
+
+
+def _of_the_logger(case: Case, effect: Mapping[str, Any]) -> bool:
+    return effect["name"] in OF_THE_LOGGER.get(case.dress, ()) and placed(effect) not in case.planted
+
+
+def _judge_known(case: Case, verdict: str, effects: Sequence[Mapping[str, Any]]) -> str:
+    """Right is who names every effect that is there, and none besides, and says that they explain the log."""
     if verdict == "unexplained":
         return UNEXPLAINED
-    hits = [_hit(case.machine, planted, accepted, tied) for planted in case.planted]
-    if all(hits):
-        return max(hits, key=RIGHT.index)
-    if any(hits):
+    hits = {(p, placed(e)): _hit(case.machine, p, e) for p in case.planted for e in effects}
+    of_planted = [[hits[p, placed(e)] for e in effects if hits[p, placed(e)]] for p in case.planted]
+    if not any(of_planted):
+        return WRONG if effects else MISSED
+    if not all(of_planted):
         return ONE_OF_TWO
-    return MISSED if verdict == "explained" else WRONG
+    if not all(any(hits[p, placed(e)] for p in case.planted) for e in effects):
+        return BESIDE
+    return max((min(own, key=RIGHT.index) for own in of_planted), key=RIGHT.index)
 
 
-def _hit(machine: str, planted: str, accepted: list[str], tied: set[str]) -> str | None:
-    """How an effect was found, or None."""
-    if planted in accepted:
-        return AMONG
-    if planted in tied:
+def _hit(machine: str, planted: str, effect: Mapping[str, Any]) -> str | None:
+    """How an effect that was found stands for one that was planted; None where it does not."""
+    if placed(effect) == planted:
+        return EXACT
+    if planted in effect["tied_with"]:
         return TIED
-    return EQUIVALENT if _equivalent(machine, planted, {*accepted, *tied}) else None
+    return EQUIVALENT if _equivalent(machine, planted, {placed(effect), *effect["tied_with"]}) else None
 
 
-def _judge_unknown(verdict: str, test_error: float) -> str:
+def _judge_unknown(verdict: str, error: float) -> str:
     if verdict == "unexplained":
         return HONEST
     if verdict == "explained":
         return MISSED
-    return IMITATED if test_error <= NEAR_FLOOR else WRONG
+    return IMITATED if error <= NEAR_FLOOR else WRONG
 
 
 def _equivalent(machine: str, planted: str, names: set[str]) -> bool:

@@ -24,9 +24,9 @@ from itertools import count
 
 import numpy as np
 
-from benchmarks._planted.outside import LEFT_OUT, OUTSIDE
 from benchmarks._planted_logs.dresses import PLAIN, dressed
 from benchmarks._planted_logs.machines import EPISODES, MACHINE, Experiment
+from benchmarks._planted_logs.outside import LEFT_OUT, OUTSIDE
 from benchmarks._planted_logs.sizes import Refit, Shown, size
 from capture_cli.effects import REGISTRY
 from capture_cli.effects.base import Effect

@@ -1,9 +1,10 @@
-"""The six machines, and logs recorded from them with an effect of any size in memory."""
+"""Machines, six of which are drawn from, and logs recorded from them with an effect of any size in memory."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
@@ -23,15 +24,19 @@ BAND = (0.1, 3.0)  # Hz
 
 @dataclass(frozen=True)
 class Machine:
-    """noise: sd per output, in its unit. start_velocity: JOINT -> (low, high), drawn for each episode."""
+    """noise: sd per output, in its unit. start_velocity: JOINT -> (low, high), drawn for each episode.
+
+    folder: of its task.toml; that of its name in benchmarks/machines where None.
+    """
 
     name: str
     noise: Mapping[str, float]
     start_velocity: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    folder: Path | None = None
 
     @property
     def task(self) -> Task:
-        return load_task(str(MACHINES / self.name / "task.toml"))
+        return load_task(str((self.folder or MACHINES / self.name) / "task.toml"))
 
 
 MACHINE = {

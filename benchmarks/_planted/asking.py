@@ -1,0 +1,91 @@
+"""What `capture diagnose` of some version says of a log, asked as a user asks: a process of its own, on one thread."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import resource
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from capture_cli.errors import CaptureError
+from capture_cli.stores.measured_log import MeasuredLog
+from capture_cli.tasks.base import Task
+
+ONE_THREAD = {name: "1" for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")}
+LONGEST = 3600.0  # s: a diagnosis that takes longer has failed
+# `capture`, with the effects hidden that the first argument names.
+_CAPTURE = """
+import sys
+from capture_cli.effects import REGISTRY
+REGISTRY.not_listed += tuple(sys.argv.pop(1).split())
+from capture_cli.cli import main
+main()
+"""
+
+
+class NoAnswer(CaptureError):
+    """`capture diagnose` ended without a diagnosis."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """diagnosis.json, and what it took: seconds of the clock, and of the CPU of the whole process."""
+
+    document: dict[str, Any]
+    seconds: float
+    cpu_seconds: float
+
+
+def ask(task: Task, log: MeasuredLog, root: Path, *, seed: int = 0, hidden: Sequence[str] = ()) -> Answer:
+    """Ask the version in the checkout `root`. hidden: names of effects that its catalogue is to be without.
+
+    Only one may be asked at a time in a process, whose children's CPU time is taken. Raises NoAnswer.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        _write(task, log, Path(folder))
+        command = [sys.executable, "-c", _CAPTURE, " ".join(hidden), "diagnose", "--real-log", "log.zarr"]
+        command += ["--task", "task.toml", "--out", "out", "--seed", str(seed), "--threads", "1"]
+        began, cpu = time.perf_counter(), _cpu_of_children()
+        try:
+            ended = subprocess.run(
+                [*command, "--json", "--quiet"],
+                cwd=folder,
+                env={**os.environ, **ONE_THREAD, "PYTHONPATH": str(root)},
+                capture_output=True,
+                text=True,
+                timeout=LONGEST,
+            )
+        except subprocess.TimeoutExpired as error:
+            raise NoAnswer(
+                f"no diagnosis within {LONGEST:g} s", cure="look at the log of this case"
+            ) from error
+        if ended.returncode:
+            raise NoAnswer(
+                ended.stderr.strip().replace(folder, ".")[-500:], cure="look at the log of this case"
+            )
+        taken = time.perf_counter() - began, _cpu_of_children() - cpu
+    return Answer(json.loads(ended.stdout), *(round(t, 3) for t in taken))
+
+
+def _write(task: Task, log: MeasuredLog, folder: Path) -> None:
+    """model.xml, task.toml and log.zarr, as a user has them."""
+    text = task.path.read_text(encoding="utf-8")
+    if task.log.window is None:
+        text = re.sub(r"(?m)^window = .*\n", "", text)
+    (folder / "task.toml").write_text(text, encoding="utf-8")
+    shutil.copy(task.model_path, folder / task.model_path.name)
+    log.write(folder / "log.zarr")
+
+
+def _cpu_of_children() -> float:
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
