@@ -134,3 +134,15 @@ def test_starting_imports_nothing_heavy(arguments):
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "HEAVY []"
+
+
+def test_models_of_users_are_compiled_in_one_place():
+    """Others compile what the package brings, or write what was compiled there."""
+    compiling = ("MjSpec.from_", "MjModel.from_xml")
+    found = {
+        module
+        for module in MODULES
+        if any(word in (PACKAGE / f"{module.replace('.', '/')}.py").read_text() for word in compiling)
+    }
+    own = {"effects.__init__", "tasks.air_hockey", "tasks._scooping", "effects.companion", "commands.export"}
+    assert found - own == {"sim.model_file", "sim.mjcf"}

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from capture_cli.errors import LogError, OptionError, OutputError
+from capture_cli.errors import LogError, OptionError, OutputError, StoreError
 from capture_cli.protocol.log_checks import all_diverged
 from capture_cli.stages import diagnose as diagnose_stage
 from capture_cli.stages import identify as identify_stage
@@ -100,6 +100,21 @@ def test_a_model_that_changed_since_is_refused(made):
         with pytest.raises(OptionError, match=r"model\.xml is not the model") as caught:
             run()
         assert caught.value.cure
+
+
+@pytest.mark.parametrize("value", ["1e308", "-0.5"])
+def test_a_value_outside_of_its_bounds_is_used_by_nobody(made, value):
+    document = json.loads((made / "estimate" / "estimate.json").read_text())
+    document["parameters"]["mass"]["value"] = float(value)
+    (made / "estimate" / "estimate.json").write_text(json.dumps(document))
+    for use in (
+        lambda: export(result=Path("estimate"), out=Path("m.xml")),
+        lambda: propose(result=Path("estimate")),
+    ):
+        with pytest.raises(StoreError, match=r"mass = .*outside of its bounds") as caught:
+            use()
+        assert "capture identify" in caught.value.cure
+    assert not (made / "m.xml").exists()
 
 
 def test_a_result_that_names_no_task(made):

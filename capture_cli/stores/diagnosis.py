@@ -71,7 +71,7 @@ SHAPE = {  # of what is read of diagnosis.json
     "log": {"path": TEXT, "first_time?": NUMBER},
     "verdict": TEXT,
     "summary?": TEXT,
-    "parameters": {str: {"value": NUMBER}},
+    "parameters": {str: {"value": NUMBER, "low?": NUMBER, "high?": NUMBER}},
     "effects": [{"name": TEXT, "site": TEXT, "parameters": {str: {"value": NUMBER, "high": NUMBER}}}],
     "next_experiment?": or_none(OBJECT),
     "expression?": or_none({"terms": [{"site": TEXT, "coefficient": NUMBER}], "values?": {str: NUMBER}}),

@@ -77,7 +77,7 @@ SCHEMA = Schema(
 SHAPE = {  # of what is read of estimate.json
     "task": TEXT,
     "log": {"path": TEXT, "sha256": TEXT, "input_peaks?": or_none({str: NUMBER})},
-    "parameters": {str: {"value": NUMBER}},
+    "parameters": {str: {"value": NUMBER, "low?": NUMBER, "high?": NUMBER}},
     "noise_floor": {str: NUMBER},
     "lack_of_fit": {"normalized": NUMBER, "autocorrelation_time": NUMBER},
     "in_context?": or_none({"fallback": FLAG}),

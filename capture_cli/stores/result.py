@@ -17,6 +17,8 @@ from capture_cli.stores.output import PROVENANCE
 from capture_cli.stores.provenance import write_json
 from capture_cli.stores.schema import Schema
 
+ROUNDING = 1e-9  # of a range: a value at one end may be beyond it in its last digits
+
 
 @dataclass(frozen=True)
 class Result:
@@ -50,7 +52,24 @@ class Result:
     @classmethod
     def read_document(cls, folder: Path) -> dict[str, Any]:
         """NAME.json alone. Raises StoreError where there is none, or it is damaged or of another version."""
-        return read_result(Path(folder), f"{cls.NAME}.json", cls.FORMAT, cls.VERSION, cls.CURE, cls.SHAPE)
+        name = f"{cls.NAME}.json"
+        document = read_result(Path(folder), name, cls.FORMAT, cls.VERSION, cls.CURE, cls.SHAPE)
+        if isinstance(parameters := document.get("parameters"), dict):
+            _check_bounds(parameters, Path(folder) / name, cls.CURE)
+        return document
+
+
+def _check_bounds(parameters: Mapping[str, Any], path: Path, cure: str) -> None:
+    """Raise StoreError where a value is outside of the bounds that are written beside it: no fit goes there."""
+    for name, parameter in parameters.items():
+        if "low" not in parameter or "high" not in parameter:
+            continue
+        value, low, high = (parameter[key] for key in ("value", "low", "high"))
+        slack = ROUNDING * (high - low)
+        if not low - slack <= value <= high + slack:
+            raise StoreError(
+                f"{path}: {name} = {value:g} is outside of its bounds, {low:g} to {high:g}", cure=cure
+            )
 
 
 def read_provenance(folder: Path, cure: str) -> dict[str, Any]:
