@@ -93,7 +93,7 @@ def with_parts(page: str, parts: dict[str, Callable[[], str]]) -> str:
 
 def commands() -> str:
     """Every command with its options, from the signatures in capture_cli/commands."""
-    from capture_cli.cli import app
+    from capture_cli.app import app
 
     lines = [_COMMANDS.strip(), ""]
     for command in app.registered_commands:
@@ -302,9 +302,9 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str]]] = {
             "in_context": "null, or what a learned identifier's rounds over the episodes gave: {checkpoint, sha256, "
             "rounds, episodes, proposal, proposal_sd, share_beyond (of the training histories that lie as far out), "
             "in_family, contradicted (by the fit), fallback (to a fit with the starts freed), text}",
-            "next_command": "the command to run next; null where there is none, as where only what was held out is not "
-            "explained (`diagnose` finds what is missing in what was fitted), and where columns "
-            "have to be checked first, as where a channel is `misread`",
+            "next_command": "the command to run next, with ESTIMATE in the place of the folder that this file lies in; "
+            "null where there is none, as where only what was held out is not explained (`diagnose` finds what is "
+            "missing in what was fitted), and where columns have to be checked first, as where a channel is `misread`",
         },
     ),
     "diagnosis.json": (

@@ -398,8 +398,11 @@ def test_an_effect_that_is_not_declared_is_unexplained(plant, identify, tmp_path
     log, out = plant(name="of today", effects=["coulomb-friction@x=3.0"]), tmp_path / "an estimate"
     found = identify(log, out=out)
     assert found.document["verdict"] == "unexplained"
-    command = ["capture", "diagnose", "--real-log", str(log.path), "--estimate", str(out)]
-    assert shlex.split(found.document["next_command"]) == command
+    command = ["capture", "diagnose", "--real-log", str(log.path), "--estimate"]
+    assert shlex.split(findings.next_command(found.document, str(out))) == [*command, str(out)]
+    again = identify(log, out=tmp_path / "another")
+    assert shlex.split(again.document["next_command"]) == [*command, "ESTIMATE"]
+    assert again.document == found.document, "whatever it is called"
     assert found.document["error"]["fit"]["normalized"] > 5
     assert "The model lacks something" in found.document["summary"]
 

@@ -45,7 +45,7 @@ PROVENANCE = {
     "format": "capture/provenance",
     "version": 1,
     "command": "identify",
-    "options": {"identifier": "least-squares", "seed": 0, "config": None},
+    "options": {"identifier": "least-squares", "seed": 0, "out": "runs/estimate", "config": None},
     "inputs": {"real-log": {"path": "runs/slider.zarr", "sha256": "ab" * 32}},
     "capture": "0.1.0",
     "python": "3.11.9",
@@ -183,7 +183,7 @@ def full():
         "text": "The recordings disagree on mass (p = 0.004): the machine changed between them.",
     }
     document["noise_floor_source"] = {"q": "differences", "qd": "declared"}
-    document["next_command"] = "capture diagnose --real-log slider.zarr --estimate out --out diagnosis"
+    document["next_command"] = "capture diagnose --real-log slider.zarr --estimate ESTIMATE"
     return estimate
 
 
@@ -319,7 +319,7 @@ def test_page_says_what_was_found():
         "Only mass over bias is known.",
         "bias is at its lower bound, -20 N",
         "The recordings disagree on mass (p = 0.004)",
-        "capture diagnose --real-log slider.zarr --estimate out --out diagnosis",
+        "capture diagnose --real-log slider.zarr --estimate runs/estimate",
         "203.5 1.9 199.8 to 207.2",
         "not determined , at its bound",
         "from high-order differences",
@@ -526,7 +526,7 @@ def test_terminal_says_what_was_found():
         r"note  bias is at its lower bound",
         r"note  The recordings disagree on mass",
         r"report  runs/estimate/report\.html",
-        r"next    capture diagnose --real-log slider\.zarr --estimate out --out diagnosis",
+        r"next    capture diagnose --real-log slider\.zarr --estimate runs/estimate\n",
     ):
         assert re.search(said, text), said
 

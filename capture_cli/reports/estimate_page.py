@@ -28,6 +28,7 @@ def render(estimate: Estimate, provenance: Mapping[str, Any] | None) -> str:
         badge=findings.TITLES[document["verdict"]],
         notes=[*findings.suspicions(estimate), *findings.notes(document)],
         tiles=_tiles(document, provenance),
+        next_command=findings.next_command(document, (provenance or {}).get("options", {}).get("out")),
         untrusted=findings.UNTRUSTED,
         errors=findings.output_errors(estimate),
         together=[findings.normalized(document, part) for part in ("fit", "test")],

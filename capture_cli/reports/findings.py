@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -15,6 +16,8 @@ from capture_cli.stores.result import Result
 # Of the motion within a window, and times the noise floor: physics seldom leaves so much
 LEFT, ABOVE = 0.5, 3.0
 TOO_GOOD = 0.7  # times the noise floor: no fit gets so far below it
+# In `next_command` of estimate.json: the folder it lies in, by which two equal estimates do not differ.
+THIS_ESTIMATE = "ESTIMATE"
 TITLES = {"explained": "explained", "unexplained": "unexplained", "not-identifiable": "not identifiable"}
 NOT_ALIKE = "The two parts of the log are not alike: see what differs between them"
 FIT_BOTH = (
@@ -89,6 +92,14 @@ def output_errors(estimate: Estimate) -> list[OutputError]:
         _output_error(document, o["name"], o["unit"], nominal[k], sources[o["name"]])
         for k, o in enumerate(estimate.attributes["outputs"])
     ]
+
+
+def next_command(document: Mapping[str, Any], folder: str | None) -> str | None:
+    """The command to run next, of an estimate in `folder` (None: it is not known); None where there is none."""
+    command, here = document["next_command"], f" {THIS_ESTIMATE}"
+    if command is None or folder is None or not command.endswith(here):
+        return command
+    return f"{command.removesuffix(here)} {shlex.quote(folder)}"
 
 
 def normalized(document: Mapping[str, Any], part: str) -> float | None:

@@ -64,8 +64,8 @@ def print_estimate(estimate: Estimate, console: Console, out_path: Path) -> None
         screen.wrapped("note", note, "yellow")
     screen.blank()
     screen.whole("report", str(Path(out_path) / "report.html"))
-    if document["next_command"]:
-        screen.whole("next", document["next_command"])
+    if command := findings.next_command(document, str(out_path)):
+        screen.whole("next", command)
 
 
 def print_diagnosis(diagnosis: Diagnosis, console: Console, out_path: Path) -> None:

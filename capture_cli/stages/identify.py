@@ -19,7 +19,7 @@ from capture_cli.protocol.model_fits import ModelFits
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.protocol.repeated_noise import with_noise_of_repeats
 from capture_cli.protocol.residual_noise import with_noise_of_residual
-from capture_cli.reports.findings import STAMPS_ALONE, behind, is_fit_explained, suspicions
+from capture_cli.reports.findings import STAMPS_ALONE, THIS_ESTIMATE, behind, is_fit_explained, suspicions
 from capture_cli.stages.chosen_identifier import ChosenIdentifier, choose_identifier
 from capture_cli.stages.earlier_estimate import EarlierEstimate
 from capture_cli.stages.estimate_document import Report, unexplained
@@ -96,7 +96,7 @@ def identify(
         if suspicions(estimate):
             _look_for_misread(estimate.document, search, options["window"])
         elif _lacks(estimate.document):
-            diagnose = ["capture", "diagnose", "--real-log", str(real_log), "--estimate", str(out)]
+            diagnose = ["capture", "diagnose", "--real-log", str(real_log), "--estimate", THIS_ESTIMATE]
             estimate.document["next_command"] = shlex.join(diagnose)
     with new_directory(out, force=force or resume) as folder:
         estimate.write(folder)
