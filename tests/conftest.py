@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 from pathlib import Path
 
@@ -13,6 +14,7 @@ for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
 import pytest  # noqa: E402
 
 from capture_cli import cli  # noqa: E402
+from capture_cli.signals import ENDING  # noqa: E402
 
 SLIDER_XML = """\
 <mujoco model="slider">
@@ -59,6 +61,15 @@ window = 0.5
 """
 
 REAL_DATA = Path(__file__).resolve().parents[1] / ".." / "shared" / "data"
+
+
+@pytest.fixture(autouse=True)
+def signals_as_they_were():
+    """`capture_cli.cli.main` heeds none any more when it returns: its process is about to end."""
+    before = {number: signal.getsignal(number) for number in ENDING}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
 
 
 @pytest.fixture

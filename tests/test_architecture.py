@@ -18,6 +18,7 @@ PACKAGE = Path(__file__).resolve().parents[1] / "capture_cli"
 ROWS = (
     ("__main__",),
     ("cli",),
+    ("app",),
     ("commands",),
     ("stages",),
     ("reports", "protocol"),
@@ -26,7 +27,16 @@ ROWS = (
     ("simulator", "worlds", "observation_noise", "multisine"),
     ("tasks", "effects"),
     ("sim", "stores"),
-    ("autocorrelation", "documents", "evenly_spread", "json_text", "named_arrays", "parameters", "registry"),
+    (
+        "autocorrelation",
+        "documents",
+        "evenly_spread",
+        "json_text",
+        "named_arrays",
+        "parameters",
+        "registry",
+        "signals",
+    ),
     ("errors",),
     ("__init__",),
 )

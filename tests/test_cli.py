@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 import typer
 
-from capture_cli import cli
+from capture_cli.app import app
 from capture_cli.commands._config import _read_config
 from capture_cli.errors import OptionError
 from capture_cli.protocol.prepare import prepare
@@ -450,7 +450,7 @@ def test_a_config_that_is_wrong(capture, log, tmp_path, text, named):
     assert not (tmp_path / "run.estimate").exists()
 
 
-COMMANDS = typer.main.get_command(cli.app).commands
+COMMANDS = typer.main.get_command(app).commands
 OPTIONS = [
     (name, option)
     for name, command in COMMANDS.items()
@@ -629,7 +629,7 @@ def test_what_is_kept_is_said_whatever_signal_ended_it(request, capture, monkeyp
     assert err == (
         "interrupted: 256 of 300 histories are kept\n  cure: go on with the same command and --resume\n"
     )
-    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_IGN, "what is left is the interpreter's end"
 
 
 def test_a_full_disk(capture, log, monkeypatch, tmp_path):

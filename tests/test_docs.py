@@ -16,7 +16,7 @@ from toy_rounds import write
 from typer.testing import CliRunner
 
 from benchmarks import REGISTRY as BENCHMARKS
-from capture_cli.cli import app
+from capture_cli.app import app
 from capture_cli.protocol.candidates import Candidate, all_candidates
 from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.evaluation_run import evaluate

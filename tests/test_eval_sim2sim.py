@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from capture_cli.cli import app
+from capture_cli.app import app
 from capture_cli.errors import CaptureError, OptionError, OutputError, StoreError, TaskError
 from capture_cli.identifiers import round_identifier
 from capture_cli.policies.random import Random
@@ -143,17 +143,16 @@ def test_a_run_goes_on_where_it_ended(folder, evaluated, names, monkeypatch):
     assert read.document == done.document
 
 
-def test_a_run_that_ended_before_its_first_part_says_that_nothing_is_kept(folder, monkeypatch):
+def test_a_run_that_ended_before_its_first_part_keeps_nothing(folder, monkeypatch):
     def stop(*_):
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
         patch.setattr(Sim2Sim, "run", stop)
-        with pytest.raises(
-            KeyboardInterrupt, match=r"before the first of 2 parts[\s\S]*nothing is kept[\s\S]*--force"
-        ):
+        with pytest.raises(KeyboardInterrupt, match=r"^$"):  # the command line says that nothing was written
             evaluate(out=folder / "stopped", identifiers=["domain-randomization"], **SMALL)
-    evaluate(out=folder / "stopped", identifiers=["domain-randomization"], force=True, **SMALL)
+    assert not list(folder.glob(".stopped*"))
+    evaluate(out=folder / "stopped", identifiers=["domain-randomization"], **SMALL)
 
 
 def test_checkpoints_are_known_by_what_matters_of_them_and_by_the_hash_of_all_their_files(folder, trained):

@@ -193,7 +193,7 @@ def test_an_interrupted_training_goes_on_to_the_same_result(trained, tmp_path, m
     out = tmp_path / "policy"
     with monkeypatch.context() as patch:
         _interrupt(patch, after=7)  # batches of 24; evaluations are 4 apart
-        with pytest.raises(KeyboardInterrupt, match="interrupted after"):
+        with pytest.raises(KeyboardInterrupt, match="up to the last evaluation is kept"):
             stage.train_policy(out=out, **TINY)
     assert not out.exists()
     with pytest.raises(OutputError, match="unfinished"):
@@ -218,7 +218,7 @@ def test_going_on_with_another_training_is_refused(tmp_path, monkeypatch):
     out = tmp_path / "policy"
     with monkeypatch.context() as patch:
         _interrupt(patch, after=6)
-        with pytest.raises(KeyboardInterrupt, match="interrupted after"):
+        with pytest.raises(KeyboardInterrupt, match="up to the last evaluation is kept"):
             stage.train_policy(out=out, **TINY)
     with pytest.raises(OptionError, match=r"training\.width was 16, now 8"):
         stage.train_policy(out=out, resume=True, **{**TINY, "width": 8})

@@ -193,7 +193,7 @@ def test_interrupted_while_it_writes_it_goes_on(asked, whole, tmp_path, monkeypa
 
     with monkeypatch.context() as patch:
         patch.setattr(stage, "_write_pages", stop)
-        with pytest.raises(KeyboardInterrupt, match=r"what was written is kept\n  cure: .* --resume"):
+        with pytest.raises(KeyboardInterrupt, match=r"what was worked out is kept\n  cure: .* --resume"):
             diagnose(out=out, **asked)
     steps = steps_made(monkeypatch)
     diagnose(out=out, resume=True, **asked)

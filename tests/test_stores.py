@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 from dataclasses import fields, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -21,10 +22,11 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from toy_rounds import histories, write
 
-from capture_cli.errors import CaptureError, LogError, OutputError, StoreError
+from capture_cli.errors import CaptureError, Interrupted, LogError, OutputError, StoreError
 from capture_cli.stages.chosen_identifier import SHIPPED
 from capture_cli.stages.identifier_checkpoint import load_identifier
 from capture_cli.stages.import_log import import_log
+from capture_cli.stores import output
 from capture_cli.stores.document_shape import BOUNDS, COUNT, NUMBER, POSITIVE, TEXT, check_shape, or_none
 from capture_cli.stores.histories import Histories
 from capture_cli.stores.measured_log import SCHEMA, MeasuredLog
@@ -300,6 +302,10 @@ def names(folder: Path) -> list[str]:
     return sorted(f.name for f in folder.iterdir())
 
 
+keeping_all = partial(resumable_directory, kept=lambda folder: "all of it is kept")
+keeping_nothing = partial(resumable_directory, kept=lambda folder: "")
+
+
 def fill(folder: Path, content: str = "new") -> None:
     (folder / "data").write_text(content)
     (folder / PROVENANCE).write_text("{}")
@@ -338,7 +344,7 @@ def test_force_replaces_a_result_and_an_empty_folder(tmp_path):
 def test_force_replaces_no_device(tmp_path):
     """As root `--out /dev/null --force` had made a folder of it."""
     os.mkfifo(tmp_path / "pipe")
-    for new in (new_directory, new_file, resumable_directory):
+    for new in (new_directory, new_file, keeping_all):
         with pytest.raises(OutputError, match="is a device or a pipe"), new(tmp_path / "pipe", force=True):
             pytest.fail("the block must not be entered")
     assert (tmp_path / "pipe").is_fifo()
@@ -378,7 +384,7 @@ import sys, time
 from pathlib import Path
 from capture_cli.stores.output import resumable_directory
 
-with resumable_directory(Path(sys.argv[1])):
+with resumable_directory(Path(sys.argv[1]), kept=str):
     print("writing", flush=True)
     time.sleep(100)
 """
@@ -393,28 +399,70 @@ def test_a_run_that_is_still_at_work_is_neither_resumed_nor_replaced(tmp_path):
             pytest.raises(
                 OutputError, match=rf"process {run.pid} on .*, since .*, is writing .*out"
             ) as caught,
-            resumable_directory(out, **options),
+            keeping_all(out, **options),
         ):
             pytest.fail("the block must not be entered")
         assert caught.value.cure == "wait until it ends, or stop it"
     run.kill()
     run.wait()
-    with resumable_directory(out, resume=True) as folder:
+    with keeping_all(out, resume=True) as folder:
         fill(folder)
     assert names(tmp_path) == ["out"]
 
 
-def test_whoever_interrupts_long_work_is_told_that_it_is_kept(tmp_path):
+@pytest.mark.parametrize(
+    ("error", "raised", "said"),
+    [
+        (KeyboardInterrupt(), Interrupted, r"interrupted: all of it is kept[\s\S]*--resume"),
+        (
+            OSError(errno.ENOSPC, ""),
+            OutputError,
+            r"disk is full: .*out is unfinished, and all of it is kept[\s\S]*",
+        ),
+        (ValueError("a fault"), ValueError, "a fault"),
+    ],
+)
+def test_what_long_work_leaves_is_said_and_gone_on_with(tmp_path, error, raised, said):
+    with pytest.raises(raised, match=said), keeping_all(tmp_path / "out") as folder:
+        fill(folder)
+        raise error
     with (
         pytest.raises(
-            KeyboardInterrupt, match=r"out is unfinished, and what was written is kept[\s\S]*--resume"
+            OutputError, match=r"left .*out unfinished \(in \.out\.unfinished\): all of it is kept"
         ),
-        resumable_directory(tmp_path / "out") as folder,
+        keeping_all(tmp_path / "out"),
     ):
-        fill(folder)
-        raise KeyboardInterrupt
-    with resumable_directory(tmp_path / "out", resume=True) as folder:
+        pytest.fail("the block must not be entered")
+    with keeping_all(tmp_path / "out", resume=True) as folder:
         assert (folder / "data").read_text() == "new"
+
+
+@pytest.mark.parametrize(
+    ("error", "raised", "said"),
+    [
+        (KeyboardInterrupt(), KeyboardInterrupt, "^$"),
+        (OSError(errno.ENOSPC, ""), OutputError, "the disk is full: .*out was not written"),
+    ],
+)
+def test_long_work_that_keeps_nothing_leaves_nothing(tmp_path, error, raised, said):
+    with pytest.raises(raised, match=said), keeping_nothing(tmp_path / "out") as folder:
+        fill(folder)
+        raise error
+    assert names(tmp_path) == []
+    (tmp_path / ".out.unfinished").mkdir()  # of a run that was killed before it had anything
+    fill(tmp_path / ".out.unfinished", "half")
+    with keeping_nothing(tmp_path / "out") as folder:
+        assert names(folder) == []
+    assert names(tmp_path) == ["out"]
+
+
+def test_what_is_not_of_the_output_stays_until_it_is_in_its_place(tmp_path, monkeypatch):
+    """A run that was killed while it synced had lost the state that it could have gone on from."""
+    monkeypatch.setattr(output, "_sync", lambda _: (tmp_path / ".out.unfinished" / "state").stat())
+    with keeping_all(tmp_path / "out", scaffold=("state", "gone")) as folder:
+        fill(folder)
+        (folder / "state").write_text("counters")
+    assert names(tmp_path / "out") == ["data", PROVENANCE]
 
 
 def test_a_failure_with_force_leaves_the_old_result(tmp_path):
@@ -439,14 +487,11 @@ def test_a_result_that_appeared_meanwhile_is_not_replaced(tmp_path):
 def test_a_rename_that_fails_puts_the_old_result_back(tmp_path, monkeypatch):
     (tmp_path / "out").mkdir()
     fill(tmp_path / "out", "old")
-    rename = Path.rename
 
-    def fails_once(self, target):
-        if ".partial-" in self.name:
-            raise OSError(errno.EIO, "input/output error")
-        return rename(self, target)
+    def fails(self, target):
+        raise OSError(errno.EIO, "input/output error")
 
-    monkeypatch.setattr(Path, "rename", fails_once)
+    monkeypatch.setattr(Path, "replace", fails)
     with (
         pytest.raises(OutputError, match="input/output error"),
         new_directory(tmp_path / "out", force=True) as folder,
@@ -525,7 +570,7 @@ KILLED_AT = {
     "before provenance": "capture_cli.stores.provenance.Provenance.write",
     "while it is synced": "os.fsync",
     "before it is moved": "capture_cli.stores.output._move_into_place",
-    "after the old one is moved away": "capture_cli.stores.output.Path.rename",
+    "after the old one is moved away": "capture_cli.stores.output.Path.replace",
 }
 KILLED_RUN = """
 import os, pkgutil, signal, sys
@@ -538,8 +583,9 @@ original = getattr(owner, name)
 calls = []
 
 def dies(*arguments, **options):
-    calls.append(arguments)
-    if len(calls) == (2 if name in ("rename", "create_array") else 1):
+    if name != "replace" or ".partial-" in arguments[0].name:
+        calls.append(arguments)
+    if len(calls) == (2 if name == "create_array" else 1):
         os.kill(os.getpid(), signal.SIGKILL)
     return original(*arguments, **options)
 
@@ -561,7 +607,7 @@ def test_a_killed_import_leaves_nothing_and_then_succeeds(tmp_path, slider_task,
         run, env={**os.environ, "PYTHONPATH": str(REPOSITORY)}, capture_output=True, text=True
     )
     assert killed.returncode == -signal.SIGKILL, killed.stderr
-    moved = killed_at.endswith("rename")
+    moved = killed_at.endswith("Path.replace")
     assert [f for f in names(out.parent) if not f.startswith(".")] == ([] if moved else ["run.zarr"])
     assert [f for f in names(out.parent) if f.startswith(".run.zarr.partial-")]
     assert moved or (out / "data").read_text() == "old"

@@ -53,9 +53,9 @@ def propose(
 
     Example: capture propose run.estimate --out proposal.json
     """
+    from capture_cli.json_text import json_text
     from capture_cli.stages.propose import propose as stage
-    from capture_cli.stores.output import new_file, refuse_existing
-    from capture_cli.stores.provenance import write_json
+    from capture_cli.stores.output import New, new_outputs, refuse_existing
 
     for file in (out, csv):
         if file is not None:
@@ -72,16 +72,19 @@ def propose(
         csv=csv,
         beyond_log=beyond_log,
     )
+    texts = []
     if csv is not None:
         from capture_cli.stages.proposal_csv import proposal_csv
 
-        with new_file(csv, force=force) as file:
-            file.write_text(proposal_csv(document, result, task), encoding="utf-8")
+        texts.append((csv, proposal_csv(document, result, task)))
+    if out is not None:
+        texts.append((out, json_text(document) + "\n"))
+    if texts:
+        with new_outputs(*(New(path) for path, _ in texts), force=force) as files:
+            for file, (_, text) in zip(files, texts, strict=True):
+                file.write_text(text, encoding="utf-8")
     if out is None:
         print_json(document)
-    else:
-        with new_file(out, force=force) as file:
-            write_json(file, document)
     print(document["text"], file=sys.stderr)
     for line in _predicted(document.get("predicted") or {}):
         print(line, file=sys.stderr)

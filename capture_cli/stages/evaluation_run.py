@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from capture_cli.documents import read_json
-from capture_cli.errors import Interrupted, OptionError, StoreError
+from capture_cli.errors import OptionError, StoreError
 from capture_cli.stages.checkpoint_hash import with_new_hashes
 from capture_cli.stages.evaluated_identifier import Evaluated
 from capture_cli.stages.evaluation_plan import EvaluationPlan, evaluation_plan
@@ -23,7 +23,8 @@ from capture_cli.stores.evaluation import FORMAT, SCHEMA, VERSION, Evaluation, j
 from capture_cli.stores.output import is_complete, refuse_inputs, resumable_directory, unfinished
 from capture_cli.stores.provenance import Provenance, write_json
 
-PARTS, RECIPE = "parts", "recipe.json"  # of a run that is not complete
+PARTS, RECIPE, NEW_RECIPE = "parts", "recipe.json", "recipe.json.new"  # of a run that is not complete
+BESIDE = ".new"  # of a part that is not complete
 
 
 def evaluate(
@@ -86,7 +87,14 @@ def carry_out(
 ) -> Evaluation:
     """Do what `plan` says and write the evaluation directory at `out`. options: for its provenance."""
     provenance = Provenance("eval-sim2sim", options, {})
-    with resumable_directory(out, force=force, resume=resume) as folder:
+
+    def kept(folder: Path) -> str:
+        count = kept_parts(folder)
+        return f"{count} of {len(plan.parts())} parts are kept" if count else ""
+
+    with resumable_directory(
+        out, kept=kept, scaffold=(PARTS, RECIPE, NEW_RECIPE), force=force, resume=resume
+    ) as folder:
         _begin(folder, plan)
         _run(plan, folder, quiet)
         arrays = _joined(plan, folder)
@@ -94,15 +102,18 @@ def carry_out(
         evaluation = Evaluation({"format": FORMAT, "version": VERSION, **tables}, arrays, plan.attributes)
         evaluation.write(folder)
         _write_reports(evaluation, folder)
-        shutil.rmtree(folder / PARTS)
-        (folder / RECIPE).unlink()
         provenance.write(folder)
     return evaluation
 
 
+def kept_parts(folder: Path) -> int:
+    """How many parts of an evaluation an earlier run has completed in `folder`."""
+    return sum(path.suffix != BESIDE for path in (folder / PARTS).glob("*"))
+
+
 def _begin(folder: Path, plan: EvaluationPlan) -> None:
     """Take note of what is run, or see that it is what an earlier run took note of."""
-    path, beside = folder / RECIPE, folder / f"{RECIPE}.new"
+    path, beside = folder / RECIPE, folder / NEW_RECIPE
     (folder / PARTS).mkdir(exist_ok=True)
     if path.is_file():
         _refuse_other(read_json(path, StoreError, cure="begin anew with --force"), plan, folder)
@@ -129,30 +140,18 @@ def _todo(plan: EvaluationPlan, folder: Path) -> list[tuple[str, Evaluated, Sim2
 def _run(plan: EvaluationPlan, folder: Path, quiet: bool) -> None:
     parts, todo = folder / PARTS, _todo(plan, folder)
     seeds, rounds = len(plan.draws), plan.draws[0].rounds
-    try:
-        with Progress("eval-sim2sim", "round", quiet=quiet, total=len(todo) * rounds) as progress:
-            for name, e, draw in todo:
-                label = f"{e.label}, seed {draw.number + 1} of {seeds}"
-                arrays = draw.run(e.make, lambda n, label=label: progress.step(f"{label}, round {n + 1}"))
-                _keep(parts / name, arrays, draw, plan.attributes)
-    except KeyboardInterrupt:
-        kept = sum((parts / name).is_dir() for name, _, _ in plan.parts())
-        of = f"{len(plan.parts())} parts"
-        if not kept:
-            raise Interrupted(
-                f"interrupted before the first of {of} was complete: nothing is kept",
-                cure="begin anew with the same command and --force",
-            ) from None
-        raise Interrupted(
-            f"interrupted: {kept} of {of} are kept", cure="go on with the same command and --resume"
-        ) from None
+    with Progress("eval-sim2sim", "round", quiet=quiet, total=len(todo) * rounds) as progress:
+        for name, e, draw in todo:
+            label = f"{e.label}, seed {draw.number + 1} of {seeds}"
+            arrays = draw.run(e.make, lambda n, label=label: progress.step(f"{label}, round {n + 1}"))
+            _keep(parts / name, arrays, draw, plan.attributes)
 
 
 def _keep(path: Path, arrays: dict[str, np.ndarray], draw: Sim2Sim, attributes: dict) -> None:
     source, target = draw.ends()
     arrays = {name: a[None, None] for name, a in arrays.items()}
     arrays |= {"source": source[None], "target": target[None]}
-    beside = path.with_name(f"{path.name}.new")
+    beside = path.with_name(f"{path.name}{BESIDE}")
     shutil.rmtree(beside, ignore_errors=True)
     SCHEMA.write(beside, arrays, attributes)
     beside.rename(path)

@@ -17,12 +17,12 @@ from capture_cli.errors import OptionError, StoreError, did_you_mean
 from capture_cli.identifiers import REGISTRY
 from capture_cli.stages.evaluated_identifier import PAPER, checkpoints_in, how_trained, untrained
 from capture_cli.stages.evaluation_plan import EvaluationPlan, evaluation_plan
-from capture_cli.stages.evaluation_run import carry_out, completed, time_left
+from capture_cli.stages.evaluation_run import carry_out, completed, kept_parts, time_left
 from capture_cli.stages.evaluation_time import Expected
 from capture_cli.stages.identifier_checkpoint import DOCUMENT, read_document
 from capture_cli.stages.policy_checkpoint import SETTINGS
 from capture_cli.stores.document_shape import OBJECT, check_shape
-from capture_cli.stores.output import is_complete, refuse_inputs, resumable_directory
+from capture_cli.stores.output import is_complete, refuse_inputs, resumable_directory, unfinished
 from capture_cli.stores.provenance import Provenance, write_json
 from capture_cli.stores.result import read_result
 
@@ -107,7 +107,15 @@ def evaluate_suite(
         return _completed(Path(out), plans)
     refuse_inputs(out, [path for plan in plans.values() for path in plan.inputs])
     provenance = Provenance("eval-sim2sim", options, {})
-    with resumable_directory(out, force=force, resume=resume) as folder:
+
+    def kept(folder: Path) -> str:
+        whole = sum((folder / cell.name).is_dir() for cell in plans)
+        parts = sum(kept_parts(unfinished(folder / cell.name)) for cell in plans)
+        if not whole + parts:
+            return ""
+        return f"{whole} of {len(plans)} cells are kept" + f", and {parts} parts of another" * bool(parts)
+
+    with resumable_directory(out, kept=kept, force=force, resume=resume) as folder:
         if not quiet:
             _announce(plans, without, not_used, folder)
         documents = _evaluate_all(plans, asked, Path(out), folder, quiet)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,7 +22,7 @@ from capture_cli.stages.recorded_effects import WithValues, recorded_effects, re
 from capture_cli.stages.recorded_task import load_recorded, task_inputs
 from capture_cli.stores.diagnosis import Diagnosis
 from capture_cli.stores.estimate import Estimate
-from capture_cli.stores.output import new_file, refuse_existing, refuse_inputs
+from capture_cli.stores.output import New, new_outputs, refuse_existing, refuse_inputs
 from capture_cli.stores.result import read_provenance
 from capture_cli.tasks.base import Task
 
@@ -81,15 +80,14 @@ def export(*, result: Path, out: Path, task: str | None = None, force: bool = Fa
     stale = not beside and _is_exported(module_path)
     if stale:
         refuse_existing(module_path, force=force)
-    with ExitStack() as files:
-        model_file = files.enter_context(new_file(out, force=force))
-        header = _header(found, command, machine.space, values, effects, companion)
-        model_file.write_text(to_mjcf(machine.model_path, fields, out, header), encoding="utf-8")
-        if companion:
-            module = companion_module(out.name, machine.name, beside, _substeps(effects))
-            files.enter_context(new_file(companion, force=force)).write_text(module, encoding="utf-8")
-    if stale:
-        module_path.unlink()
+    header = _header(found, command, machine.space, values, effects, companion)
+    texts = {out: to_mjcf(machine.model_path, fields, out, header)}
+    if companion:
+        texts[companion] = companion_module(out.name, machine.name, beside, _substeps(effects))
+    outdated = [module_path] if stale else []
+    with new_outputs(*map(New, texts), force=force, outdated=outdated) as files:
+        for file, text in zip(files, texts.values(), strict=True):
+            file.write_text(text, encoding="utf-8")
     return Exported(out, companion, tuple(beside), found["verdict"], found.get("summary", ""))
 
 

@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from capture_cli import observation_noise
-from capture_cli.errors import Interrupted, OptionError, did_you_mean
+from capture_cli.errors import OptionError, did_you_mean
 from capture_cli.parameters import ParameterSpace
 from capture_cli.search import REGISTRY as SEARCHES
 from capture_cli.search.base import ALPHA, Search
@@ -110,10 +110,7 @@ def gen_histories(
         writer = HistoriesWriter(location)
         todo = shards_to_make(writer, attributes, checkpoints)
         shards = [(s, range(pairs)[shard_rows(s, shard_pairs, pairs)]) for s in todo]
-        try:
-            _follow(make_shards(recipe, writer, shards, threads), shards, pairs, quiet)
-        except KeyboardInterrupt:
-            raise _interrupted(writer, pairs, shard_pairs) from None
+        _follow(make_shards(recipe, writer, shards, threads), shards, pairs, quiet)
         writer.finish()
         if not is_url(location):
             provenance.write(Path(location))
@@ -230,21 +227,6 @@ def _follow(results: Iterator[int], shards, pairs: int, quiet: bool) -> None:
             rate = done / (time.monotonic() - began)
             left = (pairs - kept - done) / rate
             progress.step(f"{kept + done} of {pairs} histories, {rate:.1f}/s, {left:.0f} s left")
-
-
-def _interrupted(writer: HistoriesWriter, pairs: int, shard_pairs: int) -> Interrupted:
-    """What is kept of the `pairs` histories that were to be written: shards that are whole."""
-    rows = [shard_rows(int(s), shard_pairs, pairs) for s in np.flatnonzero(writer.is_written())]
-    kept = sum(r.stop - r.start for r in rows)
-    if kept:
-        return Interrupted(
-            f"interrupted: {kept} of {pairs} histories are kept",
-            cure="go on with the same command and --resume",
-        )
-    return Interrupted(
-        f"interrupted before the first {min(pairs, shard_pairs)} of {pairs} histories were complete: nothing is kept",
-        cure="begin anew with the same command" + " and --force" * is_url(writer.location),
-    )
 
 
 def _summary(out: str, attributes: dict[str, Any], *, made: int, seconds: float) -> dict[str, Any]:

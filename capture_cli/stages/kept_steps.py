@@ -21,7 +21,7 @@ from capture_cli.stores.output import resumable_directory
 from capture_cli.stores.provenance import write_json
 from capture_cli.stores.tensors import read_arrays, save_arrays
 
-STEPS, RECIPE = "steps", "steps.json"  # of a run that is not complete
+STEPS, RECIPE, NEW_RECIPE = "steps", "steps.json", "steps.json.new"  # of a run that is not complete
 MOST = 2e9  # bytes, of all steps: of a log of a million rows one takes hundreds of megabytes
 SHORT = 12  # characters of a hash in a message
 OPTIONS = ("task", "test", "window", "starts", "seed")
@@ -85,17 +85,20 @@ def unfinished_diagnosis(
     made: the provenance of this run. Raises OptionError where the folder is of a run with another recipe, otherwise as
     `resumable_directory`.
     """
-    with resumable_directory(out, force=force, resume=resume) as folder:
+    with resumable_directory(
+        out, kept=_kept, scaffold=(STEPS, RECIPE, NEW_RECIPE), force=force, resume=resume
+    ) as folder:
         steps = StepFiles(folder / STEPS)
         _begin(folder, {**recipe_of(made), "code": made["code"][:SHORT], "packages": made["packages"]})
         try:
             yield folder, steps
-        except BaseException as error:
-            if isinstance(error, FitError) or not steps.anything:
-                shutil.rmtree(folder)  # nothing to go on from, or nowhere to go
+        except FitError:
+            shutil.rmtree(folder)  # nowhere to go
             raise
-        shutil.rmtree(folder / STEPS)
-        (folder / RECIPE).unlink()
+
+
+def _kept(folder: Path) -> str:
+    return "what was worked out is kept" if StepFiles(folder / STEPS).anything else ""
 
 
 def recipe_of(made: Mapping[str, Any], options: Sequence[str] = OPTIONS) -> dict[str, Any]:
@@ -106,7 +109,7 @@ def recipe_of(made: Mapping[str, Any], options: Sequence[str] = OPTIONS) -> dict
 
 def _begin(folder: Path, recipe: Mapping[str, Any]) -> None:
     """Take note of what is run, or see that it is what an earlier run took note of."""
-    path, beside = folder / RECIPE, folder / f"{RECIPE}.new"
+    path, beside = folder / RECIPE, folder / NEW_RECIPE
     (folder / STEPS).mkdir(exist_ok=True)
     if path.is_file():
         check_recipe(read_json(path, StoreError, cure="begin anew with --force"), recipe)

@@ -26,7 +26,7 @@ from capture_cli.stages.effect_option import (
 from capture_cli.stages.recorded_task import task_inputs
 from capture_cli.stages.white_noise import standard_deviations
 from capture_cli.stores.measured_log import MeasuredLog
-from capture_cli.stores.output import new_directory, new_file, refuse_existing, refuse_inputs
+from capture_cli.stores.output import New, new_outputs, refuse_existing, refuse_inputs
 from capture_cli.stores.provenance import Provenance, write_json
 from capture_cli.tasks import load_task
 from capture_cli.tasks.base import ActionTask, Task
@@ -106,7 +106,8 @@ def record(
     outputs = outputs + np.array([*noise_sd.values()]) * generator.standard_normal(outputs.shape)
     log = driven.log(machine, outputs, name=out.stem, source="capture record")
     known = _truth(world, simulator, point, noise_sd, seed)
-    with new_file(truth, force=force) as file, new_directory(out, force=force) as folder:
+    outputs = (New(truth), New(out, is_folder=True))
+    with new_outputs(*outputs, force=force) as (file, folder):
         write_json(file, known)
         log.write(folder)
         provenance.write(folder)

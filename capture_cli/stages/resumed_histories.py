@@ -2,32 +2,28 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from capture_cli.errors import OptionError, OutputError
+import numpy as np
+
+from capture_cli.errors import Interrupted, OptionError, OutputError
 from capture_cli.stages.checkpoint_hash import with_new_hashes
-from capture_cli.stores.histories import HistoriesWriter, is_url
-from capture_cli.stores.output import resumable_directory
+from capture_cli.stores.histories import HistoriesWriter, is_url, shard_rows
+from capture_cli.stores.output import GO_ON, resumable_directory
 
 
 @contextmanager
 def place(out: str, *, force: bool, resume: bool) -> Iterator[str]:
     """Where to write: a folder beside `out` that becomes `out`, or the URL itself.
 
-    Raises OutputError where something is, and is neither to be replaced nor gone on with.
+    Raises OutputError where something is, and is neither to be replaced nor gone on with; Interrupted.
     """
     if not is_url(out):
-        with resumable_directory(Path(out), force=force, resume=resume) as folder:
-            try:
-                yield str(folder)
-            except BaseException:
-                if not _any_written(folder):
-                    shutil.rmtree(folder)  # nothing to go on from
-                raise
+        with resumable_directory(Path(out), kept=_kept, force=force, resume=resume) as folder:
+            yield str(folder)
         return
     found = HistoriesWriter(out).attributes()
     if found is not None and not (force or resume):
@@ -38,7 +34,12 @@ def place(out: str, *, force: bool, resume: bool) -> Iterator[str]:
         )
     if found is not None and force:
         HistoriesWriter(out).clear()
-    yield out
+    try:
+        yield out
+    except KeyboardInterrupt as error:
+        kept = _kept(out)
+        cure = GO_ON if kept else "begin anew with the same command and --force"
+        raise Interrupted(f"interrupted: {kept or 'no histories are kept'}", cure=cure) from error
 
 
 def shards_to_make(
@@ -69,9 +70,16 @@ def is_complete(writer: HistoriesWriter, attributes: dict[str, Any], checkpoints
     return True
 
 
-def _any_written(folder: Path) -> bool:
-    writer = HistoriesWriter(str(folder))
-    return writer.attributes() is not None and bool(writer.is_written().any())
+def _kept(location: str | Path) -> str:
+    """What can be gone on with of an unfinished store, in words; "" for nothing."""
+    writer = HistoriesWriter(str(location))
+    attributes = writer.attributes()
+    if attributes is None:
+        return ""
+    pairs = attributes["pairs"]
+    rows = [shard_rows(int(s), attributes["shard_pairs"], pairs) for s in np.flatnonzero(writer.is_written())]
+    count = sum(r.stop - r.start for r in rows)
+    return f"{count} of {pairs} histories are kept" if count else ""
 
 
 def _refuse_other(found: dict[str, Any], wanted: dict[str, Any], where: str) -> None:

@@ -19,9 +19,9 @@ from capture_cli.stages.policy_checkpoint import read_policy, save_policy
 from capture_cli.stages.progress import Progress
 from capture_cli.stages.torch_device import torch_device
 from capture_cli.stages.training_state import (
-    STATE,
+    OF_STATE,
     check_recipe,
-    interrupted,
+    kept,
     load_state,
     save_state,
     write_metrics,
@@ -92,7 +92,7 @@ def train_policy(
     recipe = {**made, "evaluations": evaluations}
     if resume:
         run.restore(unfinished(out), recipe)
-    with resumable_directory(out, force=force, resume=resume) as folder:
+    with resumable_directory(out, kept=kept, scaffold=OF_STATE, force=force, resume=resume) as folder:
         run.train(folder, recipe, quiet)
         document = run.finish(policy, folder)
         provenance.write(folder)
@@ -161,27 +161,23 @@ class _Run:
         begun, clock = self.trainer.step // settings.envs, time.monotonic()
         write_metrics(folder, self.metrics)
         seen: list[tuple[np.ndarray, np.ndarray]] = []
-        try:
-            with Progress("train-policy", "batch", quiet=quiet, total=batches - begun) as progress:
-                for batch in range(begun + 1, batches + 1):
-                    seen.append(self.trainer.train())
-                    if batch % self.every == 0 or batch == batches:
-                        self._evaluate(seen)
-                        self._save(folder, recipe)
-                        seen = []
-                    rate = (batch - begun) * settings.envs / (time.monotonic() - clock)
-                    left = (batches - batch) * settings.envs / rate
-                    progress.step(self._told(batch * settings.envs, rate, left))
-        except KeyboardInterrupt:
-            raise interrupted(folder, f"{self.trainer.step} episodes") from None
+        with Progress("train-policy", "batch", quiet=quiet, total=batches - begun) as progress:
+            for batch in range(begun + 1, batches + 1):
+                seen.append(self.trainer.train())
+                if batch % self.every == 0 or batch == batches:
+                    self._evaluate(seen)
+                    self._save(folder, recipe)
+                    seen = []
+                rate = (batch - begun) * settings.envs / (time.monotonic() - clock)
+                left = (batches - batch) * settings.envs / rate
+                progress.step(self._told(batch * settings.envs, rate, left))
 
     def finish(self, name: str, folder: Path) -> dict[str, Any]:
-        """Write the policy, whose kind is `name`, and no state to go on from; returns policy.json."""
+        """Write the policy, whose kind is `name`; returns policy.json."""
         policy = self.trainer.policy()
         about = {"training": asdict(self.trainer.settings), "result": self._result(policy)}
         document = save_policy(policy, name, folder, about)
         _write_figure(self.metrics, document["result"], folder)
-        (folder / STATE).unlink(missing_ok=True)
         return document
 
     def _result(self, policy: Policy) -> dict[str, Any]:

@@ -19,9 +19,9 @@ from capture_cli.stages.identifier_checkpoint import read_document, save_identif
 from capture_cli.stages.progress import Progress
 from capture_cli.stages.torch_device import torch_device
 from capture_cli.stages.training_state import (
-    STATE,
+    OF_STATE,
     check_recipe,
-    interrupted,
+    kept,
     load_state,
     save_state,
     write_metrics,
@@ -116,7 +116,7 @@ def train_sysid(
     state = load_state(unfinished(out), begun) if resume else None
     if state is not None:
         trainer.restore(*state)
-    with resumable_directory(out, force=force, resume=resume) as folder:
+    with resumable_directory(out, kept=kept, scaffold=OF_STATE, force=force, resume=resume) as folder:
         _train(trainer, folder, begun, quiet)
         document = _finish(trainer, recipe, folder)
         provenance.write(folder)
@@ -253,27 +253,23 @@ def _train(trainer: Trainer, folder: Path, recipe: Mapping[str, Any], quiet: boo
     write_metrics(folder, trainer.metrics)
     steps, begun, clock = trainer.settings.steps, trainer.step, time.monotonic()
     left = -(-(steps - begun) // trainer.settings.every)
-    try:
-        with Progress("train-sysid", "evaluation", quiet=quiet, total=left) as progress:
-            for metrics in trainer.run():
-                write_metrics(folder, trainer.metrics)
-                save_state(folder, *trainer.state(), recipe)
-                step, loss = metrics["step"], metrics["validation_loss"]
-                rate = (step - begun) / (time.monotonic() - clock)
-                progress.step(
-                    f"step {step} of {steps}, validation loss {loss:.3g}, "
-                    f"{rate:.1f} steps/s, {(steps - step) / rate:.0f} s left at most"
-                )
-    except KeyboardInterrupt:
-        raise interrupted(folder, f"step {trainer.step}") from None
+    with Progress("train-sysid", "evaluation", quiet=quiet, total=left) as progress:
+        for metrics in trainer.run():
+            write_metrics(folder, trainer.metrics)
+            save_state(folder, *trainer.state(), recipe)
+            step, loss = metrics["step"], metrics["validation_loss"]
+            rate = (step - begun) / (time.monotonic() - clock)
+            progress.step(
+                f"step {step} of {steps}, validation loss {loss:.3g}, "
+                f"{rate:.1f} steps/s, {(steps - step) / rate:.0f} s left at most"
+            )
 
 
 def _finish(trainer: Trainer, recipe: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Write what was learned, and no state to go on from; returns identifier.json."""
+    """Write what was learned; returns identifier.json."""
     model, report = trainer.finish()
     document = save_identifier(model, {**recipe, "result": report}, folder)
     _write_figure(trainer, folder)
-    (folder / STATE).unlink(missing_ok=True)
     return document
 
 

@@ -13,11 +13,13 @@ from typing import Any
 import numpy as np
 
 from capture_cli.documents import parse_json
-from capture_cli.errors import Interrupted, OptionError, StoreError
+from capture_cli.errors import OptionError, StoreError
 from capture_cli.stores.document_shape import OBJECT, check_shape
 from capture_cli.stores.tensors import read_arrays, save_arrays
 
 STATE = "state.safetensors"
+NEW_STATE = f"{STATE}.new"  # while it is written
+OF_STATE = (STATE, NEW_STATE)  # not of a training that is complete
 METRICS = "metrics.jsonl"
 
 
@@ -31,7 +33,7 @@ def save_state(
     folder: Path, counters: Mapping[str, Any], arrays: Mapping[str, np.ndarray], recipe: Mapping[str, Any]
 ) -> None:
     """Put the state into `folder` in place of the last one. recipe: all that two runs that do alike have in common."""
-    beside = folder / f"{STATE}.new"
+    beside = folder / NEW_STATE
     save_arrays(beside, arrays, {"counters": json.dumps(counters), "recipe": json.dumps(recipe)})
     beside.replace(folder / STATE)
 
@@ -72,17 +74,9 @@ def _parsed(metadata: Mapping[str, str], part: str, path: Path, cure: str) -> di
     return found
 
 
-def interrupted(folder: Path, after: str) -> Interrupted:
-    """What is said of a training that was interrupted; after: how far it was, "step 7"."""
-    if (folder / STATE).is_file():
-        return Interrupted(
-            f"interrupted after {after}: what was learned up to the last evaluation is kept",
-            cure="go on with the same command and --resume",
-        )
-    return Interrupted(
-        f"interrupted after {after}, before the first evaluation: nothing that was learned is kept",
-        cure="begin anew with the same command and --force",
-    )
+def kept(folder: Path) -> str:
+    """What an interrupted training can go on from, in words; "" before the first evaluation."""
+    return "what was learned up to the last evaluation is kept" if (folder / STATE).is_file() else ""
 
 
 def check_recipe(begun: Mapping[str, Any], recipe: Mapping[str, Any]) -> None:

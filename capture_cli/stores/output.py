@@ -1,4 +1,8 @@
-"""Outputs appear whole or not at all: written beside, synced to disk, renamed into place."""
+"""Outputs appear whole or not at all: written beside, synced to disk, renamed into place.
+
+What is written beside is made there by this process: where something of that name is already, be it a link, it is
+neither followed nor written to.
+"""
 
 from __future__ import annotations
 
@@ -6,11 +10,14 @@ import errno
 import hashlib
 import os
 import shutil
-from collections.abc import Container, Iterable, Iterator
+import stat
+from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
-from capture_cli.errors import Interrupted, OutputError
+from capture_cli.errors import Interrupted, OutputError, StoreError
+from capture_cli.signals import uninterrupted
 from capture_cli.stores.writer_lock import only_writer
 
 PARTIAL = ".partial-"
@@ -18,75 +25,113 @@ REPLACED = ".replaced-"
 UNFINISHED = ".unfinished"
 PROVENANCE = "provenance.json"
 LONGEST = 200  # characters of a path in a message
+GO_ON = "go on with the same command and --resume"
+# Outputs that this process has put in place: whoever is interrupted after that is told so.
+PLACED: list[Path] = []
+
+
+@dataclass(frozen=True)
+class New:
+    """A file, or a folder, that is to appear at `path`."""
+
+    path: Path
+    is_folder: bool = False
+
+
+@contextmanager
+def new_outputs(*outputs: New, force: bool = False, outdated: Sequence[Path] = ()) -> Iterator[list[Path]]:
+    """Where to write each of `outputs`; all of them appear in their places when the block ends without an error.
+
+    Until then only hidden siblings exist, so a run that is killed leaves nothing that looks complete; siblings left by
+    dead runs are removed by the next one. outdated: files to remove when the new ones are there. Raises OutputError if
+    an output exists and `force` is not given (or it is not `capture`'s to replace), if it cannot be written, or if the
+    disk is full.
+    """
+    outputs = tuple(_checked(output, force=force) for output in outputs)
+    if len({output.path for output in outputs}) < len(outputs):
+        raise OutputError(
+            f"two outputs are to be written at {outputs[0].path}", cure="give each of them a path of its own"
+        )
+    made: list[Path] = []
+    at = outputs[0].path
+    try:
+        for output in outputs:
+            at = output.path
+            at.parent.mkdir(parents=True, exist_ok=True)
+            _remove_leftovers(at)
+            with uninterrupted():
+                made.append(_made(output))
+        yield made
+        for partial in made:
+            _sync(partial)
+        for output in outputs:  # it may have appeared since
+            refuse_existing(output.path, force=force)
+        with uninterrupted():
+            for partial, output in zip(made, outputs, strict=True):
+                at = output.path
+                _move_into_place(partial, at)
+            for path in outdated:
+                path.unlink()
+    except OSError as error:
+        raise _as_output_error(error, at) from error
+    finally:
+        with uninterrupted():
+            for partial in made:
+                _remove(partial)
 
 
 @contextmanager
 def new_directory(path: Path, *, force: bool = False) -> Iterator[Path]:
-    """A folder to write into that becomes `path` when the block ends without an error.
-
-    Until then only a hidden sibling exists, so a run that is killed leaves nothing that looks complete;
-    siblings left by dead runs are removed by the next one. Raises OutputError if `path` exists and `force` is
-    not given (or the folder is not `capture`'s to replace), if it cannot be written, or if the disk is full.
-    """
-    path = Path(path).resolve()
-    refuse_existing(path, force=force)
-    if path.is_file():
-        raise OutputError(f"{path} is a file; the output is a folder", cure="choose another --out")
-    partial = path.with_name(f".{path.name}{PARTIAL}{os.getpid()}")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        _remove_leftovers(path)
-        partial.mkdir()
+    """A folder to write into that becomes `path`, as `new_outputs` has it."""
+    with new_outputs(New(path, is_folder=True), force=force) as (partial,):
         yield partial
-        _sync(partial)
-        refuse_existing(path, force=force)  # it may have appeared since
-        _move_into_place(partial, path)
-    except OSError as error:
-        raise _as_output_error(error, path) from error
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
 
 
 @contextmanager
-def resumable_directory(path: Path, *, force: bool = False, resume: bool = False) -> Iterator[Path]:
-    """Like `new_directory`, for long work: what was written stays beside when the block does not end.
+def new_file(path: Path, *, force: bool = False) -> Iterator[Path]:
+    """A file to write that becomes `path`, as `new_outputs` has it."""
+    with new_outputs(New(path), force=force) as (partial,):
+        yield partial
 
-    The folder yielded, `.NAME.unfinished`, is empty or, with `resume`, what an earlier run left. Raises OutputError
-    where there is such a folder and neither `resume` nor `force` is given, or another process is at it.
+
+@contextmanager
+def resumable_directory(
+    path: Path,
+    *,
+    kept: Callable[[Path], str],
+    scaffold: Sequence[str] = (),
+    force: bool = False,
+    resume: bool = False,
+) -> Iterator[Path]:
+    """Like `new_directory`, for long work: what can be gone on with stays beside when the block does not end.
+
+    The folder yielded, `.NAME.unfinished`, is empty or, with `resume`, what an earlier run left. kept: of what is in
+    it, what can be gone on with, as a sentence without its full stop; "" where nothing can, and then nothing stays.
+    scaffold: names in it that are not of the output. Raises OutputError where there is such a folder and neither
+    `resume` nor `force` is given, or another process is at it; Interrupted where something is kept.
     """
-    path = Path(path).resolve()
-    refuse_existing(path, force=force)
-    if path.is_file():
-        raise OutputError(f"{path} is a file; the output is a folder", cure="choose another --out")
+    path = _checked(New(path, is_folder=True), force=force).path
     partial = unfinished(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with only_writer(path):
-            if partial.exists() and not resume:
-                if not force:
-                    raise OutputError(
-                        f"an earlier run left {path} unfinished (in {partial.name})",
-                        cure="go on with it: --resume; or begin anew: --force",
-                    )
-                shutil.rmtree(partial)
-            partial.mkdir(exist_ok=True)
-            yield partial
-            _sync(partial)
-            refuse_existing(path, force=force)  # it may have appeared since
-            _move_into_place(partial, path)
-    except KeyboardInterrupt as error:
-        if isinstance(error, Interrupted) or not partial.exists():
-            raise
-        raise Interrupted(
-            f"interrupted: {path} is unfinished, and what was written is kept",
-            cure="go on with the same command and --resume",
-        ) from error
+            try:
+                _begin(partial, path, kept, force=force, resume=resume)
+                yield partial
+                _sync(partial)
+                refuse_existing(path, force=force)  # it may have appeared since
+                with uninterrupted():
+                    for name in scaffold:
+                        _remove(partial / name)
+                    _move_into_place(partial, path)
+            except BaseException as error:
+                with uninterrupted():
+                    left = _left(partial, kept)
+                said = _said(error, left, path)
+                if said is error:
+                    raise
+                raise said from error
     except OSError as error:
-        if error.errno == errno.ENOSPC:
-            raise OutputError(
-                f"the disk is full: {path} is unfinished, and what was written is kept",
-                cure="free some space, and go on with --resume",
-            ) from error
         raise _as_output_error(error, path) from error
 
 
@@ -96,28 +141,6 @@ def unfinished(path: Path) -> Path:
     return path.with_name(f".{path.name}{UNFINISHED}")
 
 
-@contextmanager
-def new_file(path: Path, *, force: bool = False) -> Iterator[Path]:
-    """Like `new_directory`, for one file: write the yielded path, and it becomes `path`."""
-    path = Path(path).resolve()
-    refuse_existing(path, force=force)
-    if path.is_dir():
-        raise OutputError(f"{path} is a folder; the output is a file", cure="choose another --out")
-    partial = path.with_name(f".{path.name}{PARTIAL}{os.getpid()}")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        _remove_leftovers(path)
-        yield partial
-        _sync(partial)
-        refuse_existing(path, force=force)
-        partial.replace(path)
-        _sync_parent(path)
-    except OSError as error:
-        raise _as_output_error(error, path) from error
-    finally:
-        partial.unlink(missing_ok=True)
-
-
 def refuse_existing(path: Path, *, force: bool) -> None:
     """Raise OutputError where `path` exists and may not be replaced, or would lie in a file; call it before any work.
 
@@ -125,6 +148,11 @@ def refuse_existing(path: Path, *, force: bool) -> None:
     does: a slip of the hand (`--out . --force`) must not cost a user's own files.
     """
     path = Path(path)
+    if path.is_symlink():
+        raise OutputError(
+            f"{path} is a symbolic link: outputs are not written through one",
+            cure="give the path that it points to, or remove the link",
+        )
     try:
         there = path.exists()
     except OSError as error:  # a name that is too long
@@ -191,6 +219,96 @@ def sha256(path: Path, only: Container[str] | None = None) -> str:
     return digest.hexdigest()
 
 
+def _checked(output: New, *, force: bool) -> New:
+    """The output with its whole path. Raises OutputError where it may not be written."""
+    refuse_existing(output.path, force=force)
+    path = Path(output.path).resolve()
+    if output.is_folder and path.is_file():
+        raise OutputError(f"{path} is a file; the output is a folder", cure="choose another --out")
+    if not output.is_folder and path.is_dir():
+        raise OutputError(f"{path} is a folder; the output is a file", cure="choose another --out")
+    return New(path, output.is_folder)
+
+
+def _made(output: New) -> Path:
+    """A new file or folder beside the output. Raises OSError where something of its name exists."""
+    partial = output.path.with_name(f".{output.path.name}{PARTIAL}{os.getpid()}")
+    if output.is_folder:
+        partial.mkdir()
+    else:
+        os.close(os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
+    return partial
+
+
+def _begin(partial: Path, path: Path, kept: Callable[[Path], str], *, force: bool, resume: bool) -> None:
+    """Make the folder of what is not yet `path`, or see that what an earlier run left there can be gone on with."""
+    if partial.is_symlink():
+        raise _link(partial)
+    if resume and partial.exists():
+        _refuse_links(partial)
+    elif partial.exists():
+        left = "" if force else _left(partial, kept)
+        if left:
+            raise OutputError(
+                f"an earlier run left {path} unfinished (in {partial.name}): {left}",
+                cure="go on with it: --resume; or begin anew: --force",
+            )
+        if partial.exists():
+            shutil.rmtree(partial)
+    partial.mkdir(exist_ok=True)
+
+
+def _left(partial: Path, kept: Callable[[Path], str]) -> str:
+    """What is kept of a run that has ended early, in words; where that is nothing, its folder is removed."""
+    if not partial.exists():
+        return ""
+    try:
+        left = kept(partial)
+    except (StoreError, OSError):
+        left = "what was written is kept"
+    if not left:
+        shutil.rmtree(partial, ignore_errors=True)
+    return left
+
+
+def _said(error: BaseException, left: str, path: Path) -> BaseException:
+    """The error by which long work ended, with what is `left` of it where the error does not say so."""
+    if not left or isinstance(error, Interrupted):
+        return error
+    if isinstance(error, KeyboardInterrupt):
+        return Interrupted(f"interrupted: {left}", cure=GO_ON)
+    if isinstance(error, OSError) and error.errno == errno.ENOSPC:
+        return OutputError(
+            f"the disk is full: {path} is unfinished, and {left}",
+            cure="free some space, and go on with --resume",
+        )
+    return error
+
+
+def _refuse_links(folder: Path) -> None:
+    """Raise OutputError where there is something in `folder` that no run leaves: it is of somebody else."""
+    for where, folders, files in os.walk(folder):
+        for item in (Path(where, name) for name in (*folders, *files)):
+            kind = item.lstat().st_mode
+            if not (stat.S_ISDIR(kind) or stat.S_ISREG(kind)):
+                raise _link(item)
+
+
+def _link(item: Path) -> OutputError:
+    return OutputError(
+        f"{item} is a link or something else that no run of `capture` leaves there",
+        cure="see where it comes from, and remove it; or choose another --out",
+    )
+
+
+def _remove(item: Path) -> None:
+    """Remove a file or a link, or a folder and what is in it, where there is one."""
+    if item.is_dir() and not item.is_symlink():
+        shutil.rmtree(item, ignore_errors=True)
+    else:
+        item.unlink(missing_ok=True)
+
+
 def _remove_leftovers(path: Path) -> None:
     marks = [f".{path.name}{PARTIAL}"]
     # without it a run died just before it put the new one in its place, and the old one is all there is
@@ -199,7 +317,7 @@ def _remove_leftovers(path: Path) -> None:
     for leftover in [item for item in path.parent.iterdir() if item.name.startswith(tuple(marks))]:
         pid = leftover.name.rsplit("-", 1)[-1]
         if pid.isdigit() and not _alive(int(pid)):
-            leftover.unlink() if leftover.is_file() else shutil.rmtree(leftover, ignore_errors=True)
+            _remove(leftover)
 
 
 def _alive(pid: int) -> bool:
@@ -225,16 +343,18 @@ def _sync(folder: Path) -> None:
 
 def _move_into_place(partial: Path, path: Path) -> None:
     replaced = path.with_name(f".{path.name}{REPLACED}{os.getpid()}")
-    if path.exists():
+    if path.is_dir():
         path.rename(replaced)
     try:
-        partial.rename(path)
+        partial.replace(path)
     except OSError:
         if replaced.exists():
             replaced.rename(path)
         raise
+    # what was placed within it, before it had its name, is a part of it
+    PLACED[:] = [*(other for other in PLACED if partial not in other.parents), path]
     _sync_parent(path)
-    shutil.rmtree(replaced, ignore_errors=True)
+    _remove(replaced)
     _remove_leftovers(path)
 
 

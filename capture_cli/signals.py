@@ -1,0 +1,67 @@
+"""Signals that end a run: the first interrupts it, and what must not be left half done holds them back.
+
+SIGTERM, by which batch systems and containers end a run, does as Ctrl-C does.
+"""
+
+from __future__ import annotations
+
+import signal
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+ENDING = (signal.SIGINT, signal.SIGTERM)
+# s after a signal in which no other is heeded: `timeout` sends it twice, people press Ctrl-C until something happens,
+# and a second one would end the clearing up
+DEAF = 10.0
+
+
+def heed_signals() -> list[int]:
+    """Let the signals that end a run raise KeyboardInterrupt; returns where their numbers are noted.
+
+    One that was ignored stays so, as in a shell's background jobs.
+    """
+    received: list[int] = []
+    last = -DEAF
+
+    def interrupt(number: int, _frame: FrameType | None) -> None:
+        nonlocal last
+        now = time.monotonic()
+        if now - last < DEAF:
+            return
+        last = now
+        received.append(number)
+        raise KeyboardInterrupt
+
+    for number in ENDING:
+        if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
+            signal.signal(number, interrupt)
+    return received
+
+
+def heed_no_signals() -> None:
+    """Ignore them from here on: what the run came to is decided, and its message and exit code are to be those."""
+    for number in ENDING:
+        signal.signal(number, signal.SIG_IGN)
+
+
+@contextmanager
+def uninterrupted() -> Iterator[None]:
+    """Hold signals back while the block runs; one that came meanwhile is heeded when it has ended."""
+    if threading.current_thread() is not threading.main_thread():
+        yield  # handlers run in the main thread
+        return
+    held: list[int] = []
+    before = {number: signal.getsignal(number) for number in ENDING}
+    heeded = {number: handler for number, handler in before.items() if callable(handler)}
+    try:
+        for number in heeded:
+            signal.signal(number, lambda number, _frame: held.append(number))
+        yield
+    finally:
+        for number, handler in heeded.items():
+            signal.signal(number, handler)
+        if held:
+            heeded[held[0]](held[0], None)
