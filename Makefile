@@ -1,34 +1,46 @@
 # make demo | make test | make pipeline | make install: each sets up what it needs; nothing is installed outside .venv
-SUPPORTED := import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 12))
-PYTHON ?= $(shell for p in python3.12 python3.11 python3 python; do \
+# (and .venv-core, which make test-core has for itself). make demo and make install need the core alone; make test and
+# what else works on the project need every extra, too. An environment that has them all keeps them.
+SUPPORTED := import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))
+PYTHON ?= $(shell for p in python3.12 python3.11 python3.13 python3 python; do \
 	$$p -c '$(SUPPORTED)' >/dev/null 2>&1 && echo $$p && break; done)
 VENV := .venv
 BIN := $(VENV)/bin
-PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
+CORE := .venv-core
+VERSIONS := pyproject.toml $(wildcard constraints/*.txt)
+ALL := constraints/all.txt --editable '.[all,dev]'
+# modules are compiled when they are imported: all of them at once would be half of the time, and 130 MB
+PIP := -m pip install --quiet --disable-pip-version-check --no-compile --constraint
 
-.PHONY: install dev demo test pipeline lint bench docs clean
+.PHONY: install dev demo test test-core test-wheel pipeline lint bench docs clean
 
 install: $(VENV)/installed
-dev: $(VENV)/installed-dev
+dev: $(VENV)/installed-all
 
-$(BIN)/python:
-	@test -n "$(PYTHON)" || { echo "capture needs Python 3.11 or 3.12, and none was found."; \
+%/bin/python:
+	@test -n "$(PYTHON)" || { echo "capture needs Python 3.11 to 3.13, and none was found."; \
 		echo "  cure: install one, or name it: make $(MAKECMDGOALS) PYTHON=/path/to/python3.12"; exit 2; }
-	@$(PYTHON) -c '$(SUPPORTED)' 2>/dev/null || { echo "capture needs Python 3.11 or 3.12, and $(PYTHON) is" \
+	@$(PYTHON) -c '$(SUPPORTED)' 2>/dev/null || { echo "capture needs Python 3.11 to 3.13, and $(PYTHON) is" \
 		"$$($(PYTHON) -c 'import platform; print(platform.python_version())' 2>/dev/null || echo not one) (MuJoCo 4 and zarr 3 need 3.11)."; \
 		echo "  cure: name another: make $(MAKECMDGOALS) PYTHON=/path/to/python3.12"; exit 2; }
-	$(PYTHON) -m venv $(VENV) || { rm -rf $(VENV); exit 2; }
+	$(PYTHON) -m venv $* || { rm -rf $*; exit 2; }
 
-$(VENV)/installed: pyproject.toml constraints.txt | $(BIN)/python
-	$(PIP) --editable .
+.PRECIOUS: %/bin/python
+
+$(VENV)/installed: $(VERSIONS) | $(BIN)/python
+	$(BIN)/python $(PIP) $(if $(shell ls $(VENV)/installed-all 2>/dev/null),$(ALL),constraints/core.txt --editable .)
 	@touch $@
 
-$(VENV)/installed-dev: $(VENV)/installed
-	$(PIP) --editable '.[dev]'
+$(VENV)/installed-all: $(VERSIONS) | $(BIN)/python
+	$(BIN)/python $(PIP) $(ALL)
 	@touch $@
 
-$(VENV)/installed-benchmarks: $(VENV)/installed-dev
-	$(PIP) --editable '.[benchmarks]'
+$(VENV)/installed-benchmarks: $(VENV)/installed-all
+	$(BIN)/python $(PIP) constraints/all.txt --editable '.[benchmarks]'
+	@touch $@
+
+$(CORE)/installed: $(VERSIONS) | $(CORE)/bin/python
+	$(CORE)/bin/python $(PIP) constraints/core.txt --editable '.[dev]'
 	@touch $@
 
 # the two commands of the README, on the log shipped in datasets/
@@ -36,11 +48,20 @@ demo: install
 	$(BIN)/capture identify --real-log datasets/air_hockey.zarr --out runs/demo/estimate --force
 	$(BIN)/capture diagnose --real-log datasets/air_hockey.zarr --estimate runs/demo/estimate --out runs/demo/diagnosis --force
 
+# no test may be left out here for want of an extra
 test: dev
-	$(BIN)/python -m pytest -q -n 2
+	CAPTURE_ALL_EXTRAS=1 $(BIN)/python -m pytest -q -n 2
+
+# without the extras, with numpy 2: all that the core can do, or TESTS="tests/test_cli.py ..." alone
+test-core: $(CORE)/installed
+	$(CORE)/bin/python -m pytest -q -n 2 $(TESTS)
+
+# a wheel of what is committed, in an environment outside of this folder that has nothing else
+test-wheel: $(CORE)/installed
+	tests/installed_wheel.sh $(CORE)/bin/python
 
 # every stage once, by shell, on sizes that take minutes
-pipeline: install
+pipeline: dev
 	rm -rf runs/pipeline
 	CAPTURE="$(CURDIR)/$(BIN)/capture" docs/pipeline.sh runs/pipeline
 
@@ -56,4 +77,4 @@ docs: dev
 	$(BIN)/python -m docs.generate
 
 clean:
-	rm -rf $(VENV) build *.egg-info
+	rm -rf $(VENV) $(CORE) build *.egg-info

@@ -23,13 +23,15 @@ BAR = "\\|"  # in a table
 PAIRS = 10_000  # what `python -m benchmarks` takes where no --pairs is given
 # Captions of what has no docstring, and is no machine; a folder named here is one line of the tree.
 CAPTIONS = {
-    ".ci/run": "what continuous integration runs: lint, tests and the pipeline of docs/",
+    ".ci/run": "what continuous integration runs: the core alone, lint, tests and the pipeline of docs/",
     ".gitignore": "what is not kept",
     "CHANGELOG.md": "what changed, by version",
     "LICENSE": "MIT",
-    "Makefile": "make demo, test, pipeline, install, lint, bench, docs: each sets up what it needs",
+    "Makefile": "make demo, test, test-core, pipeline, install, lint, bench, docs: each sets up what it needs",
     "README.md": "this page",
-    "constraints.txt": "the exact versions that are installed",
+    "constraints/all.txt": "with robosuite, which pins numpy below 2",
+    "constraints/core.txt": "without: numpy 2",
+    "constraints/packages.txt": "every other package",
     "pyproject.toml": "the package, its dependencies, the settings of pytest and ruff",
     "capture_cli/effects/_example_machine.xml": "the machine whose ranges docs/effects.md shows",
     "capture_cli/tasks/air_hockey.xml": "its table, puck and mallet as an MJCF",
@@ -40,6 +42,7 @@ CAPTIONS = {
     "datasets/README.md": "how the logs shipped here were made",
     "datasets/air_hockey.truth.json": "what that log was made with",
     "datasets/air_hockey.zarr": "ten strokes on a table that leans, which the task air-hockey knows nothing of",
+    "tests/installed_wheel.sh": "what is committed, as a wheel in an empty environment without extras",
     "docs/benchmarks.md": "figures measured, each with its command",
     "docs/commands.md": "every command and option",
     "docs/concepts.md": "windows, starts, noise floor, intervals, verdicts, and their limits",
@@ -60,6 +63,7 @@ CAPTIONS = {
 # Captions of folders that are no package, in the short tree of README.md.
 FOLDERS = {
     "benchmarks/machines": "the machines of the planted-effect benchmark, each an MJCF with its task.toml",
+    "constraints": "the exact versions that are installed",
     "datasets": "two logs with an effect that their models lack, and how they were made",
     "docs": "these pages, and what writes those that come from the code (generate.py)",
     "docs/examples": "task files of machines that were measured by others",

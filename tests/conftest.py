@@ -14,6 +14,7 @@ for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
 import pytest  # noqa: E402
 
 from capture_cli import cli  # noqa: E402
+from capture_cli.extras import EXTRAS, missing  # noqa: E402
 from capture_cli.signals import ENDING  # noqa: E402
 
 SLIDER_XML = """\
@@ -61,6 +62,20 @@ window = 0.5
 """
 
 REAL_DATA = Path(__file__).resolve().parents[1] / ".." / "shared" / "data"
+
+
+def _extra(name: str):
+    """A fixture called like the extra: what needs it is skipped without. `make test` has them all (test_extras.py)."""
+
+    @pytest.fixture(scope="session", name=name)
+    def installed() -> None:
+        if missing(name):
+            pytest.skip(f"needs the extra {name}: no {', '.join(missing(name))}")
+
+    return installed
+
+
+learn, robosuite, ray = map(_extra, EXTRAS)
 
 
 @pytest.fixture(autouse=True)

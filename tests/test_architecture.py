@@ -31,6 +31,7 @@ ROWS = (
         "autocorrelation",
         "documents",
         "evenly_spread",
+        "extras",
         "json_text",
         "named_arrays",
         "parameters",

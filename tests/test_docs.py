@@ -89,7 +89,7 @@ def friction_only(model) -> list[Candidate]:
 
 
 @pytest.fixture(scope="module")
-def written(tmp_path_factory) -> dict[str, dict]:
+def written(tmp_path_factory, learn) -> dict[str, dict]:
     """Every JSON document that a log brings about, by the name that docs/schemas.md gives it."""
     folder = tmp_path_factory.mktemp("written")
     task = str(ROOT / "datasets" / "cart" / "task.toml")

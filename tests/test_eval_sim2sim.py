@@ -50,7 +50,7 @@ def evaluated(folder, names) -> Evaluation:
 
 
 @pytest.fixture(scope="module")
-def trained(folder):
+def trained(folder, learn):
     """A checkpoint that has learned next to nothing."""
     return checkpoint(folder, "posterior", "posterior")
 
@@ -442,6 +442,7 @@ def test_cells_of_a_suite_are_run_alone(folder, trained):
         )
 
 
+@pytest.mark.usefixtures("learn")
 def test_a_suite_with_nothing_to_run_is_refused(folder):
     with pytest.raises(OptionError, match="no checkpoint for air-hockey"):
         evaluate_suite(suite="paper", identifiers=[], out=folder / "nothing", task="air-hockey")
@@ -450,6 +451,7 @@ def test_a_suite_with_nothing_to_run_is_refused(folder):
     assert "'air-hockey'" in caught.value.cure
 
 
+@pytest.mark.usefixtures("learn")
 @pytest.mark.parametrize(
     ("text", "message"),
     [

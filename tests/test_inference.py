@@ -7,6 +7,9 @@ import sys
 
 import numpy as np
 import pytest
+
+pytest.importorskip("torch", reason="needs the extra learn")
+
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st

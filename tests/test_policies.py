@@ -40,7 +40,7 @@ def reaching(monkeypatch):
 
 
 @pytest.fixture(scope="module")
-def trained(tmp_path_factory) -> Path:
+def trained(tmp_path_factory, learn) -> Path:
     """A policy for `Reaching`, trained in one go."""
     patch = pytest.MonkeyPatch()
     patch.setattr(stage, "load_task", lambda name: Reaching())
@@ -74,6 +74,7 @@ def test_an_action_does_not_depend_on_the_company(seed, count, data):
     assert np.all((actions >= task.actions.low) & (actions <= task.actions.high))
 
 
+@pytest.mark.usefixtures("learn")
 def test_the_actor_is_the_one_that_was_trained():
     import torch
 
@@ -131,6 +132,7 @@ def test_an_episode_that_diverges_is_worth_no_more_than_the_worst():
         judge(Reaching(), np.zeros((4, 1)), trajectories, np.ones(4, dtype=bool))
 
 
+@pytest.mark.usefixtures("learn")
 def test_the_environments_give_the_rewards_of_the_simulator():
     from capture_cli.policies._episode_env import EpisodeVecEnv
 
@@ -180,6 +182,7 @@ def test_another_seed_trains_another_policy(trained, tmp_path):
     assert not np.array_equal(weights["0.weight"], other["0.weight"])
 
 
+@pytest.mark.usefixtures("learn")
 def test_training_leaves_nothing_in_the_temporary_directory(tmp_path, monkeypatch):
     temporary = tmp_path / "temporary"
     temporary.mkdir()
@@ -208,12 +211,14 @@ def test_an_interrupted_training_goes_on_to_the_same_result(trained, tmp_path, m
         stage.train_policy(out=out, resume=True, **{**TINY, "width": 8})
 
 
+@pytest.mark.usefixtures("learn")
 def test_a_training_that_diverges(tmp_path):
     with pytest.raises(FitError, match="diverged after"):
         stage.train_policy(out=tmp_path / "policy", **{**TINY, "learning_rate": 1e30})
     assert not (tmp_path / "policy").exists()
 
 
+@pytest.mark.usefixtures("learn")
 def test_going_on_with_another_training_is_refused(tmp_path, monkeypatch):
     out = tmp_path / "policy"
     with monkeypatch.context() as patch:
@@ -244,6 +249,7 @@ def _interrupt(patch: pytest.MonkeyPatch, after: int) -> None:
 # --- refusals ---
 
 
+@pytest.mark.usefixtures("learn")
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -262,6 +268,7 @@ def test_options_that_cannot_be_used(tmp_path, options, message):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.usefixtures("learn")
 def test_a_task_without_a_reward_is_refused(tmp_path, slider_task):
     with pytest.raises(OptionError, match="does not say what an episode is worth"):
         stage.train_policy(task=str(slider_task), out=tmp_path / "policy")

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import pytest
 
 from capture_cli.errors import OptionError
 from capture_cli.stages.gen_histories import gen_histories
-from capture_cli.stages.ray_cluster import ray_cluster
 from capture_cli.stores.histories import Histories
 from capture_cli.stores.output import sha256, unfinished
 
@@ -23,9 +21,8 @@ SMALL = {
 }
 
 
-def test_a_cluster_that_is_not_there(slider_task, tmp_path):
+def test_a_cluster_that_is_not_there(ray, slider_task, tmp_path):
     options = {**SMALL, "task": str(slider_task), "out": tmp_path / "h.zarr", "pairs": 40, "executor": "ray"}
-    pytest.importorskip("ray")
     with pytest.raises(OptionError, match=r"127.0.0.1:9: no cluster answers[\s\S]*ray start --head"):
         gen_histories(**options, address="127.0.0.1:9")
     with pytest.raises(OptionError, match=r"'somewhere'[\s\S]*HOST:PORT"):
@@ -33,16 +30,9 @@ def test_a_cluster_that_is_not_there(slider_task, tmp_path):
     assert not list(tmp_path.glob("*h.zarr*"))
 
 
-def test_without_ray(monkeypatch):
-    monkeypatch.setitem(sys.modules, "ray", None)
-    with pytest.raises(OptionError, match=r"cannot be imported[\s\S]*capture\[ray\]"):
-        ray_cluster(None).__enter__()
-
-
 @pytest.fixture
-def cluster(monkeypatch):
+def cluster(monkeypatch, ray):
     """A cluster of two nodes, the head and another."""
-    pytest.importorskip("ray")
     monkeypatch.setenv("RAY_AUTH_MODE", "disabled")  # by default it writes a token under the home directory
     monkeypatch.setenv("RAY_USAGE_STATS_ENABLED", "0")
     monkeypatch.setenv("RAY_worker_niceness", "0")  # 15 by default: workers would starve beside other tests

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from capture_cli.errors import LogError, OptionError
+from capture_cli.extras import missing
 from capture_cli.protocol.log_starts import as_acted, begins_as_acted
 from capture_cli.protocol.prepare import prepare
 from capture_cli.simulator import Simulator
@@ -154,7 +155,11 @@ def test_identify_recovers_the_planted_parameters(recorded, tmp_path):
         ({"policy": "nobody"}, "neither a policy nor a checkpoint"),
         ({"belief": "certain"}, "unknown --belief 'certain'"),
         ({"world": "moon"}, "unknown --world 'moon'"),
-        ({"world": "robosuite", "effects": ["control-lag@mallet_vx=0.1"]}, "--effect means nothing"),
+        pytest.param(
+            {"world": "robosuite", "effects": ["control-lag@mallet_vx=0.1"]},
+            "--effect means nothing",
+            marks=pytest.mark.skipif(bool(missing("robosuite")), reason="needs the extra robosuite"),
+        ),
     ],
 )
 def test_what_makes_no_sense_is_refused(tmp_path, options, said):

@@ -9,13 +9,20 @@ import pytest
 from toy_rounds import SIGNATURE, draw_actions, histories, simulate, trajectories
 
 from capture_cli.errors import OptionError
+from capture_cli.extras import missing
 from capture_cli.identifiers import REGISTRY, log_identifier, round_identifier
 from capture_cli.identifiers.base import Identifier
 from capture_cli.identifiers.compass import Compass
 from capture_cli.identifiers.domain_randomization import DomainRandomization
 from capture_cli.identifiers.rounds import Rounds, Signature, run_rounds
 
-PLAIN = [n for n, c in REGISTRY.items() if not getattr(c, "needs_checkpoint", False)]
+PLAIN = [
+    pytest.param(
+        n, marks=pytest.mark.skipif(bool(c.extra and missing(c.extra)), reason=f"needs the extra {c.extra}")
+    )
+    for n, c in REGISTRY.items()
+    if not c.needs_checkpoint
+]
 PAIRS, ROUNDS = 6, 4
 # mean error after four rounds, over the range; who does not look is at 1/3
 WITHIN = {"domain-randomization": 1.0, "compass": 0.1, "least-squares": 1e-4, "cma-es": 0.01}
@@ -170,6 +177,7 @@ def test_rounds_are_cut_and_joined():
     assert np.array_equal(rounds.pairs(slice(1, 3)).target, rounds.target[1:3])
 
 
+@pytest.mark.usefixtures("learn")
 def test_compass_computes_on_one_thread_and_leaves_the_number_as_it_was(monkeypatch):
     import torch
 

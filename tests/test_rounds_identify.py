@@ -33,7 +33,7 @@ TINY = {"width": 16, "layers": 1, "heads": 2, "steps": 150, "batch": 32, "warmup
 
 
 @pytest.fixture(scope="module")
-def scooping(tmp_path_factory) -> Path:
+def scooping(tmp_path_factory, learn) -> Path:
     """A folder with a checkpoint `c`, trained for a moment, and a log of 8 lifts."""
     folder = tmp_path_factory.mktemp("scooping")
     gen_histories(task="scooping", out=folder / "h.zarr", pairs=120, rounds=4, threads=1, quiet=True)
@@ -187,6 +187,7 @@ def test_episodes_that_end_early_are_refused(scooping, tmp_path):
         )
 
 
+@pytest.mark.usefixtures("learn")
 def test_a_machine_of_ones_own_from_its_log_to_an_identifier_of_its_own(slider_task, tmp_path):
     record(
         task=str(slider_task),
@@ -256,6 +257,7 @@ def test_noise_that_training_had_not_does_not_put_a_log_outside(scooping):
     assert np.mean(family.with_noise(noise).share_beyond(moved) < 0.01) > 0.9
 
 
+@pytest.mark.usefixtures("learn")
 def test_noise_that_training_had_is_not_counted_again(tmp_path):
     """New histories of the very kind trained on: as many lie beyond any distance as of those held out."""
     floor = np.array([5e-3, 5e-3])
@@ -310,6 +312,7 @@ def test_rounds_read_no_sample_that_was_held_out(slider_task, tmp_path):
         log_tapes(fitted, np.array([0, 3.5]))
 
 
+@pytest.mark.usefixtures("learn")
 def test_windows_that_begin_no_round_are_counted_and_another_model_is_noticed(slider_task, tmp_path):
     record(out=tmp_path / "log.zarr", **driven(slider_task))
     options = {"task": str(slider_task), "threads": 1, "quiet": True}

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-pytest.importorskip("robosuite")
-pytest.importorskip("gymnasium")
+pytest.importorskip("robosuite", reason="needs the extra robosuite")
+pytest.importorskip("gymnasium", reason="needs the extra robosuite")
 
 import gymnasium
 import robosuite

@@ -8,6 +8,9 @@ from unittest import mock
 
 import numpy as np
 import pytest
+
+pytest.importorskip("torch", reason="needs the extra learn")
+
 import torch
 import zarr
 from hypothesis import given, settings

@@ -26,10 +26,11 @@ class AskTell(ABC):
     There are two kinds: an `Identifier` fits the windows of a whole log; a `RoundIdentifier` (rounds.py) proposes
     parameters round by round, one measured rollout at a time, for many pairs at once. summary: one line for the docs.
     needs_checkpoint: whether it is made by `capture train-sysid`. likelihood: whether it was trained by the Gaussian
-    likelihood.
+    likelihood. extra: of the installation, that asking and telling need; None where the core is enough.
     """
 
     summary: str
+    extra: str | None = None
     needs_checkpoint = False
     likelihood = False
 

@@ -28,6 +28,7 @@ class Compass(RoundIdentifier):
     """One network for each pair, fitted anew to the last rounds; all pairs in one batch."""
 
     summary = "gradient search through a learned model of the differences, ten simulations a round"
+    extra = "learn"
     candidates = 10
 
     def __init__(self, signature, start, **options):

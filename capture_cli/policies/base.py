@@ -70,7 +70,7 @@ class Policy(ABC):
 
     A policy that was trained is kept as two things: `settings` (what JSON holds) and `weights` (arrays by name). A
     stage writes them to a checkpoint directory as `policy.json` and `policy.safetensors` and reads them back.
-    trained: whether the policy has weights, and so can only come from a checkpoint.
+    trained: whether the policy has weights, and so can only come from a checkpoint. Training needs the extra `learn`.
     """
 
     summary: str

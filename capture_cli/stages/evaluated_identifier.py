@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from capture_cli.errors import OptionError
+from capture_cli.extras import require
 from capture_cli.identifiers import REGISTRY, round_identifier
 from capture_cli.identifiers.base import AskTell
 from capture_cli.identifiers.rounds import RoundIdentifier, Signature
@@ -54,6 +55,13 @@ def load_evaluated(
     if not given:
         raise OptionError("no --identifier", cure=f"give a checkpoint directory, or {', '.join(by_name())}")
     return _distinct([_load(text, signature, spelled_out) for text in given])
+
+
+def require_extras(given: Sequence[str]) -> None:
+    """Raise OptionError where an identifier of `--identifier` that is given by name needs an extra that is missing."""
+    for text in given:
+        if text in REGISTRY.names() and not Path(text).exists() and (extra := REGISTRY.get(text).extra):
+            require(extra, f"the identifier {text}")
 
 
 def checkpoints_in(folder: str | Path) -> list[Path]:

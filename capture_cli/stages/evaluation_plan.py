@@ -11,7 +11,7 @@ from capture_cli import observation_noise
 from capture_cli.errors import OptionError, TaskError
 from capture_cli.identifiers.rounds import Signature
 from capture_cli.stages.checkpoint_hash import checkpoint_hash
-from capture_cli.stages.evaluated_identifier import Evaluated, load_evaluated
+from capture_cli.stages.evaluated_identifier import Evaluated, load_evaluated, require_extras
 from capture_cli.stages.policy_checkpoint import SETTINGS, load_policy
 from capture_cli.stages.sim2sim import Sim2Sim
 from capture_cli.tasks import load_task
@@ -60,6 +60,7 @@ def evaluation_plan(
     spelled_out: Sequence[str] = (),
 ) -> EvaluationPlan:
     """The plan of `evaluate` for these options. spelled_out: as `load_evaluated` takes it. Raises CaptureError."""
+    require_extras(identifiers)
     _check(pairs, seeds, rounds)
     machine = _action_task(task)
     observation_noise.check(noise, [f.name for f in machine.features])

@@ -15,7 +15,13 @@ from typing import Any
 from capture_cli.documents import read_json
 from capture_cli.errors import OptionError, StoreError, did_you_mean
 from capture_cli.identifiers import REGISTRY
-from capture_cli.stages.evaluated_identifier import PAPER, checkpoints_in, how_trained, untrained
+from capture_cli.stages.evaluated_identifier import (
+    PAPER,
+    checkpoints_in,
+    how_trained,
+    require_extras,
+    untrained,
+)
 from capture_cli.stages.evaluation_plan import EvaluationPlan, evaluation_plan
 from capture_cli.stages.evaluation_run import carry_out, completed, kept_parts, time_left
 from capture_cli.stages.evaluation_time import Expected
@@ -85,6 +91,7 @@ def evaluate_suite(
     is read. Raises CaptureError before any work.
     """
     options = {k: v for k, v in locals().items() if k not in ("force", "resume", "quiet")}
+    require_extras([*WITHOUT_CHECKPOINT, *identifiers])
     cells = _cells(suite, task, only)
     names, checkpoints = _found(identifiers)
     complete = is_complete(out, force=force, resume=resume)

@@ -14,6 +14,7 @@ import numpy as np
 
 from capture_cli import observation_noise
 from capture_cli.errors import OptionError, did_you_mean
+from capture_cli.extras import require
 from capture_cli.parameters import ParameterSpace
 from capture_cli.search import REGISTRY as SEARCHES
 from capture_cli.search.base import ALPHA, Search
@@ -73,6 +74,8 @@ def gen_histories(
     Raises CaptureError.
     """
     options = {k: v for k, v in locals().items() if k not in ("force", "resume", "quiet")}
+    if executor == "ray":
+        require("ray", "--executor ray")
     out = str(out).removeprefix("file://")
     _check(pairs, rounds, executor, address)
     machine = load_task(task)

@@ -86,12 +86,8 @@ def _result(ray, reference) -> None:
 def _connected(address: str | None):
     """The module `ray`, connected. Raises OptionError."""
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # nothing is reported to anyone
-    try:
-        import ray
-    except ImportError as error:
-        raise OptionError(
-            f"--executor ray: Ray cannot be imported ({error})", cure="pip install 'capture[ray]'"
-        ) from error
+    import ray
+
     quiet = {"log_to_driver": False, "logging_level": "ERROR", "configure_logging": True}
     if address is None:
         os.environ.setdefault("RAY_worker_niceness", "0")  # 15 by default, which is nobody's wish here

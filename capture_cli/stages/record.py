@@ -12,6 +12,7 @@ import numpy as np
 from mujoco.batch import SimulationError
 
 from capture_cli.errors import FitError, OptionError, did_you_mean
+from capture_cli.extras import require
 from capture_cli.multisine import BAND
 from capture_cli.parameters import ParameterSpace
 from capture_cli.sim.windows import cut
@@ -82,6 +83,8 @@ def record(
     start and start_velocity: JOINT -> (low, high), drawn anew for each episode. Raises CaptureError.
     """
     options = {k: v for k, v in locals().items() if k not in ("force", *TRUTH)}
+    if world == "robosuite":
+        require("robosuite", "--world robosuite")
     refuse_existing(out, force=force)
     truth = truth or out.with_suffix(".truth.json")
     _refuse_truth(truth, out, force=force)

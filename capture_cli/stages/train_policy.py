@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from capture_cli.errors import OptionError
+from capture_cli.extras import require
 from capture_cli.policies import REGISTRY
 from capture_cli.policies._evaluation import evaluate
 from capture_cli.policies.base import Policy, Trainer, TrainingSettings
@@ -65,6 +66,7 @@ def train_policy(
     before anything is written.
     """
     options = {k: v for k, v in locals().items() if k not in ("resume", "force", "quiet")}
+    require("learn", "train-policy")
     complete = is_complete(out, force=force, resume=resume)
     machine = _trainable(task)
     settings = TrainingSettings(

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from capture_cli.errors import OptionError, StoreError, did_you_mean
+from capture_cli.extras import require
 from capture_cli.identifiers import REGISTRY, round_identifier
 from capture_cli.identifiers.rounds import Rounds, Signature
 from capture_cli.parameters import Parameter, ParameterSpace
@@ -81,6 +82,7 @@ def train_sysid(
     complete is read. Raises CaptureError before anything is written.
     """
     options = {k: v for k, v in locals().items() if k not in ("resume", "force", "quiet")}
+    require("learn", "train-sysid")
     complete = is_complete(out, force=force, resume=resume)
     kind = _learned(identifier)
     store = Histories(histories)

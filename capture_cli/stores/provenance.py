@@ -6,6 +6,7 @@ import importlib.metadata
 import platform
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
@@ -17,7 +18,8 @@ from capture_cli.json_text import json_text
 from capture_cli.stores.output import PROVENANCE, sha256
 
 FORMAT, VERSION = "capture/provenance", 1
-PACKAGES = ("mujoco", "numpy", "scipy", "torch", "zarr")
+# what the numbers depend on: names, and the distributions that say the version
+PACKAGES = {"mujoco": "mujoco-core", **{name: name for name in ("numpy", "scipy", "torch", "zarr")}}
 
 
 class Provenance:
@@ -45,7 +47,7 @@ class Provenance:
             "capture": __version__,
             "code": code_hash(),
             "python": platform.python_version(),
-            "packages": {name: importlib.metadata.version(name) for name in PACKAGES},
+            "packages": _versions(),
             "platform": platform.platform(),
             "began": self.began.isoformat(timespec="seconds"),
             "seconds": round(time.perf_counter() - self._clock, 3),
@@ -54,6 +56,15 @@ class Provenance:
     def write(self, folder: Path) -> None:
         """Write provenance.json into `folder`."""
         write_json(folder / PROVENANCE, self.document())
+
+
+def _versions() -> dict[str, str]:
+    """Of PACKAGES, those that are installed."""
+    found = {}
+    for name, distribution in PACKAGES.items():
+        with suppress(importlib.metadata.PackageNotFoundError):  # the core has no torch
+            found[name] = importlib.metadata.version(distribution)
+    return found
 
 
 @cache

@@ -14,6 +14,7 @@ import mujoco
 import numpy as np
 
 from capture_cli.errors import OptionError
+from capture_cli.extras import require
 
 PATCHED_VERSION = "1.5.2"
 _FREE, _BALL = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_BALL)
@@ -21,12 +22,8 @@ _FREE, _BALL = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_BALL)
 
 def patch_robosuite() -> None:
     """Make robosuite usable. Raises OptionError where it is missing or of another version."""
-    try:
-        found = importlib.metadata.version("robosuite")
-    except importlib.metadata.PackageNotFoundError:
-        raise OptionError(
-            "robosuite is not installed", cure=f"pip install robosuite=={PATCHED_VERSION}"
-        ) from None
+    require("robosuite", "a robosuite scene")
+    found = importlib.metadata.version("robosuite")
     if found != PATCHED_VERSION:
         raise OptionError(
             f"robosuite {found} is installed; its patches for MuJoCo 4 are for {PATCHED_VERSION}",
