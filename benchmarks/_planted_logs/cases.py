@@ -10,7 +10,7 @@
             continue
 
 The same kind and seed give the same cases, in every dress: machine, drive, noise, effect and size are alike. Kinds are
-PLANTED (one effect that raises the error to 2, 3 or 10 times the noise), PAIR (two), NOTHING, WEAK (one that shows in
+PLANTED (one effect that raises the error to 2.2, 3 or 10 times the noise), PAIR (two), NOTHING, WEAK (one that shows in
 a parameter rather than in the error), UNKNOWN (an effect of no catalogue) and LEFT (of a catalogue without it).
 """
 
@@ -37,10 +37,11 @@ from capture_cli.tasks.base import Task
 
 PLANTED, PAIR, NOTHING, WEAK, UNKNOWN, LEFT = "planted", "pair", "nothing", "weak", "outside", "left-out"
 KINDS = (PLANTED, PAIR, NOTHING, WEAK, UNKNOWN, LEFT)
-MAGNITUDES = (2.0, 3.0, 10.0)  # error of the declared model, refitted, over the noise
+MAGNITUDES = (2.2, 3.0, 10.0)  # error of the declared model, refitted, over the noise
 PAIR_MAGNITUDE = 3.0  # of each of the two alone
 WEAK_MAGNITUDES = (1.01, 1.1)
-SHIFTED = 5.0  # standard deviations that a weak effect moves a declared parameter by
+# Standard deviations of the whole log that a weak effect moves a declared parameter by: 5 of a fit to two thirds of it.
+SHIFTED = 6.0
 # Joints along which nothing can be seen.
 UNSEEN = {"puck": ("z",)}
 NO_SIZE = ("finer-time-step",)  # that could be fitted to a magnitude
