@@ -95,7 +95,8 @@ def _run(options: argparse.Namespace) -> None:
     frozen = freeze(options.out, root, options.seed)
     machines = tuple(options.machine or MACHINE)
     drawn = draws(counts, frozen.seed, options.dress, machines, options.sample)
-    add(drawn, options.out / f"{options.dress}.jsonl", root, options.jobs)
+    path = options.out / f"{options.dress}.jsonl"
+    add(drawn, path, root, options.jobs, lambda: freeze(options.out, root, frozen.seed))
     _summary(options)
 
 

@@ -469,6 +469,29 @@ def test_run_summary_and_compare(monkeypatch, capsys, tmp_path, unasked, checkou
     assert "median CPU ratio, B over A: 1" in said
 
 
+def test_a_version_that_changes_while_it_is_asked_adds_no_row(
+    monkeypatch, capsys, tmp_path, unasked, checkout
+):
+    def row(case: Case, root) -> dict:
+        (checkout / "capture_cli" / "more.py").write_text("two = 2\n")
+        return answered(case, root)
+
+    monkeypatch.setattr(rows_module, "row_of", row)
+    with pytest.raises(SystemExit, match="2"):
+        run(
+            monkeypatch,
+            "run",
+            "--out",
+            str(tmp_path / "out"),
+            "--root",
+            str(checkout),
+            "--count",
+            "nothing=2",
+        )
+    assert "the version that is asked is" in capsys.readouterr().err
+    assert not (tmp_path / "out" / "plain.jsonl").exists()
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [

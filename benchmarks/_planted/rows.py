@@ -8,7 +8,7 @@ import threading
 import time
 import traceback
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager, suppress
 from itertools import islice
@@ -65,8 +65,13 @@ def draws(
     return [Draw((every[i] for i in mixed), sample)]
 
 
-def add(drawn: Sequence[Draw], path: Path, root: Path, jobs: int) -> None:
-    """Ask the version in `root` about all that is drawn and has no row in `path` yet, `jobs` at a time."""
+def add(
+    drawn: Sequence[Draw], path: Path, root: Path, jobs: int, frozen: Callable[[], object] = lambda: None
+) -> None:
+    """Ask the version in `root` about all that is drawn and has no row in `path` yet, `jobs` at a time.
+
+    frozen: called before a row is added; raises where the code is no longer what it was.
+    """
     from tqdm import tqdm
 
     rows = read(path)
@@ -78,6 +83,7 @@ def add(drawn: Sequence[Draw], path: Path, root: Path, jobs: int) -> None:
             bar.update(sum(_counts(rows.get(key(vars(c)))) for c in batch))
             for future in as_completed(todo):
                 row = future.result()
+                frozen()
                 rows[key(row)] = row
                 _lines.append(path, row)
                 bar.update(_counts(row))
