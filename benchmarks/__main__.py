@@ -23,14 +23,16 @@ def main() -> None:
     parser.add_argument(
         "--pairs", type=int, default=10_000, help="most histories, for growth (default 10000)"
     )
+    parser.add_argument(
+        "--kills", type=int, default=200, help="runs that are killed, for kills (default 200)"
+    )
     parser.add_argument("--out", type=Path, default=ROOT / "runs" / "benchmarks", help="where results go")
     options = parser.parse_args()
     try:
         chosen = [(name, REGISTRY.get(name)) for name in options.name or names]
         for name, benchmark in chosen:
-            result, path = measure(
-                name, benchmark(logs=options.logs, pairs=options.pairs, folder=options.out)
-            )
+            sizes = {"logs": options.logs, "pairs": options.pairs, "kills": options.kills}
+            result, path = measure(name, benchmark(**sizes, folder=options.out))
             _print(f"{name}: {benchmark.summary}", result.figures, path)
     except CaptureError as error:
         print(f"error: {error}", file=sys.stderr)

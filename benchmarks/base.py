@@ -40,14 +40,15 @@ class Result:
 class Benchmark(ABC):
     """logs: how many logs per machine, where logs are recorded. pairs: how many histories at most.
 
-    folder: where results and unfinished work lie.
+    kills: how many runs are killed. folder: where results and unfinished work lie.
     """
 
     summary: str
 
-    def __init__(self, *, logs: int, folder: Path, pairs: int = 10_000):
+    def __init__(self, *, logs: int, folder: Path, pairs: int = 10_000, kills: int = 200):
         self.logs = logs
         self.pairs = pairs
+        self.kills = kills
         self.folder = folder
 
     @abstractmethod
@@ -57,7 +58,8 @@ class Benchmark(ABC):
 
 def measure(name: str, benchmark: Benchmark) -> tuple[Result, Path]:
     """Run `benchmark` and write NAME.json into its folder; returns the result and the file."""
-    provenance = Provenance(f"benchmarks {name}", {"logs": benchmark.logs, "pairs": benchmark.pairs}, {})
+    options = {"logs": benchmark.logs, "pairs": benchmark.pairs, "kills": benchmark.kills}
+    provenance = Provenance(f"benchmarks {name}", options, {})
     load = os.getloadavg()[0]
     result = benchmark.run()
     document = {

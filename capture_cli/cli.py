@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from capture_cli.errors import CaptureError, Interrupted, shortened
-from capture_cli.signals import heed_no_signals, heed_signals
+from capture_cli.signals import heed_no_signals, heed_signals, take_as_handled
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ def _run(received: Sequence[int]) -> _End:
         return _ended_by(error, received)
     else:
         code = 0
-    if code == 1 and received:  # made of it by a library
+    if received and code not in (0, 3):  # what a library makes of an interrupt
         return _interrupted(KeyboardInterrupt(), received)
     return _End(code)
 
@@ -106,6 +106,7 @@ def _ended_by(error: BaseException, received: Sequence[int]) -> _End:
 
 def _interrupted(error: BaseException, received: Sequence[int]) -> _End:
     """How a run ends by a signal."""
+    take_as_handled()
     code = 128 + (received or [signal.SIGINT])[0]
     if isinstance(error, Interrupted):
         return _End(code, str(error))

@@ -5,6 +5,7 @@ SIGTERM, by which batch systems and containers end a run, does as Ctrl-C does.
 
 from __future__ import annotations
 
+import os
 import signal
 import threading
 import time
@@ -16,6 +17,7 @@ ENDING = (signal.SIGINT, signal.SIGTERM)
 # s after a signal in which no other is heeded: `timeout` sends it twice, people press Ctrl-C until something happens,
 # and a second one would end the clearing up
 DEAF = 10.0
+_PARENT_DEATH_SIGNAL = 1  # PR_SET_PDEATHSIG of prctl
 
 
 def heed_signals() -> list[int]:
@@ -45,6 +47,32 @@ def heed_no_signals() -> None:
     """Ignore them from here on: what the run came to is decided, and its message and exit code are to be those."""
     for number in ENDING:
         signal.signal(number, signal.SIG_IGN)
+
+
+def take_as_handled() -> None:
+    """Let Python end with the exit code that it is given, after a KeyboardInterrupt that was handled.
+
+    Where a library ran Python text from C when the signal came, Python takes the exception for one that nobody handled
+    and would end itself by SIGINT, whatever the exit code. It forgets that when it is run from C again.
+    """
+    import ctypes
+
+    ctypes.pythonapi.PyRun_SimpleString(b"")
+
+
+def end_with_parent(parent: int) -> None:
+    """Let this process end when the one that it is a copy of, the process `parent`, does, even by SIGKILL.
+
+    It would go on to write beside an output, and hold its lock. Linux alone can do that.
+    """
+    import ctypes
+
+    try:
+        ctypes.CDLL(None).prctl(_PARENT_DEATH_SIGNAL, signal.SIGKILL)
+    except (AttributeError, OSError, TypeError):
+        return
+    if os.getppid() != parent:
+        os._exit(1)
 
 
 @contextmanager

@@ -137,6 +137,38 @@ def test_histories_on_a_full_disk_say_what_is_kept(capture, monkeypatch, tmp_pat
         assert not list(tmp_path.iterdir())
 
 
+OTHERWISE = """
+import ctypes, os, signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs start with it ignored
+from capture_cli import app
+from capture_cli.cli import main
+
+def from_c(_):
+    ctypes.pythonapi.PyRun_SimpleString(f"import os; os.kill(os.getpid(), {sys.argv[1]})".encode())
+    raise KeyboardInterrupt
+
+def made_an_exit_code(_):
+    try:
+        os.kill(os.getpid(), int(sys.argv[1]))
+    except KeyboardInterrupt:
+        sys.exit(130)
+
+app.run = locals()[sys.argv[2]]
+main()
+"""
+
+
+@NUMBERS
+@pytest.mark.parametrize("what", ["from_c", "made_an_exit_code"])
+def test_what_a_library_makes_of_an_interrupt_changes_neither_code_nor_message(tmp_path, number, code, what):
+    """`python -m` ended itself by SIGINT, whatever the signal was; and typer says nothing before a command runs."""
+    (tmp_path / "otherwise.py").write_text(OTHERWISE)
+    run = [sys.executable, "-m", "otherwise", str(int(number)), what]
+    done = subprocess.run(run, cwd=tmp_path, env=ENVIRONMENT, capture_output=True, text=True)
+    assert done.returncode == code
+    assert done.stderr.endswith("interrupted: nothing was written\n  cure: run the same command again\n")
+
+
 LATE = """
 import atexit, os, signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs start with it ignored

@@ -25,6 +25,7 @@ from capture_cli.reports.curve_plots import (
 )
 from capture_cli.reports.curves import Curves, thin
 from capture_cli.reports.quantities import titled
+from capture_cli.signals import end_with_parent
 
 DPI = 150
 WIDTH = 9.0  # inches
@@ -64,9 +65,10 @@ def save(drawings: Mapping[str, Drawing], folder: Path) -> list[Path]:
     if len(jobs) < 2 or sys.platform != "linux":
         _draw(jobs)
         return paths
+    own = os.getpid()
     child = os.fork()
     if not child:
-        _draw_and_exit(jobs[1::2])
+        _draw_and_exit(jobs[1::2], own)
     try:
         _draw(jobs[::2])
     finally:
@@ -94,10 +96,11 @@ def _without_formulas(figure: Figure) -> None:
         text.set_parse_math(text in powers)
 
 
-def _draw_and_exit(jobs: Sequence[tuple[Path, Drawing]]) -> NoReturn:
-    """What the copy of the process does: no more than this, whatever happens."""
+def _draw_and_exit(jobs: Sequence[tuple[Path, Drawing]], parent: int) -> NoReturn:
+    """What the copy of the process `parent` does: no more than this, whatever happens."""
     status = 1
     try:
+        end_with_parent(parent)
         _draw(jobs)
         status = 0
     finally:

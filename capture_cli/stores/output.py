@@ -6,6 +6,7 @@ neither followed nor written to.
 
 from __future__ import annotations
 
+import ctypes
 import errno
 import hashlib
 import os
@@ -25,6 +26,7 @@ REPLACED = ".replaced-"
 UNFINISHED = ".unfinished"
 PROVENANCE = "provenance.json"
 LONGEST = 200  # characters of a path in a message
+_HERE, _EXCHANGED = -100, 2  # AT_FDCWD and RENAME_EXCHANGE of renameat2
 GO_ON = "go on with the same command and --resume"
 # Outputs that this process has put in place: whoever is interrupted after that is told so.
 PLACED: list[Path] = []
@@ -343,19 +345,31 @@ def _sync(folder: Path) -> None:
 
 def _move_into_place(partial: Path, path: Path) -> None:
     replaced = path.with_name(f".{path.name}{REPLACED}{os.getpid()}")
-    if path.is_dir():
-        path.rename(replaced)
-    try:
+    if not path.is_dir():
         partial.replace(path)
-    except OSError:
-        if replaced.exists():
+    elif _exchange(partial, path):
+        partial.rename(replaced)
+    else:
+        path.rename(replaced)
+        try:
+            partial.replace(path)
+        except OSError:
             replaced.rename(path)
-        raise
+            raise
     # what was placed within it, before it had its name, is a part of it
     PLACED[:] = [*(other for other in PLACED if partial not in other.parents), path]
     _sync_parent(path)
     _remove(replaced)
     _remove_leftovers(path)
+
+
+def _exchange(one: Path, other: Path) -> bool:
+    """Let two folders change places at once, so that there is no moment without either; False where that cannot be."""
+    try:
+        renameat2 = ctypes.CDLL(None, use_errno=True).renameat2
+    except (AttributeError, OSError, TypeError):  # of Linux alone
+        return False
+    return renameat2(_HERE, os.fsencode(one), _HERE, os.fsencode(other), _EXCHANGED) == 0
 
 
 def _sync_parent(path: Path) -> None:
