@@ -23,6 +23,7 @@ import numpy as np
 from capture_cli.autocorrelation import autocorrelation_time
 from capture_cli.parameters import ParameterSpace
 
+SHARPER = 0.1  # of the step of one-sided differences: central ones, of parameters that are confounded
 # Of the prior sd, within the limits below; the latter where bodies touch, and short differences are jumps
 START_STEP, ROUGH_START_STEP = 0.1, 1.0
 SHORTEST, LONGEST = 1e-6, 1e-2  # m, rad, m/s, rad/s; the longest is of the sd itself
@@ -192,6 +193,30 @@ class Linearization:
         return cls(
             evidence, x, offsets, residual, np.moveaxis(by_parameter, 0, -1), np.moveaxis(by_start, 0, -1)
         )
+
+    def central(self) -> Trial:
+        """Central differences along the parameters: first all to one side, then all to the other."""
+        points = self.evidence.space.from_unit(np.concatenate(self._sides()))
+        return Trial(points, np.repeat(self.offsets[None], len(points), axis=0))
+
+    def with_central(self, outputs: np.ndarray, diverged: np.ndarray) -> Linearization:
+        """With sensitivities from what the trial of `central` gave; a parameter of which one side is beyond the bounds
+        or diverged keeps its own.
+        """
+        above, below = self._sides()
+        steps = np.diag(above - below)
+        after, before = np.split(self.evidence.residual(outputs), 2)
+        known = (np.diag(above) != self.x) & (np.diag(below) != self.x)
+        slopes = (before - after) / np.where(known, steps, 1.0)[:, None, None]
+        known = known[:, None] & ~np.logical_or(*np.split(diverged, 2))
+        slopes = np.where(known[:, :, None], slopes, np.moveaxis(self.by_parameter, -1, 0))
+        return replace(self, by_parameter=np.moveaxis(slopes, 0, -1))
+
+    def _sides(self) -> tuple[np.ndarray, np.ndarray]:
+        """Points (parameter, parameter) above and below x in one parameter each; x where that is beyond a bound."""
+        steps = np.diag(self.evidence.space.steps * (1.0 if self.evidence.rough else SHARPER))
+        above, below = self.x + steps, self.x - steps
+        return np.where(above > 1, self.x, above), np.where(below < 0, self.x, below)
 
     def moved(self, x: np.ndarray, offsets: np.ndarray, residual: np.ndarray) -> Linearization:
         """This linearization carried to x (parameter,), offsets (window, state) and the residual (window, row) there.

@@ -208,6 +208,18 @@ NAMES = {  # tables whose keys are names that the user chose
     "absorbed": "NAME",
     "effects[].parameters": "NAME",
     **{
+        f"prediction.{part}.{name}": shown
+        for part in ("fit", "test")
+        for name, shown in (
+            ("recordings", "RECORDING"),
+            *(
+                (f"{rows}.models{of}", shown)
+                for rows in ("horizons[]", "recordings.RECORDING")
+                for of, shown in (("", "MODEL"), (".MODEL.rmse", "OUTPUT"), (".MODEL.over_floor", "OUTPUT"))
+            ),
+        )
+    },
+    **{
         f"{stage}.{kind}": "OUTPUT"
         for stage in ("stages[].fit", "stages[].select", "stages[].test", "before.test", "after.test")
         for kind in ("rmse", "mae")
@@ -223,6 +235,40 @@ _ERROR = {
     "rmse.OUTPUT": "root mean square of measured minus simulated, in the output's unit; null: it has no sample there",
     "mae.OUTPUT": "mean of its absolute value, in the output's unit; null likewise",
     "normalized": "RMSE over the noise floor, root mean square over all samples (1: only noise is left)",
+}
+_UNDETERMINED = (
+    "list of what the log leaves open of the parameters, whatever the verdict: {combination (by how much each "
+    "changes, of its range, over the first's), sd_over_range, known (nothing, of one parameter; ratios, product or "
+    "combination, of several), scaled (names of those that are known but for a factor), factor (null, or [from, to] "
+    "what these can be scaled by together; of a product the second by the inverse), ends (null, or of each parameter "
+    "two values: all that come first are as good as all that come second), text}"
+)
+_PREDICTION = {
+    "runs": "how many simulations, from as many initial states",
+    "longest": "s, that the longest of them takes",
+    "models.MODEL.rmse.OUTPUT": "root mean square of measured minus simulated, in the output's unit; null: it has no "
+    "sample there, or a run diverged; MODEL: nominal (as declared), identified, or diagnosed (with the effects)",
+    "models.MODEL.over_floor.OUTPUT": "that over the output's noise floor; null likewise",
+    "models.MODEL.normalized": "RMSE over the noise floor, root mean square over all samples; null: a run diverged",
+    "models.MODEL.diverged": "how many runs diverged",
+}
+_PREDICTIONS = {
+    **{
+        f"prediction.{part}.{key}": f"{meaning}; {which}"
+        for part, which in (("fit", "what was fitted"), ("test", "what was held out (null: nothing was)"))
+        for key, meaning in (
+            (
+                "horizons[].horizon",
+                "s, for how long each run predicts; null: each whole episode, or what is of that part",
+            ),
+            *((f"horizons[].{k}", v) for k, v in _PREDICTION.items()),
+            ("left_out", "list of sentences: which horizons are left out, and why"),
+            *(
+                (f"recordings.RECORDING.{k}", f"{v}; whole episodes of one recording")
+                for k, v in _PREDICTION.items()
+            ),
+        )
+    },
 }
 _PARAMETER = {
     "value": "the estimate, in `unit`",
@@ -276,13 +322,14 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str]]] = {
             **{f"parameters.NAME.{k}": v for k, v in _PARAMETER.items()},
             **{f"error.fit.{k}": f"{v}; windows that were fitted" for k, v in _ERROR.items()},
             **{f"error.test.{k}": f"{v}; windows held out" for k, v in _ERROR.items()},
+            **_PREDICTIONS,
             "noise_floor.OUTPUT": "standard deviation of the output's noise",
             "noise_floor_source.OUTPUT": _FLOOR_SOURCE,
             "verdict": "explained, unexplained or not-identifiable",
             "summary": "the verdict in one sentence",
             "diverged_windows": "in how many windows the simulation runs away at the estimate",
             **{f"lack_of_fit.{k}": v for k, v in _LACK.items()},
-            "undetermined": "combinations of parameters that the log leaves open: {combination, sd_over_range, text}",
+            "undetermined": _UNDETERMINED,
             "held_out": _HELD_OUT,
             "beyond_fitted": _BEYOND_FITTED,
             "impossible_inertia": _IMPOSSIBLE,
@@ -342,10 +389,12 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str]]] = {
             **{f"stages[].test.{k}": f"{v}; windows held out (null: none were)" for k, v in _ERROR.items()},
             **{f"before.test.{k}": f"{v}; the declared model, refitted, held out" for k, v in _ERROR.items()},
             **{f"after.test.{k}": f"{v}; with the effects, held out" for k, v in _ERROR.items()},
+            **_PREDICTIONS,
             "noise_floor.OUTPUT": "standard deviation of the output's noise",
             "noise_floor_source.OUTPUT": _FLOOR_SOURCE,
             **{f"lack_of_fit.before.{k}": f"{v}; declared model" for k, v in _LACK.items()},
             **{f"lack_of_fit.after.{k}": f"{v}; with the effects" for k, v in _LACK.items()},
+            "undetermined": _UNDETERMINED,
             "held_out": _HELD_OUT,
             "beyond_fitted": _BEYOND_FITTED,
             "impossible_inertia": _IMPOSSIBLE,

@@ -125,6 +125,8 @@ def test_every_key_of_a_document_is_documented_and_no_other(written, document):
     opaque = {
         "recordings",
         "undetermined",
+        "prediction.fit.left_out",
+        "prediction.test.left_out",
         "held_out",
         "beyond_fitted",
         "impossible_inertia",

@@ -56,9 +56,6 @@ def test_noise_of_an_attitude_is_about_three_axes(level):
 )
 def test_what_is_at_a_bound_is_judged_by_its_sd_too(value, sd, at_bound):
     space = ParameterSpace([Parameter("mass", "kg", 0.2, 10000.0, 0.5)])
-    nothing = np.zeros((0, 1))
     one = np.array([value])
-    found = Intervals(
-        np.array([[sd**2]]), np.array([sd]), one, one, np.array([True]), nothing, np.zeros(0), 10.0
-    )
+    found = Intervals(np.array([[sd**2]]), np.array([sd]), one, one, np.array([True]), 10.0)
     assert found.rows(space, one, [0])[0]["at_bound"] is at_bound

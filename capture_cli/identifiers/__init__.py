@@ -11,7 +11,10 @@ from capture_cli.identifiers.rounds import RoundIdentifier
 from capture_cli.registry import Registry
 
 REGISTRY: Registry[AskTell] = Registry(
-    "capture_cli.identifiers", "AskTell", "identifier", not_listed=("intervals", "refitted", "rounds")
+    "capture_cli.identifiers",
+    "AskTell",
+    "identifier",
+    not_listed=("intervals", "refitted", "rounds", "undetermined"),
 )
 
 

@@ -1,4 +1,4 @@
-"""Standard deviations and 95 % intervals that allow for autocorrelated residuals, and what is not determined.
+"""Standard deviations and 95 % intervals that allow for autocorrelated residuals.
 
 With J the sensitivities and M the projection that removes the starts (their prior kept), the estimate's error is
 A^-1 J'M (e + B b), A = J'MJ, e the residual process and b the starts' error. Its covariance is the sandwich
@@ -42,10 +42,9 @@ ROUNDING = 1e-9  # of the range: what values at a bound are off it by
 class Intervals:
     """In the parameters' own units.
 
-    covariance (p, p); sd (p,); low, high (p,): 95 %, cut to the bounds; identifiable (p,); undetermined: unit
-    directions (direction, p) in the unit cube that the log does not determine, each with its sd over the range.
-    degrees: effective degrees of freedom of the residual. limits (p, 2): what the log says of a parameter all the same
-    that is not identifiable, at least and at most; nan where it does not, None where nobody looked.
+    covariance (p, p); sd (p,); low, high (p,): 95 %, cut to the bounds; identifiable (p,). degrees: effective degrees
+    of freedom of the residual. limits (p, 2): what the log says of a parameter all the same that is not identifiable,
+    at least and at most; nan where it does not, None where nobody looked.
     """
 
     covariance: np.ndarray
@@ -53,8 +52,6 @@ class Intervals:
     low: np.ndarray
     high: np.ndarray
     identifiable: np.ndarray
-    undetermined: np.ndarray
-    undetermined_sd: np.ndarray
     degrees: float
     limits: np.ndarray | None = None
 
@@ -81,8 +78,6 @@ class Intervals:
             high=high,
             identifiable=identifiable,
             limits=limits,
-            undetermined=np.concatenate([self.undetermined, np.eye(len(space))[hanging]]),
-            undetermined_sd=np.concatenate([self.undetermined_sd, np.full(hanging.sum(), LOST_SD)]),
         )
 
     def quantile(self, among: int = 1) -> float:
@@ -138,8 +133,6 @@ def intervals(
         else sampled.covariance
     )
     sd_unit = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    values, directions = np.linalg.eigh(covariance)
-    loose = np.sqrt(np.maximum(values, 0)) > UNDETERMINED_SD
     value = space.from_unit(at.x)
     middle = value if sampled is None else space.from_unit(sampled.mean)
     half = _quantile(degrees) * sd_unit * space.span
@@ -149,8 +142,6 @@ def intervals(
         low=np.maximum(np.minimum(middle - half, value), space.low),
         high=np.minimum(np.maximum(middle + half, value), space.high),
         identifiable=sd_unit <= UNDETERMINED_SD,
-        undetermined=directions.T[loose],
-        undetermined_sd=np.sqrt(values[loose]),
         degrees=degrees,
     )
 

@@ -245,7 +245,9 @@ class _Protocol:
         again = self._again(fit, judged)
         others = []
         if again is not None and with_minima:
-            again, *others = minima(self.fits, self.parts.windows(FIT, SELECT), again, self.settings.seed)
+            part = self.parts.windows(FIT, SELECT)
+            again, *others = minima(self.fits, part, again, self.settings.seed)
+            again = self.fits.sharpened(part, again)
         return JudgedModel(name, fit, again or fit, others, judged, self._whole(fit, again))
 
     def _again(self, fit: Fit, judged: PartFit | None) -> Fit | None:

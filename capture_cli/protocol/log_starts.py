@@ -38,7 +38,7 @@ def log_starts(
     log: MeasuredLog, task: Task, windows: Windows, noise: NoiseFloor, threads: int | None
 ) -> StartEstimate:
     """Where every window starts: where its action says, if it begins an episode of one; else what the outputs say."""
-    data = _readable(task)
+    data = readable(task)
     acted = begins_by_action(log, task, windows)
     if acted.any():
         starts = task.episodes(log.actions[windows.episode]).starts
@@ -91,7 +91,7 @@ def _nearest(
     return min(reads, key=distance)
 
 
-def _readable(task: Task) -> list[int]:
+def readable(task: Task) -> list[int]:
     """Which number of sensordata each output is; -1 of an actuator's where gears are open, and what it says of the
     joints with them.
     """
@@ -147,7 +147,7 @@ def _of_whole_episodes(
 
     Driven by the inputs alone; and, where there are no such constraints, kept to what outputs measure.
     """
-    model, data = task.model, _readable(task)
+    model, data = task.model, readable(task)
     whole = cut_log(log, task, None)
     steps = int(whole.grid_steps.max())
     driven = nominal_motion(task, task.controls(whole.controls), steps=steps, threads=threads)

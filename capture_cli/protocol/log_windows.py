@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
-from capture_cli.sim.windows import Windows, cut
+from capture_cli.sim.windows import Spans, Windows, at_spans, cut
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.tasks.base import Task
 
@@ -20,13 +22,22 @@ def clock(log: MeasuredLog) -> np.ndarray:
 
 def cut_log(log: MeasuredLog, task: Task, duration: float | None) -> Windows:
     """Windows of `duration` s, or of whole episodes where None, by the clock of simulations."""
-    return cut(
-        time=clock(log),
-        inputs=log.inputs,
-        outputs=log.values,
-        episodes=log.episodes,
-        timestep=task.timestep,
-        duration=duration,
-        linear=task.linear,
-        sampled=log.sampled,
-    )
+    return cut(duration=duration, **_of(log, task))
+
+
+def windows_at(log: MeasuredLog, task: Task, spans: Spans) -> Windows:
+    """Windows at `spans` of the log, which may overlap, by the clock of simulations."""
+    return at_spans(spans, **_of(log, task))
+
+
+def _of(log: MeasuredLog, task: Task) -> dict[str, Any]:
+    """The log as windows are cut out of it."""
+    return {
+        "time": clock(log),
+        "inputs": log.inputs,
+        "outputs": log.values,
+        "episodes": log.episodes,
+        "timestep": task.timestep,
+        "linear": task.linear,
+        "sampled": log.sampled,
+    }

@@ -12,7 +12,9 @@ import numpy as np
 from capture_cli.effects.placed import Placed
 from capture_cli.identifiers._window_starts import fit_starts
 from capture_cli.identifiers.base import Best, Trial, run
+from capture_cli.identifiers.intervals import unit_covariance
 from capture_cli.identifiers.least_squares import HOPELESS, LONG_PATIENCE, PATIENCE, LeastSquares
+from capture_cli.identifiers.undetermined import is_confounded
 from capture_cli.linearization import Linearization, best_trials, columns, trial_objectives
 from capture_cli.parameters import ParameterSpace
 from capture_cli.protocol.fit import TOLERANCE, Fit
@@ -191,6 +193,17 @@ class ModelFits:
         outputs, diverged = part.evaluate(simulator, columns(evidence, x, best.offsets))
         at = Linearization.from_columns(evidence, x, best.offsets, outputs, diverged)
         return Fit(tuple(effects), simulator.space, best.parameters, at)
+
+    def sharpened(self, part: PreparedLog, fit: Fit) -> Fit:
+        """`fit` to the part; where parameters are confounded, with sensitivities by central differences.
+
+        The error of one-sided differences, small as it is, would tell them apart: where only ratios are known it would
+        say how large they are.
+        """
+        if not is_confounded(unit_covariance(fit.at)[0]):
+            return fit
+        at = fit.at
+        return replace(fit, at=at.with_central(*part.evaluate(self.simulator(fit.effects), at.central())))
 
     def errors(self, part: PreparedLog, points: np.ndarray) -> np.ndarray:
         """RMSE over the noise floor of the task itself at points (candidate, parameter); inf where one diverged."""

@@ -17,6 +17,7 @@ from capture_cli.reports.findings import (
     outputs_left,
     time_stamps,
     time_step,
+    undetermined,
 )
 from capture_cli.reports.quantities import (
     floor_unit,
@@ -258,6 +259,7 @@ def notes(document: Mapping[str, Any]) -> list[str]:
             )
         if document["parameters"] or document["effects"]:
             found.append(UNTRUSTED)
+    found += undetermined(document)
     found += left_open(document)
     found += impossible(document)
     found += time_stamps(document)

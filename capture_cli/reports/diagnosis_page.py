@@ -13,6 +13,7 @@ from capture_cli.reports import diagnosis_findings as findings
 from capture_cli.reports.curves import Curves
 from capture_cli.reports.findings import FLOOR_SOURCES
 from capture_cli.reports.page import page
+from capture_cli.reports.prediction import predictions
 from capture_cli.reports.quantities import counted, significant
 from capture_cli.stores.diagnosis import Diagnosis
 
@@ -45,6 +46,7 @@ def render(diagnosis: Diagnosis, provenance: Mapping[str, Any] | None) -> str:
         part_names=list(findings.PARTS.values()),
         changes=findings.changes(diagnosis),
         together=[[_normalized(stage, part) for stage in (stages[0], stages[-1])] for part in findings.PARTS],
+        predictions=predictions(document, diagnosis.attributes["outputs"]),
         floor_sources=FLOOR_SOURCES,
         starts_hide=findings.starts_hide(document),
         stages_height=diagnosis_plots.stages_height(diagnosis),

@@ -8,6 +8,7 @@ from typing import Any
 from capture_cli.reports import curve_plots, findings, parameter_plots
 from capture_cli.reports.curves import Curves
 from capture_cli.reports.page import page
+from capture_cli.reports.prediction import predictions
 from capture_cli.reports.quantities import counted, significant
 from capture_cli.stores.estimate import Estimate
 
@@ -32,6 +33,7 @@ def render(estimate: Estimate, provenance: Mapping[str, Any] | None) -> str:
         untrusted=findings.UNTRUSTED,
         errors=findings.output_errors(estimate),
         together=[findings.normalized(document, part) for part in ("fit", "test")],
+        predictions=predictions(document, estimate.attributes["outputs"]),
         floor_sources=findings.FLOOR_SOURCES,
         outputs=estimate.attributes["outputs"],
         open_outputs=OPEN_OUTPUTS,

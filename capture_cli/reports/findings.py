@@ -118,7 +118,7 @@ def notes(document: Mapping[str, Any]) -> list[str]:
         found.append(document["in_context"]["text"])
     found += unmeasured(document)
     found += left_open(document)
-    found += dict.fromkeys(item["text"] for item in document["undetermined"])
+    found += undetermined(document)
     found += impossible(document)
     found += [_at_bound(n, p) for n, p in document["parameters"].items() if p["at_bound"]]
     found += time_stamps(document)
@@ -135,6 +135,11 @@ def notes(document: Mapping[str, Any]) -> list[str]:
             "Give noise_sd in the task file."
         )
     return found
+
+
+def undetermined(document: Mapping[str, Any]) -> list[str]:
+    """What of the parameters the log leaves open; earlier versions did not look in a diagnosis."""
+    return list(dict.fromkeys(item["text"] for item in document.get("undetermined", [])))
 
 
 def unmeasured(document: Mapping[str, Any]) -> list[str]:

@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from capture_cli.reports import diagnosis_findings, findings
+from capture_cli.reports import diagnosis_findings, findings, prediction
 from capture_cli.reports.quantities import (
     MISSING,
     bound,
@@ -35,13 +35,24 @@ STYLES = {
 # Narrower than this, the bounds are left to the page.
 WIDE = 96
 # More than these would push the verdict off a small screen; the page has them all.
-MOST_NOTES, MOST_OUTPUTS = 4, 8
+MOST_NOTES, MOST_OUTPUTS, MOST_PREDICTED = 4, 8, 5
 # A diagnosis is told in five lines, and a few more where it found several effects.
 MOST_LINES, MOST_NAMED, SHORT = 12, 2, 2
 MARK = 9  # characters, of the words that open its lines
 COLUMN_GAP = 3  # characters
 _ASCII = str.maketrans(
-    {"–": "-", "−": "-", "×": "x", "µ": "u", "·": "-", "°": "deg", "²": "^2", "±": "+/-", "→": "->"}
+    {
+        "–": "-",
+        "−": "-",
+        "×": "x",
+        "µ": "u",
+        "·": "-",
+        "°": "deg",
+        "²": "^2",
+        "±": "+/-",
+        "→": "->",
+        "\u00a0": " ",
+    }
 )
 
 
@@ -57,6 +68,7 @@ def print_estimate(estimate: Estimate, console: Console, out_path: Path) -> None
         screen.blank()
     errors = findings.output_errors(estimate)
     screen.table(_errors(errors))
+    _print_predictions(estimate, screen)
     screen.blank()
     verdict = document["verdict"]
     screen.wrapped(findings.TITLES[verdict], document["summary"], STYLES[verdict])
@@ -91,21 +103,41 @@ def print_diagnosis(diagnosis: Diagnosis, console: Console, out_path: Path) -> N
             cut = mark == "next" and len(document["effects"]) > 1  # what was found goes before
             screen.wrapped(f"{mark:<{MARK}}", line, "dim", most=SHORT if cut else None)
     screen.whole(f"{'report':<{MARK}}", f"  {Path(out_path) / 'report.html'}")
-    if len(document["effects"]) < 2:
-        return
+    if len(document["effects"]) > 1:
+        _print_sizes(document, screen)
+    _print_predictions(diagnosis, screen)
+
+
+def _print_sizes(document: Mapping[str, Any], screen: _Screen) -> None:
+    """What is known of several effects, in a table where there is room for one."""
     rows = _effects(document)
     if screen.lines + len(rows) + 2 <= MOST_LINES:
         screen.blank()
         screen.table(rows)
     elif screen.lines < MOST_LINES:
-        sizes = "; ".join(f"{words.placed(e)} {_sizes(e)}".strip() for e in document["effects"])
+        sizes = "; ".join(f"{diagnosis_findings.placed(e)} {_sizes(e)}".strip() for e in document["effects"])
         screen.wrapped(f"{'  sizes':<{MARK}}", sizes, "dim", most=MOST_LINES - screen.lines)
+
+
+def _print_predictions(record: Estimate | Diagnosis, screen: _Screen) -> None:
+    """The errors in open loop of what was held out, or of what there is; earlier versions did not look."""
+    for found in prediction.predictions(record.document, record.attributes["outputs"])[:1]:
+        screen.blank()
+        screen.table(prediction.for_terminal(found, MOST_PREDICTED))
+        for why in found.left_out:
+            screen.wrapped("", why, "dim")
 
 
 def _beside(diagnosis: Diagnosis) -> list[str]:
     """What has to be known beside the answer, and no other line says."""
     document = diagnosis.document
-    found = [findings.left_open, findings.impossible, findings.time_stamps, findings.time_step]
+    found = [
+        findings.undetermined,
+        findings.left_open,
+        findings.impossible,
+        findings.time_stamps,
+        findings.time_step,
+    ]
     return [*diagnosis_findings.suspicions(diagnosis), *(text for told in found for text in told(document))]
 
 

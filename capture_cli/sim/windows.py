@@ -110,6 +110,21 @@ class Windows:
         return values
 
 
+@dataclass(frozen=True)
+class Spans:
+    """Where windows are in a log, (window,) each: their episode, the step since which their inputs are known (`begun`),
+    their first step, and the one after their last.
+    """
+
+    episode: np.ndarray
+    begun: np.ndarray
+    first: np.ndarray
+    stop: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.episode)
+
+
 def cut(
     *,
     time: np.ndarray,
@@ -140,7 +155,32 @@ def cut(
             usual_interval(time[steps], sampled[steps]) if has_gaps else np.inf,
         )
     ]
-    episode, begun, first, stop = np.array(spans).T
+    return at_spans(
+        Spans(*np.array(spans).T),
+        time=time,
+        inputs=inputs,
+        outputs=outputs,
+        episodes=episodes,
+        timestep=timestep,
+        linear=linear,
+        sampled=sampled,
+    )
+
+
+def at_spans(
+    spans: Spans,
+    *,
+    time: np.ndarray,
+    inputs: np.ndarray,
+    outputs: np.ndarray,
+    episodes: Sequence[slice],
+    timestep: float,
+    linear: np.ndarray,
+    sampled: np.ndarray | None = None,
+) -> Windows:
+    """The windows of a log at `spans`, which may overlap; the rest is as for `cut`."""
+    sampled = np.ones(outputs.shape, dtype=bool) if sampled is None else sampled
+    episode, begun, first, stop = spans.episode, spans.begun, spans.first, spans.stop
     elapsed = time[first] - time[[episodes[number].start for number in episode]]
     known = time[first] - time[begun]
     grid_steps = np.array([_grid_steps(time[a:b], timestep) for a, b in zip(first, stop, strict=True)])

@@ -93,7 +93,7 @@ def diagnose_prepared(
         progress.step(progress.part(what, number, total) + so_far)
 
     try:
-        return diagnosis_of(explain(prepared, nominal, settings, tell))
+        return diagnosis_of(explain(prepared, nominal, settings, tell), settings.threads)
     except KeyboardInterrupt:
         raise _interrupted(last, settings) from None
 

@@ -12,6 +12,8 @@ from capture_cli.protocol.candidates import Candidate
 from capture_cli.protocol.explanation import Explanation, Expression, JudgedModel
 from capture_cli.protocol.fit import Fit
 from capture_cli.protocol.log_parts import FIT, SELECT, TEST, LogParts
+from capture_cli.protocol.model_fits import ModelFits
+from capture_cli.protocol.prediction import Predicted, PredictingModel, prediction_errors
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.protocol.residual_curves import ResidualCurve, residual_curves
 from capture_cli.reports.diagnosis_findings import summary
@@ -29,17 +31,38 @@ from capture_cli.stores.measured_log import MeasuredLog
 PARTS = {"fit": FIT, "select": SELECT, "test": TEST}
 
 
-def diagnosis_of(found: Explanation) -> Diagnosis:
+def diagnosis_of(found: Explanation, threads: int | None = None) -> Diagnosis:
     """The diagnosis to write: its document, its arrays and their attributes."""
+    fits = ModelFits(found.parts.prepared, threads)
+    predicted = prediction_errors(fits, _predicting(found))
     curves = residual_curves(
         found.parts.prepared, found.before.whole, found.after.whole, found.motion.contacts
     )
     rows = [{"output": c.output, "against": c.against, "unit": c.unit, "share": c.share} for c in curves]
     attributes = {**attributes_of(found.parts.prepared.log), "curves": rows}
-    return Diagnosis(_document(found, rows), _arrays(found, curves), attributes)
+    document = _document(found, rows, predicted, found.rollouts + fits.rollouts)
+    return Diagnosis(document, _arrays(found, curves), attributes)
 
 
-def _document(found: Explanation, curves: list[dict[str, Any]]) -> dict[str, Any]:
+def _predicting(found: Explanation) -> list[PredictingModel]:
+    """The models whose errors in open loop are shown: as it was declared, with the parameters that were identified, and
+    with the effects that were accepted, where there are any.
+    """
+    before, after = found.before, found.after
+    nominal = found.parts.prepared.task.space.nominal
+    models = [
+        PredictingModel("nominal", (), nominal, before.whole.offsets),
+        PredictingModel("identified", (), before.again.point, before.whole.offsets),
+    ]
+    if after is not before:
+        fit = after.again
+        models.append(PredictingModel("diagnosed", fit.effects, fit.point, after.whole.offsets))
+    return models
+
+
+def _document(
+    found: Explanation, curves: list[dict[str, Any]], predicted: Predicted, simulated: int
+) -> dict[str, Any]:
     prepared, before, after = found.parts.prepared, found.before, found.after
     log, fit, sure = prepared.log, after.again, found.sure
     common = common_part(
@@ -49,10 +72,11 @@ def _document(found: Explanation, curves: list[dict[str, Any]]) -> dict[str, Any
         sure,
         effects=[(a.placed.effect, fit.point[fit.columns(a.name)]) for a in found.accepted],
         held=found.held_out,
+        predicted=predicted,
         shorter=found.shorter_step,
         stamps=found.stamps,
         parts={name: found.parts.number == part for name, part in PARTS.items()},
-        simulated=found.rollouts,
+        simulated=simulated,
     )
     stages = [_stage(found.parts, m) for m in found.models]
     document = {

@@ -16,11 +16,12 @@ from capture_cli.parameters import Parameter, ParameterSpace
 from capture_cli.protocol.fit import TOLERANCE, Fit
 from capture_cli.protocol.held_out import HeldOut, held_out
 from capture_cli.protocol.part_fit import PartFit
+from capture_cli.protocol.prediction import Predicted, PredictingModel, prediction_errors
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.protocol.scattered_stamps import scattered_stamps
 from capture_cli.protocol.time_step import shorter_step
 from capture_cli.reports.findings import behind, beyond_chance, not_alike
-from capture_cli.reports.quantities import significant, told
+from capture_cli.reports.quantities import significant
 from capture_cli.sim.coordinate_sources import unmeasured_joints
 from capture_cli.stages.earlier_estimate import EarlierEstimate
 from capture_cli.stages.estimation import Found
@@ -33,6 +34,7 @@ from capture_cli.stages.result_document import (
     measured_arrays,
     start_arrays,
 )
+from capture_cli.stages.undetermined_document import with_limits
 from capture_cli.stores.estimate import FORMAT, HISTORY, VERSION, Estimate
 from capture_cli.tasks.base import ActionTask, Task
 
@@ -82,7 +84,7 @@ class Report:
         recordings = self._recordings(found)
         whole = self._whole(offsets, simulated)
         held = held_out(self.fits, fit, found.covariance, whole, self.is_test)
-        document = self._document(found, lacking, whole, held, recordings, diverged)
+        document = self._document(found, lacking, whole, held, self._predicted(offsets), recordings, diverged)
         arrays = self._arrays(found, offsets, simulated, nominal, recordings)
         attributes = {"parameters": list(self.space.names), **attributes_of(self.prepared.log)}
         return Estimate(document, arrays, attributes)
@@ -106,6 +108,12 @@ class Report:
         """The whole log at the estimate: `simulated` (window, step, output), starts at `offsets` (window, state)."""
         evidence = self.prepared.evidence(self.fits.simulator([]))
         return PartFit(evidence, offsets, evidence.residual(simulated), np.zeros(len(offsets)))
+
+    def _predicted(self, offsets: np.ndarray) -> Predicted:
+        """Errors in open loop of the model as it was declared, and with the estimate; offsets (window, state)."""
+        points = {"nominal": self.space.nominal, "identified": self.best.parameters}
+        models = [PredictingModel(name, (), point, offsets) for name, point in points.items()]
+        return prediction_errors(self.fits, models)
 
     def _recordings(self, joint: Intervals):
         """The estimate of each fitted recording alone, from the joint one on; None for a single recording."""
@@ -153,7 +161,14 @@ class Report:
     # --- what is written ---
 
     def _document(
-        self, found: Intervals, lacking: LackOfFit, whole: PartFit, held: HeldOut, recordings, diverged
+        self,
+        found: Intervals,
+        lacking: LackOfFit,
+        whole: PartFit,
+        held: HeldOut,
+        predicted: Predicted,
+        recordings,
+        diverged,
     ) -> dict:
         prepared, parts = self.prepared, {"fit": ~self.is_test, "test": self.is_test}
         shorter = shorter_step(self.fits, self.result.part, self.result.at, found)
@@ -163,12 +178,12 @@ class Report:
             self.best.parameters,
             found,
             held=held,
+            predicted=predicted,
             shorter=shorter,
             stamps=scattered_stamps(prepared, whole, self.result.at.at, ~self.is_test),
             parts=parts,
             simulated=self.fits.rollouts,
         )
-        undetermined = _undetermined(found, common["parameters"])
         lacks = [lack_of_fit_of(prepared, part) for part in (lacking, held.lack)]
         verdict = _verdict(found, diverged.any() or lacking.lacking or held.lacking)
         return {
@@ -182,7 +197,6 @@ class Report:
             "summary": _summary(
                 verdict,
                 *lacks,
-                undetermined,
                 common["parameters"],
                 diverged,
                 self._why(common),
@@ -190,7 +204,6 @@ class Report:
             ),
             "diverged_windows": int(diverged.sum()),
             "lack_of_fit": lacks[0],
-            "undetermined": undetermined,
             "unmeasured_joints": _unmeasured_joints(prepared.task),
             "open_loops": dict(prepared.starts.open_loops),
             "correlation": _correlation(found.covariance).tolist(),
@@ -315,35 +328,10 @@ def _unmeasured_joints(task: Task) -> list[str]:
     return unmeasured_joints(task.model, [c.index for c in task.outputs])
 
 
-def _undetermined(found: Intervals, parameters: dict[str, dict]) -> list[dict]:
-    """Combinations of parameters that the log leaves open, largest weights first."""
-    result, names = [], list(parameters)
-    for direction, sd in zip(found.undetermined, found.undetermined_sd, strict=True):
-        order = np.argsort(-np.abs(direction))
-        main = [i for i in order if abs(direction[i]) > 0.1]
-        combination = {names[i]: round(float(direction[i] / direction[main[0]]), 4) for i in main}
-        text = (
-            f"this log does not determine {_with_limits(names[main[0]], parameters)}"
-            if len(main) == 1
-            else "only a combination of "
-            + ", ".join(names[i] for i in sorted(main))
-            + " shows in the outputs"
-        )
-        result.append({"combination": combination, "sd_over_range": float(min(sd, 1e6)), "text": text})
-    return result
-
-
-def _with_limits(name: str, parameters: dict[str, dict]) -> str:
-    """ "grip (at least 0.62)", or the name alone of one of which the log says nothing."""
-    p = parameters[name]
-    return f"{name} ({told(p)})" if p["limits"] else name
-
-
 def _summary(
     verdict: str,
     lacking: dict[str, Any],
     held_out: dict[str, Any],
-    undetermined: list[dict],
     parameters: dict[str, dict],
     diverged: np.ndarray,
     why: str,
@@ -363,8 +351,7 @@ def _summary(
     if verdict == "unexplained":
         return unexplained(lacking, why or "The model lacks something.")
     if verdict == "not-identifiable":
-        names = dict.fromkeys(name for u in undetermined for name in u["combination"])
-        said = ", ".join(_with_limits(name, parameters) for name in names)
+        said = ", ".join(with_limits(name, p) for name, p in parameters.items() if not p["identifiable"])
         return f"The fit reaches the noise floor, but the log does not determine {said}."
     return f"The parameters explain the log: the error is {significant(lacking['normalized'])} times the noise floor."
 

@@ -298,8 +298,9 @@ def with_profile(found: Found, progress: Progress, *, seed: int) -> Found:
     is lower by more than chance, if it is.
     """
     if found.cut_short is not None:
-        return found
+        return _sharpened(found)
     for worth in (*[AS_GOOD] * BETTER, np.inf):
+        found = _sharpened(found)
         seen = profiled(found.fits, found.part, found.at, found.intervals, worth=worth)
         if seen is None or seen.better is None:
             break
@@ -308,6 +309,11 @@ def with_profile(found: Found, progress: Progress, *, seed: int) -> Found:
         history = [*found.history, *again.history]
         found = replace(found, best=again.best, known=again.known, history=history, sampled=None)
     return replace(found, profile=seen)
+
+
+def _sharpened(found: Found) -> Found:
+    """`found`, with sensitivities that tell what is known of parameters that are confounded."""
+    return replace(found, known=found.fits.sharpened(found.part, found.at).at)
 
 
 def _after(found: Found, again: Found) -> Found:

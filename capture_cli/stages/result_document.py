@@ -13,6 +13,7 @@ from capture_cli.identifiers.intervals import Intervals
 from capture_cli.parameters import ParameterSpace
 from capture_cli.protocol.held_out import HeldOut
 from capture_cli.protocol.part_fit import PartFit
+from capture_cli.protocol.prediction import Predicted
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.protocol.scattered_stamps import ScatteredStamps
 from capture_cli.protocol.time_step import ShorterStep
@@ -21,6 +22,8 @@ from capture_cli.sim.engine import ModelFields
 from capture_cli.sim.impossible_inertia import impossible_inertias
 from capture_cli.simulator import Begun
 from capture_cli.stages.even_times import scatter
+from capture_cli.stages.prediction_document import by_output, prediction_of
+from capture_cli.stages.undetermined_document import undetermined_of
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.stores.output import sha256
 from capture_cli.tasks.base import Task
@@ -36,6 +39,7 @@ def common_part(
     *,
     effects: Sequence[tuple[Effect, np.ndarray]] = (),
     held: HeldOut,
+    predicted: Predicted,
     shorter: ShorterStep | None,
     stamps: ScatteredStamps | None,
     parts: Mapping[str, np.ndarray],
@@ -45,8 +49,8 @@ def common_part(
 
     space, point (parameter,), sure: the parameters of the task, and after them those of effects, where they were found
     and how well they are known. effects: each with its values (parameter,). held, shorter: what the windows that were
-    held out, and a shorter time step of the model, say of the point. stamps: what is left says of time
-    stamps. parts: which windows are of "fit", "test" and what
+    held out, and a shorter time step of the model, say of the point. predicted: its errors in open loop, and of other
+    models. stamps: what is left says of time stamps. parts: which windows are of "fit", "test" and what
     else there is, (window,) each. simulated: windows.
     """
     task, log = prepared.task, prepared.log
@@ -55,7 +59,9 @@ def common_part(
         "task": task.name,
         "log": {"path": str(log.path), "sha256": sha256(log.path)},
         "parameters": dict(zip(task.space.names, declared, strict=True)),
+        "undetermined": undetermined_of(space, point, sure),
         **noise_floor_of(prepared),
+        "prediction": prediction_of(prepared, predicted),
         "held_out": held_out_of(prepared, space, point, held, parts["test"]),
         "beyond_fitted": beyond_fitted_of(prepared, held),
         "impossible_inertia": impossible_inertia_of(task, point[: len(task.space)], effects),
@@ -77,8 +83,8 @@ def error_of(prepared: PreparedLog, on: PartFit) -> dict[str, Any] | None:
     if not on.evidence.count:
         return None
     return {
-        "rmse": _by_output(prepared, on.rmse),
-        "mae": _by_output(prepared, on.mae),
+        "rmse": by_output(prepared, on.rmse),
+        "mae": by_output(prepared, on.mae),
         "normalized": on.normalized,
     }
 
@@ -98,8 +104,8 @@ def lack_of_fit_of(prepared: PreparedLog, lacking: LackOfFit) -> dict[str, Any]:
         "normalized": lacking.normalized,
         "threshold": lacking.threshold,
         "autocorrelation_time": lacking.autocorrelation_time,
-        "outputs": _by_output(prepared, lacking.outputs),
-        "output_thresholds": _by_output(prepared, lacking.output_thresholds),
+        "outputs": by_output(prepared, lacking.outputs),
+        "output_thresholds": by_output(prepared, lacking.output_thresholds),
         "lacking": lacking.lacking,
     }
 
@@ -256,8 +262,3 @@ def attributes_of(log: MeasuredLog) -> dict[str, Any]:
         "outputs": [{"name": name, "unit": unit} for name, unit in outputs],
         "recordings": list(log.recording_names),
     }
-
-
-def _by_output(prepared: PreparedLog, errors: np.ndarray) -> dict[str, float | None]:
-    names = [c.name for c in prepared.task.outputs]
-    return {n: None if np.isnan(e) else float(e) for n, e in zip(names, errors, strict=True)}
