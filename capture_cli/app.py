@@ -14,7 +14,7 @@ from typer.core import TyperCommand, TyperGroup
 
 from capture_cli import __version__
 from capture_cli.commands._surroundings import check_surroundings
-from capture_cli.commands._wrong_usage import UsageError, wrong_usage
+from capture_cli.commands._wrong_usage import UsageError, check_numbers, wrong_usage
 from capture_cli.commands.diagnose import diagnose
 from capture_cli.commands.effects import effects
 from capture_cli.commands.eval_sim2sim import eval_sim2sim
@@ -75,6 +75,7 @@ class _Commands(TyperGroup):
 class _Command(TyperCommand):
     def invoke(self, ctx):
         check_surroundings()
+        check_numbers(ctx)
         if ctx.params.get("config") is not None:
             from capture_cli.stores.output import refuse_inputs
 

@@ -116,6 +116,17 @@ def check_file(
     return found.st_size
 
 
+def exists(path: Path, raises: type[CaptureError]) -> bool:
+    """Whether there is anything at `path`. Raises `raises` where that cannot be told."""
+    try:
+        Path(path).stat()
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+    except (OSError, ValueError) as error:
+        raise unreadable(str(path), error, raises) from error
+    return True
+
+
 def unreadable(where: str, error: Exception, raises: type[CaptureError]) -> CaptureError:
     """What to raise where the system does not let a file be read."""
     if isinstance(error, PermissionError):

@@ -66,7 +66,7 @@ class Interrupted(KeyboardInterrupt):
         super().__init__(f"{message}\n  cure: {cure}")
 
 
-LONGEST = 999  # characters of a message on stderr
+LONGEST = 990  # characters of a message on stderr, where a line break ends it
 LONGEST_CURE = 500  # of these
 LEFT_OUT = " [...] "
 

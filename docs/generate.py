@@ -166,7 +166,33 @@ def schemas() -> str:
         lines += [f"### {name}", "", text, "", "| key | meaning |", "|---|---|"]
         lines += [f"| `{key}` | {meaning} |" for key, meaning in keys.items()]
         lines.append("")
-    return "\n".join(lines)
+    return "\n".join([*lines, *_limits()])
+
+
+def _limits() -> list[str]:
+    """What is refused of files, whoever wrote them."""
+    from capture_cli import documents
+    from capture_cli.stages import source_files
+    from capture_cli.stores import array_metadata, zarr_store
+
+    known = array_metadata.CODECS
+    codecs = (f"version {n}: {', '.join(f'`{name}`' for name in known[n])}" for n in (3, 2))
+    rows = {
+        "a TOML file": f"at most {documents.LARGEST_TOML // 1024} kB",
+        "a JSON document, also the metadata of a store and the header of safetensors": f"at most "
+        f"{documents.LARGEST_JSON >> 20} MB and {documents.MOST_PARTS} lists and objects",
+        "either": f"UTF-8; {documents.DEEPEST} levels; whole numbers of 64 bits; finite numbers; texts without control "
+        "characters but tabs and line breaks",
+        "arrays of a store": "numbers: boolean, whole, floating point; no objects, texts or structures",
+        "their codecs": "; ".join(codecs),
+        "their files": f"at most {zarr_store.MOST_CHUNKS} of an array, none larger than its numbers can be packed to",
+        "memory of a store's arrays, or of a CSV or Parquet file": f"at most {zarr_store.size(zarr_store.MOST)}, of a "
+        f"store also {zarr_store.MOST_TIMES} times what it takes on disk; of a log, what `--max-log-size` says",
+        "a line of a CSV file": f"fewer than {source_files.LONGEST_LINE} characters",
+        "names of files that are given": "UTF-8",
+    }
+    lines = [_LIMITS.strip(), "", "| of | what is read |", "|---|---|"]
+    return [*lines, *(f"| {of} | {what} |" for of, what in rows.items()), ""]
 
 
 def keys_of(document: object, names: dict[str, str], path: str = "") -> set[str]:
@@ -776,6 +802,13 @@ and nothing is overwritten without `--force`.
 | 2 | of `inspect`, too, when a finding is an error; `import-log`, which has written its log, ends with 0 |
 | 3 | it ran, and the verdict is one that `--fail-on` names |
 | 130, 143 | Ctrl-C (SIGINT) or SIGTERM ended it: the message says what is kept, and how to go on |
+"""
+
+_LIMITS = """
+## What is read of a file
+
+Files come from others, and are read as such. What goes beyond this ends with exit code 2 and says where, before
+anything of it is unpacked or simulated.
 """
 
 _SCHEMAS = """

@@ -242,10 +242,10 @@ def test_an_array_with_other_axes_is_refused(stored):
     ("old", "new", "words"),
     [
         ('"task"', '"tusk"', "attributes missing: task"),
-        ('"name": "u1"', '"nome": "u1"', "expected 2 of {name, unit}"),
+        ('"name": "u1"', '"nome": "u1"', "inputs[1].name missing"),
         ('"outputs": [', '"outputs": [{"name": "p", "unit": "m"},', "expected 1 of {name, unit}"),
         ('"recordings": [', '"recordings": [], "more": [', "points outside the attribute 'recordings'"),
-        ('"name": "run"', '"nome": "run"', "points outside the attribute 'recordings'"),
+        ('"name": "run"', '"nome": "run"', "recordings[0].name missing"),
     ],
 )
 def test_attributes_that_do_not_fit_the_arrays_are_refused(stored, old, new, words):

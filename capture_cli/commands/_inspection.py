@@ -9,11 +9,13 @@ from typing import Any
 from capture_cli.commands._results import console, print_json
 
 
-def show_inspection(path: Path, task: str | None, json_: bool, quiet: bool) -> dict[str, Any]:
+def show_inspection(
+    path: Path, task: str | None, json_: bool, quiet: bool, max_log_size: int | None
+) -> dict[str, Any]:
     """The inspection, on stdout; if `quiet`, what must not go unseen on stderr."""
     from capture_cli.stages.inspect import inspect as stage
 
-    document = stage(path, task)
+    document = stage(path, task, max_log_size)
     if json_:
         print_json(document)
     elif quiet:

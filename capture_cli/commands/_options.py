@@ -8,7 +8,9 @@ from typing import Annotated
 import typer
 
 from capture_cli.commands._completion import tasks, words
+from capture_cli.commands._texts import byte_count
 
+MOST_THREADS, MOST_STARTS = 1024, 10_000
 LARGEST_SEED = 2**32 - 1  # that every generator of random numbers takes
 _TASK = "Built-in task, or path of a task.toml."
 
@@ -25,17 +27,30 @@ TakenSeed = Annotated[
     ),
 ]
 Seed = Annotated[int, typer.Option("--seed", min=0, max=LARGEST_SEED, help="Seed of every random choice.")]
-Threads = Annotated[int | None, typer.Option("--threads", min=1, help="Threads; all cores by default.")]
+Threads = Annotated[
+    int | None, typer.Option("--threads", min=1, max=MOST_THREADS, help="Threads; all cores by default.")
+]
 Task = Annotated[str, typer.Option("--task", help=_TASK, autocompletion=tasks)]
 OptionalTask = Annotated[str | None, typer.Option("--task", help=_TASK, autocompletion=tasks)]
 LogOut = Annotated[Path, typer.Option("--out", help="Measured log to write (.zarr).")]
 RealLog = Annotated[Path, typer.Option("--real-log", help="Measured log (.zarr).")]
+MaxLogSize = Annotated[
+    int | None,
+    typer.Option(
+        "--max-log-size",
+        parser=byte_count,
+        metavar="SIZE",
+        help="Most memory for a log, say 2GB; default 500MB, or 50 times what it takes on disk.",
+    ),
+]
 Test = Annotated[
     str | None,
     typer.Option("--test", help="Recordings to hold out (names or patterns, comma-separated), or none."),
 ]
 Window = Annotated[float | None, typer.Option("--window", help="Seconds between restarts of the state.")]
-Starts = Annotated[int, typer.Option("--starts", min=1, help="Descents from different places.")]
+Starts = Annotated[
+    int, typer.Option("--starts", min=1, max=MOST_STARTS, help="Descents from different places.")
+]
 Result = Annotated[Path, typer.Argument(help="Estimate or diagnosis directory.")]
 CheckpointOut = Annotated[Path, typer.Option("--out", help="Checkpoint directory to write.")]
 Resume = Annotated[bool, typer.Option("--resume", help="Go on with a run that ended early.")]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 
 from capture_cli.errors import OptionError, did_you_mean
 
@@ -51,6 +52,20 @@ def standard_deviations(texts: list[str], option: str) -> dict[str, float] | flo
         except ValueError:
             raise OptionError(f"{option} {texts[0]!r} is not a number", cure="give SD, or NAME=SD") from None
     return named_numbers(texts, option) if texts else 0.0
+
+
+def byte_count(text: str) -> int:
+    """A number of bytes, "500MB" or "2GB". Raises OptionError."""
+    found = _BYTES.fullmatch(str(text).strip())
+    if found is None or not float(found[1]):
+        raise OptionError(
+            f"--max-log-size {text!r:.60} is no size", cure="give a number of bytes with a unit: 500MB, 2GB"
+        )
+    return int(float(found[1]) * _UNITS[(found[2] or "B").upper()])
+
+
+_UNITS = {"B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12}
+_BYTES = re.compile(r"(\d{1,15}(?:\.\d{1,15})?)\s*([kMGT]?B)?", re.IGNORECASE)
 
 
 def chosen(text: str | None, *possible: str) -> set[str]:

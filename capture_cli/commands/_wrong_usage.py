@@ -13,6 +13,8 @@ from capture_cli.errors import OptionError
 UsageError = (
     typer.BadParameter.__base__
 )  # of the library that reads options, which typer does not give a name
+LARGEST = 1e15  # in SI units: of a time, a rate or a share
+LARGEST_WHOLE = 2**31 - 1  # of what is counted
 SHOWN = 60  # characters of what was found
 
 
@@ -20,6 +22,26 @@ def wrong_usage(error: UsageError, arguments: Sequence[str]) -> OptionError:
     """What is wrong with the `arguments` of a command, of which the library that reads options says `error`."""
     number = _wrong_number(error, arguments) if isinstance(error, typer.BadParameter) else None
     return number or _otherwise(error)
+
+
+def check_numbers(context: typer.Context) -> None:
+    """Raise OptionError where an option is a number that no work ends with: not finite, or too large."""
+    for param in context.command.params:
+        given = context.params.get(param.name)
+        for value in given if isinstance(given, list | tuple) else (given,):
+            if isinstance(value, float) and not abs(value) <= LARGEST:
+                raise OptionError(
+                    f"{param.opts[0]} {value:g}", cure=f"give a finite number, of {LARGEST:g} at most"
+                )
+            if (
+                isinstance(value, int)
+                and value > LARGEST_WHOLE
+                and param.name not in ("seed", "max_log_size")
+            ):
+                raise OptionError(
+                    f"{param.opts[0]} {_short(str(value))}",
+                    cure=f"give a whole number of {LARGEST_WHOLE} at most",
+                )
 
 
 def _otherwise(error: UsageError) -> OptionError:
@@ -46,10 +68,14 @@ def _wrong_number(error: typer.BadParameter, arguments: Sequence[str]) -> Option
         return None
     several = isinstance(value, list | tuple)
     found = " ".join(map(str, value)) if several else str(value)
-    found = found if len(found) <= SHOWN else f"{found[:SHOWN]}... ({len(found)} characters)"
+    found = _short(found)
     low, high = next((p.min, p.max) for p in parts if hasattr(p, "min") and hasattr(p, "max"))
     cure = f"give {len(value)} numbers" if several else f"give a {kind}{_range(low, high)}"
     return OptionError(f"{where}{error.param.opts[0]} {found}", cure=cure)
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= SHOWN else f"{text[:SHOWN]}... ({len(text)} characters)"
 
 
 _NUMBERS = {int: "whole number", float: "number"}

@@ -11,6 +11,7 @@ from capture_cli.commands._config import Config
 from capture_cli.commands._options import (
     Force,
     Json,
+    MaxLogSize,
     OptionalTask,
     Quiet,
     RealLog,
@@ -60,6 +61,7 @@ def diagnose(
     ] = True,
     fail_on: Annotated[str | None, fail_on_option("these verdicts", VERDICTS)] = None,
     seed: TakenSeed = None,
+    max_log_size: MaxLogSize = None,
     threads: Threads = None,
     force: Force = False,
     resume: Resume = False,
@@ -86,6 +88,7 @@ def diagnose(
         most_effects=most_effects,
         expression=expression,
         seed=seed,
+        max_log_size=max_log_size,
         threads=threads,
         force=force,
         resume=resume,

@@ -13,6 +13,7 @@ from capture_cli.commands._options import (
     ActionPolicy,
     Force,
     Json,
+    MaxLogSize,
     ObservationNoise,
     Quiet,
     Resume,
@@ -75,6 +76,7 @@ def gen_histories(
         str | None, typer.Option("--address", help="Address of the Ray cluster; one is started without.")
     ] = None,
     seed: Seed = 0,
+    max_log_size: MaxLogSize = None,
     threads: Threads = None,
     force: Force = False,
     resume: Resume = False,
@@ -104,6 +106,7 @@ def gen_histories(
         amplitude=named_numbers(amplitude, "--amplitude"),
         band=band,
         seed=seed,
+        max_log_size=max_log_size,
         threads=threads,
         executor=executor,
         address=address,

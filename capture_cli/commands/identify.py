@@ -12,6 +12,7 @@ from capture_cli.commands._config import Config
 from capture_cli.commands._options import (
     Force,
     Json,
+    MaxLogSize,
     OptionalTask,
     Quiet,
     RealLog,
@@ -58,6 +59,7 @@ def identify(
     ] = None,
     fail_on: Annotated[str | None, fail_on_option("these verdicts", VERDICTS)] = None,
     seed: TakenSeed = None,
+    max_log_size: MaxLogSize = None,
     threads: Threads = None,
     force: Force = False,
     resume: Annotated[
@@ -85,6 +87,7 @@ def identify(
         starts=starts,
         rounds=rounds,
         seed=seed,
+        max_log_size=max_log_size,
         threads=threads,
         resume=resume,
         force=force,

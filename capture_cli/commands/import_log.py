@@ -9,7 +9,7 @@ import typer
 
 from capture_cli.commands._config import Config
 from capture_cli.commands._inspection import show_inspection
-from capture_cli.commands._options import Force, Json, LogOut, Quiet
+from capture_cli.commands._options import Force, Json, LogOut, MaxLogSize, Quiet
 
 
 def import_log(
@@ -40,6 +40,7 @@ def import_log(
     append: Annotated[
         bool, typer.Option("--append", help="Add the episodes to the log at --out, which exists.")
     ] = False,
+    max_log_size: MaxLogSize = None,
     force: Force = False,
     json_: Json = False,
     quiet: Quiet = False,
@@ -57,5 +58,5 @@ def import_log(
         "drop_held": drop_held,
         "even_times": even_times,
     }
-    stage(files=files, task=task, out=out, append=append, force=force, **mended)
-    show_inspection(out, task, json_, quiet)
+    stage(files=files, task=task, out=out, append=append, force=force, max_log_size=max_log_size, **mended)
+    show_inspection(out, task, json_, quiet, max_log_size)

@@ -9,7 +9,7 @@ import typer
 
 from capture_cli.commands._config import Config
 from capture_cli.commands._inspection import show_inspection
-from capture_cli.commands._options import Json, OptionalTask, fail_on_option
+from capture_cli.commands._options import Json, MaxLogSize, OptionalTask, fail_on_option
 from capture_cli.commands._texts import chosen
 
 SEVERITIES = ("warning",)  # that --fail-on may name
@@ -19,6 +19,7 @@ def inspect(
     path: Annotated[Path, typer.Argument(help="A log, or any other output of `capture`.")],
     task: OptionalTask = None,
     fail_on: Annotated[str | None, fail_on_option("findings of this severity", SEVERITIES)] = None,
+    max_log_size: MaxLogSize = None,
     json_: Json = False,
     config: Config = None,
 ) -> None:
@@ -27,7 +28,7 @@ def inspect(
     Example: capture inspect run.zarr --task task.toml
     """
     severities = chosen(fail_on, *SEVERITIES)
-    document = show_inspection(path, task, json_, quiet=False)
+    document = show_inspection(path, task, json_, quiet=False, max_log_size=max_log_size)
     found = {f["severity"] for f in document["findings"]}
     if "error" in found:
         raise typer.Exit(2)

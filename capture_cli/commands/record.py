@@ -10,7 +10,7 @@ import typer
 
 from capture_cli.commands._completion import effects, words
 from capture_cli.commands._config import Config
-from capture_cli.commands._options import Force, Json, LogOut, Quiet, Seed, Task, Threads
+from capture_cli.commands._options import Force, Json, LogOut, MaxLogSize, Quiet, Seed, Task, Threads
 from capture_cli.commands._results import print_json
 from capture_cli.commands._texts import named_numbers, named_ranges, standard_deviations
 
@@ -79,6 +79,7 @@ def record(
         Path | None, typer.Option("--truth", help="Where the truth goes; default OUT.truth.json.")
     ] = None,
     seed: Seed = 0,
+    max_log_size: MaxLogSize = None,
     threads: Threads = None,
     force: Force = False,
     json_: Json = False,
@@ -112,6 +113,7 @@ def record(
         start_velocity=named_ranges(start_velocity, "--start-velocity"),
         truth=truth,
         seed=seed,
+        max_log_size=max_log_size,
         threads=threads,
         force=force,
     )

@@ -38,6 +38,7 @@ def diagnose(
     most_effects: int = MOST_EFFECTS,
     expression: bool = True,
     seed: int | None = None,
+    max_log_size: int | None = None,
     threads: int | None = None,
     force: bool = False,
     resume: bool = False,
@@ -48,12 +49,12 @@ def diagnose(
     estimate: the estimate directory of the same log, whose task, windows, held-out part and seed are taken over where
     nothing else is said. Without it `task`, `test`, `window` and `seed` are as for identify. most_effects: to add.
     expression: where the catalogue leaves something, look for a formula of the missing force. With `resume` a run that
-    was killed goes on after the last step that it made, to the same result, and one that is complete is read. Raises
-    CaptureError for whatever the user can mend.
+    was killed goes on after the last step that it made, to the same result, and one that is complete is read.
+    max_log_size: bytes in memory, see `ZarrStore.read`. Raises CaptureError for whatever the user can mend.
     """
     options = {k: v for k, v in locals().items() if k not in ("quiet", "force", "resume")}
     complete = is_complete(out, force=force, resume=resume)
-    log = MeasuredLog.read(real_log)
+    log = MeasuredLog.read(real_log, max_log_size)
     begin = None
     if estimate is None:
         found = find_task(task, log)

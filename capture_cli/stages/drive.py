@@ -18,6 +18,7 @@ from capture_cli.sim.windows import gaps, usual_interval
 from capture_cli.stages.policy_checkpoint import load_policy
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.stores.proposal import read_action, read_inputs
+from capture_cli.stores.zarr_store import MOST, size
 from capture_cli.tasks.base import ActionTask, Task
 
 DURATION = 10.0  # s, of an episode unless told otherwise
@@ -45,6 +46,7 @@ class DriveOptions:
     band: tuple[float, float] = BAND  # Hz
     start: Mapping[str, tuple[float, float]] | None = None
     start_velocity: Mapping[str, tuple[float, float]] | None = None
+    max_log_size: int | None = None  # bytes
 
     def refuse(self, names: Sequence[str], why: str) -> None:
         """Raise OptionError where one of these was given, which means nothing here."""
@@ -119,9 +121,10 @@ def drive(task: Task, asked: DriveOptions, generator: np.random.Generator) -> Dr
 def _by_actions(task: ActionTask, asked: DriveOptions, generator: np.random.Generator) -> Drive:
     rate = ACTION_RATE if asked.rate is None else asked.rate
     _check_positive(episodes=asked.episodes, rate=rate)
-    actions = _actions(task, asked, generator)
-    _check_samples(_steps(task, rate), task.point_times[-1], rate)
     _check_rate(rate, task)
+    _check_samples(_steps(task, rate), task.point_times[-1], rate)
+    _check_size(task, asked, asked.episodes * _steps(task, rate), asked.episodes * task.point_times[-1])
+    actions = _actions(task, asked, generator)
     return acted(task, actions, rate)
 
 
@@ -182,7 +185,7 @@ def _by_inputs(task: Task, asked: DriveOptions, generator: np.random.Generator) 
     if asked.inputs_from is None:
         time, inputs, ends = _multisines(task, asked, generator)
     else:
-        time, inputs, ends = _recorded_inputs(task, asked.inputs_from)
+        time, inputs, ends = _recorded_inputs(task, asked)
     return Drive(time, inputs, ends, _starts(task.model, len(ends), asked, generator))
 
 
@@ -199,6 +202,7 @@ def _multisines(
     check_band(asked.band)
     check_amplitude(task, amplitude)
     interval = task.timestep if asked.rate is None else 1.0 / asked.rate
+    _check_size(task, asked, asked.episodes * (duration / interval + 1), asked.episodes * duration)
     steps = round(duration / interval) + 1
     _check_samples(steps, duration, 1.0 / interval)
     _check_sampled(asked, interval, task)
@@ -208,19 +212,22 @@ def _multisines(
     return np.tile(time, asked.episodes), np.concatenate(tapes), steps * (1 + np.arange(asked.episodes))
 
 
-def _recorded_inputs(task: Task, path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _recorded_inputs(task: Task, asked: DriveOptions) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Of a log or a proposal: time (step,), inputs (step, input), episode ends (episode,)."""
+    path = asked.inputs_from
     names = tuple(c.name for c in task.inputs)
     if Path(path).is_file():  # a log is a folder
         time, inputs = read_inputs(path, task.name, list(names))
+        _check_size(task, asked, len(time), time[-1] - time[0])
         return time, inputs, np.array([len(time)])
-    source = MeasuredLog.read(path)
+    source = MeasuredLog.read(path, asked.max_log_size)
     if source.input_names != names:
         raise OptionError(
             f"--inputs-from {path}: its inputs are ({', '.join(source.input_names)})",
             cure=f"give a log with the task's inputs ({', '.join(names)})",
         )
     _refuse_gaps(source)
+    _check_size(task, asked, len(source.time), source.longest * len(source.episode_ends))
     return source.time, source.inputs, source.episode_ends
 
 
@@ -278,6 +285,21 @@ def _check_samples(steps: int, duration: float, rate: float) -> None:
         raise OptionError(
             f"an episode of {duration:g} s at {rate:g} Hz has a single sample",
             cure=f"give a --rate of {1 / duration:g} Hz or more, or record for longer",
+        )
+
+
+def _check_size(task: Task, asked: DriveOptions, steps: float, duration: float) -> None:
+    """Raise OptionError where a log of so many steps in `duration` s, or its simulation, takes more memory than is
+    read.
+    """
+    most = MOST if asked.max_log_size is None else asked.max_log_size
+    channels = 1 + len(task.inputs) + len(task.outputs)
+    taken = 8.0 * channels * max(steps, duration / task.timestep)
+    if taken > most:
+        raise OptionError(
+            f"{steps:.3g} samples of {channels} channels, simulated for {duration:.3g} s in steps of "
+            f"{task.timestep:g} s, take {size(taken)}; the most that is recorded is {size(most)}",
+            cure="record less: fewer --episodes, a shorter --duration; or allow more: --max-log-size 2GB",
         )
 
 

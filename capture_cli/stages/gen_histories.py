@@ -56,6 +56,7 @@ def gen_histories(
     amplitude: Mapping[str, float] | None = None,
     band: tuple[float, float] | None = None,
     seed: int = 0,
+    max_log_size: int | None = None,
     threads: int | None = None,
     executor: str = "local",
     address: str | None = None,
@@ -68,7 +69,7 @@ def gen_histories(
 
     policy: a name, or a checkpoint directory. alpha: shape of the Beta that `search` draws from. noise: one of
     `observation_noise.NOISES`; noise_sd: standard deviation of white noise besides, per feature or one for all.
-    inputs_from, window, points, amplitude, band: what the actions of a task.toml are, see `tape_task`.
+    inputs_from, window, points, amplitude, band, max_log_size: what the actions of a task.toml are, see `tape_task`.
     executor: where shards are made, "local" or "ray" (at `address`). With `resume` a run that ended early goes on,
     and one that is complete is left as it is. The bytes written do not depend on threads, executor or hosts.
     Raises CaptureError.
@@ -86,6 +87,7 @@ def gen_histories(
         machine,
         seed,
         inputs_from=inputs_from,
+        max_log_size=max_log_size,
         window=window,
         points=points,
         amplitude=amplitude or None,

@@ -58,6 +58,7 @@ def identify(
     starts: int = 3,
     rounds: int | None = None,
     seed: int | None = None,
+    max_log_size: int | None = None,
     threads: int | None = None,
     resume: bool = False,
     force: bool = False,
@@ -69,12 +70,13 @@ def identify(
     refines it; None takes the one shipped for the task, or least squares. test: recordings to hold out, "none", or None
     for a share of the log. window: s, instead of the task's. rounds: at most so many, over the episodes or of
     simulations. resume: `out` is an estimate of the log's first episodes, and is taken up with the others; task,
-    identifier, test, window and seed are then the estimate's where None. seed: 0 where None.
+    identifier, test, window and seed are then the estimate's where None. seed: 0 where None. max_log_size: bytes in
+    memory, see `ZarrStore.read`.
     Raises CaptureError for whatever the user can mend, before anything is written.
     """
     options = {k: v for k, v in locals().items() if k not in ("quiet", "force", "resume")}
     refuse_existing(out, force=force or resume)
-    log = MeasuredLog.read(real_log)
+    log = MeasuredLog.read(real_log, max_log_size)
     earlier = None
     if resume:
         earlier = EarlierEstimate.read(out)

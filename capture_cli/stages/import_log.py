@@ -49,6 +49,7 @@ def import_log(
     drop_repeats: bool = False,
     drop_held: bool = False,
     even_times: bool = False,
+    max_log_size: int | None = None,
 ) -> MeasuredLog:
     """Read `files`, each a recording named by its stem, in their order, as channels of `task`; write a log at `out`.
 
@@ -60,6 +61,7 @@ def import_log(
     drop_held: empty the repeats of sparse outputs that hold each sample for some rows; `held_repeats` says how many.
     even_times: put the samples of each episode at even intervals; `evened_times` says how far stamps were off, s.
     append: `out` is a log already, and the episodes come after those in it; nobody else adds to it meanwhile.
+    max_log_size: bytes that a file, or a log, may take in memory, see `ZarrStore.read`.
     A recording that is given twice, or that `out` holds already, is refused.
     Raises LogError, TaskError, ModelError, StoreError or OutputError before anything is written.
     """
@@ -68,14 +70,14 @@ def import_log(
     if not files:
         raise LogError("no file is given", cure="name one CSV or Parquet file or more")
     machine = load_task(task)
-    sources = [open_source(Path(f)) for f in files if not _is_store(Path(f))]
+    sources = [open_source(Path(f), max_log_size) for f in files if not _is_store(Path(f))]
     refuse_inputs(out, [*files, *task_inputs(machine).values()])
     # who else adds to the log would put one without these episodes in its place
     with only_writer(out) if append and Path(out).exists() else nullcontext():
-        held = [MeasuredLog.read(out)] if append else []
+        held = [MeasuredLog.read(out, max_log_size)] if append else []
         inputs = {"task": machine.path, **{str(f): Path(f) for f in files}}
         provenance = Provenance("import-log", options, inputs)
-        logs = _read(files, sources, machine, drop_nan=drop_nan, drop_repeats=drop_repeats)
+        logs = _read(files, sources, machine, drop_nan=drop_nan, drop_repeats=drop_repeats, most=max_log_size)
         for log in [*held, *logs]:
             _check_task(log, machine)
         if drop_held:  # what is at `out` stays as it is
@@ -92,7 +94,13 @@ def import_log(
 
 
 def _read(
-    files: Sequence[Path], sources: Sequence[SourceFile], task: Task, *, drop_nan: bool, drop_repeats: bool
+    files: Sequence[Path],
+    sources: Sequence[SourceFile],
+    task: Task,
+    *,
+    drop_nan: bool,
+    drop_repeats: bool,
+    most: int | None,
 ) -> list[MeasuredLog]:
     """The logs among `files` in their order, and one of each run of the others, `sources`, between them."""
     names = _recording_names([s.path for s in sources])
@@ -104,7 +112,7 @@ def _read(
     for stored, run in groupby(map(Path, files), key=_is_store):
         paths = list(run)
         if stored:
-            logs += [MeasuredLog.read(path) for path in paths]
+            logs += [MeasuredLog.read(path, most) for path in paths]
         else:
             logs.append(replace(_join([recordings[path] for path in paths], task), path=paths[0]))
     return logs

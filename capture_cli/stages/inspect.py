@@ -35,7 +35,7 @@ from capture_cli.stores.measured_log import LARGEST, MeasuredLog
 from capture_cli.stores.measured_log import SCHEMA as LOG_SCHEMA
 from capture_cli.stores.output import PROVENANCE, unfinished
 from capture_cli.stores.proposal import FORMAT as PROPOSAL
-from capture_cli.stores.schema import array_paths, open_group
+from capture_cli.stores.zarr_store import ZarrStore
 from capture_cli.tasks import load_task
 from capture_cli.tasks.base import Task
 
@@ -49,7 +49,7 @@ MAKE_STORES = ("import-log", "record", "gen-histories")
 ARRAYS = {kind.SCHEMA.format: kind.SCHEMA for kind in (Estimate, Diagnosis, Evaluation)}
 
 
-def inspect(path: Path, task: str | None = None) -> dict[str, Any]:
+def inspect(path: Path, task: str | None = None, max_log_size: int | None = None) -> dict[str, Any]:
     """What is at `path`, as one JSON-able document.
 
     Always: format, version (of this document), path, kind ("measured-log", one of RESULTS, "proposal", "unfinished",
@@ -60,7 +60,8 @@ def inspect(path: Path, task: str | None = None) -> dict[str, Any]:
     that is built in or lies beside it. Damage is a finding rather than an exception. A JSON file of a directory stands
     for the directory, and an output that is not there yet for what an unfinished run keeps of it.
 
-    Raises StoreError where there is nothing that can be recognised, TaskError or ModelError for a bad task.
+    max_log_size: bytes of a log in memory, see `ZarrStore.read`. Raises StoreError where there is nothing that can be
+    recognised, TaskError or ModelError for a bad task.
     """
     path = Path(path)
     if not path.exists() and is_unfinished(unfinished(path)):
@@ -84,7 +85,7 @@ def inspect(path: Path, task: str | None = None) -> dict[str, Any]:
     }
     try:
         if kind == "measured-log":
-            _inspect_log(path, document, machine)
+            _inspect_log(path, document, machine, max_log_size)
         elif kind in RESULTS:
             inspect_result(path, document)
         elif kind == "unfinished":
@@ -105,7 +106,7 @@ def inspect(path: Path, task: str | None = None) -> dict[str, Any]:
 
 def _kind(path: Path) -> str:
     if not path.is_dir():
-        open_group(path)  # says what is there instead, and what reads it
+        ZarrStore(path)  # says what is there instead, and what reads it
     if is_unfinished(path):
         return "unfinished"
     for kind, folder in RESULTS.items():
@@ -113,7 +114,7 @@ def _kind(path: Path) -> str:
             return kind
     if _has_root(path):
         try:
-            found = open_group(path).attrs.get("format")
+            found = ZarrStore(path).attributes.get("format")
         except StoreError:
             return "zarr"
         return "measured-log" if found == LOG_SCHEMA.format else "zarr"
@@ -147,9 +148,11 @@ def _bytes(path: Path) -> int:
 # --- measured log ---
 
 
-def _inspect_log(path: Path, document: dict[str, Any], machine: Task | None) -> None:
-    _header(document, dict(open_group(path).attrs))
-    log = _without_huge(MeasuredLog.read_unchecked(path))
+def _inspect_log(
+    path: Path, document: dict[str, Any], machine: Task | None, max_log_size: int | None
+) -> None:
+    _header(document, ZarrStore(path).attributes)
+    log = _without_huge(MeasuredLog.read_unchecked(path, max_log_size))
     document["task"] = log.task
     document["sizes"] = _sizes(log)
     findings = document["findings"]
@@ -355,11 +358,11 @@ def _inspect_zarr(path: Path, document: dict[str, Any]) -> None:
             cure="take zarr.json from a copy that is whole, or make the store again"
             + (f" with `capture {command}`" if command in MAKE_STORES else ""),
         )
-    group = open_group(path)
-    _header(document, dict(group.attrs))
-    arrays = {name: group[name] for name in array_paths(group)}
+    store = ZarrStore(path)
+    _header(document, store.attributes)
+    arrays = {name: store.metadata(name) for name in store.names()}
     document["arrays"] = [
-        {"path": name, "shape": list(a.shape), "dtype": str(a.dtype), "unit": a.attrs.get("unit")}
+        {"path": name, "shape": list(a.shape), "dtype": a.kind, "unit": a.attributes.get("unit")}
         for name, a in sorted(arrays.items())
     ]
     document["sizes"] = {"arrays": len(arrays)}

@@ -67,6 +67,7 @@ def record(
     start_velocity: Mapping[str, tuple[float, float]] | None = None,
     truth: Path | None = None,
     seed: int = 0,
+    max_log_size: int | None = None,
     threads: int | None = None,
     force: bool = False,
 ) -> Recording:
@@ -80,7 +81,8 @@ def record(
     None) for parameters that are nominal or drawn anew for each episode (`belief`), or proposed in the file
     `actions_from`, and logged at 100 Hz where `rate` is None. Inputs of any other task are multisines in `band` Hz that
     peak at `amplitude` (the actuator's ctrlrange where not given), or those of the log or the proposal `inputs_from`.
-    start and start_velocity: JOINT -> (low, high), drawn anew for each episode. Raises CaptureError.
+    start and start_velocity: JOINT -> (low, high), drawn anew for each episode. max_log_size: bytes in memory, of the
+    log `inputs_from` and of what is recorded. Raises CaptureError.
     """
     options = {k: v for k, v in locals().items() if k not in ("force", *TRUTH)}
     if world == "robosuite":

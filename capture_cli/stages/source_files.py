@@ -6,14 +6,19 @@ import csv
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from functools import partial
 from itertools import islice
 from pathlib import Path
 
 import numpy as np
 
+from capture_cli.documents import check_file, open_file
 from capture_cli.errors import LogError, did_you_mean
 from capture_cli.stages.decimal_commas import GROUPS, NUMBER, WHOLE, has_decimal_commas
 from capture_cli.stages.time_stamps import is_stamp, seconds
+from capture_cli.stores.measured_log import LARGER
+from capture_cli.stores.memory_limit import memory_limit
+from capture_cli.stores.zarr_store import MOST, WORKING_MEMORY, size
 
 PARQUET_SUFFIXES = (".parquet", ".pq")
 SUFFIXES = (".csv", ".tsv", ".txt", *PARQUET_SUFFIXES)
@@ -29,6 +34,7 @@ OTHER_KINDS = {  # by the first bytes: what it is, and the cure
 }
 COMMENTS = ("#", "%", "//")
 DELIMITERS = ",;\t"
+LONGEST_LINE = 2**20  # characters: a thousand columns take a hundredth
 TAIL = 2**16  # bytes at the end of a file, in which its last line is compared with those before
 FEWEST_ABOVE = 10  # lines that the last one is compared with
 FIRST_ROWS = 1000  # lines of a file that are looked at to see whether all are alike
@@ -40,6 +46,7 @@ DECIMAL_COMMAS = (
     "write decimals with a point; or with a comma, and columns separated by semicolons, throughout the file"
 )
 QUOTE = 'remove that ", or close it at the end of its cell'
+csv.field_size_limit(LONGEST_LINE)
 _DATE_OR_TIME = re.compile(r"\d+([-/.])\d+\1\d+|\d+:\d\d")  # how it begins
 _SEPARATOR = re.compile(r'"?sep=.?"?\s*', re.IGNORECASE)  # a first line for Excel, not of the data
 
@@ -47,14 +54,15 @@ _SEPARATOR = re.compile(r'"?sep=.?"?\s*', re.IGNORECASE)  # a first line for Exc
 class SourceFile(ABC):
     """An open file: `columns` are the names in its header; values are read when asked for.
 
-    comments: how many lines before the header were passed over.
+    comments: how many lines before the header were passed over. most: bytes that is read of it.
     Every reading method raises LogError where the file is not what its name says.
     """
 
     comments = 0
 
-    def __init__(self, path: Path):
+    def __init__(self, path: Path, most: int = MOST):
         self.path = path
+        self.most = most
         self.columns = self._read_columns()
 
     @abstractmethod
@@ -172,40 +180,46 @@ class SourceFile(ABC):
         )
 
 
-def open_source(path: Path) -> SourceFile:
-    """The file at `path`. Raises LogError where it is missing, empty, or of a kind that is not read."""
+def open_source(path: Path, most: int | None = None) -> SourceFile:
+    """The file at `path`, which may take `most` bytes; MOST where None.
+
+    Raises LogError where it is missing, empty, too large, or of a kind that is not read.
+    """
     path = Path(path)
     if path.is_dir():
         raise LogError(
             f"{path} is a folder; files are read ({', '.join(SUFFIXES)})",
             cure=f"name the files, say {path}/*.csv; a .zarr log needs no import: pass it to --real-log",
         )
-    if not path.is_file():
-        raise LogError(f"{path} does not exist", cure="check the path")
+    taken = check_file(path, LogError)
     if path.suffix.lower() not in SUFFIXES:
         kind = f"files that end in {path.suffix!r}" if path.suffix else "files without an ending"
         raise LogError(
             f"{path}: {kind} are not read; {', '.join(SUFFIXES)} are",
             cure="convert it, or rename it to what it is",
         )
-    if path.stat().st_size == 0:
+    if not taken:
         raise LogError(f"{path} is empty", cure="record it again, or leave it out")
-    try:
-        _refuse_other_kinds(path)
-        return ParquetFile(path) if path.suffix.lower() in PARQUET_SUFFIXES else CsvFile(path)
-    except OSError as error:
-        raise LogError(
-            f"{path} cannot be read: {error.strerror or error}", cure="check its permissions"
-        ) from error
+    most = MOST if most is None else most
+    if taken > most:
+        raise _too_large(path, taken, most)
+    _refuse_other_kinds(path)
+    return (ParquetFile if path.suffix.lower() in PARQUET_SUFFIXES else CsvFile)(path, most)
 
 
 def _refuse_other_kinds(path: Path) -> None:
     """Raise LogError where the file's first bytes say that it is not what its name says."""
-    with path.open("rb") as file:
+    with open_file(path, LogError) as file:
         begin = file.read(8)
     for magic, (kind, cure) in OTHER_KINDS.items():
         if begin.startswith(magic) and not (magic == PARQUET and path.suffix.lower() in PARQUET_SUFFIXES):
             raise LogError(f"{path} is {kind}, by its first bytes", cure=cure)
+
+
+def _too_large(path: Path, taken: int, most: int) -> LogError:
+    return LogError(
+        f"{path} takes {size(taken)} in memory, and the most that is read is {size(most)}", cure=LARGER
+    )
 
 
 class CsvFile(SourceFile):
@@ -224,7 +238,9 @@ class CsvFile(SourceFile):
         comment, self.comments = None, 0
         try:
             with self.path.open(encoding="utf-8-sig") as file:
-                for number, line in enumerate(file):
+                for number, line in enumerate(iter(partial(file.readline, LONGEST_LINE), "")):
+                    if len(line) == LONGEST_LINE:
+                        raise self._long_line(f"line {number + 1}")
                     if not line.strip() or _SEPARATOR.fullmatch(line):
                         continue
                     found = number, line.rstrip("\r\n")
@@ -245,6 +261,12 @@ class CsvFile(SourceFile):
             return comment
         return found
 
+    def _long_line(self, where: str) -> LogError:
+        return LogError(
+            f"{self.path}: {where} has {LONGEST_LINE} characters or more",
+            cure="end its lines by line breaks, and its columns by commas, semicolons or tabs",
+        )
+
     def numbers(self, names):
         import pyarrow as pa
 
@@ -263,11 +285,12 @@ class CsvFile(SourceFile):
     def labels(self, name):
         import pyarrow as pa
 
-        return self._read([name], pa.string())[0].to_pylist()
+        return _texts(self._read([name], pa.string())[0])
 
     def times(self, name):
         with self.path.open(encoding="utf-8-sig", errors="replace") as file:
-            row = next((line for line in islice(file, self._header_line + 1, None) if line.strip()), "")
+            lines = islice(iter(partial(file.readline, LONGEST_LINE), ""), self._header_line + 1, None)
+            row = next((line for line in lines if line.strip()), "")
         cells = next(csv.reader([row], delimiter=self.delimiter), [])[self.columns.index(name) :]
         if cells and NUMBER.fullmatch(cells[0].strip()):
             return None  # the file need not be read as text to see that
@@ -287,6 +310,7 @@ class CsvFile(SourceFile):
                 read_options=arrow.ReadOptions(
                     column_names=[str(i) for i in range(len(self.columns))],
                     skip_rows=self._header_line + 1,
+                    block_size=LONGEST_LINE,
                     use_threads=False,
                 ),
                 parse_options=arrow.ParseOptions(
@@ -301,6 +325,8 @@ class CsvFile(SourceFile):
                 raise self._ragged(ragged[0]) from error
             if kind != pa.string():
                 raise
+            if "straddl" in str(error):  # Arrow's word for a line that is longer than a block of it
+                raise self._long_line("a line") from error
             raise LogError(
                 f"{self.path} cannot be read as CSV: {error}",
                 cure="correct the file, or convert it to Parquet",
@@ -397,11 +423,16 @@ class ParquetFile(SourceFile):
         from pyarrow import timestamp, types
 
         column = self._read([name])[name]
+        if types.is_nested(column.type):
+            raise LogError(
+                f"{self.path}: column {name!r} is of type {column.type}; an episode is told by a text or a number",
+                cure="name another column in [log] episode, or write one value into each of its rows",
+            )
         if types.is_timestamp(column.type):
             column = column.cast(timestamp(column.type.unit))  # in UTC, whatever the zone
         if types.is_temporal(column.type):
             column = column.cast("string")  # with ns, which Python's own have not
-        return [None if v is None else str(v) for v in column.to_pylist()]
+        return _texts(column)
 
     def times(self, name):
         from pyarrow import types
@@ -416,8 +447,18 @@ class ParquetFile(SourceFile):
     def _read(self, names: list[str]):
         import pyarrow as pa
 
+        metadata = self._file.metadata
+        unpacked = 8 * metadata.num_rows * len(names)
+        if max(unpacked, self._packed(names)) > self.most:
+            raise _too_large(self.path, max(unpacked, self._packed(names)), self.most)
         try:
-            return self._file.read(columns=names, use_threads=False).select(names)
+            with memory_limit(4 * self.most + WORKING_MEMORY):
+                return self._file.read(columns=names, use_threads=False).select(names)
+        except MemoryError as error:
+            raise LogError(
+                f"{self.path}: {', '.join(map(repr, names))} take more memory than {size(4 * self.most)}",
+                cure="write long texts in a file of their own, or allow more: --max-log-size 2GB",
+            ) from error
         except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
             raise LogError(
                 f"{self.path} cannot be read: {error}", cure="the file is damaged: copy or write it again"
@@ -434,6 +475,25 @@ class ParquetFile(SourceFile):
                 f"{self.place(0)} holds {str(column[0].as_py())!r:.60}",
                 cure=AS_A_NUMBER,
             ) from error
+
+    def _packed(self, names: Sequence[str]) -> int:
+        """Bytes that these columns take in the file, once they are unpacked."""
+        groups = (self._file.metadata.row_group(k) for k in range(self._file.metadata.num_row_groups))
+        chunks = (group.column(k) for group in groups for k in range(group.num_columns))
+        return sum(c.total_uncompressed_size for c in chunks if c.path_in_schema.split(".")[0] in names)
+
+
+def _texts(column) -> list[str | None]:
+    """A column of Arrow as texts, None where it is empty; those that are the same are kept once."""
+    import pyarrow as pa
+
+    chunks = column.chunks if isinstance(column, pa.ChunkedArray) else [column]
+    texts: list[str | None] = []
+    for chunk in chunks:
+        coded = chunk if pa.types.is_dictionary(chunk.type) else chunk.dictionary_encode()
+        words = [None if v is None else str(v) for v in coded.dictionary.to_pylist()]
+        texts += [None if k is None else words[k] for k in coded.indices.to_pylist()]
+    return texts
 
 
 def _is_text(kind) -> bool:

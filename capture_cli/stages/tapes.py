@@ -56,12 +56,13 @@ def tape_task(
     points: int = POINTS,
     amplitude: Mapping[str, float] | None = None,
     band: tuple[float, float] | None = None,
+    max_log_size: int | None = None,
     seed: int = 0,
 ) -> TapeTask:
     """`machine` as a task of actions: windows of `window` s (the task's own where None), read at `points` points.
 
     Its actions are the windows of the log `inputs_from`; without one, windows of the nominal machine driven by
-    multisines in `band` Hz that peak at `amplitude`. Raises CaptureError.
+    multisines in `band` Hz that peak at `amplitude`. max_log_size: bytes of the log in memory. Raises CaptureError.
     """
     window = window if window is not None else machine.log.window
     if window is None or not machine.timestep * (points - 1) <= window < np.inf:
@@ -80,7 +81,7 @@ def tape_task(
                     f"--{option} means nothing: the actions are the windows of {inputs_from}",
                     cure="leave it out",
                 )
-        log = MeasuredLog.read(inputs_from)
+        log = MeasuredLog.read(inputs_from, max_log_size)
         tapes = log_tapes(prepare(log, machine, window=window, test=None, seed=seed), point_times)
     else:
         tapes = _multisine_tapes(machine, point_times, amplitude or {}, band or BAND, seed)

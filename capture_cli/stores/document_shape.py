@@ -34,6 +34,7 @@ def _is_whole(value: Any) -> bool:
 
 
 TEXT = Kind("a text", lambda v: isinstance(v, str))
+NAME = Kind("a name", lambda v: isinstance(v, str) and bool(v.strip()))
 FLAG = Kind("true or false", lambda v: isinstance(v, bool))
 NUMBER = Kind("a number", _is_number)
 POSITIVE = Kind("a number above 0", lambda v: _is_number(v) and v > 0)

@@ -7,6 +7,7 @@ at any URL that zarr opens through fsspec.
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -14,7 +15,9 @@ from typing import Any
 
 import numpy as np
 
+from capture_cli.documents import exists
 from capture_cli.errors import StoreError
+from capture_cli.stores.array_metadata import ArrayMetadata, array_metadata
 from capture_cli.stores.document_shape import (
     COUNT,
     FEATURES,
@@ -26,7 +29,8 @@ from capture_cli.stores.document_shape import (
     check_shape,
     or_none,
 )
-from capture_cli.stores.schema import ArraySpec, Schema, open_array, open_group
+from capture_cli.stores.schema import ArraySpec, Schema
+from capture_cli.stores.zarr_store import MAKE_AGAIN, ROOT, ZarrStore
 
 SHARD_PAIRS = 256  # the unit of work: at most so much is lost when a run is killed
 CHUNK_PAIRS = 64  # the unit of reading
@@ -152,14 +156,12 @@ class HistoriesWriter:
 
     def attributes(self) -> dict[str, Any] | None:
         """Those of the store there, None where there is none. Raises StoreError where that cannot be told."""
-        import zarr
-
+        if not is_url(self.location) and not exists(Path(self.location) / ROOT, StoreError):
+            return None
         try:
-            found = dict(zarr.open_group(self.location, mode="r").attrs)
+            found = _open(self.location).attributes
         except FileNotFoundError:
             return None
-        except Exception as error:  # of the network, or of a package that is not there
-            raise StoreError(f"{self.location} cannot be opened: {error}", cure=_CHECK_URL) from error
         if not found:
             return None  # a run that was killed before it had described the store
         SCHEMA.check_header(self.location, found)
@@ -182,9 +184,7 @@ class HistoriesWriter:
 
     def is_written(self) -> np.ndarray:
         """Which shards are marked as whole, bool (shard,)."""
-        import zarr
-
-        return zarr.open_array(f"{self.location}/{MARKS}", mode="r")[...].astype(bool)
+        return np.asarray(_open(self.location).open(MARKS)[...]).astype(bool)
 
     def write(self, shard: int, arrays: Mapping[str, np.ndarray]) -> None:
         """Write the histories of one shard, then mark it."""
@@ -198,10 +198,10 @@ class HistoriesWriter:
 
     def is_sound(self, shard: int) -> bool:
         """Whether what a marked shard holds can be read, checksums and all."""
-        group = _open(self.location)
-        rows = shard_rows(shard, group.attrs["shard_pairs"], group["target"].shape[0])
+        store = _open(self.location)
+        rows = shard_rows(shard, store.attributes["shard_pairs"], store.metadata("target").shape[0])
         try:
-            return all(np.isfinite(group[spec.path][rows]).all() for spec in DATA)
+            return all(np.isfinite(store.open(spec.path)[rows]).all() for spec in DATA)
         except Exception:  # whatever a codec raises on damaged bytes
             return False
 
@@ -219,8 +219,11 @@ class Histories:
 
     def __init__(self, location: str | Path):
         self.location = str(location)
-        self._group = _open(self.location)
-        self.attributes = dict(self._group.attrs)
+        try:
+            self._store = _open(self.location)
+        except FileNotFoundError as error:
+            raise StoreError(f"{location} does not exist", cure=_CHECK_URL) from error
+        self.attributes = dict(self._store.attributes)
         SCHEMA.check_header(self.location, self.attributes)
         check_shape(self.attributes, SHAPE, self.location, SCHEMA.cure_for_other_version)
         if not self.attributes["complete"]:
@@ -229,6 +232,7 @@ class Histories:
                 cure="run the `capture gen-histories` that began it again, with --resume",
             )
         self._check_shapes()
+        self._arrays = {spec.path: self._store.open(spec.path) for spec in DATA}
 
     def __len__(self) -> int:
         return int(self.attributes["pairs"])
@@ -240,7 +244,7 @@ class Histories:
     def _read(self, name: str, first: int, last: int) -> np.ndarray:
         again = "make the histories again with `capture gen-histories`"
         try:
-            values = np.asarray(self._group[name][first:last])
+            values = np.asarray(self._arrays[name][first:last])
         except Exception as error:  # whatever a codec raises on damaged bytes
             raise StoreError(f"{self.location}: {name} cannot be decoded: {error}", cure=again) from error
         bad = np.flatnonzero(~np.isfinite(values.reshape(len(values), -1)).all(axis=1))
@@ -253,9 +257,9 @@ class Histories:
     def _check_shapes(self) -> None:
         sizes = _sizes(self.attributes)
         for spec in DATA:
-            array = open_array(self.location, self._group, spec.path)
+            metadata = self._store.metadata(spec.path)
             expected = tuple(sizes[d] for d in spec.dims)
-            found = getattr(array, "shape", None)
+            found = None if metadata is None else metadata.shape
             if found != expected:
                 raise StoreError(
                     f"{self.location}: {spec.path} has shape {found}; its attributes say {expected}",
@@ -296,16 +300,44 @@ def _create(group, spec: ArraySpec, shape, chunks, shards) -> None:
     )
 
 
-def _open(location: str):
-    """The group at `location`, read-only. Raises StoreError where there is none."""
-    import zarr
+class _RemoteStore:
+    """The store at a URL, as ZarrStore is one in a folder. Zarr reads its metadata, of version 3 alone: what these
+    name is looked up among what Zarr itself brings.
+    """
 
-    if not is_url(location):
-        return open_group(Path(location))
-    try:
-        return zarr.open_group(location, mode="r")
-    except Exception as error:
-        raise StoreError(
-            f"{location} is not a readable Zarr group: {type(error).__name__}: {error}",
-            cure=_CHECK_URL,
-        ) from error
+    def __init__(self, location: str):
+        import zarr
+
+        self.location = location
+        try:
+            self._group = zarr.open_group(location, mode="r", zarr_format=3)
+        except FileNotFoundError:
+            raise
+        except Exception as error:  # of the network, or of a package that is not there
+            raise StoreError(
+                f"{location} cannot be opened: {type(error).__name__}: {error}", cure=_CHECK_URL
+            ) from error
+        self.attributes = dict(self._group.attrs)
+
+    def metadata(self, name: str) -> ArrayMetadata | None:
+        try:
+            array = self._group.get(name)
+        except Exception as error:  # JSON, key, type and codec errors, by what is damaged
+            raise StoreError(
+                f"{self.location}: the metadata of {name} cannot be read: {type(error).__name__}: {error}",
+                cure=MAKE_AGAIN,
+            ) from error
+        if not hasattr(array, "shape"):
+            return None
+        where = f"{self.location}: the metadata of {name}"
+        document = json.loads(json.dumps(array.metadata.to_dict(), default=str))  # without tuples
+        return array_metadata(document, dict(array.attrs), where, MAKE_AGAIN)
+
+    def open(self, name: str):
+        self.metadata(name).check(f"{self.location}: {name}", MAKE_AGAIN)
+        return self._group[name]
+
+
+def _open(location: str) -> ZarrStore | _RemoteStore:
+    """The store at `location`. Raises StoreError, or of a URL FileNotFoundError, where there is none."""
+    return _RemoteStore(location) if is_url(location) else ZarrStore(Path(location))

@@ -14,6 +14,16 @@ from typing import Any
 import numpy as np
 
 from capture_cli.errors import LogError, StoreError
+from capture_cli.stores.document_shape import (
+    FLAG,
+    NAME,
+    NUMBER,
+    TEXT,
+    WHOLE,
+    Kind,
+    check_shape,
+    or_none,
+)
 from capture_cli.stores.schema import ArraySpec, Schema
 
 SCHEMA = Schema(
@@ -46,8 +56,35 @@ SCHEMA = Schema(
     },
     cure_for_other_version="read the source files in again with `capture import-log`",
 )
+# how a column was read: its name, scale, offset and, if there is one, period
+_READ_AS = Kind(
+    "[column, scale, offset]",
+    lambda v: isinstance(v, list) and len(v) in (3, 4) and TEXT.holds(v[0]) and all(map(NUMBER.holds, v[1:])),
+)
+SHAPE = {  # of the attributes
+    "task": NAME,
+    "inputs": [{"name": NAME, "unit": TEXT}],
+    "outputs": [{"name": NAME, "unit": TEXT, "sparse?": FLAG}],
+    "recordings": [
+        {
+            "name": NAME,
+            "source?": or_none(TEXT),
+            "sha256?": or_none(TEXT),
+            "cut_off?": or_none(TEXT),
+            "dropped_rows?": or_none(WHOLE),
+            "repeated_rows?": or_none(WHOLE),
+            "held_repeats?": or_none(WHOLE),
+            "comment_lines?": or_none(WHOLE),
+            "evened_times?": or_none(NUMBER),
+            "time_scale?": or_none(NUMBER),
+            "channels?": or_none({"inputs?": {str: _READ_AS}, "outputs?": {str: _READ_AS}}),
+        }
+    ],
+}
 # In SI: nothing that is commanded or measured is larger, and its square is still far from overflow.
 LARGEST = 1e15
+# the cure where it takes more memory than is read
+LARGER = "if it is that long, say how much may be read, say --max-log-size 2GB; otherwise copy it again"
 FEWEST_OF_A_SPARSE = 5  # samples of an episode: with fewer nobody can tell how the output moves
 
 
@@ -250,29 +287,27 @@ class MeasuredLog:
         SCHEMA.write(path, arrays, attributes)
 
     @classmethod
-    def read(cls, path: Path) -> MeasuredLog:
-        """The log at `path`, checked. Raises StoreError or LogError."""
-        return cls.read_unchecked(path).check()
+    def read(cls, path: Path, most: int | None = None) -> MeasuredLog:
+        """The log at `path`, checked. most: bytes in memory, see `ZarrStore.read`. Raises StoreError or LogError."""
+        return cls.read_unchecked(path, most).check()
 
     @classmethod
-    def read_unchecked(cls, path: Path) -> MeasuredLog:
+    def read_unchecked(cls, path: Path, most: int | None = None) -> MeasuredLog:
         """The log at `path` with whatever values it holds, NaN and backward times too. Raises StoreError."""
-        arrays, attributes = SCHEMA.read(path)
+        arrays, attributes = SCHEMA.read(path, most, LARGER)
+        check_shape(attributes, SHAPE, path, SCHEMA.cure_for_other_version)
         input_names, input_units = _channel_list(path, attributes, "inputs", arrays["data/inputs"].shape[1])
         output_names, output_units = _channel_list(
             path, attributes, "outputs", arrays["data/outputs"].shape[1]
         )
         recordings = attributes["recordings"]
-        named = isinstance(recordings, list) and all(isinstance(r, dict) and "name" in r for r in recordings)
-        if not named or np.any(
-            (arrays["meta/recording"] < 0) | (arrays["meta/recording"] >= len(recordings))
-        ):
+        if np.any((arrays["meta/recording"] < 0) | (arrays["meta/recording"] >= len(recordings))):
             raise StoreError(
                 f"{path}: meta/recording points outside the attribute 'recordings', {recordings!r:.80}",
                 cure=SCHEMA.cure_for_other_version,
             )
         return cls(
-            task=str(attributes["task"]),
+            task=attributes["task"],
             time=arrays["data/time"],
             inputs=arrays["data/inputs"],
             outputs=arrays["data/outputs"],
@@ -285,22 +320,19 @@ class MeasuredLog:
             recordings=tuple(recordings),
             actions=arrays.get("meta/actions"),
             path=Path(path),
-            sparse=frozenset(str(e["name"]) for e in attributes["outputs"] if e.get("sparse") is True),
+            sparse=frozenset(e["name"] for e in attributes["outputs"] if e.get("sparse") is True),
         )
 
 
 def _channel_list(path: Path, attributes: Mapping[str, Any], key: str, size: int):
     """Names and units of the attribute `key`, checked against the `size` columns of its array."""
     entries = attributes[key]
-    good = isinstance(entries, list) and all(
-        isinstance(e, dict) and {"name", "unit"} <= set(e) for e in entries
-    )
-    if not good or len(entries) != size:
+    if len(entries) != size:
         raise StoreError(
             f"{path}: the attribute {key!r} is {entries!r:.80}; expected {size} of {{name, unit}}",
             cure=SCHEMA.cure_for_other_version,
         )
-    return tuple(str(e["name"]) for e in entries), tuple(str(e["unit"]) for e in entries)
+    return tuple(e["name"] for e in entries), tuple(e["unit"] for e in entries)
 
 
 def _named(names: Sequence[str], units: Sequence[str]) -> list[dict[str, str]]:

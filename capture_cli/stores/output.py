@@ -212,13 +212,18 @@ def sha256(path: Path, only: Container[str] | None = None) -> str:
     """
     path = Path(path)
     if path.is_file():
-        return hashlib.sha256(path.read_bytes()).hexdigest()
+        return _digest(path).hexdigest()
     digest = hashlib.sha256()
     counts = [f for f in path.rglob("*") if f.is_file() and f.name != PROVENANCE]
     for file in sorted(f for f in counts if only is None or f.relative_to(path).as_posix() in only):
-        digest.update(file.relative_to(path).as_posix().encode() + b"\0")
-        digest.update(hashlib.sha256(file.read_bytes()).digest())
+        digest.update(os.fsencode(file.relative_to(path).as_posix()) + b"\0")
+        digest.update(_digest(file).digest())
     return digest.hexdigest()
+
+
+def _digest(file: Path):
+    with file.open("rb") as content:
+        return hashlib.file_digest(content, "sha256")
 
 
 def _checked(output: New, *, force: bool) -> New:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,9 +10,11 @@ from typing import Any
 import numpy as np
 
 from capture_cli.errors import StoreError, did_you_mean
+from capture_cli.stores.array_metadata import ArrayMetadata
+from capture_cli.stores.zarr_store import MAKE_AGAIN, ZarrStore
 
 CHUNK_BYTES = 4 << 20
-_MAKE_AGAIN = "the store is damaged: copy it again, or make it again with the command that wrote it"
+_WRITTEN_AS = {"f": "fiu", "i": "iu", "u": "iu", "b": "b"}  # kinds of numbers, by that of the schema
 
 
 @dataclass(frozen=True)
@@ -95,24 +95,39 @@ class Schema:
         )
         array[...] = values
 
-    def read(self, path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    def read(
+        self, path: Path, most: int | None = None, larger: str = MAKE_AGAIN
+    ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """The arrays by path and the attributes of the store at `path`.
 
-        Raises StoreError if it is not there, foreign, of another version, truncated, or its axes disagree.
+        most: bytes that its arrays may take in memory; None: as `ZarrStore.read` has it. larger: the cure of more.
+        Raises StoreError if it is not there, foreign, of another version, too large or truncated, or its axes disagree.
         """
-        group = open_group(path)
-        attributes = dict(group.attrs)
-        self.check_header(path, attributes)
-        arrays = {}
+        store = ZarrStore(path)
+        self.check_header(path, store.attributes)
+        found = {}
         for spec in self.arrays:
-            array = open_array(path, group, spec.path)
-            if array is not None:
-                arrays[spec.path] = self._read_array(path, array, spec)
+            metadata = store.metadata(spec.path)
+            if metadata is not None:
+                found[spec.path] = metadata
             elif not spec.optional:
-                there_are = did_you_mean(spec.path, array_paths(group))
-                raise StoreError(f"{path}: the array {spec.path!r} is missing; {there_are}", cure=_MAKE_AGAIN)
-        self._check_axes(path, arrays)
-        return arrays, attributes
+                there_are = did_you_mean(spec.path, store.names())
+                raise StoreError(f"{path}: the array {spec.path!r} is missing; {there_are}", cure=MAKE_AGAIN)
+        self._check_axes(path, {name: metadata.shape for name, metadata in found.items()})
+        self._check_types(path, found)
+        arrays = store.read(found, most, larger)
+        types = {spec.path: spec.dtype for spec in self.arrays}
+        return {name: a.astype(types[name], copy=False) for name, a in arrays.items()}, store.attributes
+
+    def _check_types(self, path: Path, found: Mapping[str, ArrayMetadata]) -> None:
+        """Raise StoreError where what counts or is a flag has another type of numbers."""
+        for spec in self.arrays:
+            kinds = _WRITTEN_AS[np.dtype(spec.dtype).kind]
+            metadata = found.get(spec.path)
+            if metadata is not None and metadata.is_of_numbers and np.dtype(metadata.dtype).kind not in kinds:
+                raise StoreError(
+                    f"{path}: {spec.path} is of type {metadata.kind}; expected {spec.dtype}", cure=MAKE_AGAIN
+                )
 
     def check_header(self, path: Path, attributes: Mapping[str, Any]) -> None:
         found = attributes.get("format")
@@ -132,40 +147,26 @@ class Schema:
         if missing:
             raise StoreError(
                 f"{path}: attributes missing: {', '.join(missing)}",
-                cure=_MAKE_AGAIN,
+                cure=MAKE_AGAIN,
             )
 
-    @staticmethod
-    def _read_array(path: Path, array, spec: ArraySpec) -> np.ndarray:
-        if array.ndim != len(spec.dims):
-            raise StoreError(
-                f"{path}: {spec.path} has shape {array.shape}; expected axes ({', '.join(spec.dims)})",
-                cure=_MAKE_AGAIN,
-            )
-        try:
-            if array.nchunks_initialized < array.nchunks:
-                raise StoreError(
-                    f"{path}: {spec.path} has {array.nchunks_initialized} of its {array.nchunks} chunks: "
-                    "it is truncated",
-                    cure=f"{_MAKE_AGAIN} (another program that writes one must write empty chunks too)",
-                )
-            return np.asarray(array[...]).astype(spec.dtype, copy=False)
-        except StoreError:
-            raise
-        except Exception as error:  # whatever a codec raises on damaged bytes
-            raise StoreError(f"{path}: {spec.path} cannot be decoded: {error}", cure=_MAKE_AGAIN) from error
-
-    def _check_axes(self, path: Path, arrays: Mapping[str, np.ndarray]) -> None:
+    def _check_axes(self, path: Path, shapes: Mapping[str, tuple[int, ...]]) -> None:
         sizes: dict[str, tuple[int, str]] = {}
         for spec in self.arrays:
-            if spec.path not in arrays:
+            if spec.path not in shapes:
                 continue
-            for axis, size in zip(spec.dims, arrays[spec.path].shape, strict=True):
+            shape = shapes[spec.path]
+            if len(shape) != len(spec.dims):
+                raise StoreError(
+                    f"{path}: {spec.path} has shape {shape}; expected axes ({', '.join(spec.dims)})",
+                    cure=MAKE_AGAIN,
+                )
+            for axis, size in zip(spec.dims, shape, strict=True):
                 first, where = sizes.setdefault(axis, (size, spec.path))
                 if first != size:
                     raise StoreError(
                         f"{path}: axis {axis!r} has {first} entries in {where} and {size} in {spec.path}",
-                        cure=_MAKE_AGAIN,
+                        cure=MAKE_AGAIN,
                     )
 
     def markdown(self) -> str:
@@ -180,51 +181,3 @@ class Schema:
         lines += ["", "| attribute | meaning |", "|---|---|"]
         lines += [f"| `{name}` | {meaning} |" for name, meaning in self.attributes.items()]
         return "\n".join(lines)
-
-
-def open_group(path: Path):
-    """The Zarr group (v3 or v2) at `path`, read-only. Raises StoreError where there is none."""
-    import zarr
-
-    path = Path(path)
-    if not path.exists():
-        raise StoreError(f"{path} does not exist", cure="check the path")
-    if not path.is_dir():
-        raise StoreError(
-            f"{path} is a file, not a Zarr store",
-            cure=f"read it in first: `capture import-log {shlex.quote(str(path))} --task task.toml "
-            f"--out {shlex.quote(path.stem)}.zarr`",
-        )
-    try:
-        return zarr.open_group(str(path), mode="r")
-    except Exception as error:
-        raise StoreError(
-            f"{path} is not a readable Zarr group: {type(error).__name__}: {error}",
-            cure="check the path; a log is read in by `capture import-log FILE --task task.toml --out LOG.zarr`",
-        ) from error
-
-
-def open_array(path: Path | str, group, name: str):
-    """The array called `name`, or None where there is none. Raises StoreError on damaged metadata."""
-    import zarr
-
-    try:
-        item = group.get(name)
-    except Exception as error:  # JSON, key, type and codec errors, by what is damaged
-        raise StoreError(
-            f"{path}: the metadata of {name} cannot be read: {type(error).__name__}: {error}",
-            cure=_MAKE_AGAIN,
-        ) from error
-    return item if isinstance(item, zarr.Array) else None
-
-
-def array_paths(group) -> list[str]:
-    """The paths of all arrays in `group`, at any depth. Raises StoreError on damaged metadata."""
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # zarr warns of files of ours that lie beside the arrays
-            return [name for name, item in group.members(max_depth=None) if hasattr(item, "shape")]
-    except Exception as error:  # JSON, key, type and codec errors, by what is damaged
-        raise StoreError(
-            f"the arrays of {group.store} cannot be listed: {error}", cure=_MAKE_AGAIN
-        ) from error

@@ -63,7 +63,9 @@ def read_weights(path: Path, cure: str, network: str = "") -> dict[str, np.ndarr
     for name, array in arrays.items():
         if array.dtype.kind != "f":
             raise StoreError(f"{path}: {name} is of type {array.dtype}; expected floating point", cure=cure)
-        wrong = np.flatnonzero(~(np.abs(array) <= LARGEST_WEIGHT) & name.startswith(network))
+        if not np.isfinite(array).all():
+            raise StoreError(f"{path}: {name} is not finite", cure=cure)
+        wrong = np.flatnonzero((np.abs(array) > LARGEST_WEIGHT) & name.startswith(network))
         if wrong.size:
             raise StoreError(
                 f"{path}: {name} holds {array.ravel()[wrong[0]]:g}, which no training ends with; the most that is "
