@@ -437,7 +437,7 @@ def test_a_config_has_options_for_all_commands_at_its_top_and_for_one_in_its_tab
         ("[identify]\nseed = false", ["run.toml: seed = false", "--seed is no switch"]),
         ("real-log = true", ["run.toml: real-log = true", "--real-log is no switch"]),
         ("rounds = 0", ["--config", "run.toml: --rounds 0", "a whole number of 1 or more"]),
-        ("threads = 'all'", ["run.toml: --threads all", "a whole number of 1 or more"]),
+        ("threads = 'all'", ["run.toml: --threads all", "a whole number from 1 to 1024"]),
     ],
 )
 def test_a_config_that_is_wrong(capture, log, tmp_path, text, named):
