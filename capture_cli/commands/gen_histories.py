@@ -68,7 +68,7 @@ def gen_histories(
         str,
         typer.Option(
             "--executor",
-            help="Where to simulate: local, or ray for a cluster.",
+            help="Where to simulate: local, or ray (an extra) for a cluster.",
             autocompletion=words("local", "ray"),
         ),
     ] = "local",

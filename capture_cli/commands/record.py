@@ -22,7 +22,7 @@ def record(
         str,
         typer.Option(
             "--world",
-            help="plant, or robosuite: the whole scene, driven by its robot.",
+            help="plant, or robosuite (an extra): the whole scene, driven by its robot.",
             autocompletion=words("plant", "robosuite"),
         ),
     ] = "plant",

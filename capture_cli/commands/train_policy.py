@@ -43,6 +43,7 @@ def train_policy(
     config: Config = None,
 ) -> None:
     """Train a policy that knows the parameters: for `gen-histories --policy`, where `random` needs no training.
+    Needs the extra `learn`.
 
     Example: capture train-policy --task air-hockey --out runs/policy
     """

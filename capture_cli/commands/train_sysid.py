@@ -80,7 +80,7 @@ def train_sysid(
     quiet: Quiet = False,
     config: Config = None,
 ) -> None:
-    """Train an in-context identifier on histories.
+    """Train an in-context identifier on histories. Needs the extra `learn`.
 
     Example: capture train-sysid --histories histories.zarr --identifier capture --out runs/capture
     """
