@@ -14,10 +14,9 @@ from capture_cli.effects.base import GLOBAL
 from capture_cli.effects.placed import Placed
 from capture_cli.linearization import Evidence
 from capture_cli.parameters import Parameter, ParameterSpace
-from capture_cli.protocol import attribution, model_comparison
+from capture_cli.protocol import attribution, forward_round, model_comparison
 from capture_cli.protocol.attribution import Accepted, Attribution
 from capture_cli.protocol.candidates import Candidate
-from capture_cli.protocol.forward_round import Scores
 from capture_cli.protocol.model_comparison import TIED, WORSE, ModelComparison
 from capture_cli.protocol.part_fit import PartFit
 from capture_cli.stages.diagnose import diagnose
@@ -366,18 +365,18 @@ def test_two_effects_are_exchanged_at_once(are_kin, monkeypatch):
 
 def test_rivals_are_compared_by_what_they_answered_in_one_round(tmp_path, monkeypatch, without_pages):
     """Later, with the accepted effect in the model, a rival answers to what that one leaves."""
-    rounds, compared = {}, []
-    score, forward, compare = Scores.ranked, Attribution._forward, ModelComparison.compare
+    rounds, compared, begun = {}, [], []
+    score, forward, compare = forward_round.score_in_balance, Attribution._forward, ModelComparison.compare
 
-    def tagged(self, candidates):
-        ranked = score(self, candidates)
+    def tagged(screening, current, candidates):
+        score(screening, current, candidates)
+        number = len(rounds)
         for candidate in candidates:
             # kept: an id is of one that lives
-            rounds[id(candidate.score)] = id(ranked), candidate.score, ranked
-        return ranked
+            rounds[id(candidate.score)] = number, candidate.score
 
     def begin(self, current):
-        rounds.setdefault("begun", []).append(current)
+        begun.append(current)
         return forward(self, current)
 
     def judged(self, mine, other):
@@ -389,14 +388,15 @@ def test_rivals_are_compared_by_what_they_answered_in_one_round(tmp_path, monkey
     monkeypatch.setattr(
         attribution, "all_candidates", lambda log: [c for c in catalogue(log) if c.placed.kind in few]
     )
-    monkeypatch.setattr(Scores, "ranked", tagged)
+    monkeypatch.setattr(forward_round, "score_in_balance", tagged)
+    monkeypatch.setattr(attribution, "score_in_balance", tagged)
     monkeypatch.setattr(Attribution, "_forward", begin)
     monkeypatch.setattr(ModelComparison, "compare", judged)
     effects = ["control-delay@drive=0.006", "coulomb-friction@x=0.1"]
     log, task = tmp_path / "log.zarr", str(MACHINES / "slider" / "task.toml")
     record(task=task, out=log, effects=effects, noise=1e-4, duration=3, rate=100)
     diagnose(real_log=log, task=task, out=tmp_path / "diagnosis", quiet=True)
-    assert len(rounds["begun"]) > 1 and compared
+    assert len(begun) > 1 and compared
     assert all(mine == other for mine, other in compared)
 
 

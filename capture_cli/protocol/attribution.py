@@ -14,9 +14,10 @@ from capture_cli.diagnosis.lack_of_fit import NEAR_FLOOR
 from capture_cli.diagnosis.score import Score
 from capture_cli.effects.base import GLOBAL
 from capture_cli.effects.placed import Placed
+from capture_cli.protocol.balance_scores import score_in_balance
 from capture_cli.protocol.candidates import Candidate, all_candidates, worth_a_refit
 from capture_cli.protocol.fit import Fit, least
-from capture_cli.protocol.forward_round import RIVALS, ForwardRound, Scores
+from capture_cli.protocol.forward_round import RIVALS, ForwardRound, Scores, by_score
 from capture_cli.protocol.model_comparison import (
     CLEARLY_BETTER,
     TIED,
@@ -96,6 +97,7 @@ class Attribution:
         self.spreads = spreads
         self.on_step = on_step
         self.candidates = all_candidates(fits.prepared) if candidates is None else list(candidates)
+        self.models.candidates = self.candidates if candidates is None else []
         self.ranked: list[Candidate] = []  # what the last round's scores speak for, best first
         self.accepted: list[Accepted] = []
         self.excess = TINY  # squared error above the noise floor of the declared model
@@ -267,7 +269,7 @@ class Attribution:
         newest = self.accepted[-1]
         if not self.spreads or self.models.is_explained(current):
             return current
-        kin = self._kin(newest)
+        kin = self._kin(newest, current)
         if not kin:
             return current
         self._step("refit", 0, 1)
@@ -291,12 +293,18 @@ class Attribution:
             candidate.why_rejected = None
         return self._backward(fit, self.accepted[-len(kin) :], Support.reason_against)
 
-    def _kin(self, newest: Accepted) -> list[Candidate]:
-        """The newest effect at its other places, as far as the last round's scores speak for it; one of each place."""
+    def _kin(self, newest: Accepted, current: Fit) -> list[Candidate]:
+        """The newest effect at its other places, as far as scores speak for it; one of each place."""
         inside = {a.name for a in self.accepted}
         taken = {newest.placed.effect.variant_of}
         kin = []
-        for candidate in self.ranked:
+        ranked = self.ranked
+        if self.models.screening(self._step) is not None:  # with it in the model, which takes no simulation
+            same = [
+                c for c in self.candidates if c.placed.kind == newest.placed.kind and c.name not in inside
+            ]
+            ranked = self._scored(current, same)
+        for candidate in ranked:
             effect = candidate.placed.effect
             is_kin = candidate.placed.kind == newest.placed.kind and candidate.name not in inside
             if is_kin and GLOBAL not in (effect.site, newest.placed.effect.site):
@@ -428,7 +436,7 @@ class Attribution:
                 continue
             inside = {a.name for a in self.accepted} - {accepted.name}
             candidates = [replace(c) for c in self.candidates if c.name not in inside]
-            ranked = Scores(self.models, without, self._step).ranked(candidates)
+            ranked = self._scored(without, candidates)
             mine = next((c for c in ranked if c.name == accepted.name), None)
             if mine is None:
                 continue
@@ -437,6 +445,16 @@ class Attribution:
             new, _ = worth_a_refit([c for c in new if c is not mine])
             accepted.score = mine.score
             accepted.rivals = [*(c for c in ranked if c.name in known), *new[:RIVALS]]
+
+    def _scored(self, current: Fit, candidates: Sequence[Candidate]) -> list[Candidate]:
+        """Those of the candidates that their scores speak for in `current`, best first."""
+        screening = self.models.screening(self._step)
+        if screening is None:
+            Scores(self.models, current, self._step).score(candidates)
+            return by_score(candidates)
+        candidates = [c for c in candidates if c.name in screening.covered]
+        score_in_balance(screening, current, candidates)
+        return by_score(candidates)
 
     def _exchanged(self, current: Fit, some: Sequence[Accepted], rivals: Sequence[Candidate]) -> Fit | None:
         """The model with `rivals` in the place of `some` accepted effects."""

@@ -334,13 +334,18 @@ def _probes(
     return np.array(points), np.array(steps)
 
 
-def worth_a_refit(ranked: Sequence[Candidate]) -> tuple[list[Candidate], list[Candidate]]:
-    """The candidates to fit jointly, and the others; ranked: by score, best first."""
+def worth_a_refit(
+    ranked: Sequence[Candidate], different: int = DIFFERENT, of_a_kind: int = OF_A_KIND
+) -> tuple[list[Candidate], list[Candidate]]:
+    """The candidates to fit jointly, and the others; ranked: by score, best first.
+
+    different: so many that differ; of_a_kind: so many like each.
+    """
     kinds: list[list[Candidate]] = []
     refitted, others = [], []
     for candidate in ranked:
         own = next((k for k in kinds if _alike(k[0], candidate)), None)
-        full = len(kinds) == DIFFERENT if own is None else len(own) == OF_A_KIND
+        full = len(kinds) == different if own is None else len(own) == of_a_kind
         if full or len(refitted) == REFITTED:
             others.append(candidate)
             continue

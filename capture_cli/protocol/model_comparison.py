@@ -19,10 +19,12 @@ from capture_cli.diagnosis.folds import Folds
 from capture_cli.diagnosis.lack_of_fit import lack_of_fit
 from capture_cli.diagnosis.score import similarity
 from capture_cli.effects.placed import Placed
+from capture_cli.protocol.balance_scores import screening_of
 from capture_cli.protocol.candidates import Candidate
 from capture_cli.protocol.fit import Fit, least
 from capture_cli.protocol.model_fits import ModelFits
 from capture_cli.protocol.part_fit import PartFit
+from capture_cli.select.screening import Screening
 
 AGAIN_ROUNDS = 20  # in which a model without an effect is to get where it got with it
 INDISTINCT = 0.05  # two models are tied where the paired test between them is not below this
@@ -38,6 +40,9 @@ SAME_RESPONSE = 0.9999  # cosine of two effects' responses beyond which no param
 SAME_HERE = 0.999
 
 
+_NOT_MADE = object()
+
+
 class ModelComparison:
     """Models of one log, which differ in their effects.
 
@@ -51,8 +56,19 @@ class ModelComparison:
         self.fit_part = fits.prepared.part(folds.fit)
         self.seed = seed
         self.is_explained = is_explained
+        self.candidates: Sequence[Candidate] = ()
+        self._screening: Screening | object | None = _NOT_MADE
         self._fitted: dict[tuple[str, ...], Fit | None] = {}
         self._judged: dict[Fit, PartFit] = {}
+
+    def screening(self, on_step: Callable[[str, int, int], None]) -> Screening | None:
+        """Of the `candidates` in the force balance, made once; None where there is none."""
+        if self._screening is _NOT_MADE:
+            self._screening = None
+            if self.candidates:
+                prepared, threads = self.fits.prepared, self.fits.engine.threads
+                self._screening = screening_of(prepared, self.folds.fit, self.candidates, threads, on_step)
+        return self._screening
 
     def know(self, fit: Fit) -> None:
         """Take `fit` for the one of its effects."""

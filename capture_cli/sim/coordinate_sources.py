@@ -47,6 +47,11 @@ class Source:
         """Its derivative, where theirs are `values`."""
         return values if self.weights is None else values @ self.weights.T
 
+    def shares(self, dof: int) -> np.ndarray:
+        """How much of each column is in the coordinate `dof` of a scalar joint, (column,)."""
+        number = self.dofs.index(dof)
+        return np.eye(len(self.columns))[number] if self.weights is None else self.weights[number]
+
     def noise(self, noise_sd: np.ndarray) -> np.ndarray:
         """The noise of each coordinate, (dof,), from that of all outputs, (output,).
 

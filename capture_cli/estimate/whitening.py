@@ -1,0 +1,179 @@
+"""Rows of a regression from accelerations at points: averaged over short times, and their noise made white.
+
+The smoothed acceleration carries the noise e of the positions through a known filter, and the prediction carries it
+through the model's own stiffness and damping: with F the averaging and S the smoothing a row's noise is
+F (D^2 + d D + k) S e. Its covariance is worked out once for a long stretch and taken as stationary. What no sensor's
+noise explains is taken as white acceleration, of a size that maximises the likelihood of the residual. White rows are
+compared as squares: that is generalised least squares, and over a segment nearly what simulating it would compare.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import BSpline
+from scipy.linalg import cholesky, solve_triangular, toeplitz
+from scipy.optimize import minimize_scalar
+from scipy.sparse import csr_array
+
+from capture_cli.estimate.force_balance import Accelerations, ForceBalance
+
+
+@dataclass(frozen=True)
+class WhiteningSettings:
+    """rows_in_segment: whose noise is whitened together; more let slow errors of the model weigh like a free run of the
+    whole segment. most_rows: of one coordinate over the whole log, which bounds the cost. degree: of the averaging
+    functions, smooth enough that no row sees single samples. floor: of the covariance's diagonal, for rounding.
+    """
+
+    rows_in_segment: int = 120
+    most_rows: int = 2500
+    degree: int = 3
+    floor: float = 1e-9
+
+
+SETTINGS = WhiteningSettings()
+
+
+class Whitening:
+    """How accelerations along a balance become white rows. model_error (nv,): sd of the white acceleration that the
+    model leaves at rows' rate, set by `adapt`.
+    """
+
+    def __init__(self, balance: ForceBalance, settings: WhiteningSettings = SETTINGS):
+        self.balance, self.settings = balance, settings
+        smoothed, points = balance.smoothed, balance.points
+        cutoff = max(s[0].cutoff for s in smoothed.series.values())
+        spacing = max(
+            np.pi / cutoff, 2 * balance.interval, len(points) * balance.interval / settings.most_rows
+        )
+        self.averages = [
+            self._averages(points.since[points.part == n], spacing) for n in range(len(smoothed.parts))
+        ]
+        self.spacing = spacing
+        self._filters = smoothed.filtering([csr_array(a) for a in self.averages], points.part, points.step)
+        self.noise, self.white = self._covariances()
+        self.model_error = np.zeros(balance.model.nv)
+        self.segments = [
+            (n, slice(int(rows[0]), int(rows[-1]) + 1))
+            for n, averages in enumerate(self.averages)
+            if len(averages)
+            for rows in np.array_split(
+                np.arange(len(averages)), -(-len(averages) // settings.rows_in_segment)
+            )
+        ]
+        self._factors: list[np.ndarray] = []
+        self._factorise()
+
+    def rows(self, columns: Sequence[Accelerations]) -> list[np.ndarray]:
+        """What each of `columns` adds to the rows, (row, nv, column) of each stretch, not yet white."""
+        points = self.balance.points
+        predicted = np.stack([c.predicted for c in columns], axis=-1)
+        moved = [k for k, c in enumerate(columns) if c.measured.any()]
+        found = []
+        for n, (averages, filters) in enumerate(zip(self.averages, self._filters, strict=True)):
+            own = points.part == n
+            rows = -np.stack([f @ predicted[own, i] for i, f in enumerate(filters)], axis=1)
+            for k in moved:
+                rows[..., k] += averages @ columns[k].measured[own]
+            found.append(rows)
+        return found
+
+    def whitened(self, rows: Sequence[np.ndarray]) -> list[np.ndarray]:
+        """White rows (row and nv, column) of each segment."""
+        found = []
+        for part, own in self.segments:
+            some = rows[part][own]
+            count = len(some)
+            found.append(
+                np.concatenate([f[:count, :count] @ some[:, i] for i, f in enumerate(self._factors)])
+            )
+        return found
+
+    def log_determinants(self) -> np.ndarray:
+        """Of what makes the rows of each segment white, (segment,): the log likelihood of rows is this less half of
+        their white squares.
+        """
+        logs = [np.cumsum(np.log(np.diag(f))) for f in self._factors]
+        return np.array([sum(own[rows.stop - rows.start - 1] for own in logs) for _, rows in self.segments])
+
+    def adapt(self, residual: Sequence[np.ndarray]) -> None:
+        """Set `model_error` to what makes `residual` (row, nv) of each stretch most likely."""
+        for i in range(len(self.model_error)):
+            scale = np.log10(np.sqrt(self.noise[i][0] / self.white[0]))
+            own = [residual[part][rows, i] for part, rows in self.segments]
+            found = minimize_scalar(
+                lambda size, i=i, own=own: _surprise(self._covariance(i, 10.0**size), own),
+                bounds=(scale - 3, scale + 4),
+                method="bounded",
+                options={"xatol": 0.05},
+            )
+            self.model_error[i] = 10.0**found.x
+        self._factorise()
+
+    def _averages(self, elapsed: np.ndarray, spacing: float) -> np.ndarray:
+        """Weights (row, point) of overlapping splines, whole ones only: they sum to 1."""
+        degree = self.settings.degree
+        count = int(elapsed[-1] / spacing) if len(elapsed) else 0
+        if count < 2 * degree:
+            return np.zeros((0, len(elapsed)))
+        knots = np.arange(-degree, count + degree + 1) * spacing
+        inside = elapsed < count * spacing
+        weights = np.zeros((count + degree, len(elapsed)))
+        weights[:, inside] = BSpline.design_matrix(elapsed[inside], knots, degree).toarray().T
+        weights = weights[degree:-degree]
+        return weights / weights.sum(axis=1, keepdims=True)
+
+    def _covariances(self) -> tuple[list[np.ndarray], np.ndarray]:
+        """Autocovariance of rows, (lag,): by sensors' noise of each coordinate, and by white accelerations."""
+        balance, size = self.balance, self.settings.rows_in_segment
+        longest = int(np.argmax([len(a) for a in self.averages]))
+        averages = self.averages[longest]
+        middle = len(averages) // 2
+        some = averages[max(0, middle - size) : middle + size]
+        time = balance.smoothed.log.time[balance.points.step[balance.points.part == longest]]
+        stiffness, damping = balance.slopes()
+        noise = [np.zeros(size) for _ in range(balance.model.nv)]
+        for source in balance.smoothed.sources:
+            for dof in source.dofs:
+                for column, weight in zip(source.columns, source.shares(dof), strict=True):
+                    series = balance.smoothed.series[column][longest]
+                    response = series.response(some, time, 2)
+                    response -= damping[dof] * series.response(some, time, 1)
+                    response -= stiffness[dof] * series.response(some, time, 0)
+                    noise[dof] += _autocovariance(weight * series.sd * response, size)
+        return noise, _autocovariance(some, size)
+
+    def _covariance(self, dof: int, model_error: float) -> np.ndarray:
+        lags = self.noise[dof] + model_error**2 * self.white
+        matrix = toeplitz(lags)
+        matrix[np.diag_indices_from(matrix)] *= 1 + self.settings.floor
+        return matrix
+
+    def _factorise(self) -> None:
+        whole = [cholesky(self._covariance(i, e), lower=True) for i, e in enumerate(self.model_error)]
+        self._factors = [solve_triangular(f, np.eye(len(f)), lower=True) for f in whole]
+
+
+def _autocovariance(response: np.ndarray, size: int) -> np.ndarray:
+    """Over lags (size,) of rows (row, noise) to independent noise. Sums over rows are divided by all of them, so that
+    no frequency has a negative power.
+    """
+    covariance = response @ response.T
+    count = len(covariance)
+    lags = np.zeros(size)
+    lags[:count] = [np.trace(covariance, offset=k) / count for k in range(min(size, count))]
+    return lags
+
+
+def _surprise(covariance: np.ndarray, residual: Sequence[np.ndarray]) -> float:
+    """Minus the log likelihood of segments (row,), up to a constant."""
+    factor = cholesky(covariance, lower=True, check_finite=False)
+    logs = np.cumsum(np.log(np.diag(factor)))
+    total = 0.0
+    for own in residual:
+        white = solve_triangular(factor[: len(own), : len(own)], own, lower=True, check_finite=False)
+        total += 0.5 * float(white @ white) + logs[len(own) - 1]
+    return total

@@ -1,0 +1,95 @@
+"""Scores of effects from the force balance: all at once, without a simulation, wherever the log gives a balance."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import mujoco
+import numpy as np
+
+from capture_cli.diagnosis.score import Score
+from capture_cli.errors import LogError
+from capture_cli.estimate.motion import Log, SmoothedLog
+from capture_cli.protocol.candidates import Candidate
+from capture_cli.protocol.fit import Fit
+from capture_cli.protocol.prepared_log import PreparedLog
+from capture_cli.select.screening import Screening
+from capture_cli.sim.contacts import can_touch
+
+LEAST_GAIN = 3.0  # of predictive log likelihood: odds of 20 to 1
+SURE = 2.0  # standard errors over blocks by which it has to be above zero
+
+
+def screening_of(
+    prepared: PreparedLog,
+    fitted: np.ndarray,
+    candidates: Sequence[Candidate],
+    threads: int | None,
+    on_step: Callable[[str, int, int], None],
+) -> Screening | None:
+    """A screening of the candidates on the windows `fitted` (window,); None where the log gives no balance: positions
+    of some joint are not measured, bodies can touch, loops are closed, or actuators have states that no log shows.
+    """
+    model = prepared.task.model
+    if can_touch(model) or model.neq or model.na:
+        return None
+    windows = prepared.windows
+    within = np.zeros(len(prepared.log.time), dtype=bool)
+    for first, count in zip(windows.first[fitted], windows.samples[fitted], strict=True):
+        within[first : first + count] = True
+    try:
+        smoothed = SmoothedLog.of(log_of(prepared), prepared.task, within & _between_stops(prepared))
+        return Screening(
+            smoothed,
+            [c.placed for c in candidates],
+            prepared.task.space.nominal,
+            threads=threads,
+            on_step=on_step,
+        )
+    except LogError:
+        return None
+
+
+def log_of(prepared: PreparedLog) -> Log:
+    """The arrays of the log."""
+    log = prepared.log
+    return Log(log.time, log.inputs, log.values, log.sampled, log.episodes)
+
+
+def score_in_balance(screening: Screening, current: Fit, candidates: Sequence[Candidate]) -> None:
+    """Fill in the candidates' scores and where a refit with each begins, or why it is out."""
+    values = [current.point[current.columns(e.name)] for e in current.effects]
+    found = {a.placed.name: a for a in screening.additions(current.effects, values)}
+    for candidate in candidates:
+        candidate.fit = candidate.select = candidate.support = candidate.score = None
+        candidate.why_rejected = candidate.start_elsewhere = candidate.start_doubted = None
+        candidate.shapes_tried = max(sum(a.placed.name == candidate.name for a in screening.atoms), 1)
+        addition = found.get(candidate.name)
+        if addition is None:
+            candidate.why_rejected = "it moves nothing in this log, or only with the wrong sign"
+            continue
+        own = len(candidate.placed.effect.parameters)
+        start = addition.model.start
+        moved = (start[: len(current.point)] - current.point) / current.space.span
+        amplitudes = start[len(start) - own :]
+        candidate.score = Score(2 * addition.gain, amplitudes, moved, 1.0, addition.response)
+        candidate.start = amplitudes
+        if addition.gain < max(LEAST_GAIN, SURE * addition.error):
+            candidate.why_rejected = (
+                f"blocks that were not fitted are not predicted better (log likelihood {addition.gain:.3g} "
+                f"with a standard error of {addition.error:.2g})"
+            )
+
+
+def _between_stops(prepared: PreparedLog) -> np.ndarray:
+    """Steps of the log (step,) at which no joint is at an end of its range, by what its sensor says."""
+    model, log = prepared.task.model, prepared.log
+    free = np.ones(len(log.time), dtype=bool)
+    for channel, column in zip(prepared.task.outputs, log.values.T, strict=True):
+        if model.sensor_type[channel.sensor] != int(mujoco.mjtSensor.mjSENS_JOINTPOS):
+            continue
+        joint = int(model.sensor_objid[channel.sensor])
+        if model.jnt_limited[joint]:
+            low, high = model.jnt_range[joint] + model.jnt_margin[joint] * np.array([1, -1])
+            free &= (column > low) & (column < high)
+    return free

@@ -1,0 +1,98 @@
+"""Least squares on white rows, block by block: how much better are blocks predicted that were not fitted?
+
+All is done with sums of products over blocks, so that thousands of additions to a model are compared at once.
+Columns are in units of what is known of their coefficients beforehand (a standard deviation of 1, about 0), and rows in
+units of the noise: the estimate is the maximum a posteriori of both. Without that prior, columns that are all but
+collinear with others would be blown up until their rounding errors fit the noise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Gain:
+    """Of models over the one they are compared with, (model,): difference of the predictive log likelihood over blocks,
+    the sum and its standard error over blocks; coefficients (model, column) of all columns, the added last.
+    """
+
+    mean: np.ndarray
+    error: np.ndarray
+    coefficients: np.ndarray
+
+
+@dataclass(frozen=True)
+class Sums:
+    """Of blocks: target' target (block,), columns' columns (block, column, column), columns' target (block, column),
+    and how many rows, (block,).
+    """
+
+    target: np.ndarray
+    gram: np.ndarray
+    pull: np.ndarray
+    count: np.ndarray
+
+    @classmethod
+    def of(cls, target: np.ndarray, columns: np.ndarray, block: np.ndarray) -> Sums:
+        """target (row,), columns (row, column), block (row,): 0 to the number of blocks less 1."""
+        parts = [np.flatnonzero(block == b) for b in range(int(block.max()) + 1)]
+        return cls(
+            np.array([target[p] @ target[p] for p in parts]),
+            np.array([columns[p].T @ columns[p] for p in parts]),
+            np.array([columns[p].T @ target[p] for p in parts]),
+            np.array([len(p) for p in parts]),
+        )
+
+
+def additions(base: Sums, across: np.ndarray, gram: np.ndarray, pull: np.ndarray) -> Gain:
+    """Gains of models with columns added to those of `base`.
+
+    across (block, column, model, added): products of the base's columns with each model's added ones; gram (block,
+    model, added, added) and pull (block, model, added): products of these with each other and with the target.
+    """
+    alone = predicted(base)
+    errors = np.empty((len(base.count), pull.shape[1]))
+    size = base.pull.shape[1]
+    for b in range(len(base.count)):
+        found = _solved(base, across, gram, pull, leave=b)
+        first, added = found[:, :size], found[:, size:]
+        errors[b] = (
+            base.target[b]
+            - 2 * (first @ base.pull[b] + np.einsum("ma,ma->m", added, pull[b]))
+            + np.einsum("mi,ij,mj->m", first, base.gram[b], first)
+            + 2 * np.einsum("mi,ima,ma->m", first, across[b], added)
+            + np.einsum("ma,mac,mc->m", added, gram[b], added)
+        )
+    gains = 0.5 * base.count[:, None] * np.log(alone[:, None] / np.maximum(errors, 1e-300))
+    error = gains.std(axis=0, ddof=1) * np.sqrt(len(base.count))
+    return Gain(gains.sum(axis=0), error, _solved(base, across, gram, pull, leave=None))
+
+
+def predicted(base: Sums) -> np.ndarray:
+    """Squared error of each block by the model that is fitted to the others, (block,)."""
+    errors = np.empty(len(base.count))
+    whole, pulled = base.gram.sum(axis=0) + np.eye(base.pull.shape[1]), base.pull.sum(axis=0)
+    for b in range(len(base.count)):
+        own = np.linalg.solve(whole - base.gram[b], pulled - base.pull[b])
+        errors[b] = base.target[b] - 2 * own @ base.pull[b] + own @ base.gram[b] @ own
+    return np.maximum(errors, 1e-300)
+
+
+def _solved(
+    base: Sums, across: np.ndarray, gram: np.ndarray, pull: np.ndarray, leave: int | None
+) -> np.ndarray:
+    """Coefficients (model, column) fitted to all blocks but `leave`, those of added columns last."""
+    keep = np.arange(len(base.count)) != leave if leave is not None else slice(None)
+    own_gram, own_pull = base.gram[keep].sum(axis=0), base.pull[keep].sum(axis=0)
+    across, gram, pull = across[keep].sum(axis=0), gram[keep].sum(axis=0), pull[keep].sum(axis=0)
+    size, (models, added) = len(own_pull), pull.shape
+    inverse = np.linalg.inv(own_gram + np.eye(size))
+    through = (inverse @ across.reshape(size, -1)).reshape(size, models, added)
+    left = gram + np.eye(added) - np.einsum("ima,imc->mac", across, through)
+    pulled = pull - np.einsum("ima,i->ma", through, own_pull)
+    coefficients = np.linalg.solve(left, pulled[..., None])[..., 0]
+    first = (inverse @ own_pull)[None] - np.einsum("ima,ma->mi", through, coefficients)
+    return np.concatenate([first, coefficients], axis=1)

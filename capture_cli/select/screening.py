@@ -1,0 +1,334 @@
+"""Every effect at once: how much better does each predict the accelerations of blocks that it was not fitted to?
+
+The declared parameters, and the effects that a model has already, are fitted anew with each addition, in the force
+balance; nothing is simulated. What comes out is a ranking, with the values that a fit through the simulator begins at.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+
+import numpy as np
+from scipy.optimize import lsq_linear
+
+from capture_cli.effects._periodic_force import PeriodicForce
+from capture_cli.effects.placed import Placed
+from capture_cli.estimate.force_balance import Accelerations, ForceBalance
+from capture_cli.estimate.motion import SmoothedLog
+from capture_cli.estimate.whitening import Whitening
+from capture_cli.select.dictionary import Atom, atoms
+from capture_cli.select.regression import Sums, additions, predicted
+
+
+@dataclass(frozen=True)
+class ScreeningSettings:
+    """blocks: that are left out in turn. polished: of the best additions, whose nonlinear parameters are fitted in the
+    balance. descents: of such a fit, where parameters are nonlinear, and straight where they are not. far: its longest
+    step, of a range; shortest: at which it is given up. difference: of a range, in differences of effects. at_once:
+    atoms whose sums are in memory. at_end: of a range, within which a parameter is at its end.
+    """
+
+    blocks: int = 12
+    polished: int = 6
+    descents: int = 5
+    straight: int = 2
+    far: float = 0.3
+    shortest: float = 1e-3
+    difference: float = 1e-3
+    at_once: int = 400
+    at_end: float = 1e-6
+
+
+SETTINGS = ScreeningSettings()
+
+
+@dataclass(frozen=True)
+class BalancedModel:
+    """Effects at values, fitted in the balance. point (parameter,): of the task; values: of each effect, (parameter,).
+
+    likelihood (block,): of each block, by the model that is fitted to the others.
+    """
+
+    effects: tuple[Placed, ...]
+    point: np.ndarray
+    values: tuple[np.ndarray, ...]
+    likelihood: np.ndarray = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def start(self) -> np.ndarray:
+        """All parameters, those of effects last."""
+        return np.concatenate([self.point, *self.values])
+
+    def gain(self, other: BalancedModel) -> tuple[float, float]:
+        """Of predictive log likelihood over another model, and its standard error over blocks."""
+        gains = self.likelihood - other.likelihood
+        return float(gains.sum()), float(gains.std(ddof=1) * np.sqrt(len(gains)))
+
+
+@dataclass(frozen=True)
+class Addition:
+    """A model with one effect more, its last. gain: of predictive log likelihood, over the model without it, and error,
+    its standard error over blocks; response (row,): what the effect adds to the white rows, less what the other
+    parameters would.
+    """
+
+    model: BalancedModel
+    gain: float
+    error: float
+    response: np.ndarray
+
+    @property
+    def placed(self) -> Placed:
+        return self.model.effects[-1]
+
+
+class Screening:
+    """Of `placed` effects in the balance of a smoothed log, from the `point` (parameter,) of its task."""
+
+    def __init__(
+        self,
+        smoothed: SmoothedLog,
+        placed: Sequence[Placed],
+        point: np.ndarray,
+        *,
+        threads: int | None = None,
+        settings: ScreeningSettings = SETTINGS,
+        on_step: Callable[[str, int, int], None] = lambda *_: None,
+    ):
+        self.settings = settings
+        self.space = smoothed.task.space
+        self.balance, self.whitening = self._declared(smoothed, point, threads)
+        self.block = self._blocks()
+        self.target = self.whitening.rows([self.balance.null])
+        self.by_parameter = self.whitening.rows(self._by_parameter(self.balance))
+        self.atoms: list[Atom] = []
+        self.columns = self._dictionary(placed, on_step)
+        self.covered = frozenset(a.placed.name for a in self.atoms)
+
+    def additions(self, effects: Sequence[Placed], values: Sequence[np.ndarray]) -> list[Addition]:
+        """Of each effect that is not among `effects`, which have these values, best first; the best ones polished."""
+        model = self._fitted(BalancedModel(tuple(effects), self.balance.point, tuple(values)))
+        self.whitening.adapt(self._residual(model))
+        model = self._judged(model)
+        polished = []
+        screened = self._screened(model)
+        for addition in screened[: self.settings.polished]:
+            more = self._judged(self._fitted(addition.model))
+            gain, error = more.gain(model)
+            if not np.isfinite(gain):
+                continue
+            polished.append(replace(addition, model=more, gain=gain, error=error))
+        rest = screened[self.settings.polished :]
+        return sorted(polished, key=lambda a: -a.gain) + rest
+
+    # --- the balance ---
+
+    def _declared(
+        self, smoothed: SmoothedLog, point: np.ndarray, threads: int | None
+    ) -> tuple[ForceBalance, Whitening]:
+        """The balance at the values of the declared parameters that fill it best within their bounds."""
+        own, space = self.settings, self.space
+        balance = ForceBalance(smoothed, point, threads)
+        whitening = Whitening(balance)
+        for _ in range(own.descents):
+            rows = whitening.rows([balance.null, *self._by_parameter(balance)])
+            white = np.concatenate(whitening.whitened(rows))
+            step = self._step(white[:, 1:] * space.span, white[:, 0], point, space.low, space.high, own.far)
+            point = np.clip(point + step * space.span, space.low, space.high)
+            balance = ForceBalance(smoothed, point, threads)
+            whitening.balance = balance
+            if np.abs(step).max(initial=0.0) < own.shortest:
+                break
+        return balance, Whitening(balance)
+
+    @staticmethod
+    def _by_parameter(balance: ForceBalance) -> list[Accelerations]:
+        return [balance.of_parameter(i) for i in range(len(balance.point))]
+
+    @staticmethod
+    def _step(slope, target, here, low, high, far) -> np.ndarray:
+        """The step (column,), in ranges, that takes most from `target` (row,), within the bounds and a distance."""
+        span = high - low
+        bottom, top = np.maximum((low - here) / span, -far), np.minimum((high - here) / span, far)
+        prior = np.eye(len(here))
+        whole = np.vstack([slope, prior]), np.append(-target, np.zeros(len(here)))
+        return lsq_linear(*whole, bounds=(bottom - 1e-12, top + 1e-12)).x if len(here) else np.zeros(0)
+
+    def _white(self, rows: Sequence[np.ndarray]) -> np.ndarray:
+        return np.concatenate(self.whitening.whitened(rows))
+
+    def _blocks(self) -> np.ndarray:
+        """Which block each segment is of: blocks are whole stretches, or of few stretches some segments in a row."""
+        parts = [n for n, _ in self.whitening.segments]
+        several = len(set(parts)) >= self.settings.blocks // 2
+        units = np.unique(parts, return_inverse=True)[1] if several else np.arange(len(parts))
+        count = int(units.max()) + 1
+        return units * min(count, self.settings.blocks) // count
+
+    @property
+    def _block_of_row(self) -> np.ndarray:
+        sizes = [(rows.stop - rows.start) * self.balance.model.nv for _, rows in self.whitening.segments]
+        return np.repeat(self.block, sizes)
+
+    def _dictionary(self, placed: Sequence[Placed], on_step: Callable) -> list[np.ndarray]:
+        """Rows (row, nv, column) of each stretch of the atoms, in single precision: there may be thousands."""
+        rows = []
+        for number, one in enumerate(placed):
+            on_step("balance", number, len(placed))
+            own = list(atoms(self.balance, one))
+            if own:
+                self.atoms += [atom for atom, _ in own]
+                columns = [c for _, columns in own for c in columns]
+                rows.append([r.astype(np.float32) for r in self.whitening.rows(columns)])
+        return [np.concatenate([r[n] for r in rows], axis=-1) for n in range(len(self.whitening.averages))]
+
+    # --- one model ---
+
+    def _system(self, model: BalancedModel) -> tuple[list[np.ndarray], list[np.ndarray]]:
+        """Rows of what is left at a model's values, (row, nv, 1), and by a unit of range of each parameter, (row, nv,
+        parameter), of each stretch.
+        """
+        moved = model.point - self.balance.point
+        target = [t + (x @ moved)[..., None] for t, x in zip(self.target, self.by_parameter, strict=True)]
+        columns = [x * self.space.span for x in self.by_parameter]
+        for placed, values in zip(model.effects, model.values, strict=True):
+            points, steps = self._differences(placed, values)
+            rows = self.whitening.rows(self._changes(placed, points))
+            target = [t + r[..., :1] for t, r in zip(target, rows, strict=True)]
+            slopes = [(r[..., 1:] - r[..., :1]) / steps for r in rows]
+            columns = [np.concatenate(pair, axis=-1) for pair in zip(columns, slopes, strict=True)]
+        return target, columns
+
+    def _differences(self, placed: Placed, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """`values`, and with a step of each parameter, (1 + parameter, parameter); the steps, in ranges."""
+        space, share = placed.effect.space, self.settings.difference
+        steps = np.where(values + share * space.span <= space.high, share, -share)
+        return np.vstack([values, values + np.diag(steps * space.span)]), steps
+
+    def _changes(self, placed: Placed, values: np.ndarray) -> list[Accelerations]:
+        effect = placed.effect
+        if not isinstance(effect, PeriodicForce):
+            return self.balance.of_effect(effect, values)
+        amplitudes = [i for i, n in enumerate(effect.space.names) if n not in effect.shapes]
+        waves = [self.balance.of_waves(effect, np.stack([v, v]))[0] for v in values]
+        forces = [np.tensordot(v[amplitudes], w, axes=1) for v, w in zip(values, waves, strict=True)]
+        return [self.balance.of_joint_force(effect.dof, force) for force in forces]
+
+    def _residual(self, model: BalancedModel) -> list[np.ndarray]:
+        """What a model leaves, (row, nv) of each stretch, not white."""
+        target, columns = self._system(model)
+        slope = self._white(columns)
+        gram = slope.T @ slope + np.eye(slope.shape[1])
+        step = np.linalg.solve(gram, -slope.T @ self._white(target)[:, 0])
+        return [t[..., 0] + c @ step for t, c in zip(target, columns, strict=True)]
+
+    def _judged(self, model: BalancedModel) -> BalancedModel:
+        """With the likelihood of each block; the model's own error is as large as makes it most likely."""
+        self.whitening.adapt(self._residual(model))
+        target, columns = self._system(model)
+        target, columns = -self._white(target)[:, 0], self._white(columns)
+        sums = Sums.of(target, columns[:, self._free(model, target, columns)], self._block_of_row)
+        determinants = np.bincount(self.block, weights=self.whitening.log_determinants())
+        return replace(model, likelihood=determinants - 0.5 * predicted(sums))
+
+    def _bounds(self, model: BalancedModel) -> tuple[np.ndarray, np.ndarray]:
+        spaces = [self.space, *(e.effect.space for e in model.effects)]
+        return np.concatenate([s.low for s in spaces]), np.concatenate([s.high for s in spaces])
+
+    def _free(self, model: BalancedModel, target: np.ndarray, columns: np.ndarray) -> np.ndarray:
+        """Which parameters are not held at an end of their range, (column,)."""
+        low, high = self._bounds(model)
+        near = self.settings.at_end * (high - low)
+        at_low, at_high = model.start <= low + near, model.start >= high - near
+        free = np.ones(len(low), dtype=bool)
+        while True:
+            step = np.zeros(len(low))
+            gram = columns[:, free].T @ columns[:, free] + np.eye(free.sum())
+            step[free] = np.linalg.solve(gram, columns[:, free].T @ target)
+            out = free & ((at_low & (step < 0)) | (at_high & (step > 0)))
+            if not out.any():
+                return free
+            free &= ~out
+
+    def _moved(self, model: BalancedModel, step: np.ndarray) -> BalancedModel:
+        """A step (column,) in ranges away, within them."""
+        low, high = self._bounds(model)
+        whole = np.clip(model.start + step * (high - low), low, high)
+        ends = np.cumsum([len(self.space), *(len(v) for v in model.values)])
+        values = tuple(whole[a:b] for a, b in pairwise(ends))
+        return replace(model, point=whole[: ends[0]], values=values)
+
+    def _fitted(self, model: BalancedModel) -> BalancedModel:
+        """Gauss-Newton in the balance, within the bounds, over all parameters of the model and its effects."""
+        if not model.effects:
+            return model
+        own, (low, high) = self.settings, self._bounds(model)
+        best, least, far = model, np.inf, own.far
+        for _ in range(own.descents if any(e.effect.shapes for e in model.effects) else own.straight):
+            target, columns = self._system(model)
+            white = self._white(target)[:, 0]
+            squares = float(white @ white)
+            if squares < least:
+                done = squares > least * (1 - own.shortest)
+                best, least, slope, left = model, squares, self._white(columns), white
+                if done:
+                    break
+            else:
+                far /= 4
+                if far < own.shortest:
+                    break
+            model = self._moved(best, self._step(slope, left, best.start, low, high, far))
+        return best
+
+    # --- all at once ---
+
+    def _screened(self, model: BalancedModel) -> list[Addition]:
+        """The best atom of each effect that is not in the model, best first."""
+        target, columns = self._system(model)
+        target, own = -self._white(target)[:, 0], self._white(columns)
+        row_block = self._block_of_row
+        base = Sums.of(target, own, row_block)
+        blocks = [np.flatnonzero(row_block == b) for b in range(len(base.count))]
+        first = np.cumsum([0] + [len(a.amplitudes) for a in self.atoms])
+        names = {e.name for e in model.effects}
+        best: dict[str, Addition] = {}
+        for size in sorted({len(a.amplitudes) for a in self.atoms}):
+            numbers = [
+                k
+                for k, a in enumerate(self.atoms)
+                if len(a.amplitudes) == size and a.placed.name not in names
+            ]
+            for some in np.array_split(numbers, -(-len(numbers) // self.settings.at_once)) if numbers else []:
+                which = (first[some][:, None] + np.arange(size)).ravel()
+                known = np.concatenate([self.atoms[n].known for n in some])
+                white = self._white([c[..., which] for c in self.columns]) * known
+                each = white.reshape(len(white), len(some), size)
+                gain = additions(
+                    base,
+                    np.array([(own[p].T @ white[p]).reshape(-1, len(some), size) for p in blocks]),
+                    np.array([np.einsum("rma,rmc->mac", each[p], each[p]) for p in blocks]),
+                    np.array([(target[p] @ white[p]).reshape(len(some), size) for p in blocks]),
+                )
+                for k, number in enumerate(some):
+                    atom, coefficients = self.atoms[number], gain.coefficients[k]
+                    amplitudes = coefficients[-size:] * atom.known
+                    known_best = best.get(atom.placed.name)
+                    if not (np.isfinite(gain.mean[k]) and atom.allows(amplitudes)):
+                        continue
+                    if known_best and known_best.gain >= gain.mean[k]:
+                        continue
+                    more = self._moved(model, coefficients[:-size])
+                    more = replace(
+                        more, effects=(*more.effects, atom.placed), values=(*more.values, atom.at(amplitudes))
+                    )
+                    response = each[:, k] @ coefficients[-size:]
+                    best[atom.placed.name] = Addition(
+                        more, float(gain.mean[k]), float(gain.error[k]), response
+                    )
+        gram = own.T @ own + np.eye(own.shape[1])
+        ranked = sorted(best.values(), key=lambda a: -a.gain)
+        return [
+            replace(a, response=a.response - own @ np.linalg.solve(gram, own.T @ a.response)) for a in ranked
+        ]
