@@ -22,6 +22,8 @@ MOST_PARTS = (
     1_000_000  # lists and tables in a document: each takes a hundred bytes, and may be written in three
 )
 DEEPEST = 64  # levels: those that `capture` writes have a dozen
+# In SI: nothing that is asked for, commanded, measured or identified is larger, and its square is far from overflow.
+LARGEST = 1e15
 LARGEST_WHOLE = 2**63  # below it, as TOML says and arrays hold
 MOST_DIGITS = 19  # of such a number
 SHOWN = 40  # characters of a key in a message

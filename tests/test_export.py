@@ -451,6 +451,7 @@ def test_beside_a_formula_all_has_the_values_that_go_with_it(tasks, tmp_path):
     [
         ({"terms": [{"site": "x: q", "coefficient": 1.0}]}, "without the values that go with it"),
         ({"terms": [{"site": "y: q", "coefficient": 1.0}], "values": {}}, "'y: q', which the model has not"),
+        ({"terms": [{"site": "x: q", "coefficient": 1e300}], "values": {}}, r"1e\+300 times 'x: q', outside"),
     ],
 )
 def test_a_formula_that_does_not_belong_to_the_model_is_refused(expression, why, tasks, tmp_path):
@@ -462,6 +463,40 @@ def test_a_formula_that_does_not_belong_to_the_model_is_refused(expression, why,
     with pytest.raises(StoreError, match=why):
         export(result=source, out=tmp_path / "m.xml")
     assert not (tmp_path / "m.xml").exists()
+
+
+@pytest.mark.parametrize(
+    ("value", "why"),
+    [(None, "among the values that go with it none of declared"), (1e308, "outside of its bounds")],
+)
+def test_the_values_beside_a_formula_are_all_there_and_within_their_bounds(value, why, tasks, tmp_path):
+    source = diagnosis(tmp_path / "d", tasks["slider"], {})
+    values = {} if value is None else {"declared": value}
+    made = with_formula(tasks["slider"], {}, {"x: q": 1.0}, values)
+    (source / "diagnosis.json").write_text(json.dumps(made))
+    with pytest.raises(StoreError, match=why):
+        export(result=source, out=tmp_path / "m.xml")
+    assert not (tmp_path / "m.xml").exists()
+
+
+def test_a_value_that_no_task_allows_is_refused_whatever_bounds_stand_beside_it(tasks, tmp_path):
+    source = diagnosis(tmp_path / "d", tasks["slider"], {})
+    made = document(tasks["slider"], {})
+    made["parameters"]["declared"] |= {"value": 1e308, "low": 0.0, "high": 1e308}
+    (source / "diagnosis.json").write_text(json.dumps(made))
+    with pytest.raises(StoreError, match=r"declared = 1e\+308, and the task lets it be 0 to 5"):
+        export(result=source, out=tmp_path / "m.xml")
+
+
+def test_an_effect_larger_than_any_quantity_is_refused(tasks, tmp_path):
+    found = found_at("coulomb-friction@x", where="slider")
+    source = diagnosis(tmp_path / "d", tasks["slider"], found)
+    made = document(tasks["slider"], found)
+    (friction,) = made["effects"][0]["parameters"].values()
+    friction["value"] = 1e308
+    (source / "diagnosis.json").write_text(json.dumps(made))
+    with pytest.raises(StoreError, match=r"coulomb-friction@x\..* = 1e\+308, and no quantity is larger"):
+        export(result=source, out=tmp_path / "m.xml")
 
 
 @pytest.mark.parametrize("existing", ["m.xml", "m_effects.py"])

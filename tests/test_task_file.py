@@ -13,6 +13,7 @@ from capture_cli.effects.com_shift import ComShift
 from capture_cli.errors import CaptureError, ModelError, TaskError
 from capture_cli.sim.engine import Engine, ModelFields, Starts
 from capture_cli.sim.mjcf import to_mjcf
+from capture_cli.stages.wide_bounds import wide_bounds
 from capture_cli.tasks import load_task
 
 MODEL = """
@@ -224,6 +225,7 @@ MISTAKES = {
     "parameter-set-type": ('"body:left:mass"', "[1]", PARAMETER, ["set = [1]", "KIND:NAME:ATTRIBUTE"]),
     "parameter-low-type": ("low = 0.5", 'low = "0.5"', PARAMETER, ["low = '0.5'", "a number"]),
     "parameter-low-nan": ("low = 0.5", "low = nan", "", ["parameters.mass.low = nan", "finite number"]),
+    "parameter-low-vast": ("low = 0.5", "low = -1e308", PARAMETER, ["low = -1e+308", "1e+15 in SI units"]),
     "parameter-high-infinite": ("high = 4.0", "high = inf", "", ["parameters.mass.high = inf", "finite number"]),
     "parameter-low-bool": ("low = 0.5", "low = true", PARAMETER, ["low = True", "a number"]),
     "parameter-bounds": ("high = 4.0", "high = 0.25", PARAMETER, ["low = 0.5, high = 0.25", "low < high"]),
@@ -541,3 +543,12 @@ def test_the_centres_that_are_moved_do_not_depend_on_the_order_of_parameters(tmp
     task.write(fields, np.array([[2.5, 0.03] if first == "mass" else [0.03, 2.5]]))
     assert fields["body_mass"][0, 1] == 2.5
     assert fields["body_ipos"][0, 2].tolist() == [0, 0, 0.03]
+
+
+def test_bounds_wider_than_any_place_are_warned_of(write):
+    """On both sides of 0 they say no size that they could be compared with."""
+    task = load_task(str(write(("low = 0.5", "low = 0.0"), ("body:left:mass", "body:left:com_x"))))
+    assert not wide_bounds(task)
+    vast = write(("low = 0.5", "low = -1e9"), ("body:left:mass", "body:left:com_x"))
+    (found,) = wide_bounds(load_task(str(vast)))
+    assert found["severity"] == "warning" and "wider than any place" in found["message"]

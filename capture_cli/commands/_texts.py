@@ -29,9 +29,9 @@ def named_ranges(texts: list[str], option: str) -> dict[str, tuple[float, float]
     result = {}
     for text in texts:
         name, _, value = text.partition("=")
-        low, _, high = value.partition(":")
+        low, colon, high = value.partition(":")
         try:
-            result[name] = (_finite(low), _finite(high or low))
+            result[name] = (_finite(low), _finite(high if colon else low))
         except ValueError:
             raise OptionError(
                 f"{option} {text!r} is not NAME=VALUE or NAME=LOW:HIGH",

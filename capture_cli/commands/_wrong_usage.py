@@ -8,12 +8,12 @@ from typing import Any, get_args, get_type_hints
 
 import typer
 
+from capture_cli.documents import LARGEST
 from capture_cli.errors import OptionError
 
 UsageError = (
     typer.BadParameter.__base__
 )  # of the library that reads options, which typer does not give a name
-LARGEST = 1e15  # in SI units: of a time, a rate or a share
 LARGEST_WHOLE = 2**31 - 1  # of what is counted
 SHOWN = 60  # characters of what was found
 

@@ -18,12 +18,12 @@ from capture_cli.errors import OptionError, OutputError, StoreError
 from capture_cli.parameters import Parameter, ParameterSpace
 from capture_cli.sim.engine import ModelFields
 from capture_cli.sim.mjcf import to_mjcf
-from capture_cli.stages.recorded_effects import WithValues, recorded_effects, recorded_values
+from capture_cli.stages.recorded_effects import WithValues, declared_values, recorded_effects
 from capture_cli.stages.recorded_task import load_recorded, task_inputs
 from capture_cli.stores.diagnosis import Diagnosis
 from capture_cli.stores.estimate import Estimate
 from capture_cli.stores.output import New, new_outputs, refuse_existing, refuse_inputs
-from capture_cli.stores.result import read_provenance
+from capture_cli.stores.result import check_bounds, is_within, read_provenance
 from capture_cli.tasks.base import Task
 
 MADE_BY = {"capture/estimate": "identify", "capture/diagnosis": "diagnose"}
@@ -65,7 +65,7 @@ def export(*, result: Path, out: Path, task: str | None = None, force: bool = Fa
     expression = found.get("expression") or {}
     if expression.get("terms"):
         found = _with_expression(found, expression, str(result))
-    values = recorded_values(found["parameters"], machine.space, str(result), command)
+    values = declared_values(found["parameters"], machine.space, str(result), command)
     effects = recorded_effects(found.get("effects", []), machine.model, command)
     effects |= _terms(expression.get("terms", []), machine, command)
     fields = ModelFields(machine.model, 1)
@@ -131,14 +131,22 @@ def _with_expression(
             f"{whose} has a formula without the values that go with it", cure="run `capture diagnose` again"
         )
 
-    def there(parameters: Mapping[str, Any], whose: str = "") -> dict[str, Any]:
-        return {n: {**p, "value": expression["values"][whose + n]} for n, p in parameters.items()}
+    def there(parameters: Mapping[str, Any], owner: str = "") -> dict[str, Any]:
+        missing = [owner + n for n in parameters if owner + n not in expression["values"]]
+        if missing:
+            raise StoreError(
+                f"{whose} has a formula, and among the values that go with it none of {', '.join(missing)}",
+                cure="run `capture diagnose` again",
+            )
+        return {n: {**p, "value": expression["values"][owner + n]} for n, p in parameters.items()}
 
     effects = [
         {**row, "parameters": there(row["parameters"], f"{placed_name(row['name'], row['site'])}.")}
         for row in found["effects"]
     ]
-    return {**found, "parameters": there(found["parameters"]), "effects": effects}
+    beside = {**found, "parameters": there(found["parameters"]), "effects": effects}
+    check_bounds(beside, f"{whose}: the values that go with its formula", "run `capture diagnose` again")
+    return beside
 
 
 def _terms(rows: Sequence[Mapping[str, Any]], machine: Task, command: str) -> WithValues:
@@ -151,6 +159,13 @@ def _terms(rows: Sequence[Mapping[str, Any]], machine: Task, command: str) -> Wi
         if row["site"] not in there:
             raise StoreError(
                 f"the formula has the term {row['site']!r}, which the model has not",
+                cure=f"run `capture {command}` again with the task as it is now",
+            )
+        (coefficient,) = there[row["site"]].effect.parameters
+        if not is_within(row["coefficient"], coefficient.low, coefficient.high):
+            raise StoreError(
+                f"the formula has {row['coefficient']:g} times {row['site']!r}, outside of its bounds, "
+                f"{coefficient.low:g} to {coefficient.high:g}",
                 cure=f"run `capture {command}` again with the task as it is now",
             )
     chosen = [(there[row["site"]], np.array([row["coefficient"]])) for row in rows]

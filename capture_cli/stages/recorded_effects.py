@@ -12,6 +12,7 @@ from capture_cli.effects.base import Effect
 from capture_cli.effects.placed import Placed
 from capture_cli.errors import StoreError
 from capture_cli.parameters import ParameterSpace
+from capture_cli.stores.result import is_within
 
 WithValues = Mapping[str, tuple[Effect, np.ndarray]]  # {NAME@SITE: (effect, its values (parameter,))}
 
@@ -27,6 +28,21 @@ def recorded_values(
             cure=f"run `capture {command}` again with the task as it is now",
         )
     return space.to_vector({name: p["value"] for name, p in parameters.items()})
+
+
+def declared_values(
+    parameters: Mapping[str, Any], space: ParameterSpace, whose: str, command: str
+) -> np.ndarray:
+    """As `recorded_values`, of the parameters of a task. Raises StoreError where one is outside of its bounds, too."""
+    values = recorded_values(parameters, space, whose, command)
+    for parameter, value in zip(space, values, strict=True):
+        if not is_within(value, parameter.low, parameter.high):
+            raise StoreError(
+                f"{whose} has {parameter.name} = {value:g}, and the task lets it be {parameter.low:g} to "
+                f"{parameter.high:g}",
+                cure=f"run `capture {command}` again with the task as it is now",
+            )
+    return values
 
 
 def recorded_effects(rows, model, command: str) -> WithValues:

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from capture_cli.documents import LARGEST
 from capture_cli.errors import LogError, StoreError
 from capture_cli.stores.document_shape import (
     FLAG,
@@ -81,8 +82,6 @@ SHAPE = {  # of the attributes
         }
     ],
 }
-# In SI: nothing that is commanded or measured is larger, and its square is still far from overflow.
-LARGEST = 1e15
 # the cure where it takes more memory than is read
 LARGER = "if it is that long, say how much may be read, say --max-log-size 2GB; otherwise copy it again"
 FEWEST_OF_A_SPARSE = 5  # samples of an episode: with fewer nobody can tell how the output moves

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from capture_cli.documents import read_json
+from capture_cli.documents import LARGEST, read_json
 from capture_cli.errors import StoreError
 from capture_cli.stores import provenance
 from capture_cli.stores.document_shape import OBJECT, TEXT, check_shape
@@ -54,22 +54,37 @@ class Result:
         """NAME.json alone. Raises StoreError where there is none, or it is damaged or of another version."""
         name = f"{cls.NAME}.json"
         document = read_result(Path(folder), name, cls.FORMAT, cls.VERSION, cls.CURE, cls.SHAPE)
-        if isinstance(parameters := document.get("parameters"), dict):
-            _check_bounds(parameters, Path(folder) / name, cls.CURE)
+        check_bounds(document, Path(folder) / name, cls.CURE)
         return document
 
 
-def _check_bounds(parameters: Mapping[str, Any], path: Path, cure: str) -> None:
-    """Raise StoreError where a value is outside of the bounds that are written beside it: no fit goes there."""
-    for name, parameter in parameters.items():
+def check_bounds(document: Mapping[str, Any], where: object, cure: str) -> None:
+    """Raise StoreError where a parameter is outside of the bounds that are written beside it, or an effect's is larger
+    than any quantity: no fit goes there.
+    """
+    declared, effects = document.get("parameters"), document.get("effects")
+    for name, parameter in declared.items() if isinstance(declared, dict) else ():
         if "low" not in parameter or "high" not in parameter:
             continue
         value, low, high = (parameter[key] for key in ("value", "low", "high"))
-        slack = ROUNDING * (high - low)
-        if not low - slack <= value <= high + slack:
+        if not is_within(value, low, high):
             raise StoreError(
-                f"{path}: {name} = {value:g} is outside of its bounds, {low:g} to {high:g}", cure=cure
+                f"{where}: {name} = {value:g} is outside of its bounds, {low:g} to {high:g}", cure=cure
             )
+    for effect in effects or ():
+        for name, parameter in effect["parameters"].items():
+            if abs(parameter["value"]) > LARGEST:
+                raise StoreError(
+                    f"{where}: {effect['name']}@{effect['site']}.{name} = {parameter['value']:g}, and no quantity is "
+                    f"larger than {LARGEST:g} in SI units",
+                    cure=cure,
+                )
+
+
+def is_within(value: float, low: float, high: float) -> bool:
+    """Whether a fit between these bounds may have ended at the value."""
+    slack = ROUNDING * (high - low)
+    return low - slack <= value <= high + slack
 
 
 def read_provenance(folder: Path, cure: str) -> dict[str, Any]:

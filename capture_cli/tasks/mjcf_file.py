@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-import math
 from pathlib import Path
 from typing import Any
 
 import mujoco
 
-from capture_cli.documents import read_toml
+from capture_cli.documents import LARGEST, read_toml
 from capture_cli.errors import ModelError, TaskError, did_you_mean
 from capture_cli.parameters import Parameter, ParameterSpace
 from capture_cli.sim.model_file import compile_file
@@ -312,19 +311,19 @@ _REQUIRED = object()
 
 
 def _value(table: dict[str, Any], key: str, kind: type, where: str, default: Any = _REQUIRED) -> Any:
-    """table[key] as `kind`, finite if a number. Raises TaskError where it is missing or something else."""
+    """table[key] as `kind`, of LARGEST at most if a number. Raises TaskError where it is missing or something else."""
     names = {str: "a string", float: "a number", bool: "true or false"}
     if key not in table:
         if default is _REQUIRED:
             raise TaskError(f"{where}: {key!r} is missing", cure=f"add `{key} = ...` ({names[kind]})")
         return default
     value = table[key]
-    if (
-        kind is float
-        and isinstance(value, int | float)
-        and not isinstance(value, bool)
-        and math.isfinite(value)
-    ):
+    if kind is float and isinstance(value, int | float) and not isinstance(value, bool):
+        if abs(value) > LARGEST:
+            raise TaskError(
+                f"{where}: {key} = {value:g}, and no quantity is larger than {LARGEST:g} in SI units",
+                cure="correct it, or its unit",
+            )
         return float(value)
     if kind is str and isinstance(value, str) and value:
         return value
