@@ -29,6 +29,7 @@ CAPTIONS = {
     "LICENSE": "MIT",
     "Makefile": "make demo, test, test-core, pipeline, install, lint, bench, docs: each sets up what it needs",
     "README.md": "this page",
+    "SECURITY.md": "what a file from a stranger can and cannot do, how that is tested, how to report",
     "constraints/all.txt": "with robosuite, which pins numpy below 2",
     "constraints/core.txt": "without: numpy 2",
     "constraints/packages.txt": "every other package",

@@ -286,6 +286,14 @@ def test_the_command_prints_one_document(folder, trained):
     assert json.loads(done.stdout)["format"] == "capture/evaluation"
 
 
+def test_names_are_text_in_the_tables(evaluated):
+    document = json.loads(json.dumps(evaluated.document))
+    label = next(iter(document["identifiers"]))
+    document["identifiers"] = {"<img src=x>|" + label: document["identifiers"].pop(label)}
+    page = markdown(document, title="<b>")
+    assert "<img" not in page and "<b>" not in page and "&lt;img src=x&gt;&#124;" in page
+
+
 def test_tables_set_the_papers_numbers_beside_ours(evaluated):
     document = json.loads(json.dumps(evaluated.document))
     document["task"], document["rounds"], document["table_rounds"] = "air-hockey", 10, [5, 10]

@@ -137,8 +137,10 @@ def _ended(code: int, stderr: str, number: int) -> str:
     """In which of the ways that there are a run ended; "" for another."""
     if code == 0:
         return DONE
-    if code == -number:
-        return KILLED if number == signal.SIGKILL else UNHEARD
+    if code == -number and number == signal.SIGKILL:
+        return KILLED
+    if code == -number and not stderr or "Traceback" in stderr and "capture_cli" not in stderr:
+        return UNHEARD  # Python itself was starting, and has no message, or a traceback of its own
     if code != 128 + number:
         return ""
     for end, said in ENDS.items():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -84,7 +85,8 @@ def print_suite(document: Mapping[str, Any], console: Console, out_path: Path) -
 
 def markdown(document: Mapping[str, Any], title: str | None = None) -> str:
     """The tables as a page."""
-    lines = [f"# {title or 'Evaluation on ' + document['task']}", "", f"{_heading(document)}.", ""]
+    title = title or f"Evaluation on {document['task']}"
+    lines = [f"# {escape(title, quote=False)}", "", f"{escape(_heading(document), quote=False)}.", ""]
     for rows in tables(document):
         lines += [f"## {rows.title}", "", f"{rows.note}.", "", _line(rows.header)]
         lines += [f"|---|{'---:|' * (len(rows.header) - 1)}", *map(_line, rows.cells), ""]
@@ -101,7 +103,8 @@ def _heading(document: Mapping[str, Any]) -> str:
 
 
 def _line(cells: Sequence[str]) -> str:
-    return f"| {' | '.join(cells)} |"
+    """A row in Markdown, which takes tags for what they are: names are text."""
+    return f"| {' | '.join(escape(cell, quote=False).replace('|', '&#124;') for cell in cells)} |"
 
 
 def _trajectories(document: Mapping[str, Any]) -> Rows:
