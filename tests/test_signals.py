@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import asyncio
 import errno
 import os
 import signal
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
 
 import pytest
+from zarr.storage import LocalStore
 
 from capture_cli.signals import heed_signals, uninterrupted
 from capture_cli.stages import import_log as stage
@@ -95,6 +98,27 @@ def test_an_import_that_is_interrupted_when_its_log_is_whole_says_so(
     monkeypatch.undo()
     monkeypatch.chdir(tmp_path)
     assert capture("inspect", "log.zarr")[0] == 0
+
+
+def test_zarr_does_not_go_on_to_write_where_a_folder_was_cleared_away(
+    capture, log_files, monkeypatch, tmp_path
+):
+    """It writes in threads of its own: an interrupted record left a folder that was not there when it was removed."""
+    put = LocalStore.set
+
+    async def slow(self, key, value):
+        if not sent:
+            sent.append(os.kill(os.getpid(), signal.SIGINT))
+        await asyncio.sleep(0.05)
+        await put(self, key, value)
+
+    sent = []
+    monkeypatch.setattr(LocalStore, "set", slow)
+    before = sorted(tmp_path.iterdir())
+    ended, _, err = capture(*log_files)
+    assert (ended, err) == (130, "interrupted: nothing was written\n  cure: run the same command again\n")
+    time.sleep(1)
+    assert sent and sorted(tmp_path.iterdir()) == before
 
 
 def test_an_interrupted_import_turned_into_another_error_is_still_interrupted(

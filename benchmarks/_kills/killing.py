@@ -139,7 +139,7 @@ def _ended(code: int, stderr: str, number: int) -> str:
         return DONE
     if code == -number and number == signal.SIGKILL:
         return KILLED
-    if code == -number and not stderr or "Traceback" in stderr and "capture_cli" not in stderr:
+    if (code == -number and not stderr) or ("Traceback" in stderr and "capture_cli" not in stderr):
         return UNHEARD  # Python itself was starting, and has no message, or a traceback of its own
     if code != 128 + number:
         return ""

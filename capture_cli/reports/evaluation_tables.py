@@ -88,7 +88,7 @@ def markdown(document: Mapping[str, Any], title: str | None = None) -> str:
     title = title or f"Evaluation on {document['task']}"
     lines = [f"# {escape(title, quote=False)}", "", f"{escape(_heading(document), quote=False)}.", ""]
     for rows in tables(document):
-        lines += [f"## {rows.title}", "", f"{rows.note}.", "", _line(rows.header)]
+        lines += [f"## {rows.title}", "", f"{escape(rows.note, quote=False)}.", "", _line(rows.header)]
         lines += [f"|---|{'---:|' * (len(rows.header) - 1)}", *map(_line, rows.cells), ""]
     if document["task"] in paper_numbers.SAID:
         lines += [f"{paper_numbers.SAID[document['task']]}.", ""]

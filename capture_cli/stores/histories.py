@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ import numpy as np
 
 from capture_cli.documents import exists
 from capture_cli.errors import StoreError
+from capture_cli.signals import uninterrupted
 from capture_cli.stores.array_metadata import ArrayMetadata, array_metadata
 from capture_cli.stores.document_shape import (
     COUNT,
@@ -136,11 +138,15 @@ class HistoriesWriter:
 
     def create(self, attributes: Mapping[str, Any]) -> None:
         """Make a store without shards, described by all `attributes` of the schema but `complete`."""
-        import zarr
-
         missing = set(SCHEMA.attributes) - {"complete"} - set(attributes)
         if missing:
             raise ValueError(f"{SCHEMA.format}: attributes {sorted(missing)} are not given")
+        with self._while_zarr_writes():
+            self._create(attributes)
+
+    def _create(self, attributes: Mapping[str, Any]) -> None:
+        import zarr
+
         sizes = _sizes(attributes)
         pairs, shard = sizes["pair"], attributes["shard_pairs"]
         group = zarr.open_group(self.location, mode="w", zarr_format=3)
@@ -186,8 +192,16 @@ class HistoriesWriter:
         """Which shards are marked as whole, bool (shard,)."""
         return np.asarray(_open(self.location).open(MARKS)[...]).astype(bool)
 
+    def _while_zarr_writes(self) -> AbstractContextManager[None]:
+        """Hold signals back from a folder: zarr's threads would go on to write where it was cleared away."""
+        return nullcontext() if is_url(self.location) else uninterrupted()
+
     def write(self, shard: int, arrays: Mapping[str, np.ndarray]) -> None:
         """Write the histories of one shard, then mark it."""
+        with self._while_zarr_writes():
+            self._write(shard, arrays)
+
+    def _write(self, shard: int, arrays: Mapping[str, np.ndarray]) -> None:
         import zarr
 
         group = zarr.open_group(self.location, mode="r+")
@@ -211,7 +225,8 @@ class HistoriesWriter:
 
         if not self.is_written().all():
             raise ValueError(f"{self.location}: shards are missing")
-        zarr.open_group(self.location, mode="r+").attrs["complete"] = True
+        with self._while_zarr_writes():
+            zarr.open_group(self.location, mode="r+").attrs["complete"] = True
 
 
 class Histories:

@@ -12,6 +12,7 @@ import hashlib
 import os
 import shutil
 import stat
+import time
 from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -26,6 +27,7 @@ REPLACED = ".replaced-"
 UNFINISHED = ".unfinished"
 PROVENANCE = "provenance.json"
 LONGEST = 200  # characters of a path in a message
+TRIES, BETWEEN = 20, 0.05  # s, to remove a folder that something is still written into
 _HERE, _EXCHANGED = -100, 2  # AT_FDCWD and RENAME_EXCHANGE of renameat2
 GO_ON = "go on with the same command and --resume"
 # Outputs that this process has put in place: whoever is interrupted after that is told so.
@@ -274,7 +276,7 @@ def _left(partial: Path, kept: Callable[[Path], str]) -> str:
     except (StoreError, OSError):
         left = "what was written is kept"
     if not left:
-        shutil.rmtree(partial, ignore_errors=True)
+        _remove(partial)
     return left
 
 
@@ -310,10 +312,14 @@ def _link(item: Path) -> OutputError:
 
 def _remove(item: Path) -> None:
     """Remove a file or a link, or a folder and what is in it, where there is one."""
-    if item.is_dir() and not item.is_symlink():
-        shutil.rmtree(item, ignore_errors=True)
-    else:
+    if not item.is_dir() or item.is_symlink():
         item.unlink(missing_ok=True)
+        return
+    for _ in range(TRIES):
+        shutil.rmtree(item, ignore_errors=True)
+        if not item.exists():
+            return
+        time.sleep(BETWEEN)  # a thread of a library is about to end that writes into it
 
 
 def _remove_leftovers(path: Path) -> None:

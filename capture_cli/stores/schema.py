@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from capture_cli.errors import StoreError, did_you_mean
+from capture_cli.signals import uninterrupted
 from capture_cli.stores.array_metadata import ArrayMetadata
 from capture_cli.stores.zarr_store import MAKE_AGAIN, ZarrStore
 
@@ -55,6 +56,7 @@ class Schema:
     attributes: Mapping[str, str]
     cure_for_other_version: str
 
+    @uninterrupted()  # zarr has threads, which would go on to write where the folder was cleared away
     def write(self, path: Path, arrays: Mapping[str, np.ndarray], attributes: Mapping[str, Any]) -> None:
         """Write `arrays` (by path) and `attributes` into a new Zarr v3 group at `path`.
 
