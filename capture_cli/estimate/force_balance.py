@@ -36,14 +36,12 @@ from capture_cli.sim.windows import LEAD
 STEP = 1e-3  # of a parameter's range, in differences
 AT_REST = 3.0  # standard deviations of a velocity, below which it may be none
 RESTING = 2.0  # times half a period of the fastest motion that is smoothed: a turning point is shorter
-# steps from the time of an acceleration to that of the velocity that forces have: q(t+h) - 2 q(t) + q(t-h) is h^2 a(t),
-# and (q(t) - q(t-h)) / h, with which Euler's method works out a, the velocity at t - h / 2
+# A step works out a from the velocity that it begins with, and q(t+h) - 2 q(t) + q(t-h) is h^2 a(t): that velocity,
+# (q(t) - q(t-h)) / h, is the one at t - h / 2. What the integrator takes implicitly has the velocity at its end.
 _INTEGRATOR = mujoco.mjtIntegrator
-_AHEAD = {
-    int(_INTEGRATOR.mjINT_EULER): -0.5,
-    int(_INTEGRATOR.mjINT_RK4): 0.0,
-    int(_INTEGRATOR.mjINT_IMPLICIT): 0.5,
-    int(_INTEGRATOR.mjINT_IMPLICITFAST): 0.5,
+_IMPLICIT = {
+    int(_INTEGRATOR.mjINT_IMPLICIT): ("qfrc_smooth",),
+    int(_INTEGRATOR.mjINT_IMPLICITFAST): ("qfrc_passive", "qfrc_actuator"),
 }
 _OF_ACTUATORS = ("actuator_gear", "actuator_gainprm", "actuator_biasprm", "actuator_forcerange")
 AT_JOINTS = (
@@ -112,7 +110,11 @@ class ForceBalance:
     @cached_property
     def null(self) -> Accelerations:
         """Of the model as it is."""
-        return self._forces()
+        return self._null[0]
+
+    @cached_property
+    def _null(self) -> tuple[Accelerations, np.ndarray]:
+        return self._forces_and_sums()
 
     def of_parameter(self, index: int) -> Accelerations:
         """Derivative of the balance by a declared parameter, per its unit: the column of it."""
@@ -123,10 +125,8 @@ class ForceBalance:
         moved[index] += step
         return (self._forces(point=moved) - self.null) / step
 
-    def of_effect(self, effect: Effect, values: np.ndarray) -> list[Accelerations] | None:
-        """Changes of the balance by an effect at each of `values` (variant, parameter); None where they cannot be told
-        without a simulation.
-        """
+    def of_effect(self, effect: Effect, values: np.ndarray) -> list[Accelerations]:
+        """Changes of the balance by an effect at each of `values` (variant, parameter)."""
         if effect.place == "model":
             written = (self._forces(write=lambda fields, v=v: effect.write(fields, v[None])) for v in values)
             return [forces - self.null for forces in written]
@@ -381,29 +381,46 @@ class ForceBalance:
         runner.bind("time")[...] = self.points.time
         return runner
 
-    def _set(self, runner: batch.Batch, state: tuple[np.ndarray, ...], controls: np.ndarray) -> None:
-        qpos, qvel, qacc = state
-        ahead = _AHEAD[int(self.model.opt.integrator)] * self.model.opt.timestep
+    def _set(self, runner: batch.Batch, state: tuple[np.ndarray, ...], controls: np.ndarray) -> np.ndarray:
+        """Work out forces as a step does: those that it sums, without dry friction, (point, nv)."""
+        model, (qpos, qvel, qacc) = self.model, state
+        half = model.opt.timestep / 2
+        if int(model.opt.integrator) == mujoco.mjtIntegrator.mjINT_RK4:
+            half = 0.0
+        smooth = runner.bind("qfrc_smooth")
         runner.bind("qpos")[...] = qpos
-        runner.bind("qvel")[...] = qvel + ahead * qacc
-        if self.model.nu:
+        if model.nu:
             runner.bind("ctrl")[...] = controls
+        implicit = [runner.bind(name) for name in _IMPLICIT.get(int(model.opt.integrator), ())]
+        at_end = 0.0
+        if implicit:
+            runner.bind("qvel")[...] = qvel + half * qacc
+            runner.forward()
+            at_end = sum(implicit)
+        runner.bind("qvel")[...] = qvel - half * qacc
+        runner.forward()
+        return smooth + at_end - (sum(implicit) if implicit else 0.0)
 
-    def _forces(self, *, point=None, write=None, state=None, controls=None) -> Accelerations:
+    def _forces(self, **changes) -> Accelerations:
         """As the model gives them with other parameters, written fields, states or controls than its own."""
+        return self._forces_and_sums(**changes)[0]
+
+    def _forces_and_sums(
+        self, *, point=None, write=None, state=None, controls=None
+    ) -> tuple[Accelerations, np.ndarray]:
+        """As of `_forces`, and what acts, (point, nv)."""
         state = self.state if state is None else state
         if point is None and write is None:
             model, runner = self._model, self._plain
         else:
             model = self._written(self.point if point is None else point, write)
             runner = self._runner(model)
-        self._set(runner, state, self.controls if controls is None else controls)
-        smooth, inertia = runner.bind("qfrc_smooth"), runner.bind("M")
-        runner.forward()
-        applied = smooth - model.dof_frictionloss * self._sign(state[1])
+        inertia = runner.bind("M")
+        applied = self._set(runner, state, self.controls if controls is None else controls)
+        applied = applied - model.dof_frictionloss * self._sign(state[1])
         felt = self._holding(_felt(model, inertia))
         predicted = np.linalg.solve(felt, np.where(self.at_rest, state[2], applied)[..., None])[..., 0]
-        return Accelerations(state[2], predicted)
+        return Accelerations(state[2], predicted), applied
 
     def _holding(self, felt: np.ndarray, here: np.ndarray | slice = slice(None)) -> np.ndarray:
         """What accelerations are solved with (point, nv, nv) where coordinates at rest keep the acceleration that they
@@ -431,6 +448,12 @@ class ForceBalance:
         return found
 
     @cached_property
+    def _begins(self) -> np.ndarray:
+        """Velocities that steps begin with, (point, nv)."""
+        whole = int(self.model.opt.integrator) != mujoco.mjtIntegrator.mjINT_RK4
+        return self.state[1] - whole * self.model.opt.timestep / 2 * self.state[2]
+
+    @cached_property
     def _plain(self) -> batch.Batch:
         """Simulations of the model as it is."""
         return self._runner(self._model)
@@ -438,11 +461,6 @@ class ForceBalance:
     def _sign(self, qvel: np.ndarray) -> np.ndarray:
         """Expected sign of velocities that are known as well as the smoothed ones are, (point, nv)."""
         return erf(qvel / (np.sqrt(2) * np.maximum(self.speed_sd, 1e-12)))
-
-    def _of_force(self, effect: Effect, values: np.ndarray) -> list[Accelerations] | None:
-        if _remembers(effect):
-            return None
-        return [self._of_one_force(effect, v) for v in values]
 
     def _of_one_force(self, effect: Effect, values: np.ndarray) -> Accelerations:
         world, runner, smooth, inverse, base = self._world
@@ -456,6 +474,7 @@ class ForceBalance:
             began=self.points.time - self.points.elapsed,
         )(world)
         model, (_, qvel, qacc) = self._model, self.state
+        step = model.opt.timestep
         friction = world.vary("dof_frictionloss") - model.dof_frictionloss
         damping = world.vary("dof_damping") - model.dof_damping
         acts = joint_force - friction * self._sign(qvel)
@@ -463,16 +482,16 @@ class ForceBalance:
             joint_force[...] = 0.0
             inertia = runner.bind("M")
             runner.forward()
-            acts = acts + smooth - base
+            acts = acts + smooth - base - damping * step * qacc
             if world.has_varied(AT_JOINTS):
-                acts = acts + base - model.dof_frictionloss * self._sign(qvel)
+                acts = acts + self._null[1]
                 felt = self._holding(_felt(model, inertia))
                 predicted = np.linalg.solve(felt, np.where(self.at_rest, qacc, acts)[..., None])[..., 0]
                 self._restore()
                 return Accelerations(np.zeros_like(qvel), predicted - self.null.predicted)
             self._restore()
         else:
-            acts = acts - damping * (qvel + 0.5 * model.opt.timestep * qacc)
+            acts = acts - damping * (qvel + 0.5 * step * qacc)
         return Accelerations(np.zeros_like(qvel), (inverse @ acts[..., None])[..., 0])
 
     def _of_followed(self, effect: Effect, values: np.ndarray) -> list[Accelerations]:
@@ -485,7 +504,7 @@ class ForceBalance:
         index = np.tile(index, (variants, 1))  # (variant and part, point)
         each = np.repeat(values, parts, axis=0)
         qpos, qvel, qacc = self.state
-        ahead = _AHEAD[int(self._model.opt.integrator)] * self._model.opt.timestep
+        step, begins = self._model.opt.timestep, self._begins
         runner = batch.Batch(self._model, len(index), self.threads)
         runner.reset(stage=mujoco.mjtStage.mjSTAGE_NONE)
         live = {n: runner.bind(n) for n in ("qpos", "qvel", "time", *(("ctrl",) if self._model.nu else ()))}
@@ -493,6 +512,7 @@ class ForceBalance:
         joint_force, body_force = (runner.bind(name) for name in APPLIED)
         world = World(runner, np.arange(len(index)))
         world.stepped, world.qacc = True, np.zeros((len(index), self._model.nv))
+        actuator_force = world.actuator_force
         force = effect.force(
             each,
             self.interval,
@@ -502,7 +522,7 @@ class ForceBalance:
         changes = np.zeros((len(self.points), variants, self._model.nv))
         for k in range(longest):
             here = index[:, k]
-            live["qpos"][...], live["qvel"][...] = qpos[here], qvel[here] + ahead * qacc[here]
+            live["qpos"][...], live["qvel"][...] = qpos[here], begins[here]
             live["time"][...] = self.points.time[here]
             if self._model.nu:
                 live["ctrl"][...] = self.controls[here]
@@ -512,21 +532,25 @@ class ForceBalance:
             runner.forward()
             before = smooth.copy()
             force(world)
+            world.actuator_force = actuator_force
             friction = world.vary("dof_frictionloss") - self._model.dof_frictionloss
             damping = world.vary("dof_damping") - self._model.dof_damping
             acts = -friction * self._sign(qvel[here])
             if body_force.any() or world.has_varied(AT_JOINTS):
                 runner.forward()
-                acts = acts + smooth - before
+                acts = acts + smooth - before - damping * step * qacc[here]
+                world.actuator_force = (
+                    actuator_force.copy()
+                )  # as they gave it under this force, until it is asked again
                 if world.has_varied((*AT_JOINTS, *_OF_ACTUATORS)):
-                    acts = acts + before - self._model.dof_frictionloss * self._sign(qvel[here])
+                    acts = acts + self._null[1][here]
                     felt = self._holding(_felt(self._model, inertia), here)
                     held = np.where(self.at_rest[here], qacc[here], acts)
                     found = np.linalg.solve(felt, held[..., None])[..., 0] - self.null.predicted[here]
                     changes[here[:parts]] = found.reshape(variants, parts, -1).swapaxes(0, 1)
                     continue
             else:
-                acts = acts + joint_force - damping * qvel[here]
+                acts = acts + joint_force - damping * (qvel[here] + 0.5 * step * qacc[here])
             found = (self.inverse_inertia[here] @ acts[..., None])[..., 0].reshape(variants, parts, -1)
             changes[here[:parts]] = found.swapaxes(0, 1)
         return [Accelerations(np.zeros_like(qvel), changes[:, v]) for v in range(variants)]
@@ -554,9 +578,8 @@ class ForceBalance:
         """What forces see at the points, and the forces of the model there and its inverse inertia."""
         model = self._model
         runner = self._runner(model)
-        self._set(runner, self.state, self.controls)
         smooth, inertia = runner.bind("qfrc_smooth"), runner.bind("M")
-        runner.forward()
+        self._set(runner, self.state, self.controls)
         world = World(runner, np.arange(len(self.points)))
         world.qacc = self.null.predicted
         world.stepped = True

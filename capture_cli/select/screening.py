@@ -173,8 +173,8 @@ class Screening:
         return np.repeat(self.block, sizes)
 
     def _dictionary(self, placed: Sequence[Placed], on_step: Callable) -> list[np.ndarray]:
-        """Rows (row, nv, column) of each stretch of the atoms, in single precision: there may be thousands."""
-        rows = []
+        """Rows (row, nv, column) of each stretch of the atoms, in single precision: there may be thousands, or none."""
+        rows = [[t[..., :0].astype(np.float32) for t in self.target]]
         for number, one in enumerate(placed):
             on_step("balance", number, len(placed))
             own = list(atoms(self.balance, one))
