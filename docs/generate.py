@@ -48,6 +48,7 @@ CAPTIONS = {
     "docs/commands.md": "every command and option",
     "docs/concepts.md": "windows, starts, noise floor, intervals, verdicts, and their limits",
     "docs/diagnosis.md": "how a missing effect is found, what it found on real machines, and its limits",
+    "docs/method.md": "how effects are scored in the force balance of a log, with formulas",
     "docs/effects.md": "every effect, where it sits and its parameters",
     "docs/findings.md": "what was found out on the way, with dates; failures too",
     "docs/images": "the pictures of these pages",

@@ -90,7 +90,7 @@ def _solved(
     across, gram, pull = across[keep].sum(axis=0), gram[keep].sum(axis=0), pull[keep].sum(axis=0)
     size, (models, added) = len(own_pull), pull.shape
     inverse = np.linalg.inv(own_gram + np.eye(size))
-    through = (inverse @ across.reshape(size, -1)).reshape(size, models, added)
+    through = (inverse @ across.reshape(size, models * added)).reshape(size, models, added)
     left = gram + np.eye(added) - np.einsum("ima,imc->mac", across, through)
     pulled = pull - np.einsum("ima,i->ma", through, own_pull)
     coefficients = np.linalg.solve(left, pulled[..., None])[..., 0]

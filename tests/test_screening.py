@@ -1,0 +1,98 @@
+"""Screening: the planted effect comes first with its size, nothing comes where nothing is missing."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from balances import Made
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from capture_cli.select.regression import Sums, additions, predicted
+
+# small ones: columns are taken at the declared parameters as they fit best without the effect, and a large one bends those
+CASES = [
+    ("slider", "coulomb-friction", "x", 0.05),
+    ("slider", "quadratic-drag", "x", 0.5),
+    ("slider", "control-delay", "drive", 0.1),
+    ("slider", "sensor-bias", "q", 0.05),
+    ("cart_pole", "linear-stiffness", "x", 0.02),
+    ("cart_pole", "constant-force", "x", 0.01),
+    ("cart_pole", "control-lag", "drive", 0.05),
+    ("cart_pole", "coulomb-friction", "x", 0.02),
+]
+DIFFERENT = 0.98  # cosine of responses above which a log hardly tells two effects apart
+
+
+@pytest.mark.parametrize(("machine", "name", "site", "share"), CASES)
+def test_what_was_planted_comes_first_with_its_size(machine, name, site, share):
+    own = Made.of(machine, (name, site, share), episodes=4)
+    _, values = own.planted[0]
+    found = own.screening().additions((), ())
+    (right,) = [a for a in found if a.placed.kind == name and a.placed.effect.site == site]
+    best = found[0]
+    cosine = best.response @ right.response
+    cosine /= np.linalg.norm(best.response) * np.linalg.norm(right.response)
+    assert right is best or abs(cosine) > DIFFERENT, [a.placed.name for a in found[:3]]
+    assert right.gain > 15
+    np.testing.assert_allclose(right.model.values[0], values, rtol=0.05, atol=1e-9)
+
+
+@pytest.mark.parametrize("machine", ["slider", "cart_pole"])
+def test_nothing_comes_where_nothing_is_missing(machine):
+    found = Made.of(machine, episodes=4).screening().additions((), ())
+    assert not [a.placed.name for a in found if a.gain > max(3 * a.error, 15)]
+
+
+def test_threads_change_no_bit():
+    own = Made.of("cart_pole", ("control-lag", "drive", 0.3), episodes=2)
+    few = [
+        p for p in own.placed if p.kind in ("control-lag", "control-delay", "coulomb-friction", "backlash")
+    ]
+    one, two = (own.screening(few, threads).additions((), ()) for threads in (1, 2))
+    for a, b in zip(one, two, strict=True):
+        assert (a.placed, a.gain, a.error) == (b.placed, b.gain, b.error)
+        np.testing.assert_array_equal(a.model.start, b.model.start)
+        np.testing.assert_array_equal(a.response, b.response)
+
+
+def test_a_log_in_which_no_effect_moves_anything_has_no_additions():
+    assert Made.of("slider", episodes=2).screening([]).additions((), ()) == []
+
+
+def _refitted(target, columns, block, leave):
+    """The maximum a posteriori by least squares with the prior as rows."""
+    keep = block != leave
+    rows = np.vstack([columns[keep], np.eye(columns.shape[1])])
+    return np.linalg.lstsq(rows, np.append(target[keep], np.zeros(columns.shape[1])), rcond=None)[0]
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 10**6), own=st.integers(0, 3), models=st.integers(1, 4), added=st.integers(1, 3))
+def test_additions_are_what_refits_one_by_one_give(seed, own, models, added):
+    generator = np.random.default_rng(seed)
+    rows, blocks = 60, 5
+    block = np.sort(np.append(np.arange(blocks), generator.integers(0, blocks, rows - blocks)))
+    target, base = generator.standard_normal(rows), 3 * generator.standard_normal((rows, own))
+    more = 3 * generator.standard_normal((rows, models, added))
+    sums, parts = Sums.of(target, base, block), [np.flatnonzero(block == b) for b in range(blocks)]
+    gain = additions(
+        sums,
+        np.array([np.einsum("ri,rma->ima", base[p], more[p]) for p in parts]),
+        np.array([np.einsum("rma,rmc->mac", more[p], more[p]) for p in parts]),
+        np.array([np.einsum("r,rma->ma", target[p], more[p]) for p in parts]),
+    )
+
+    def errors(columns):
+        fits = [_refitted(target, columns, block, b) for b in range(blocks)]
+        return np.array(
+            [np.square(target[p] - columns[p] @ f).sum() for p, f in zip(parts, fits, strict=True)]
+        )
+
+    np.testing.assert_allclose(predicted(sums), errors(base), rtol=1e-8)
+    for m in range(models):
+        whole = np.hstack([base, more[:, m]])
+        gains = 0.5 * sums.count * np.log(errors(base) / errors(whole))
+        assert gain.mean[m] == pytest.approx(gains.sum(), rel=1e-6, abs=1e-8)
+        assert gain.error[m] == pytest.approx(gains.std(ddof=1) * np.sqrt(blocks), rel=1e-6)
+        np.testing.assert_allclose(gain.coefficients[m], _refitted(target, whole, block, -1), atol=1e-9)
