@@ -10,13 +10,13 @@ from hypothesis import strategies as st
 
 from capture_cli.select.regression import Sums, additions, predicted
 
-# small ones: columns are taken at the declared parameters as they fit best without the effect, and a large one bends those
+# small: columns are taken where the declared parameters fit best without the effect, and a large one bends those
 CASES = [
     ("slider", "coulomb-friction", "x", 0.05),
     ("slider", "quadratic-drag", "x", 0.5),
     ("slider", "control-delay", "drive", 0.1),
     ("slider", "sensor-bias", "q", 0.05),
-    ("cart_pole", "linear-stiffness", "x", 0.02),
+    ("cart_pole", "constant-force", "theta", 0.01),
     ("cart_pole", "constant-force", "x", 0.01),
     ("cart_pole", "control-lag", "drive", 0.05),
     ("cart_pole", "coulomb-friction", "x", 0.02),
