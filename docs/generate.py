@@ -791,6 +791,8 @@ _COMMANDS = """
 This page is made from the command line itself (`make docs`).
 
 stdout carries results only: tables, or with `--json` exactly one JSON document. Progress and messages go to stderr.
+Progress is a bar on a terminal; elsewhere a line comes after a second, and another every ten: what is
+being done, of how much, and the time left where it follows from what is done. `--quiet` leaves it out.
 Every option can also stand in a TOML file given by `--config`, by its name (`starts = 5`): at its top for any command,
 in a table named after a command (`[identify]`) for that one, which goes before. An output appears whole or not at all,
 and nothing is overwritten without `--force`.

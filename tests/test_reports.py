@@ -31,7 +31,6 @@ from capture_cli.reports.findings import (
 )
 from capture_cli.reports.quantities import MISSING, bound, scaled_unit, significant, to_precision_of
 from capture_cli.reports.terminal import print_estimate
-from capture_cli.stages.progress import Progress
 from capture_cli.stores.estimate import Estimate
 
 PARAMETERS = {
@@ -577,16 +576,6 @@ def test_a_noise_floor_that_is_too_high_is_said_to_be():
     document = make().document | {"verdict": "explained", "lack_of_fit": lack}
     assert any("floor is too high" in note for note in notes(document))
     assert not any("too high" in n for n in notes(document | {"lack_of_fit": lack | {"normalized": 0.9}}))
-
-
-def test_time_left_follows_from_what_came_before(monkeypatch):
-    now = iter([0.0, 100.0, 100.0, 104.0, 130.0])
-    monkeypatch.setattr("capture_cli.stages.progress.time.monotonic", lambda: next(now))
-    progress = Progress("diagnose", "model", quiet=True)
-    assert progress.part("score", 0, 10) == "score 1 of 10"
-    assert progress.part("score", 0, 10) == "score 1 of 10"
-    assert progress.part("score", 2, 10) == "score 3 of 10, 16 s left of these"
-    assert progress.part("refit", 0, 5) == "refit 1 of 5"
 
 
 def test_a_fit_that_is_worse_than_none_asks_for_unit_and_sign():

@@ -14,13 +14,12 @@ from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.stages.diagnosed_estimate import DiagnosedEstimate
 from capture_cli.stages.diagnosis_document import diagnosis_of
 from capture_cli.stages.kept_steps import ENDS, OPTIONS, recipe_of, unfinished_diagnosis
-from capture_cli.stages.log_to_fit import LogToFit
+from capture_cli.stages.log_to_fit import LogToFit, read_log
 from capture_cli.stages.progress import Progress
 from capture_cli.stages.recorded_task import find_task
 from capture_cli.stages.training_state import check_recipe
 from capture_cli.stages.wide_bounds import warn_of_wide_bounds
 from capture_cli.stores.diagnosis import Diagnosis
-from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.stores.output import is_complete
 from capture_cli.stores.provenance import Provenance
 from capture_cli.stores.result import read_provenance
@@ -54,7 +53,7 @@ def diagnose(
     """
     options = {k: v for k, v in locals().items() if k not in ("quiet", "force", "resume")}
     complete = is_complete(out, force=force, resume=resume)
-    log = MeasuredLog.read(real_log, max_log_size)
+    log = read_log("diagnose", real_log, max_log_size, quiet=quiet)
     begin = None
     if estimate is None:
         found = find_task(task, log)
@@ -69,9 +68,10 @@ def diagnose(
     held_out = None if begin is None or test is not None else begin.held_out
     nominal = found.space.nominal if begin is None else begin.values(found)
     with unfinished_diagnosis(out, provenance.document(), force=force, resume=resume) as (folder, kept):
-        prepared = to_fit.prepared(held_out)
         settings = Settings(starts, most_effects, expression, to_fit.options["seed"], threads, kept)
         with Progress("diagnose", "model", quiet=quiet) as progress:
+            progress.doing("making the log ready")
+            prepared = to_fit.prepared(held_out)
             diagnosis = diagnose_prepared(prepared, nominal, settings, progress)
         diagnosis.write(folder)
         _write_pages(diagnosis, folder, provenance)
@@ -91,8 +91,13 @@ def diagnose_prepared(
     def tell(what: str, number: int, total: int, found: Sequence[str]) -> None:
         last[:] = found
         so_far = f"; found {', '.join(found)}" if found else ""
-        progress.step(progress.part(what, number, total) + so_far)
+        next_ = _distinct(found) + 1
+        progress.whole = (
+            f"effect {next_} of at most {settings.most_effects}" if next_ <= settings.most_effects else ""
+        )
+        progress.part(what, number, total, so_far)
 
+    progress.doing("fitting the declared model")
     try:
         return diagnosis_of(explain(prepared, nominal, settings, tell), settings.threads)
     except KeyboardInterrupt:
@@ -105,10 +110,15 @@ def _interrupted(found: Sequence[str], settings: Settings) -> Interrupted:
     if settings.kept is not None and settings.kept.anything:
         state, cure = "what was worked out is kept", "go on with the same command and --resume"
     so_far = f"so far: {', '.join(found)}" if found else "so far no effect was found"
-    sooner = len({name.partition("@")[0] for name in found})  # one at several places at once counts as one
+    sooner = _distinct(found)
     if 0 < sooner < settings.most_effects:
         cure += f"; with --most-effects {sooner} it ends sooner, when it has as many as now"
     return Interrupted(f"interrupted: {state}; {so_far}", cure=cure)
+
+
+def _distinct(found: Sequence[str]) -> int:
+    """How many effects are found, of those called EFFECT@SITE: one at several places at once counts as one."""
+    return len({name.partition("@")[0] for name in found})
 
 
 def _completed(out: Path, provenance: Provenance) -> Diagnosis:

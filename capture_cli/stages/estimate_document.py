@@ -125,7 +125,7 @@ class Report:
         names = self.prepared.log.recording_names
         values, sds, alone, gains = [], [], [], []
         for done, number in enumerate(numbers):
-            self.progress.step(self.progress.part("recording on its own,", done, len(numbers)))
+            self.progress.part("recording on its own,", done, len(numbers))
             which = fit.recording == number
             own = self.fits.fit(
                 fit.part(which),

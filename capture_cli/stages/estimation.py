@@ -113,10 +113,11 @@ def by_physics(
     offsets: np.ndarray | None = None,
     known: Linearization | None = None,
     idle_rounds: int | None = None,
+    what: str = "fit",
 ) -> Found:
     """What `method` finds from start (parameter,) and offsets (window, state) of the starts.
 
-    known: the linearization there with fewer starts that may move, if there is one.
+    known: the linearization there with fewer starts that may move, if there is one. what: it is called in the progress.
     idle_rounds: also end when so many rounds gained next to nothing, of a log that is not explained; of one that is,
     when rounds gain nothing more that its noise would not hide. Raises FitError where every simulation diverged.
     """
@@ -130,7 +131,7 @@ def by_physics(
         nonlocal idle
         history.append(best)
         error = f"error {best.error:.3g} x noise floor" if np.isfinite(best.error) else "no fit yet"
-        progress.step(error)
+        progress.step(f"{what}, round {min(len(history) + 1, rounds)} of at most {rounds}, {error}")
         idle = idle_rounds is not None and _idle(history, evidence.count, idle_rounds)
         if idle:
             solver.rounds_left = 0
@@ -138,6 +139,7 @@ def by_physics(
     solver = method(
         evidence, start=start, seed=seed, rounds=rounds, starts=starts, offsets=offsets, known=known
     )
+    progress.doing(f"{what}, round 1 of at most {rounds}")
     best = run(solver, lambda trial: part.evaluate(simulator, trial), on_round)
     if not np.isfinite(best.error):
         raise all_diverged(fits.prepared.task)
@@ -169,6 +171,7 @@ def by_rounds(
     fits = ModelFits(as_acted(prepared), threads)
     fitted = ~prepared.split.is_test
     part = fits.prepared.part(fitted)
+    progress.doing("rounds in context")
     logged = logged_rounds(fits.prepared.part(fitted if new is None else fitted & new), checkpoint, path)
     in_context = walk_log(
         checkpoint,
@@ -179,7 +182,7 @@ def by_rounds(
         engine=fits.engine,
         seed=seed,
         earlier=earlier,
-        on_round=lambda number: progress.step(f"round {number + 1} in context"),
+        on_round=lambda number, total: progress.part("round in context", number, total),
     )
     estimates = in_context.walk.estimates[0]
     points = np.concatenate([start[None], estimates])
@@ -218,7 +221,8 @@ def with_longer_differences(found: Found, progress: Progress, *, seed: int, thre
     longer = ModelFits(replace(fits.prepared, difference_step=step), threads)
     longer.rollouts = fits.rollouts
     x, offsets = found.best.parameters, found.best.offsets
-    again = by_physics(longer, x, progress, seed=seed, rounds=AGAIN, offsets=offsets)
+    what = "fit with longer differences"
+    again = by_physics(longer, x, progress, seed=seed, rounds=AGAIN, offsets=offsets, what=what)
     return _after(found, again)
 
 
@@ -232,12 +236,14 @@ def unstuck(found: Found, progress: Progress, *, seed: int) -> Found:
     fits, part = found.fits, found.part
     if not hits_something(part, fits.simulator([]), found.best.parameters, found.best.offsets):
         return found
-    for _ in range(WAYS_OUT):
+    for number in range(WAYS_OUT):
+        what = f"way out {number + 1} of at most {WAYS_OUT}"
+        progress.doing(f"{what}, looking for it")
         way = way_out(fits, part, found.at, whole_step=True, worth=_worth_of_a_way(found))
         if way is None:
             break
         x, offsets = way
-        again = by_physics(fits, x, progress, seed=seed, rounds=AGAIN, offsets=offsets)
+        again = by_physics(fits, x, progress, seed=seed, rounds=AGAIN, offsets=offsets, what=what)
         if again.best.error >= found.best.error:
             break
         found = _after(found, again)
@@ -260,7 +266,10 @@ def from_where_all_show(found: Found, progress: Progress, *, seed: int) -> Found
         point = _where_it_shows(found, column)
         if point is not None:
             offsets = found.at.at.offsets
-            again = by_physics(found.fits, point, progress, seed=seed, rounds=AGAIN, offsets=offsets)
+            what = f"fit from where {found.at.space.names[column]} shows"
+            again = by_physics(
+                found.fits, point, progress, seed=seed, rounds=AGAIN, offsets=offsets, what=what
+            )
             gained = (found.best.error**2 - again.best.error**2) * found.at.at.evidence.count
             if gained > AS_GOOD * found.at.at.scatter:
                 return _after(found, again)
@@ -305,7 +314,8 @@ def with_profile(found: Found, progress: Progress, *, seed: int) -> Found:
         if seen is None or seen.better is None:
             break
         x, offsets = seen.better
-        again = by_physics(found.fits, x, progress, seed=seed, rounds=AGAIN, offsets=offsets)
+        what = "fit from a better point along a parameter"
+        again = by_physics(found.fits, x, progress, seed=seed, rounds=AGAIN, offsets=offsets, what=what)
         history = [*found.history, *again.history]
         found = replace(found, best=again.best, known=again.known, history=history, sampled=None)
     return replace(found, profile=seen)
@@ -333,7 +343,8 @@ def looked_about(found: Found, progress: Progress, *, seed: int) -> Found:
     if is_rough(at, covariance, evaluate):
         sampled = sampled_posterior(at, covariance, evaluate, seed)
         if sampled.gain > TOLERANCE:
-            better = by_physics(fits, sampled.point, progress, seed=seed, rounds=AGAIN, offsets=at.offsets)
+            x, what = sampled.point, "fit from the likeliest point about"
+            better = by_physics(fits, x, progress, seed=seed, rounds=AGAIN, offsets=at.offsets, what=what)
             history = [*found.history, *better.history]
             found = replace(found, best=better.best, known=better.known, history=history)
         found = replace(found, sampled=sampled)
@@ -354,6 +365,7 @@ def _freed(
         offsets=found.best.offsets,
         known=found.known,
         idle_rounds=idle_rounds,
+        what="fit with free starts",
     )
 
 

@@ -34,16 +34,16 @@ from capture_cli.stages.estimation import (
     with_longer_differences,
     with_profile,
 )
-from capture_cli.stages.log_to_fit import LogToFit
+from capture_cli.stages.log_to_fit import LogToFit, read_log
 from capture_cli.stages.progress import Progress
 from capture_cli.stages.recorded_task import find_task
 from capture_cli.stages.wide_bounds import warn_of_wide_bounds
 from capture_cli.stores.estimate import Estimate
-from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.stores.output import new_directory, refuse_existing
 from capture_cli.stores.provenance import Provenance
 from capture_cli.tasks.base import ActionTask
 
+STEPS = 5  # the log, checks, the fit, what is left open about it, errors
 NEEDED_LAST = ("scipy.special", "capture_cli.reports.figures")
 
 
@@ -76,7 +76,7 @@ def identify(
     """
     options = {k: v for k, v in locals().items() if k not in ("quiet", "force", "resume")}
     refuse_existing(out, force=force or resume)
-    log = MeasuredLog.read(real_log, max_log_size)
+    log = read_log("identify", real_log, max_log_size, quiet=quiet)
     earlier = None
     if resume:
         earlier = EarlierEstimate.read(out)
@@ -87,14 +87,17 @@ def identify(
     chosen = choose_identifier(options["identifier"], found, log)
     to_fit = LogToFit.of("identify", log, found, options, out=out, identifier=chosen.path)
     warn_of_wide_bounds(found)
-    prepared = to_fit.prepared()
-    if earlier is not None:
-        prepared = replace(prepared, split=earlier.split(prepared.windows, prepared.split))
-    _import_meanwhile(NEEDED_LAST)
     options = to_fit.options
     with Progress("identify", "round", quiet=quiet) as progress:
+        progress.of(_step(1), "making the log ready")
+        prepared = to_fit.prepared()
+        if earlier is not None:
+            prepared = replace(prepared, split=earlier.split(prepared.windows, prepared.split))
+        _import_meanwhile(NEEDED_LAST)
         search = _Search(prepared, chosen, progress, starts, rounds, options["seed"], threads, earlier)
-        estimate = Report(search.run(), chosen.name, options["seed"], earlier, progress).estimate()
+        found = search.run()
+        progress.of(_step(5), "errors and intervals")
+        estimate = Report(found, chosen.name, options["seed"], earlier, progress).estimate()
         if suspicions(estimate):
             _look_for_misread(estimate.document, search, options["window"])
         elif _lacks(estimate.document):
@@ -122,20 +125,26 @@ class _Search:
 
     def run(self) -> Found:
         """With the noise floor that repeats show, and then on with that of the residual, where that is another."""
-        prepared, start = self.prepared, self._start()
+        prepared, start, progress = self.prepared, self._start(), self.progress
         rollouts = prepared.rollouts
+        progress.of(_step(2), "checking that each parameter moves an output")
         if self._must_show_all():
             rollouts += check_parameters_move_outputs(prepared, seed=self.seed, threads=self.threads)
+        progress.doing("comparing repeated motions for their noise")
         prepared, more = with_noise_of_repeats(prepared, start, threads=self.threads, seed=self.seed)
         rollouts += more
+        progress.of(_step(3), "fit")
         found = self._find(prepared, start)
+        progress.doing("looking at the noise that the fit leaves")
         part = prepared.part(~prepared.split.is_test)
         quieter = with_noise_of_residual(prepared, part, found.at, self.threads)
         if quieter is not prepared:
             rollouts += found.fits.rollouts
             found = self._find(quieter, start, found)
-        found = looked_about(found, self.progress, seed=self.seed)
-        found = with_profile(found, self.progress, seed=self.seed)
+        progress.of(_step(4), "looking about the estimate")
+        found = looked_about(found, progress, seed=self.seed)
+        progress.doing("looking for what the log excludes of each parameter")
+        found = with_profile(found, progress, seed=self.seed)
         found.fits.rollouts += rollouts
         return found
 
@@ -192,9 +201,16 @@ class _Search:
             found.history = [*before.history, *found.history]
         if self.rounds is not None or self.chosen.method is not LeastSquares:
             return found
+        self.progress.doing("looking for the differences that contacts need")
         found = with_longer_differences(found, self.progress, seed=self.seed, threads=self.threads)
+        self.progress.doing("looking for ways out of where the fit ended")
         found = unstuck(found, self.progress, seed=self.seed)
+        self.progress.doing("looking where all parameters show")
         return from_where_all_show(found, self.progress, seed=self.seed)
+
+
+def _step(number: int) -> str:
+    return f"step {number} of {STEPS}"
 
 
 def _look_for_misread(document: dict[str, Any], search: _Search, window: float | None) -> None:
@@ -220,7 +236,7 @@ def _misread(search: _Search, window: float | None) -> tuple[dict[str, Any] | No
     progress = search.progress
 
     def tell(done: int, total: int) -> None:
-        progress.step(progress.part("other signs, units and columns,", done, total))
+        progress.part("other signs, units and columns,", done, total)
 
     found, rollouts = misread_channels(search.prepared, window, search.threads, tell)
     return None if found is None else {**asdict(found), "text": found.text}, rollouts

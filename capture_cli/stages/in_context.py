@@ -226,11 +226,12 @@ def walk_log(
     engine: Engine,
     seed: int = 0,
     earlier: Rounds | None = None,
-    on_round: Callable[[int], None] | None = None,
+    on_round: Callable[[int, int], None],
 ) -> InContext:
     """Identify in rounds over the log from start (parameter,); its entries are taken in turn, again if there are fewer.
 
-    earlier: rounds that were made before, which the identifier reads as well.
+    earlier: rounds that were made before, which the identifier reads as well. on_round: told the number of each round
+    that was made, and of how many.
     """
     rounds = min(len(logged), ROUNDS) if rounds is None else rounds
     used = np.arange(rounds) % len(logged)
@@ -248,7 +249,7 @@ def walk_log(
         act=lambda number, _: logged.actions[used[number], None],
         measure=lambda number, _: logged.measured[used[number], None],
         simulate=simulator.trajectories,
-        on_round=on_round,
+        on_round=lambda number: on_round(number, rounds),
     )
     family = checkpoint.model.family.with_noise(checkpoint.noise_beyond(logged.noise_sd))
     made = walk.rounds if earlier is None else earlier.followed_by(walk.rounds)

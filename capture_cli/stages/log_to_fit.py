@@ -10,11 +10,19 @@ from typing import Any
 from capture_cli.diagnosis.split import EarlierSplit
 from capture_cli.protocol.prepare import prepare
 from capture_cli.protocol.prepared_log import PreparedLog
+from capture_cli.stages.progress import Progress
 from capture_cli.stages.recorded_task import named, task_inputs
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.stores.output import refuse_inputs
 from capture_cli.stores.provenance import Provenance
 from capture_cli.tasks.base import Task
+
+
+def read_log(command: str, path: Path, max_log_size: int | None, *, quiet: bool) -> MeasuredLog:
+    """The measured log at `path`, of `max_log_size` bytes in memory at most; a long one is told of while it is read."""
+    with Progress(command, "log", quiet=quiet) as progress:
+        progress.doing("reading the log")
+        return MeasuredLog.read(path, max_log_size)
 
 
 @dataclass(frozen=True)

@@ -3,21 +3,49 @@
 from __future__ import annotations
 
 import sys
+import threading
 import time
+from contextlib import suppress
+from dataclasses import dataclass
 
+FIRST = 1.0  # s until the first line: what is done sooner needs none, and starting takes some, too
 PLAIN_EVERY = 10.0  # s
+REFRESHED_EVERY = 1.0  # s, the bar of a terminal
 LONG = 2.0  # s that are worth telling
 
 
+@dataclass(frozen=True)
+class _Doing:
+    """What is being done since `since`, s of the clock. done, total: of things of its kind, from `first` on, if any."""
+
+    text: str
+    since: float
+    first: float = 0.0
+    done: int = 0
+    total: int = 0
+
+    def at(self, now: float) -> str:
+        """In words, with how long it lasts already, or how long, by those before, the rest will take."""
+        if self.done:
+            left = (now - self.first) / self.done * (self.total - self.done)
+            return self.text + (f", {left:.0f} s left of these" if left >= LONG else "")
+        return self.text + (f", for {now - self.since:.0f} s" if now - self.since >= PLAIN_EVERY else "")
+
+
 class Progress:
-    """Counts `unit`s of `what`; `step` says what is being done. Silent where `quiet`."""
+    """Counts `unit`s of `what`, and says what is being done. Silent where `quiet`.
+
+    It says so from a thread of its own: what takes long may be one call that comes back when all is done.
+    """
 
     def __init__(self, what: str, unit: str, *, quiet: bool, total: int | None = None):
         self.what = what
         self.quiet = quiet
         self.count = 0
-        self.began = self.told = time.monotonic()
-        self.part_began = self.began
+        self.began = self.first = time.monotonic()
+        self.whole = ""
+        self.now = _Doing("", self.began)
+        self.over = threading.Event()
         self.bar = None
         if not quiet and sys.stderr.isatty():
             from tqdm import tqdm
@@ -25,28 +53,66 @@ class Progress:
             # how many there were says nothing where nobody knows how many there will be
             form = "{desc} {elapsed}{postfix}" if total is None else None
             self.bar = tqdm(desc=what, unit=unit, total=total, file=sys.stderr, leave=False, bar_format=form)
+        self.teller = threading.Thread(target=self._tell, daemon=True)
 
     def __enter__(self) -> Progress:
+        if not self.quiet:
+            self.teller.start()
         return self
 
-    def step(self, text: str) -> None:
-        """One more unit; `text` is shown beside the count."""
-        self.count += 1
-        if self.bar is not None:
-            self.bar.set_postfix_str(text, refresh=False)
-            self.bar.update()
-        elif not self.quiet and time.monotonic() - self.told >= PLAIN_EVERY:
-            self.told = time.monotonic()
-            print(f"{self.what}: {self.told - self.began:.0f} s, {text}", file=sys.stderr, flush=True)
+    def of(self, whole: str, text: str) -> None:
+        """`text` is being done from now on, and it is part `whole` ("step 2 of 5") of all that is to be done."""
+        self.whole = whole
+        self.doing(text)
 
-    def part(self, what: str, number: int, total: int) -> str:
-        """Says that `what` number `number` of `total` begins, and how long, by those before, the rest will take."""
+    def doing(self, text: str) -> None:
+        """`text` is being done from now on."""
+        self.now = _Doing(text, time.monotonic())
+        self._show()
+
+    def step(self, text: str) -> None:
+        """One more unit is done; `text` from now on."""
+        self._count()
+        self.doing(text)
+
+    def part(self, what: str, number: int, total: int, more: str = "") -> None:
+        """`what` number `number` of `total` begins, and before it one unit was done; `more` is shown after it."""
         now = time.monotonic()
         if number == 0:
-            self.part_began = now
-        left = (now - self.part_began) / number * (total - number) if number else 0.0
-        return f"{what} {number + 1} of {total}" + (f", {left:.0f} s left of these" if left >= LONG else "")
+            self.first = now
+        self._count()
+        self.now = _Doing(f"{what} {number + 1} of {total}{more}", now, self.first, number, total)
+        self._show()
+
+    def said(self) -> str:
+        """What is being done, in words."""
+        now = self.now.at(time.monotonic())
+        return f"{self.whole}, {now}" if self.whole else now
 
     def __exit__(self, *_) -> None:
+        self.over.set()
+        if self.teller.is_alive():
+            self.teller.join()
         if self.bar is not None:
             self.bar.close()
+
+    def _count(self) -> None:
+        self.count += 1
+        if self.bar is not None:
+            self.bar.update()
+
+    def _show(self) -> None:
+        if self.bar is not None:
+            self.bar.set_postfix_str(self.said())
+
+    def _tell(self) -> None:
+        """What the thread does until all is over."""
+        wait = FIRST if self.bar is None else REFRESHED_EVERY
+        while not self.over.wait(wait):
+            with suppress(OSError, ValueError):  # nobody listens any more
+                if self.bar is not None:
+                    self._show()
+                elif text := self.said():
+                    elapsed = time.monotonic() - self.began
+                    print(f"{self.what}: {elapsed:.0f} s, {text}", file=sys.stderr, flush=True)
+            wait = PLAIN_EVERY if self.bar is None else REFRESHED_EVERY
