@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -17,13 +18,15 @@ ENDING = (signal.SIGINT, signal.SIGTERM)
 # s after a signal in which no other is heeded: `timeout` sends it twice, people press Ctrl-C until something happens,
 # and a second one would end the clearing up
 DEAF = 10.0
+SOON = 0.05  # s
 _PARENT_DEATH_SIGNAL = 1  # PR_SET_PDEATHSIG of prctl
 
 
 def heed_signals() -> list[int]:
     """Let the signals that end a run raise KeyboardInterrupt; returns where their numbers are noted.
 
-    One that was ignored stays so, as in a shell's background jobs.
+    One that was ignored stays so, as in a shell's background jobs. One that comes where nothing can be raised, as while
+    an object is freed, comes again.
     """
     received: list[int] = []
     last = -DEAF
@@ -37,9 +40,18 @@ def heed_signals() -> list[int]:
         received.append(number)
         raise KeyboardInterrupt
 
+    def unraisable(swallowed: sys.UnraisableHookArgs) -> None:
+        nonlocal last
+        if not (received and swallowed.exc_type is KeyboardInterrupt):
+            shown(swallowed)
+            return
+        last = -DEAF
+        threading.Timer(SOON, os.kill, (os.getpid(), received[-1])).start()
+
     for number in ENDING:
         if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
             signal.signal(number, interrupt)
+    shown, sys.unraisablehook = sys.unraisablehook, unraisable
     return received
 
 

@@ -81,8 +81,9 @@ learn, robosuite, ray = map(_extra, EXTRAS)
 @pytest.fixture(autouse=True)
 def signals_as_they_were():
     """`capture_cli.cli.main` heeds none any more when it returns: its process is about to end."""
-    before = {number: signal.getsignal(number) for number in ENDING}
+    before, hook = {number: signal.getsignal(number) for number in ENDING}, sys.unraisablehook
     yield
+    sys.unraisablehook = hook
     for number, handler in before.items():
         signal.signal(number, handler)
 

@@ -162,7 +162,7 @@ def test_histories_on_a_full_disk_say_what_is_kept(capture, monkeypatch, tmp_pat
 
 
 OTHERWISE = """
-import ctypes, os, signal, sys
+import ctypes, os, signal, sys, time
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs start with it ignored
 from capture_cli import app
 from capture_cli.cli import main
@@ -170,6 +170,14 @@ from capture_cli.cli import main
 def from_c(_):
     ctypes.pythonapi.PyRun_SimpleString(f"import os; os.kill(os.getpid(), {sys.argv[1]})".encode())
     raise KeyboardInterrupt
+
+class Freed:
+    def __del__(self):
+        os.kill(os.getpid(), int(sys.argv[1]))
+
+def swallowed(_):
+    Freed()
+    time.sleep(20)
 
 def made_an_exit_code(_):
     try:
@@ -183,7 +191,7 @@ main()
 
 
 @NUMBERS
-@pytest.mark.parametrize("what", ["from_c", "made_an_exit_code"])
+@pytest.mark.parametrize("what", ["from_c", "made_an_exit_code", "swallowed"])
 def test_what_a_library_makes_of_an_interrupt_changes_neither_code_nor_message(tmp_path, number, code, what):
     """`python -m` ended itself by SIGINT, whatever the signal was; and typer says nothing before a command runs."""
     (tmp_path / "otherwise.py").write_text(OTHERWISE)
@@ -191,6 +199,7 @@ def test_what_a_library_makes_of_an_interrupt_changes_neither_code_nor_message(t
     done = subprocess.run(run, cwd=tmp_path, env=ENVIRONMENT, capture_output=True, text=True)
     assert done.returncode == code
     assert done.stderr.endswith("interrupted: nothing was written\n  cure: run the same command again\n")
+    assert "Traceback" not in done.stderr or what == "from_c", "which prints it itself"
 
 
 LATE = """
