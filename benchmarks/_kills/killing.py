@@ -20,7 +20,7 @@ BEGINS = 0.7  # s after which the program has begun, and a signal has its messag
 # How a run ended that was sent a signal.
 DONE, UNHEARD, KILLED = "done before", "before the program had begun", "killed"
 NOTHING, WHOLE, KEPT = "nothing was written", "all was written", "something is kept"
-ENDS = {NOTHING: "interrupted: nothing was written\n", WHOLE: "interrupted when all was written: "}
+ENDS = {NOTHING: "interrupted: nothing was written", WHOLE: "interrupted when all was written: "}
 
 
 @dataclass
