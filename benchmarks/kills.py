@@ -7,18 +7,17 @@ import signal
 import sys
 import tempfile
 from collections import Counter
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks._kills.killing import DONE, UNHEARD, Outcome, Reference, kill, reference
+from benchmarks._kills.killing import DONE, UNHEARD, Ended, Outcome, Reference, kill, reference
 from benchmarks._kills.runs import RUNS, make_inputs
 from benchmarks.base import Benchmark, Figure, Result
 
 NUMBERS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
-LATE = 1 / 3  # of the kills, when most is done: outputs are put in their places there
-BEYOND = 1.1  # times the duration of a run, until when it is killed
+LATE, LATELY = 1 / 3, 0.75  # of the kills, and of a run: outputs are put in their places then
 SEED = 0
 
 
@@ -32,7 +31,7 @@ class Kills(Benchmark):
         return Result(
             [
                 Figure("kills", len(outcomes)),
-                Figure("  of runs that had ended before", sum(o.ended == DONE for o in outcomes)),
+                Figure("  of runs that had just done their work", sum(o.ended == DONE for o in outcomes)),
                 Figure("  before the program had begun", sum(o.ended == UNHEARD for o in outcomes)),
                 Figure(
                     "  after which something was left to go on with", sum(o.left == "kept" for o in outcomes)
@@ -62,17 +61,20 @@ def kill_at_random(kills: int, names: list[str], seed: int = SEED) -> list[Outco
     with tempfile.TemporaryDirectory() as root:
         make_inputs(Path(root), capture, names)
         made: dict[str, Reference] = {}
-        for count in range(kills):
-            name, number = names[count % len(names)], NUMBERS[(count // len(names) + count) % len(NUMBERS)]
+        while len(outcomes) < kills:
+            turn, place = divmod(len(outcomes), len(names))
+            name, number = names[place], NUMBERS[(turn + place) % len(NUMBERS)]
             if name not in made:
                 made[name] = reference(RUNS[name], Path(root) / "reference", capture)
                 shutil.rmtree(Path(root) / "reference")
-            earliest = 0.75 if generator.random() < LATE else 0.0
-            after = made[name].seconds * generator.uniform(earliest, BEYOND)
-            folder = Path(root) / f"run-{count}"
-            outcome = kill(RUNS[name], made[name], folder, number, after, capture)
-            outcomes.append(outcome)
-            _tell(outcome, count + 1, kills)
+            earliest = LATELY if generator.random() < LATE else 0.0
+            after = made[name].seconds * generator.uniform(earliest, 1.0)
+            folder = Path(root) / "runs"
+            try:
+                outcomes.append(kill(RUNS[name], made[name], folder, number, after, capture))
+                _tell(outcomes[-1], len(outcomes), kills)
+            except Ended as ended:  # quicker than before: another time, then
+                made[name] = replace(made[name], seconds=ended.seconds)
             shutil.rmtree(folder)
     return outcomes
 

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -18,9 +19,17 @@ PATIENCE = 120.0  # s that a run may go on after its signal
 BEGINS = 0.7  # s after which the program has begun, and a signal has its message, on a machine that is busy
 
 # How a run ended that was sent a signal.
-DONE, UNHEARD, KILLED = "done before", "before the program had begun", "killed"
+DONE, UNHEARD, KILLED = "done", "before the program had begun", "killed"
 NOTHING, WHOLE, KEPT = "nothing was written", "all was written", "something is kept"
 ENDS = {NOTHING: "interrupted: nothing was written", WHOLE: "interrupted when all was written: "}
+
+
+class Ended(Exception):
+    """The run ended by itself before its signal, after so many `seconds`."""
+
+    def __init__(self, seconds: float):
+        super().__init__(seconds)
+        self.seconds = seconds
 
 
 @dataclass
@@ -58,7 +67,7 @@ def reference(run: Run, folder: Path, capture: Sequence[str]) -> Reference:
 def kill(
     run: Run, made: Reference, folder: Path, number: int, after: float, capture: Sequence[str]
 ) -> Outcome:
-    """Send the run the signal `number` so many s `after` its start, and look at what follows."""
+    """Send the run the signal `number` so many s `after` its start, and look at what follows. Raises Ended."""
     outcome = Outcome(run.name, signal.Signals(number).name, round(after, 3))
     run.set_up(folder)
     before = _held(folder)
@@ -110,7 +119,11 @@ def _held(folder: Path) -> dict[str, dict[str, bytes]]:
 
 
 def _killed(run: Run, folder: Path, number: int, after: float, capture: Sequence[str]) -> tuple[int, str]:
-    """Exit code and stderr. Ctrl-C goes to all processes of a terminal, the others to the one that is named."""
+    """Exit code and stderr. Ctrl-C goes to all processes of a terminal, the others to the one that is named.
+
+    Raises Ended.
+    """
+    began = time.monotonic()
     with (folder.with_suffix(".err")).open("w+") as stderr:
         process = subprocess.Popen(
             [*capture, *run.arguments],
@@ -122,10 +135,11 @@ def _killed(run: Run, folder: Path, number: int, after: float, capture: Sequence
                 signal.SIGINT, signal.SIG_DFL
             ),  # a shell's background ignores it
         )
-        time.sleep(after)
         try:
-            if process.poll() is None:
-                (os.killpg if number == signal.SIGINT else os.kill)(process.pid, number)
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(after)
+                raise Ended(time.monotonic() - began)
+            (os.killpg if number == signal.SIGINT else os.kill)(process.pid, number)
             code = process.wait(PATIENCE)
         finally:
             process.kill()
