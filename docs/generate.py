@@ -327,6 +327,10 @@ _TIME_STAMPS = (
     "null, or by how much stamps seem off at random: {outputs (of each sd (s) and share (of its noise's variance)), "
     "explained (share of what is beyond chance; 1: with that nothing is; null: nothing is without), text}"
 )
+_INPUT_TIMING = (
+    "null, or how inputs act between rows where the task does not say: {inputs (of each interpolate, hold or linear; "
+    "gain of that reading in predictive log likelihood; error, its standard error), text}"
+)
 _FLOOR_SOURCE = "declared, repeats, differences, residual, outliers or resolution (docs/concepts.md)"
 _LACK = {
     "normalized": "error of the fit over the noise floor, degrees of freedom allowed for",
@@ -365,6 +369,7 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str]]] = {
             "open_loops": "{equality constraint: by how much it stays open, m or rad, where joints are as measured}",
             "time_step": _TIME_STEP,
             "time_stamps": _TIME_STAMPS,
+            "input_timing": _INPUT_TIMING,
             "correlation[][]": "of the estimates, (parameter, parameter)",
             "recordings": "null, or how the recordings agree: {names, agree, parameters, text}",
             "split.how": "how windows were divided into fit and test, in words",
@@ -428,6 +433,7 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str]]] = {
             "impossible_inertia": _IMPOSSIBLE,
             "time_step": _TIME_STEP,
             "time_stamps": _TIME_STAMPS,
+            "input_timing": _INPUT_TIMING,
             "absorbed.NAME.before": "a declared parameter without the effects, for which it had been standing in",
             "absorbed.NAME.after": "with them",
             "absorbed.NAME.unit": "its unit",

@@ -380,7 +380,7 @@ def test_rivals_are_compared_by_what_they_answered_in_one_round(tmp_path, monkey
         return forward(self, current)
 
     def judged(self, mine, other):
-        compared.append([rounds[id(c.score)][0] for c in (mine, other)])
+        compared.append([rounds.get(id(c.score), (None,))[0] for c in (mine, other)])  # None: of a formula
         return compare(self, mine, other)
 
     few = ("control-delay", "sensor-delay", "control-second-order-lag", "coulomb-friction", "sensor-low-pass")
@@ -457,7 +457,9 @@ def test_terms_of_an_expression_are_no_other_places_of_the_first(spreads):
     selection = Attribution.__new__(Attribution)
     selection.spreads, selection.on_step = spreads, lambda *_: None
     selection.models = SimpleNamespace(
-        is_explained=lambda _: False, fit=lambda effects, *_: tried.append(effects)
+        is_explained=lambda _: False,
+        fit=lambda effects, *_: tried.append(effects),
+        screening=lambda _: None,
     )
     selection.accepted = [Accepted(first, None, [], None, 0.9)]
     selection.ranked = [Candidate(other, start=np.zeros(1))]

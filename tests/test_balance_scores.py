@@ -83,7 +83,7 @@ def test_steps_at_a_stop_are_left_out(made):
 
 
 def test_only_windows_that_are_fitted_take_part(made):
-    prepared, fitted = made.prepared, np.arange(2)
+    prepared, fitted = made.prepared, np.arange(len(made.prepared.windows) // 2)
     own = screening_of(prepared, fitted, [], 1, lambda *_: None)
     windows = prepared.windows
     ends = windows.first[fitted] + windows.samples[fitted]
@@ -94,3 +94,7 @@ def test_it_says_at_which_candidate_it_is(made):
     told, few = [], [SimpleNamespace(placed=p) for p in made.placed[:3]]
     screening_of(made.prepared, np.arange(4), few, 1, lambda *step: told.append(step))
     assert told == [("balance", n, 3) for n in range(3)]
+
+
+def test_too_short_a_log_gives_no_balance(made):
+    assert screening_of(made.prepared, np.arange(1), [], 1, lambda *_: None) is None

@@ -134,6 +134,7 @@ def test_every_key_of_a_document_is_documented_and_no_other(written, document):
         "open_loops",
         "time_step",
         "time_stamps",
+        "input_timing",
         "misread",
         "options.OPTION",
         "histories.ATTRIBUTE",

@@ -86,7 +86,7 @@ def test_a_task_in_full(write):
     mass = task.space.parameters[0]
     assert (mass.low, mass.high, mass.nominal, mass.unit) == (0.5, 4.0, 1.5, "kg")  # nominal: the model's own
     assert [(c.name, c.column, c.unit, c.scale, c.offset, c.linear) for c in task.inputs] == [
-        ("push", "u", "N", 1.0, 0.0, False)
+        ("push", "u", "N", 1.0, 0.0, None)  # what it does between rows, the log has to tell
     ]
     assert [(c.name, c.column, c.index, c.noise_sd) for c in task.outputs] == [("q", "q_m", 0, None)]
     assert (task.log.time, task.log.episode, task.log.window) == ("t_s", None, 0.5)

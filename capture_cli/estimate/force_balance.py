@@ -116,6 +116,10 @@ class ForceBalance:
     def _null(self) -> tuple[Accelerations, np.ndarray]:
         return self._forces_and_sums()
 
+    def with_inputs(self, linear: np.ndarray) -> Accelerations:
+        """Of the model with inputs that change evenly between rows where `linear` (input,), and are held elsewhere."""
+        return self._forces(controls=self._averaged(None, 1, linear)[0])
+
     def of_parameter(self, index: int) -> Accelerations:
         """Derivative of the balance by a declared parameter, per its unit: the column of it."""
         space = self.smoothed.task.space
@@ -213,7 +217,10 @@ class ForceBalance:
 
     @cached_property
     def _tapes(self) -> tuple[np.ndarray, np.ndarray]:
-        """Controls (stretch, grid, nu) on the model's grid, and its time, s."""
+        return self._tapes_of(self.smoothed.task.linear)
+
+    def _tapes_of(self, linear: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Controls (stretch, grid, nu) on the model's grid, and its time, s. linear (input,): as of `with_inputs`."""
         task, log = self.smoothed.task, self.smoothed.log
         spans = [slice(int(a), p.stop) for a, p in zip(self._tape_steps, self.smoothed.parts, strict=True)]
         longest = max(log.time[s.stop - 1] - log.time[s.start] for s in spans)
@@ -223,13 +230,15 @@ class ForceBalance:
             time = log.time[span] - log.time[span.start]
             held = np.clip(np.searchsorted(time, grid + 1e-3 * task.timestep, side="right") - 1, 0, None)
             inputs = [
-                np.interp(grid, time, u) if linear else u[held]
-                for u, linear in zip(log.inputs[span].T, task.linear, strict=True)
+                np.interp(grid, time, u) if evenly else u[held]
+                for u, evenly in zip(log.inputs[span].T, linear, strict=True)
             ]
             found.append(task.controls(np.stack(inputs, axis=1)[None])[0])
         return np.array(found), grid
 
-    def _averaged(self, drive: Callable | None, variants: int) -> np.ndarray:
+    def _averaged(
+        self, drive: Callable | None, variants: int, linear: np.ndarray | None = None
+    ) -> np.ndarray:
         """Means of controls about the points, (variant, point, nu).
 
         A step of the model takes its control for the acceleration in the middle of it: q(t+h) - 2 q(t) + q(t-h) is
@@ -239,7 +248,7 @@ class ForceBalance:
         found = np.zeros((variants, len(self.points), task.model.nu))
         if not task.inputs:
             return found
-        tapes, grid = self._tapes
+        tapes, grid = self._tapes if linear is None else self._tapes_of(linear)
         step = grid[1] - grid[0]
         variant, part = (i.ravel() for i in np.indices((variants, parts)))
         controls = tapes[part]

@@ -18,6 +18,7 @@ from scipy.linalg import cholesky, solve_triangular, toeplitz
 from scipy.optimize import minimize_scalar
 from scipy.sparse import csr_array
 
+from capture_cli.errors import LogError
 from capture_cli.estimate.force_balance import Accelerations, ForceBalance
 
 
@@ -26,12 +27,16 @@ class WhiteningSettings:
     """rows_in_segment: whose noise is whitened together; more let slow errors of the model weigh like a free run of the
     whole segment. most_rows: of one coordinate over the whole log, which bounds the cost. degree: of the averaging
     functions, smooth enough that no row sees single samples. floor: of the covariance's diagonal, for rounding.
+    segments: at least so many, that there are blocks to leave out; fewest_rows: in each of these, or the log is too
+    short to be judged.
     """
 
     rows_in_segment: int = 120
     most_rows: int = 2500
     degree: int = 3
     floor: float = 1e-9
+    segments: int = 6
+    fewest_rows: int = 6
 
 
 SETTINGS = WhiteningSettings()
@@ -39,7 +44,7 @@ SETTINGS = WhiteningSettings()
 
 class Whitening:
     """How accelerations along a balance become white rows. model_error (nv,): sd of the white acceleration that the
-    model leaves at rows' rate, set by `adapt`.
+    model leaves at rows' rate, set by `adapt`. Raises LogError where the log is too short for blocks to be left out.
     """
 
     def __init__(self, balance: ForceBalance, settings: WhiteningSettings = SETTINGS):
@@ -53,6 +58,14 @@ class Whitening:
             self._averages(points.since[points.part == n], spacing) for n in range(len(smoothed.parts))
         ]
         self.spacing = spacing
+        total = sum(len(a) for a in self.averages)
+        if total < settings.segments * settings.fewest_rows:
+            raise LogError(
+                f"the log has {total} independent accelerations of each joint, and "
+                f"{settings.segments * settings.fewest_rows} are needed to judge effects by blocks that are left out",
+                cure="record longer, or faster motion",
+            )
+        self.size = min(settings.rows_in_segment, total // settings.segments)
         self._filters = smoothed.filtering([csr_array(a) for a in self.averages], points.part, points.step)
         self.noise, self.white = self._covariances()
         self.model_error = np.zeros(balance.model.nv)
@@ -60,9 +73,7 @@ class Whitening:
             (n, slice(int(rows[0]), int(rows[-1]) + 1))
             for n, averages in enumerate(self.averages)
             if len(averages)
-            for rows in np.array_split(
-                np.arange(len(averages)), -(-len(averages) // settings.rows_in_segment)
-            )
+            for rows in np.array_split(np.arange(len(averages)), -(-len(averages) // self.size))
         ]
         self._factors: list[np.ndarray] = []
         self._factorise()
@@ -70,6 +81,8 @@ class Whitening:
     def rows(self, columns: Sequence[Accelerations]) -> list[np.ndarray]:
         """What each of `columns` adds to the rows, (row, nv, column) of each stretch, not yet white."""
         points = self.balance.points
+        if not columns:
+            return [np.zeros((len(a), self.balance.model.nv, 0)) for a in self.averages]
         predicted = np.stack([c.predicted for c in columns], axis=-1)
         moved = [k for k, c in enumerate(columns) if c.measured.any()]
         found = []
@@ -91,6 +104,22 @@ class Whitening:
                 np.concatenate([f[:count, :count] @ some[:, i] for i, f in enumerate(self._factors)])
             )
         return found
+
+    def blocks(self, most: int) -> np.ndarray:
+        """Which block each segment is of, (segment,), no more than `most`: blocks are whole stretches or, of few
+        stretches, some segments in a row.
+        """
+        parts = [n for n, _ in self.segments]
+        several = len(set(parts)) >= most // 2
+        units = np.unique(parts, return_inverse=True)[1] if several else np.arange(len(parts))
+        count = int(units.max()) + 1
+        return units * min(count, most) // count
+
+    def block_of_row(self, blocks: np.ndarray) -> np.ndarray:
+        """The block that each white row is of, (row and nv,), from those of segments."""
+        return np.repeat(
+            blocks, [(rows.stop - rows.start) * len(self.model_error) for _, rows in self.segments]
+        )
 
     def log_determinants(self) -> np.ndarray:
         """Of what makes the rows of each segment white, (segment,): the log likelihood of rows is this less half of
@@ -128,7 +157,7 @@ class Whitening:
 
     def _covariances(self) -> tuple[list[np.ndarray], np.ndarray]:
         """Autocovariance of rows, (lag,): by sensors' noise of each coordinate, and by white accelerations."""
-        balance, size = self.balance, self.settings.rows_in_segment
+        balance, size = self.balance, self.size
         longest = int(np.argmax([len(a) for a in self.averages]))
         averages = self.averages[longest]
         middle = len(averages) // 2

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from copy import copy
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -13,8 +15,10 @@ from capture_cli.estimate.motion import Log, SmoothedLog
 from capture_cli.protocol.candidates import Candidate
 from capture_cli.protocol.fit import Fit
 from capture_cli.protocol.prepared_log import PreparedLog
-from capture_cli.select.screening import Screening
+from capture_cli.select.input_timing import InputTiming, input_timings, is_surely_better, sum_and_error
+from capture_cli.select.screening import Screening, declared_balance
 from capture_cli.sim.contacts import can_touch
+from capture_cli.tasks.base import Task
 
 LEAST_GAIN = 3.0  # of predictive log likelihood: odds of 20 to 1
 SURE = 2.0  # standard errors over blocks by which it has to be above zero
@@ -30,24 +34,88 @@ def screening_of(
     """A screening of the candidates on the windows `fitted` (window,); None where the log gives no balance: positions
     of some joint are not measured, bodies can touch, loops are closed, or actuators have states that no log shows.
     """
-    model = prepared.task.model
+    smoothed = smoothed_log(prepared, fitted)
+    if smoothed is None:
+        return None
+    placed, nominal = [c.placed for c in candidates], prepared.task.space.nominal
+    try:
+        return Screening(smoothed, placed, nominal, threads=threads, on_step=on_step)
+    except LogError:  # too short
+        return None
+
+
+def smoothed_log(prepared: PreparedLog, windows: np.ndarray) -> SmoothedLog | None:
+    """The log in some `windows` (window,), smoothed; None where it gives no balance."""
+    model, own = prepared.task.model, prepared.windows
     if can_touch(model) or model.neq or model.na:
         return None
-    windows = prepared.windows
     within = np.zeros(len(prepared.log.time), dtype=bool)
-    for first, count in zip(windows.first[fitted], windows.samples[fitted], strict=True):
+    for first, count in zip(own.first[windows], own.samples[windows], strict=True):
         within[first : first + count] = True
     try:
-        smoothed = SmoothedLog.of(log_of(prepared), prepared.task, within & _between_stops(prepared))
-        return Screening(
-            smoothed,
-            [c.placed for c in candidates],
-            prepared.task.space.nominal,
-            threads=threads,
-            on_step=on_step,
-        )
+        return SmoothedLog.of(log_of(prepared), prepared.task, within & _between_stops(prepared))
     except LogError:
         return None
+
+
+def timings_of_inputs(prepared: PreparedLog, threads: int | None) -> tuple[InputTiming, ...]:
+    """How the inputs act of which the task does not say it, by what is not held out; none where there is no balance."""
+    task = prepared.task
+    smoothed = smoothed_log(prepared, ~prepared.split.is_test)
+    if smoothed is None:
+        return ()
+    try:
+        balance, _ = declared_balance(smoothed, task.space.nominal, threads)
+    except LogError:  # too short
+        return ()
+    found, nothing_else = input_timings(balance, [c.name for c in task.inputs], task.linear)
+    if not nothing_else:
+        return ()
+    return tuple(t for t, c in zip(found, task.inputs, strict=True) if c.linear is None)
+
+
+def timings_with_effects(
+    prepared: PreparedLog,
+    task: Task,
+    candidates: Sequence[Candidate],
+    threads: int | None,
+    on_step: Callable[[str, int, int], None],
+) -> tuple[InputTiming, ...]:
+    """How the inputs of a `task` act that does not say it, where something is missing beside: by the best single effect
+    of `candidates` with each reading. None where the log gives no balance, or tells nothing.
+    """
+    unsaid = np.array([c.linear is None for c in task.inputs])
+    found = []
+    for linear in (False, True):
+        known = copy(task)
+        known.inputs = tuple(
+            replace(c, linear=linear) if own else c for c, own in zip(task.inputs, unsaid, strict=True)
+        )
+        smoothed = smoothed_log(replace(prepared, task=known), ~prepared.split.is_test)
+        if smoothed is None:
+            return ()
+        placed = [c.placed for c in candidates]
+        try:
+            screening = Screening(smoothed, placed, task.space.nominal, threads=threads, on_step=on_step)
+        except LogError:  # too short
+            return ()
+        found.append(screening.best())
+    gains = found[1].likelihood - found[0].likelihood
+    linear = is_surely_better(found[0].likelihood, found[1].likelihood)
+    gain, error = sum_and_error(gains if linear else -gains)
+    return tuple(
+        InputTiming(c.name, linear, gain, error) for c, own in zip(task.inputs, unsaid, strict=True) if own
+    )
+
+
+def with_timings(task: Task, timings: Sequence[InputTiming]) -> Task:
+    """The task with inputs that act as the log tells, and are held where it does not."""
+    linear = {t.name: t.linear for t in timings}
+    known = copy(task)
+    known.inputs = tuple(
+        replace(c, linear=linear.get(c.name, False)) if c.linear is None else c for c in task.inputs
+    )
+    return known
 
 
 def log_of(prepared: PreparedLog) -> Log:

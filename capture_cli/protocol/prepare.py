@@ -9,6 +9,7 @@ import numpy as np
 
 from capture_cli.diagnosis.noise_floor import NoiseFloor, noise_floor
 from capture_cli.diagnosis.split import EarlierSplit, split_windows
+from capture_cli.protocol.balance_scores import timings_of_inputs, with_timings
 from capture_cli.protocol.difference_step import difference_step
 from capture_cli.protocol.log_checks import (
     check_changes,
@@ -81,6 +82,14 @@ def prepare(
     )
     prepared = PreparedLog(task, log, windows, starts, noise, split)
     check_fitted(prepared)
+    if only is None and any(c.linear is None for c in task.inputs):
+        timings = timings_of_inputs(prepared, threads)
+        known = with_timings(task, timings)
+        if known.linear.any():
+            how = {"window": window, "test": test, "seed": seed, "held_out": held_out, "step": step}
+            prepared = prepare(log, known, **how, threads=threads)
+            return replace(prepared, input_timings=timings)
+        prepared = replace(prepared, task=known, input_timings=timings)
     step, rollouts = difference_step(prepared, threads) if step is None else (step, 0)
     return replace(prepared, difference_step=step, rollouts=rollouts)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,7 @@ from capture_cli.diagnosis.noise_floor import NoiseFloor
 from capture_cli.diagnosis.split import Split
 from capture_cli.identifiers.base import Evidence, Trial
 from capture_cli.linearization import ROUGH_START_STEP, START_STEP
+from capture_cli.select.input_timing import InputTiming
 from capture_cli.sim.quaternion_signs import aligned, quaternion_columns
 from capture_cli.sim.reported_motion import MOST_LATE
 from capture_cli.sim.starts import StartEstimate, offsets_between, shift
@@ -24,7 +26,8 @@ class PreparedLog:
     """Everything `identify` and `diagnose` know before the first fit.
 
     difference_step: the least share of a parameter's range that finite differences take, as of `difference_step`.
-    rollouts: how many windows were simulated to make it ready.
+    rollouts: how many windows were simulated to make it ready. input_timings: how inputs act between rows, as far
+    as the log tells.
     """
 
     task: Task
@@ -35,6 +38,7 @@ class PreparedLog:
     split: Split
     difference_step: float = 0.0
     rollouts: int = 0
+    input_timings: Sequence[InputTiming] = ()
 
     @property
     def recording(self) -> np.ndarray:

@@ -12,6 +12,7 @@ from capture_cli.reports.findings import (
     behind,
     beyond_chance,
     impossible,
+    input_timing,
     left_open,
     not_alike,
     outputs_left,
@@ -262,6 +263,7 @@ def notes(document: Mapping[str, Any]) -> list[str]:
     found += undetermined(document)
     found += left_open(document)
     found += impossible(document)
+    found += input_timing(document)
     found += time_stamps(document)
     found += time_step(document)
     found += [

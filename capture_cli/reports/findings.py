@@ -121,6 +121,7 @@ def notes(document: Mapping[str, Any]) -> list[str]:
     found += undetermined(document)
     found += impossible(document)
     found += [_at_bound(n, p) for n, p in document["parameters"].items() if p["at_bound"]]
+    found += input_timing(document)
     found += time_stamps(document)
     found += time_step(document)
     recordings = document["recordings"]
@@ -190,6 +191,15 @@ def cut_short(document: Mapping[str, Any]) -> list[str]:
 def time_step(document: Mapping[str, Any]) -> list[str]:
     """What of the estimate is the model's time step; earlier versions did not look."""
     return [document["time_step"]["text"]] if document.get("time_step") else []
+
+
+def input_timing(document: Mapping[str, Any]) -> list[str]:
+    """What inputs do between rows, where that had to be found out and is not the plain case; earlier versions did not
+    look.
+    """
+    found = document.get("input_timing")
+    linear = found and any(i["interpolate"] == "linear" for i in found["inputs"].values())
+    return [found["text"]] if linear else []
 
 
 def time_stamps(document: Mapping[str, Any]) -> list[str]:

@@ -135,6 +135,7 @@ def _beside(diagnosis: Diagnosis) -> list[str]:
         findings.undetermined,
         findings.left_open,
         findings.impossible,
+        findings.input_timing,
         findings.time_stamps,
         findings.time_step,
     ]

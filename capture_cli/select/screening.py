@@ -99,10 +99,10 @@ class Screening:
     ):
         self.settings = settings
         self.space = smoothed.task.space
-        self.balance, self.whitening = self._declared(smoothed, point, threads)
-        self.block = self._blocks()
+        self.balance, self.whitening = declared_balance(smoothed, point, threads, settings)
+        self.block = self.whitening.blocks(settings.blocks)
         self.target = self.whitening.rows([self.balance.null])
-        self.by_parameter = self.whitening.rows(self._by_parameter(self.balance))
+        self.by_parameter = self.whitening.rows(_by_parameter(self.balance))
         self.atoms: list[Atom] = []
         self.columns = self._dictionary(placed, on_step)
         self.covered = frozenset(a.placed.name for a in self.atoms)
@@ -123,54 +123,20 @@ class Screening:
         rest = screened[self.settings.polished :]
         return sorted(polished, key=lambda a: -a.gain) + rest
 
+    def best(self) -> BalancedModel:
+        """The declared model, or that with the one effect that predicts most."""
+        declared = self._judged(BalancedModel((), self.balance.point, ()))
+        added = [a.model for a in self.additions((), ())[: self.settings.polished] if a.model.likelihood.size]
+        return max([declared, *added], key=lambda m: m.likelihood.sum())
+
     # --- the balance ---
-
-    def _declared(
-        self, smoothed: SmoothedLog, point: np.ndarray, threads: int | None
-    ) -> tuple[ForceBalance, Whitening]:
-        """The balance at the values of the declared parameters that fill it best within their bounds."""
-        own, space = self.settings, self.space
-        balance = ForceBalance(smoothed, point, threads)
-        whitening = Whitening(balance)
-        for _ in range(own.descents):
-            rows = whitening.rows([balance.null, *self._by_parameter(balance)])
-            white = np.concatenate(whitening.whitened(rows))
-            step = self._step(white[:, 1:] * space.span, white[:, 0], point, space.low, space.high, own.far)
-            point = np.clip(point + step * space.span, space.low, space.high)
-            balance = ForceBalance(smoothed, point, threads)
-            whitening.balance = balance
-            if np.abs(step).max(initial=0.0) < own.shortest:
-                break
-        return balance, Whitening(balance)
-
-    @staticmethod
-    def _by_parameter(balance: ForceBalance) -> list[Accelerations]:
-        return [balance.of_parameter(i) for i in range(len(balance.point))]
-
-    @staticmethod
-    def _step(slope, target, here, low, high, far) -> np.ndarray:
-        """The step (column,), in ranges, that takes most from `target` (row,), within the bounds and a distance."""
-        span = high - low
-        bottom, top = np.maximum((low - here) / span, -far), np.minimum((high - here) / span, far)
-        prior = np.eye(len(here))
-        whole = np.vstack([slope, prior]), np.append(-target, np.zeros(len(here)))
-        return lsq_linear(*whole, bounds=(bottom - 1e-12, top + 1e-12)).x if len(here) else np.zeros(0)
 
     def _white(self, rows: Sequence[np.ndarray]) -> np.ndarray:
         return np.concatenate(self.whitening.whitened(rows))
 
-    def _blocks(self) -> np.ndarray:
-        """Which block each segment is of: blocks are whole stretches, or of few stretches some segments in a row."""
-        parts = [n for n, _ in self.whitening.segments]
-        several = len(set(parts)) >= self.settings.blocks // 2
-        units = np.unique(parts, return_inverse=True)[1] if several else np.arange(len(parts))
-        count = int(units.max()) + 1
-        return units * min(count, self.settings.blocks) // count
-
     @property
     def _block_of_row(self) -> np.ndarray:
-        sizes = [(rows.stop - rows.start) * self.balance.model.nv for _, rows in self.whitening.segments]
-        return np.repeat(self.block, sizes)
+        return self.whitening.block_of_row(self.block)
 
     def _dictionary(self, placed: Sequence[Placed], on_step: Callable) -> list[np.ndarray]:
         """Rows (row, nv, column) of each stretch of the atoms, in single precision: there may be thousands, or none."""
@@ -279,7 +245,7 @@ class Screening:
                 far /= 4
                 if far < own.shortest:
                     break
-            model = self._moved(best, self._step(slope, left, best.start, low, high, far))
+            model = self._moved(best, _step(slope, left, best.start, low, high, far))
         return best
 
     # --- all at once ---
@@ -332,3 +298,35 @@ class Screening:
         return [
             replace(a, response=a.response - own @ np.linalg.solve(gram, own.T @ a.response)) for a in ranked
         ]
+
+
+def declared_balance(
+    smoothed: SmoothedLog, point: np.ndarray, threads: int | None, settings: ScreeningSettings = SETTINGS
+) -> tuple[ForceBalance, Whitening]:
+    """The balance, from `point` (parameter,), at the values of the declared parameters that fill it best."""
+    space = smoothed.task.space
+    balance = ForceBalance(smoothed, point, threads)
+    whitening = Whitening(balance)
+    for _ in range(settings.descents):
+        white = np.concatenate(whitening.whitened(whitening.rows([balance.null, *_by_parameter(balance)])))
+        step = _step(white[:, 1:] * space.span, white[:, 0], point, space.low, space.high, settings.far)
+        point = np.clip(point + step * space.span, space.low, space.high)
+        balance = ForceBalance(smoothed, point, threads)
+        whitening.balance = balance
+        if np.abs(step).max(initial=0.0) < settings.shortest:
+            break
+    return balance, Whitening(balance)
+
+
+def _by_parameter(balance: ForceBalance) -> list[Accelerations]:
+    return [balance.of_parameter(i) for i in range(len(balance.point))]
+
+
+def _step(slope, target, here, low, high, far) -> np.ndarray:
+    """The step (column,), in ranges, that takes most from `target` (row,), within the bounds and a distance."""
+    if not len(here):
+        return np.zeros(0)
+    span = high - low
+    bottom, top = np.maximum((low - here) / span, -far), np.minimum((high - here) / span, far)
+    whole = np.vstack([slope, np.eye(len(here))]), np.append(-target, np.zeros(len(here)))
+    return lsq_linear(*whole, bounds=(bottom - 1e-12, top + 1e-12)).x

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from capture_cli.diagnosis.split import EarlierSplit
 from capture_cli.errors import Interrupted
 from capture_cli.protocol.attribution import MOST_EFFECTS
+from capture_cli.protocol.balance_scores import timings_with_effects, with_timings
+from capture_cli.protocol.candidates import all_candidates
 from capture_cli.protocol.explain import Settings, explain
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.stages.diagnosed_estimate import DiagnosedEstimate
@@ -68,6 +72,10 @@ def diagnose(
     held_out = None if begin is None or test is not None else begin.held_out
     nominal = found.space.nominal if begin is None else begin.values(found)
     with unfinished_diagnosis(out, provenance.document(), force=force, resume=resume) as (folder, kept):
+<<<<<<< HEAD
+=======
+        prepared = _prepared(to_fit, held_out, threads)
+>>>>>>> cd04d12 (Without interpolate in the task file the log tells whether an input is held between rows or changes evenly)
         settings = Settings(starts, most_effects, expression, to_fit.options["seed"], threads, kept)
         with Progress("diagnose", "model", quiet=quiet) as progress:
             progress.doing("making the log ready")
@@ -77,6 +85,17 @@ def diagnose(
         _write_pages(diagnosis, folder, provenance)
         provenance.write(folder)
     return diagnosis
+
+
+def _prepared(to_fit: LogToFit, held_out: EarlierSplit | None, threads: int | None) -> PreparedLog:
+    """The log made ready; where something is missing, how inputs act is told by the best effect with each reading."""
+    prepared, task = to_fit.prepared(held_out), to_fit.task
+    if prepared.input_timings or all(c.linear is not None for c in task.inputs):
+        return prepared
+    timings = timings_with_effects(prepared, task, all_candidates(prepared), threads, lambda *_: None)
+    if any(t.linear for t in timings):
+        prepared = to_fit.prepared(held_out, with_timings(task, timings))
+    return replace(prepared, input_timings=timings)
 
 
 def diagnose_prepared(

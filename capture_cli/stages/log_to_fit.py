@@ -53,7 +53,7 @@ class LogToFit:
         refuse_inputs(out, inputs.values())
         return cls(log, task, resolved, Provenance(command, resolved, inputs))
 
-    def prepared(self, held_out: EarlierSplit | None = None) -> PreparedLog:
-        """As `prepare` makes it, with the options of the run."""
+    def prepared(self, held_out: EarlierSplit | None = None, task: Task | None = None) -> PreparedLog:
+        """As `prepare` makes it, with the options of the run. task: in the place of its own."""
         given = {name: self.options[name] for name in ("window", "test", "seed", "threads")}
-        return prepare(self.log, self.task, **given, held_out=held_out)
+        return prepare(self.log, task or self.task, **given, held_out=held_out)

@@ -67,6 +67,7 @@ def common_part(
         "impossible_inertia": impossible_inertia_of(task, point[: len(task.space)], effects),
         "time_step": time_step_of(shorter, space, point),
         "time_stamps": time_stamps_of(prepared, stamps),
+        "input_timing": input_timing_of(prepared),
         "split": {
             "how": prepared.split.how,
             **{f"{name}_windows": int(windows.sum()) for name, windows in parts.items()},
@@ -193,6 +194,25 @@ def time_step_of(
     )
     parameters = {name: there for name, (there, _) in would_be.items()}
     return {"finer": shorter.finer, "parameters": parameters, "text": text}
+
+
+def input_timing_of(prepared: PreparedLog) -> dict[str, Any] | None:
+    """How inputs act between rows of which the task does not say it; None where the log does not tell."""
+    if not prepared.input_timings:
+        return None
+    said = []
+    for how, linear in (("change evenly from row to row", True), ("are held from row to row", False)):
+        names = [t.name for t in prepared.input_timings if t.linear == linear]
+        if names:
+            lines = f'interpolate = "{"linear" if linear else "hold"}"'
+            said.append(f"{', '.join(names)} {how} (write {lines} in [inputs.{names[0]}] to settle it)")
+    return {
+        "inputs": {
+            t.name: {"interpolate": "linear" if t.linear else "hold", "gain": t.gain, "error": t.error}
+            for t in prepared.input_timings
+        },
+        "text": f"What inputs do between rows the task does not say, and the log tells: {'; '.join(said)}.",
+    }
 
 
 def time_stamps_of(prepared: PreparedLog, stamps: ScatteredStamps | None) -> dict[str, Any] | None:

@@ -20,7 +20,8 @@ class Channel:
     index: the actuator (inputs) or the column of sensordata (outputs) it belongs to. sensor: the output's sensor id.
     noise_sd: known standard deviation of an output's noise, in `unit`; None where it is to be estimated. period: after
     which an output's column begins anew, in its own unit: 360 for a heading in degrees; None where it does not.
-    linear: whether an input is interpolated between samples rather than held. sparse: whether an output may have no
+    linear: whether an input is interpolated between samples rather than held; None where nobody says, and it is held
+    until the log tells. sparse: whether an output may have no
     value in some rows of a log, as a sensor that is slower than the others.
     """
 
@@ -32,7 +33,7 @@ class Channel:
     scale: float = 1.0
     offset: float = 0.0
     noise_sd: float | None = None
-    linear: bool = False
+    linear: bool | None = False
     period: float | None = None
     sparse: bool = False
 
@@ -83,7 +84,7 @@ class Task(ABC):
     @property
     def linear(self) -> np.ndarray:
         """Which inputs change evenly between samples, rather than being held, (input,)."""
-        return np.array([c.linear for c in self.inputs], dtype=bool)
+        return np.array([bool(c.linear) for c in self.inputs], dtype=bool)
 
     def controls(self, inputs: np.ndarray) -> np.ndarray:
         """Inputs (..., input) as ctrl (..., nu); actuators that are no input get 0."""

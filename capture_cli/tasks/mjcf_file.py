@@ -95,9 +95,12 @@ class MjcfFile(Task):
         _known(entry, {"column", "unit", "column_unit", "scale", "offset", "interpolate"}, where)
         number = object_id(self.model, "actuator", name, where)
         self._check_actuator(number, name, where)
-        how = _value(entry, "interpolate", str, where, default="hold")
-        if how not in ("hold", "linear"):
-            raise TaskError(f"{where}: interpolate = {how!r}", cure='write "hold" or "linear"')
+        how = _value(entry, "interpolate", str, where, default=None)
+        if how not in ("hold", "linear", None):
+            raise TaskError(
+                f"{where}: interpolate = {how!r}",
+                cure='write "hold" or "linear", or leave it out to let the log tell',
+            )
         return Channel(
             name=name,
             unit=_value(entry, "unit", str, where),
@@ -105,7 +108,7 @@ class MjcfFile(Task):
             index=number,
             scale=_scale(entry, where),
             offset=_value(entry, "offset", float, where, default=0.0),
-            linear=how == "linear",
+            linear=None if how is None else how == "linear",
         )
 
     def _check_actuator(self, number: int, name: str, where: str) -> None:

@@ -1,0 +1,49 @@
+"""What inputs do between the rows of a log, told by the force balance."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from benchmarks._planted_logs.cases import NOTHING, PLANTED, Case
+from capture_cli.protocol.balance_scores import timings_with_effects, with_timings
+from capture_cli.protocol.candidates import all_candidates
+from capture_cli.protocol.prepare import prepare
+
+QUIET = {"window": None, "test": None, "seed": 0, "threads": 1}
+
+
+@pytest.mark.parametrize("machine", ["slider", "cart_pole"])
+@pytest.mark.parametrize(("dress", "linear"), [("plain", False), ("half-rate", True), ("quarter-rate", True)])
+def test_the_log_tells_whether_commands_are_held_or_change_evenly(machine, dress, linear):
+    task, log, _ = Case(NOTHING, machine, (), 1.0, 5, dress=dress).build()
+    assert [c.linear for c in task.inputs] == [None] * len(task.inputs)
+    prepared = prepare(log, task, **QUIET)
+    assert [t.linear for t in prepared.input_timings] == [linear] * len(task.inputs)
+    assert [c.linear for c in prepared.task.inputs] == [linear] * len(task.inputs)
+    for timing in prepared.input_timings:
+        assert timing.gain > 3 * timing.error
+
+
+def test_what_the_task_says_is_not_asked_again():
+    task, log, _ = Case(NOTHING, "slider", (), 1.0, 5, dress="half-rate").build()
+    task.inputs = tuple(replace(c, linear=False) for c in task.inputs)
+    prepared = prepare(log, task, **QUIET)
+    assert prepared.input_timings == () and not prepared.task.linear.any()
+
+
+@pytest.mark.parametrize(("dress", "linear"), [("plain", False), ("half-rate", True)])
+def test_where_an_effect_is_missing_it_is_told_with_the_effect_in(dress, linear):
+    task, log, _ = Case(PLANTED, "cart_pole", ("coulomb-friction@x",), 10.0, 3, dress=dress).build()
+    prepared = prepare(log, task, **QUIET)
+    assert prepared.input_timings == ()  # what is missing may look like another timing
+    found = timings_with_effects(prepared, task, all_candidates(prepared), 1, lambda *_: None)
+    assert [t.linear for t in found] == [linear]
+    assert with_timings(task, found).linear.tolist() == [linear]
+
+
+def test_a_log_without_a_balance_tells_nothing_and_its_inputs_are_held():
+    task, log, _ = Case(NOTHING, "puck", (), 1.0, 5).build()
+    prepared = prepare(log, task, **QUIET)
+    assert prepared.input_timings == () and not prepared.task.linear.any()
