@@ -159,7 +159,7 @@ def ends(how: Callable[[], object]) -> Callable[[], bytes]:
         (ends(os.abort), "ends the process .SIGABRT."),
         (ends(lambda: os._exit(3)), "ends the process"),
         (ends(lambda: time.sleep(60)), "takes more than 1 s"),
-        (ends(lambda: [0 for _ in iter(int, 1)]), "takes more than 1 s"),
+        (ends(lambda: all(True for _ in iter(int, 1))), "takes more than 1 s"),
         (ends(lambda: bytearray(1 << 29)), "GB of memory"),
         (ends(lambda: [][0]), "fails with IndexError"),
     ],
