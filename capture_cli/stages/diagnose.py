@@ -72,14 +72,10 @@ def diagnose(
     held_out = None if begin is None or test is not None else begin.held_out
     nominal = found.space.nominal if begin is None else begin.values(found)
     with unfinished_diagnosis(out, provenance.document(), force=force, resume=resume) as (folder, kept):
-<<<<<<< HEAD
-=======
-        prepared = _prepared(to_fit, held_out, threads)
->>>>>>> cd04d12 (Without interpolate in the task file the log tells whether an input is held between rows or changes evenly)
         settings = Settings(starts, most_effects, expression, to_fit.options["seed"], threads, kept)
         with Progress("diagnose", "model", quiet=quiet) as progress:
             progress.doing("making the log ready")
-            prepared = to_fit.prepared(held_out)
+            prepared = _prepared(to_fit, held_out, threads)
             diagnosis = diagnose_prepared(prepared, nominal, settings, progress)
         diagnosis.write(folder)
         _write_pages(diagnosis, folder, provenance)
