@@ -8,16 +8,28 @@ import inspect
 import json
 import pkgutil
 import re
+import subprocess
 import sys
 from collections.abc import Callable
 from datetime import datetime
+from fnmatch import fnmatch
 from pathlib import Path
 from typing import get_args, get_origin, get_type_hints
 
 from typer.models import ArgumentInfo, OptionInfo
 
 ROOT = Path(__file__).resolve().parents[1]
-NOT_LISTED = {".git", ".venv", ".hypothesis", ".pytest_cache", ".ruff_cache", "__pycache__", "build", "runs"}
+NOT_LISTED = {"runs"}  # is one line of the tree
+NOT_KEPT = (
+    ".git",
+    ".venv*",
+    ".hypothesis",
+    ".pytest_cache",
+    ".ruff_cache",
+    "__pycache__",
+    "build",
+    "*.egg-info",
+)
 
 BAR = "\\|"  # in a table
 PAIRS = 10_000  # what `python -m benchmarks` takes where no --pairs is given
@@ -643,13 +655,32 @@ def _line(path: Path, caption: str) -> str:
 def _captioned() -> list[tuple[Path, str]]:
     """(path, caption) of every line of the tree, folders before files."""
     found: dict[Path, str] = {}
-    for file in ROOT.rglob("*"):
-        path = file.relative_to(ROOT)
-        if file.is_dir() or NOT_LISTED & set(path.parts) or any(p.endswith(".egg-info") for p in path.parts):
+    for path in kept_files(ROOT):
+        if NOT_LISTED & set(path.parts):
             continue
         folded = next((p for p in [*reversed(path.parents), path] if _is_one_line(p)), path)
         found[folded] = _caption(folded)
     return sorted(found.items(), key=lambda item: _place(item[0]))
+
+
+def kept_files(folder: Path) -> list[Path]:
+    """Files of the project, relative to its folder: what git keeps or could add, without what it ignores.
+
+    A folder that is no checkout of its own, as an unpacked archive is none, is walked without NOT_KEPT.
+    """
+    if (folder / ".git").exists():
+        # -z: names as they are; of files that were deleted and not yet committed, git says that it keeps them
+        command = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
+        try:
+            listed = subprocess.run(command, cwd=folder, capture_output=True, check=True).stdout.decode()
+        except (OSError, subprocess.CalledProcessError):
+            pass  # git is not installed, or refuses a checkout that somebody else owns
+        else:
+            return [Path(name) for name in dict.fromkeys(listed.split("\0")) if (folder / name).is_file()]
+    found = (path.relative_to(folder) for path in folder.rglob("*") if path.is_file())
+    return [
+        path for path in found if not any(fnmatch(part, kept) for part in path.parts for kept in NOT_KEPT)
+    ]
 
 
 def _place(path: Path) -> list[tuple[bool, str]]:

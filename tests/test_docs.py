@@ -6,6 +6,7 @@ import importlib.util
 import json
 import re
 import shlex
+import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -67,6 +68,27 @@ def test_a_generated_page_is_what_the_code_says(page):
 def test_a_generated_part_is_what_the_code_says(page):
     text = (ROOT / page).read_text(encoding="utf-8")
     assert text == generate.with_parts(text, generate.PARTS[page]), "run `make docs`"
+
+
+@pytest.mark.parametrize("kind", ["checkout", "worktree", "archive"])
+def test_the_tree_leaves_out_what_is_not_kept(tmp_path, kind):
+    folder = tmp_path / "project"
+    files = ("kept.py", "deep/new.py", ".venv/installed", ".venv-core/lib/a.py", "deep/__pycache__/b.pyc")
+    for file in files:
+        (folder / file).parent.mkdir(parents=True, exist_ok=True)
+        (folder / file).write_text("")
+    (folder / ".gitignore").write_text("/.venv/\n/.venv-core/\n__pycache__/\n")
+    if kind != "archive":
+        git = ["git", "-c", "user.name=a", "-c", "user.email=a@b.c"]
+        for command in (["init", "-q"], ["add", "kept.py", ".gitignore"], ["commit", "-q", "-m", "first"]):
+            subprocess.run([*git, *command], cwd=folder, check=True)
+    if kind == "worktree":
+        subprocess.run(["git", "worktree", "add", "-q", "../other"], cwd=folder, check=True)
+        (folder / "deep").rename(tmp_path / "other" / "deep")
+        (folder / ".venv-core").rename(tmp_path / "other" / ".venv-core")
+        folder = tmp_path / "other"
+    found = {path.as_posix() for path in generate.kept_files(folder)}
+    assert found == {"kept.py", "deep/new.py", ".gitignore"}
 
 
 def test_a_page_without_the_marks_of_its_part_is_refused():
@@ -231,14 +253,10 @@ def test_a_link_resolves(page, target):
 def texts() -> list[Path]:
     """Every text file of the project, but what is not kept."""
     found = []
-    for path in ROOT.rglob("*"):
-        inside = path.relative_to(ROOT)
-        hidden = generate.NOT_LISTED - {"runs"}
-        if path.is_dir() or hidden & set(inside.parts) or any(p.endswith(".egg-info") for p in inside.parts):
+    for inside in generate.kept_files(ROOT):
+        if inside.parts[:2] == ("runs", "demo") or inside.suffix in (".png", ".zarr") or "c" in inside.parts:
             continue
-        if inside.parts[:2] == ("runs", "demo") or path.suffix in (".png", ".zarr") or "c" in inside.parts:
-            continue
-        found.append(path)
+        found.append(ROOT / inside)
     return found
 
 
