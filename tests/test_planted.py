@@ -127,7 +127,7 @@ def test_an_effect_outside_the_catalogue_can_be_simulated_and_shows(name):
 
 
 def test_steps_that_are_too_long_are_found(tmp_path):
-    made = Experiment(MACHINE["arm"], np.random.default_rng(0), episodes=2)
+    made = Experiment(MACHINE["arm"], np.random.default_rng(0), episodes=3)
     effect = REGISTRY.get("finer-time-step")(made.task.model, "quarter")
     made.log(made.outputs([(effect, np.zeros(0))])).write(tmp_path / "log.zarr")
     document = diagnose(MeasuredLog.read(tmp_path / "log.zarr"), made.task, seed=0)

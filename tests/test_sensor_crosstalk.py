@@ -26,8 +26,8 @@ def test_the_current_of_the_other_motor_is_found_in_an_encoder(tmp_path):
         out=tmp_path / "log.zarr",
         effects=[f"sensor-crosstalk@{site}.share=0.02"],
         noise=1e-3,
-        episodes=3,
-        duration=2.5,
+        episodes=4,
+        duration=3.0,
         rate=250.0,
         seed=3,
     )
