@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import pytest
 
 from benchmarks._planted_logs.cases import NOTHING, PLANTED, Case
-from capture_cli.protocol.balance_scores import timings_with_effects, with_timings
+from capture_cli.protocol.balance_scores import with_timings
 from capture_cli.protocol.candidates import all_candidates
+from capture_cli.protocol.input_readings import timings_with_effects
 from capture_cli.protocol.prepare import prepare
 
 QUIET = {"window": None, "test": None, "seed": 0, "threads": 1}
@@ -33,12 +35,21 @@ def test_what_the_task_says_is_not_asked_again():
     assert prepared.input_timings == () and not prepared.task.linear.any()
 
 
-@pytest.mark.parametrize(("dress", "linear"), [("plain", False), ("half-rate", True)])
-def test_where_an_effect_is_missing_it_is_told_with_the_effect_in(dress, linear):
-    task, log, _ = Case(PLANTED, "cart_pole", ("coulomb-friction@x",), 10.0, 3, dress=dress).build()
+@pytest.mark.parametrize(
+    ("effect", "magnitude", "dress", "linear"),
+    [
+        ("coulomb-friction@x", 3.0, "plain", False),
+        ("coulomb-friction@x", 3.0, "half-rate", True),  # simulations tell
+        ("direction-dependent-viscous@x", 10.0, "half-rate", True),  # the balance does
+    ],
+)
+def test_where_an_effect_is_missing_it_is_told_with_the_effect_in(effect, magnitude, dress, linear):
+    task, log, _ = Case(PLANTED, "cart_pole", (effect,), magnitude, 3, dress=dress).build()
     prepared = prepare(log, task, **QUIET)
     assert prepared.input_timings == ()  # what is missing may look like another timing
-    found = timings_with_effects(prepared, task, all_candidates(prepared), 1, lambda *_: None)
+    unread = replace(prepared, task=task)
+    as_read = partial(prepare, log, **QUIET)
+    found = timings_with_effects(unread, all_candidates(prepared), as_read, 1)
     assert [t.linear for t in found] == [linear]
     assert with_timings(task, found).linear.tolist() == [linear]
 

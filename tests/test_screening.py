@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from balances import Made
+from coloured_noise import coloured
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from benchmarks._planted_logs.cases import PLANTED, Case
+from capture_cli.estimate.motion import SmoothedLog
+from capture_cli.protocol.balance_scores import log_of
+from capture_cli.protocol.candidates import all_candidates
+from capture_cli.protocol.prepare import prepare
 from capture_cli.select.regression import Sums, additions, predicted
+from capture_cli.select.screening import Screening
 
 # small: columns are taken where the declared parameters fit best without the effect, and a large one bends those
 CASES = [
@@ -96,3 +105,45 @@ def test_additions_are_what_refits_one_by_one_give(seed, own, models, added):
         assert gain.mean[m] == pytest.approx(gains.sum(), rel=1e-6, abs=1e-8)
         assert gain.error[m] == pytest.approx(gains.std(ddof=1) * np.sqrt(blocks), rel=1e-6)
         np.testing.assert_allclose(gain.coefficients[m], _refitted(target, whole, block, -1), atol=1e-9)
+
+
+def additions_of(case: Case, *names: str) -> dict[str, float]:
+    """Gains of these effects, NAME@SITE, in the log of a case."""
+    task, log, _ = case.build()
+    prepared = prepare(log, task, window=None, test=None, seed=0)
+    placed = [c.placed for c in all_candidates(prepared) if c.name in names]
+    smoothed = SmoothedLog.of(log_of(prepared), prepared.task)
+    found = Screening(smoothed, placed, task.space.nominal, threads=1).additions((), ())
+    return {a.placed.name: a.gain for a in found}
+
+
+def test_a_spring_that_needs_both_of_its_sides_is_asked_of_each():
+    """By the declared stiffness, which is at its bound, one of the two would be negative at every place."""
+    name = "one-sided-spring@x"
+    assert additions_of(Case(PLANTED, "slider", (name,), 3.0, 543295301), name)[name] > 100
+
+
+def test_a_declared_parameter_that_is_at_its_bound_takes_nothing_from_an_effect():
+    found = additions_of(
+        Case(PLANTED, "slider", ("medium-viscosity",), 2.2, 1385089885),
+        "medium-viscosity",
+        "coulomb-friction@x",
+    )
+    assert 100 < found["medium-viscosity"] < 1e4 and found["medium-viscosity"] > found["coulomb-friction@x"]
+
+
+def test_slow_noise_of_sensors_is_none_of_the_model():
+    """What is forgotten within some samples weighs less where motion is slow, and so does not hide friction there."""
+    made = Made.of("slider", ("coulomb-friction", "x", 0.1), episodes=6)
+    log = made.experiment.log(made.experiment.outputs(made.planted))
+    ends = [e.stop - e.start for e in log.episodes]
+    noise = coloured((len(ends), ends[0]), np.random.default_rng(1), sd=1e-3, memory=8.0).reshape(-1, 1)
+    prepared = prepare(
+        replace(log, outputs=log.outputs + noise), made.experiment.task, window=None, test=None, seed=0
+    )
+    placed = [c.placed for c in all_candidates(prepared) if c.placed.kind == "coulomb-friction"]
+    smoothed = SmoothedLog.of(log_of(prepared), prepared.task)
+    own = Screening(smoothed, placed, prepared.task.space.nominal, threads=1)
+    (found,) = own.additions((), ())
+    assert own.whitening.slow_noise.max() > 1
+    assert found.gain > 5 * found.error > 0

@@ -63,6 +63,12 @@ class PeriodicForce(JointForce):
         """
         return np.zeros(len(first), dtype=int)
 
+    def apart(self, first: np.ndarray) -> np.ndarray:
+        """Which windows that begin at the steps `first` have amplitudes of their own, (recording, window);
+        of no recording where one phase holds in the whole log.
+        """
+        return np.zeros((0, len(first)), dtype=bool)
+
     def began(self, first: np.ndarray) -> np.ndarray | float:
         """s, by the clock of simulations, (window,): when a path along time begins for these windows."""
         return 0.0

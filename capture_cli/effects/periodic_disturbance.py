@@ -79,12 +79,16 @@ class PeriodicDisturbance(PeriodicForce):
         turns = values[2] * (self._zero(first) - self.began(first))  # since the recording began
         cosine, sine = _turned(sensitivity[..., 1], sensitivity[..., 0], turns[:, None])
         waves = np.stack([sine, cosine], axis=-1)
-        number, reference = self.recording(first), self.recordings.reference
-        others = [n for n in np.unique(number) if n != reference]
-        return np.concatenate([waves * (number == n)[:, None, None] for n in (reference, *others)], axis=-1)
+        each = self._in_reference(first), *self.apart(first)
+        return np.concatenate([waves * own[:, None, None] for own in each], axis=-1)
 
     def recording(self, first):
         return super().recording(first) if self.recordings is None else self.recordings.of_step[first]
+
+    def apart(self, first):
+        number = self.recording(first)
+        own = [n for n in np.unique(number) if self.recordings is not None and n != self.recordings.reference]
+        return number == np.reshape(own, (-1, 1))
 
     def began(self, first):
         return super().began(first) if self.recordings is None else self.recordings.began[first]

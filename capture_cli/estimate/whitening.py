@@ -3,8 +3,9 @@
 The smoothed acceleration carries the noise e of the positions through a known filter, and the prediction carries it
 through the model's own stiffness and damping: with F the averaging and S the smoothing a row's noise is
 F (D^2 + d D + k) S e. Its covariance is worked out once for a long stretch and taken as stationary. What no sensor's
-noise explains is taken as white acceleration, of a size that maximises the likelihood of the residual. White rows are
-compared as squares: that is generalised least squares, and over a segment nearly what simulating it would compare.
+noise explains is taken as white acceleration, and as noise of the sensors that is forgotten within some samples (of
+cameras, filters, interpolation), each of a size that maximises the likelihood of the residual. White rows are compared
+as squares: that is generalised least squares, and over a segment nearly what simulating it would compare.
 """
 
 from __future__ import annotations
@@ -15,7 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import BSpline
 from scipy.linalg import cholesky, solve_triangular, toeplitz
-from scipy.optimize import minimize_scalar
+from scipy.optimize import minimize, minimize_scalar
+from scipy.signal import lfilter
 from scipy.sparse import csr_array
 
 from capture_cli.errors import LogError
@@ -28,7 +30,8 @@ class WhiteningSettings:
     whole segment. most_rows: of one coordinate over the whole log, which bounds the cost. degree: of the averaging
     functions, smooth enough that no row sees single samples. floor: of the covariance's diagonal, for rounding.
     segments: at least so many, that there are blocks to leave out; fewest_rows: in each of these, or the log is too
-    short to be judged.
+    short to be judged. memories: samples within which slow noise may be forgotten.
+    slow_gain: of log likelihood, by which there has to be some.
     """
 
     rows_in_segment: int = 120
@@ -37,6 +40,8 @@ class WhiteningSettings:
     floor: float = 1e-9
     segments: int = 6
     fewest_rows: int = 6
+    memories: tuple[float, ...] = (4.0, 16.0)
+    slow_gain: float = 5.0
 
 
 SETTINGS = WhiteningSettings()
@@ -44,7 +49,8 @@ SETTINGS = WhiteningSettings()
 
 class Whitening:
     """How accelerations along a balance become white rows. model_error (nv,): sd of the white acceleration that the
-    model leaves at rows' rate, set by `adapt`. Raises LogError where the log is too short for blocks to be left out.
+    model leaves at rows' rate, and slow_noise (nv,): sd of noise with each memory over that of white noise, (memory,
+    nv); both set by `adapt`. Raises LogError where the log is too short for blocks to be left out.
     """
 
     def __init__(self, balance: ForceBalance, settings: WhiteningSettings = SETTINGS):
@@ -67,8 +73,9 @@ class Whitening:
             )
         self.size = min(settings.rows_in_segment, total // settings.segments)
         self._filters = smoothed.filtering([csr_array(a) for a in self.averages], points.part, points.step)
-        self.noise, self.white = self._covariances()
+        self.noise, self.slow, self.white = self._covariances()
         self.model_error = np.zeros(balance.model.nv)
+        self.slow_noise = np.zeros((len(settings.memories), balance.model.nv))
         self.segments = [
             (n, slice(int(rows[0]), int(rows[-1]) + 1))
             for n, averages in enumerate(self.averages)
@@ -129,18 +136,45 @@ class Whitening:
         return np.array([sum(own[rows.stop - rows.start - 1] for own in logs) for _, rows in self.segments])
 
     def adapt(self, residual: Sequence[np.ndarray]) -> None:
-        """Set `model_error` to what makes `residual` (row, nv) of each stretch most likely."""
+        """Set `model_error` and `slow_noise` to what makes `residual` (row, nv) of each stretch most likely."""
         for i in range(len(self.model_error)):
-            scale = np.log10(np.sqrt(self.noise[i][0] / self.white[0]))
             own = [residual[part][rows, i] for part, rows in self.segments]
-            found = minimize_scalar(
-                lambda size, i=i, own=own: _surprise(self._covariance(i, 10.0**size), own),
-                bounds=(scale - 3, scale + 4),
-                method="bounded",
-                options={"xatol": 0.05},
-            )
-            self.model_error[i] = 10.0**found.x
+            same = [np.stack([r for r in own if len(r) == count], axis=1) for count in {len(r) for r in own}]
+            self.model_error[i], self.slow_noise[:, i] = self._most_likely(i, same)
         self._factorise()
+
+    def _most_likely(self, dof: int, residual: Sequence[np.ndarray]) -> tuple[float, np.ndarray]:
+        """Sizes of white acceleration and of slow noise, (memory,), of which one at most is there."""
+        scale = np.log10(np.sqrt(self.noise[dof][0] / self.white[0]))
+
+        def surprise(sizes: np.ndarray, memory: np.ndarray) -> float:
+            error, slow = 10.0 ** (scale + sizes[0]), memory * 10.0 ** sizes[1]
+            return _surprise(self._covariance(dof, error, slow), residual)
+
+        none = np.zeros(len(self.slow_noise))
+        found = minimize_scalar(
+            lambda size: surprise([size, 0.0], none),
+            bounds=(-3, 4),
+            method="bounded",
+            options={"xatol": 0.05},
+        )
+        best, sizes, memory = found.fun, [found.x, 0.0], none
+        for own in np.eye(len(none)):
+            more = minimize(
+                surprise,
+                [sizes[0], 0.0],
+                args=(own,),
+                method="Nelder-Mead",
+                bounds=[(-3, 4), (-2, 2)],
+                options={
+                    "xatol": 0.05,
+                    "fatol": 0.5,
+                    "initial_simplex": [[found.x, 0], [found.x - 1, 0.3], [found.x - 1, 0.6]],
+                },
+            )
+            if more.fun < best - self.settings.slow_gain:
+                best, sizes, memory = more.fun, more.x, own
+        return 10.0 ** (scale + sizes[0]), memory * 10.0 ** sizes[1]
 
     def _averages(self, elapsed: np.ndarray, spacing: float) -> np.ndarray:
         """Weights (row, point) of overlapping splines, whole ones only: they sum to 1."""
@@ -155,8 +189,10 @@ class Whitening:
         weights = weights[degree:-degree]
         return weights / weights.sum(axis=1, keepdims=True)
 
-    def _covariances(self) -> tuple[list[np.ndarray], np.ndarray]:
-        """Autocovariance of rows, (lag,): by sensors' noise of each coordinate, and by white accelerations."""
+    def _covariances(self) -> tuple[list[np.ndarray], list[np.ndarray], np.ndarray]:
+        """Autocovariance of rows: by sensors' white noise of each coordinate, (lag,), by as much of slow noise,
+        (memory, lag), and by white accelerations, (lag,).
+        """
         balance, size = self.balance, self.size
         longest = int(np.argmax([len(a) for a in self.averages]))
         averages = self.averages[longest]
@@ -164,7 +200,9 @@ class Whitening:
         some = averages[max(0, middle - size) : middle + size]
         time = balance.smoothed.log.time[balance.points.step[balance.points.part == longest]]
         stiffness, damping = balance.slopes()
+        memories = self.settings.memories
         noise = [np.zeros(size) for _ in range(balance.model.nv)]
+        slow = [np.zeros((len(memories), size)) for _ in range(balance.model.nv)]
         for source in balance.smoothed.sources:
             for dof in source.dofs:
                 for column, weight in zip(source.columns, source.shares(dof), strict=True):
@@ -172,17 +210,20 @@ class Whitening:
                     response = series.response(some, time, 2)
                     response -= damping[dof] * series.response(some, time, 1)
                     response -= stiffness[dof] * series.response(some, time, 0)
-                    noise[dof] += _autocovariance(weight * series.sd * response, size)
-        return noise, _autocovariance(some, size)
+                    response *= weight * series.sd
+                    noise[dof] += _autocovariance(response, size)
+                    slow[dof] += [_autocovariance(_remembering(response, m), size) for m in memories]
+        return noise, slow, _autocovariance(some, size)
 
-    def _covariance(self, dof: int, model_error: float) -> np.ndarray:
-        lags = self.noise[dof] + model_error**2 * self.white
+    def _covariance(self, dof: int, model_error: float, slow_noise: np.ndarray) -> np.ndarray:
+        lags = self.noise[dof] + model_error**2 * self.white + slow_noise**2 @ self.slow[dof]
         matrix = toeplitz(lags)
         matrix[np.diag_indices_from(matrix)] *= 1 + self.settings.floor
         return matrix
 
     def _factorise(self) -> None:
-        whole = [cholesky(self._covariance(i, e), lower=True) for i, e in enumerate(self.model_error)]
+        sizes = zip(self.model_error, self.slow_noise.T, strict=True)
+        whole = [cholesky(self._covariance(i, e, s), lower=True) for i, (e, s) in enumerate(sizes)]
         self._factors = [solve_triangular(f, np.eye(len(f)), lower=True) for f in whole]
 
 
@@ -197,12 +238,20 @@ def _autocovariance(response: np.ndarray, size: int) -> np.ndarray:
     return lags
 
 
+def _remembering(response: np.ndarray, memory: float) -> np.ndarray:
+    """The response of rows (row, sample) to what makes noise of the same sd that is forgotten within `memory` samples:
+    e[k] = exp(-1 / memory) e[k - 1] + white noise.
+    """
+    kept = np.exp(-1 / memory)
+    return lfilter([np.sqrt(1 - kept**2)], [1, -kept], response[:, ::-1], axis=1)[:, ::-1]
+
+
 def _surprise(covariance: np.ndarray, residual: Sequence[np.ndarray]) -> float:
-    """Minus the log likelihood of segments (row,), up to a constant."""
+    """Minus the log likelihood of segments, (row, segment) of each length, up to a constant."""
     factor = cholesky(covariance, lower=True, check_finite=False)
     logs = np.cumsum(np.log(np.diag(factor)))
     total = 0.0
     for own in residual:
         white = solve_triangular(factor[: len(own), : len(own)], own, lower=True, check_finite=False)
-        total += 0.5 * float(white @ white) + logs[len(own) - 1]
+        total += 0.5 * float((white * white).sum()) + logs[len(own) - 1] * own.shape[1]
     return total

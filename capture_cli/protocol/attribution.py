@@ -303,7 +303,7 @@ class Attribution:
             same = [
                 c for c in self.candidates if c.placed.kind == newest.placed.kind and c.name not in inside
             ]
-            ranked = self._scored(current, same)
+            ranked = [c for c in self._scored(current, same) if c.is_sure]
         for candidate in ranked:
             effect = candidate.placed.effect
             is_kin = candidate.placed.kind == newest.placed.kind and candidate.name not in inside

@@ -15,7 +15,7 @@ from capture_cli.estimate.motion import Log, SmoothedLog
 from capture_cli.protocol.candidates import Candidate
 from capture_cli.protocol.fit import Fit
 from capture_cli.protocol.prepared_log import PreparedLog
-from capture_cli.select.input_timing import InputTiming, input_timings, is_surely_better, sum_and_error
+from capture_cli.select.input_timing import InputTiming, input_timings
 from capture_cli.select.screening import Screening, declared_balance
 from capture_cli.sim.contacts import can_touch
 from capture_cli.tasks.base import Task
@@ -74,40 +74,6 @@ def timings_of_inputs(prepared: PreparedLog, threads: int | None) -> tuple[Input
     return tuple(t for t, c in zip(found, task.inputs, strict=True) if c.linear is None)
 
 
-def timings_with_effects(
-    prepared: PreparedLog,
-    task: Task,
-    candidates: Sequence[Candidate],
-    threads: int | None,
-    on_step: Callable[[str, int, int], None],
-) -> tuple[InputTiming, ...]:
-    """How the inputs of a `task` act that does not say it, where something is missing beside: by the best single effect
-    of `candidates` with each reading. None where the log gives no balance, or tells nothing.
-    """
-    unsaid = np.array([c.linear is None for c in task.inputs])
-    found = []
-    for linear in (False, True):
-        known = copy(task)
-        known.inputs = tuple(
-            replace(c, linear=linear) if own else c for c, own in zip(task.inputs, unsaid, strict=True)
-        )
-        smoothed = smoothed_log(replace(prepared, task=known), ~prepared.split.is_test)
-        if smoothed is None:
-            return ()
-        placed = [c.placed for c in candidates]
-        try:
-            screening = Screening(smoothed, placed, task.space.nominal, threads=threads, on_step=on_step)
-        except LogError:  # too short
-            return ()
-        found.append(screening.best())
-    gains = found[1].likelihood - found[0].likelihood
-    linear = is_surely_better(found[0].likelihood, found[1].likelihood)
-    gain, error = sum_and_error(gains if linear else -gains)
-    return tuple(
-        InputTiming(c.name, linear, gain, error) for c, own in zip(task.inputs, unsaid, strict=True) if own
-    )
-
-
 def with_timings(task: Task, timings: Sequence[InputTiming]) -> Task:
     """The task with inputs that act as the log tells, and are held where it does not."""
     linear = {t.name: t.linear for t in timings}
@@ -142,7 +108,8 @@ def score_in_balance(screening: Screening, current: Fit, candidates: Sequence[Ca
         amplitudes = start[len(start) - own :]
         candidate.score = Score(2 * addition.gain, amplitudes, moved, 1.0, addition.response)
         candidate.start = amplitudes
-        if addition.gain < max(LEAST_GAIN, SURE * addition.error):
+        candidate.is_sure = addition.gain >= max(LEAST_GAIN, SURE * addition.error)
+        if addition.gain <= 0:
             candidate.why_rejected = (
                 f"blocks that were not fitted are not predicted better (log likelihood {addition.gain:.3g} "
                 f"with a standard error of {addition.error:.2g})"

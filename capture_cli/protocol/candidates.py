@@ -52,7 +52,8 @@ class Candidate:
     """An effect at a site, and what became of it in the last round that it was tried in.
 
     start: where a refit begins; start_elsewhere: at another peak, of an effect that repeats. start_doubted: where more
-    would be explained, by values that are not believed (`Effect.doubt`) while anything is left.
+    would be explained, by values that are not believed (`Effect.doubt`) while anything is left. is_sure: whether its
+    score is surely above zero, and not just above.
     """
 
     placed: Placed
@@ -65,6 +66,7 @@ class Candidate:
     shapes_tried: int = 1
     start_elsewhere: np.ndarray | None = None
     start_doubted: np.ndarray | None = None
+    is_sure: bool = True
 
     @property
     def name(self) -> str:
@@ -175,6 +177,7 @@ def score_at_null(narrow: NarrowShapes, candidate: Candidate) -> None:
     """Fill in the candidate's score and where a refit should start, or why it is out."""
     candidate.fit = candidate.select = candidate.support = candidate.score = None
     candidate.why_rejected = candidate.start_elsewhere = candidate.start_doubted = None
+    candidate.is_sure = True
     shapes, tried = _shapes(narrow, candidate.placed.effect)
     candidate.shapes_tried = tried * len(candidate.placed.effect.states_scored)
     probed = _probed(narrow, candidate, shapes, PROBES)
@@ -339,21 +342,25 @@ def worth_a_refit(
 ) -> tuple[list[Candidate], list[Candidate]]:
     """The candidates to fit jointly, and the others; ranked: by score, best first.
 
-    different: so many that differ; of_a_kind: so many like each.
+    different: so many that differ; of_a_kind: so many like each, the best, and the simplest before the others.
     """
     kinds: list[list[Candidate]] = []
-    refitted, others = [], []
     for candidate in ranked:
         own = next((k for k in kinds if _alike(k[0], candidate)), None)
-        full = len(kinds) == different if own is None else len(own) == of_a_kind
-        if full or len(refitted) == REFITTED:
-            others.append(candidate)
-            continue
-        if own is None:
-            kinds.append([])
-        (kinds[-1] if own is None else own).append(candidate)
-        refitted.append(candidate)
-    return refitted, others
+        if own is not None:
+            own.append(candidate)
+        elif len(kinds) < different:
+            kinds.append([candidate])
+    chosen = {c.name for kind in kinds for c in _best_and_simplest(kind, of_a_kind)}
+    refitted = [c for c in ranked if c.name in chosen][:REFITTED]
+    return refitted, [c for c in ranked if c.name not in {r.name for r in refitted}]
+
+
+def _best_and_simplest(kind: Sequence[Candidate], count: int) -> list[Candidate]:
+    """So many of a `kind`, ranked by score: what is simpler than the best may be all that is there."""
+    best, *others = kind
+    others.sort(key=lambda c: len(c.placed.effect.parameters) >= len(best.placed.effect.parameters))
+    return [best, *others[: count - 1]]
 
 
 def _alike(a: Candidate, b: Candidate) -> bool:

@@ -38,7 +38,10 @@ function laidOut(layout) {
     font: { family: getComputedStyle(document.body).fontFamily, size: 12, color: "--muted", ...layout.font },
   };
   for (const key of Object.keys(full)) {
-    if (/^[xy]axis/.test(key)) full[key] = { ...axis, ...full[key] };
+    if (!/^[xy]axis/.test(key)) continue;
+    full[key] = { ...axis, ...full[key] };
+    // without it a title keeps its place, and long numbers run into it
+    if (key[0] === "y" && full[key].title) full[key].title = { standoff: 8, ...full[key].title };
   }
   return full;
 }

@@ -40,9 +40,10 @@ SETTINGS = DictionarySettings()
 class Atom:
     """An effect at values (parameter,) of its nonlinear parameters, null in the others: one column for each amplitude.
 
-    amplitudes: which parameters those are. unit (amplitude,): what a coefficient of 1 is of each, in its range; known
-    (amplitude,): how large coefficients may be beforehand, a standard deviation. one_way: of an effect that does not do
-    the reverse at the reverse: friction never drives.
+    amplitudes: which parameters those are; after their columns come those of `apart` amplitudes that other recordings
+    have for themselves, which belong to no parameter. unit (amplitude,): what a coefficient of 1 is of each, in its
+    range; known (amplitude,): how large coefficients may be beforehand, a standard deviation. one_way: of an effect
+    that does not do the reverse at the reverse: friction never drives.
     """
 
     placed: Placed
@@ -51,10 +52,26 @@ class Atom:
     unit: np.ndarray
     known: np.ndarray
     one_way: bool = False
+    apart: int = 0
+
+    @property
+    def scale(self) -> np.ndarray:
+        """How large a coefficient of each column may be beforehand, (column,)."""
+        return np.resize(self.known, len(self.amplitudes) + self.apart)
 
     def is_reverse_of(self, other: Atom) -> bool:
         """Whether it takes the reverse steps of the amplitudes, at the same values."""
         return np.array_equal(self.values, other.values) and np.array_equal(self.unit, -other.unit)
+
+    def alone(self, columns: Sequence[Accelerations]) -> Iterator[tuple[Atom, list[Accelerations]]]:
+        """Each amplitude by itself, the others null, where there are several and not every sign is allowed."""
+        space, own = self.placed.effect.space, list(self.amplitudes)
+        null = self.values[own]
+        if len(own) == 1 or ((space.low[own] < null) & (space.high[own] > null)).all():
+            return
+        for k, index in enumerate(own):
+            one = slice(k, k + 1)
+            yield replace(self, amplitudes=(index,), unit=self.unit[one], known=self.known[one]), [columns[k]]
 
     def allows(self, coefficients: np.ndarray) -> bool:
         """Whether coefficients (amplitude,) have the signs that the effect's range allows, and the atom's own."""
@@ -86,9 +103,7 @@ def atoms(
     if isinstance(effect, PeriodicForce):
         yield from _repeating(balance, placed, amplitudes, settings)
         return
-    shares = settings.far_steps if effect.has_threshold else (settings.step,)
-    if effect.place == "force" and not effect.has_threshold:
-        shares = (settings.step, -settings.step)
+    shares = _shares(effect, settings)
     values, owners = [], []
     for point in _shapes(effect, settings):
         for share in shares:
@@ -116,12 +131,22 @@ def atoms(
     ]
     for atom, columns in usable:
         reverse = [c for a, c in usable if a.is_reverse_of(atom)]
-        if not reverse:
-            yield atom, columns
-        elif not _is_reverse(columns, reverse[0], settings.linear):
-            yield replace(atom, one_way=True), columns
-        elif atom.unit[0] > 0:
-            yield atom, columns
+        if reverse and not _is_reverse(columns, reverse[0], settings.linear):
+            atom = replace(atom, one_way=True)
+        elif reverse and atom.unit[0] < 0:
+            continue
+        yield atom, columns
+        yield from atom.alone(columns)
+
+
+def _shares(effect: Effect, settings: DictionarySettings) -> tuple[float, ...]:
+    """Steps of the amplitudes, in ranges, at which columns are taken."""
+    if effect.has_threshold:
+        return settings.far_steps
+    if effect.place != "force":
+        return (settings.step,)
+    far = settings.far_steps if effect.states else ()  # what remembers need not grow in proportion
+    return (settings.step, -settings.step, *far)
 
 
 def _is_reverse(columns: Sequence[Accelerations], others: Sequence[Accelerations], tolerance: float) -> bool:
@@ -142,13 +167,14 @@ def _repeating(balance, placed, amplitudes, settings) -> Iterator[tuple[Atom, li
     effect: PeriodicForce = placed.effect
     along = balance.along(effect)
     span = float(np.ptp(along)) if effect.along == "qpos" else float(balance.points.elapsed.max())
-    points = effect.sweep(span, settings.periods)
+    points, others = effect.sweep(span, settings.periods), effect.apart(balance.points.step)
+    recordings = [~others.any(axis=0), *others]
     for point, waves in zip(points, balance.of_waves(effect, points), strict=True):
         unit = np.ones(len(amplitudes))
         known = settings.known * effect.space.span[list(amplitudes)]
         yield (
-            Atom(placed, point, amplitudes, unit, known),
-            [balance.of_joint_force(effect.dof, w) for w in waves],
+            Atom(placed, point, amplitudes, unit, known, apart=len(others) * len(amplitudes)),
+            [balance.of_joint_force(effect.dof, w * own) for own in recordings for w in waves],
         )
 
 

@@ -49,7 +49,8 @@ class InputTiming:
 def input_timings(
     balance: ForceBalance, names: Sequence[str], linear: np.ndarray, settings: InputTimingSettings = SETTINGS
 ) -> tuple[list[InputTiming], bool]:
-    """How each input acts, and whether nothing else is missing then: what is missing may look like another timing.
+    """How each input acts, and whether that is all: what is missing may look like another timing, and one that is not
+    surely better may still be right.
 
     balance: at values of the declared parameters; names, linear (input,): of the inputs, and how they are read in it.
 
@@ -79,10 +80,12 @@ def input_timings(
         if is_surely_better(known, other, settings):
             read, known, other = turned, other, known
         found.append(InputTiming(name, bool(read[k]), *sum_and_error(known - other)))
+    contradicted = any(t.gain < -settings.least for t in found)
     likelihood(read)
     noise = np.array([lags[0] for lags in whitening.noise])
-    wrong = np.square(whitening.model_error) * whitening.white[0] / noise
-    return found, bool(np.all(wrong < settings.else_missing))
+    slow = [s**2 @ lags[:, 0] for s, lags in zip(whitening.slow_noise.T, whitening.slow, strict=True)]
+    wrong = (np.square(whitening.model_error) * whitening.white[0] + slow) / noise
+    return found, bool(np.all(wrong < settings.else_missing)) and not contradicted
 
 
 def is_surely_better(known: np.ndarray, other: np.ndarray, settings: InputTimingSettings = SETTINGS) -> bool:

@@ -18,6 +18,7 @@ from capture_cli.effects.placed import Placed
 from capture_cli.estimate.force_balance import Accelerations, ForceBalance
 from capture_cli.estimate.motion import SmoothedLog
 from capture_cli.estimate.whitening import Whitening
+from capture_cli.select.dictionary import SETTINGS as DICTIONARY
 from capture_cli.select.dictionary import Atom, atoms
 from capture_cli.select.regression import Sums, additions, predicted
 
@@ -31,7 +32,7 @@ class ScreeningSettings:
     """
 
     blocks: int = 12
-    polished: int = 6
+    polished: int = 10
     descents: int = 5
     straight: int = 2
     far: float = 0.3
@@ -109,9 +110,7 @@ class Screening:
 
     def additions(self, effects: Sequence[Placed], values: Sequence[np.ndarray]) -> list[Addition]:
         """Of each effect that is not among `effects`, which have these values, best first; the best ones polished."""
-        model = self._fitted(BalancedModel(tuple(effects), self.balance.point, tuple(values)))
-        self.whitening.adapt(self._residual(model))
-        model = self._judged(model)
+        model = self._judged(self._fitted(BalancedModel(tuple(effects), self.balance.point, tuple(values))))
         polished = []
         screened = self._screened(model)
         for addition in screened[: self.settings.polished]:
@@ -154,7 +153,7 @@ class Screening:
 
     def _system(self, model: BalancedModel) -> tuple[list[np.ndarray], list[np.ndarray]]:
         """Rows of what is left at a model's values, (row, nv, 1), and by a unit of range of each parameter, (row, nv,
-        parameter), of each stretch.
+        parameter), of each stretch; last by amplitudes that other recordings have for themselves.
         """
         moved = model.point - self.balance.point
         target = [t + (x @ moved)[..., None] for t, x in zip(self.target, self.by_parameter, strict=True)]
@@ -165,7 +164,23 @@ class Screening:
             target = [t + r[..., :1] for t, r in zip(target, rows, strict=True)]
             slopes = [(r[..., 1:] - r[..., :1]) / steps for r in rows]
             columns = [np.concatenate(pair, axis=-1) for pair in zip(columns, slopes, strict=True)]
-        return target, columns
+        apart = self.whitening.rows(self._apart(model))
+        return target, [np.concatenate(pair, axis=-1) for pair in zip(columns, apart, strict=True)]
+
+    def _apart(self, model: BalancedModel) -> list[Accelerations]:
+        """By amplitudes that other recordings than the reference have for themselves."""
+        found = []
+        for placed, values in zip(model.effects, model.values, strict=True):
+            effect = placed.effect
+            if isinstance(effect, PeriodicForce):
+                known = DICTIONARY.known * effect.space.span[_amplitudes(effect)]
+                for own in effect.apart(self.balance.points.step):
+                    waves = self.balance.of_waves(effect, np.stack([values, values]))[0]
+                    found += [
+                        self.balance.of_joint_force(effect.dof, k * w * own)
+                        for k, w in zip(known, waves, strict=True)
+                    ]
+        return found
 
     def _differences(self, placed: Placed, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """`values`, and with a step of each parameter, (1 + parameter, parameter); the steps, in ranges."""
@@ -177,23 +192,24 @@ class Screening:
         effect = placed.effect
         if not isinstance(effect, PeriodicForce):
             return self.balance.of_effect(effect, values)
-        amplitudes = [i for i, n in enumerate(effect.space.names) if n not in effect.shapes]
+        amplitudes, here = _amplitudes(effect), ~effect.apart(self.balance.points.step).any(axis=0)
         waves = [self.balance.of_waves(effect, np.stack([v, v]))[0] for v in values]
-        forces = [np.tensordot(v[amplitudes], w, axes=1) for v, w in zip(values, waves, strict=True)]
+        forces = [np.tensordot(v[amplitudes], w, axes=1) * here for v, w in zip(values, waves, strict=True)]
         return [self.balance.of_joint_force(effect.dof, force) for force in forces]
 
-    def _residual(self, model: BalancedModel) -> list[np.ndarray]:
-        """What a model leaves, (row, nv) of each stretch, not white."""
-        target, columns = self._system(model)
-        slope = self._white(columns)
-        gram = slope.T @ slope + np.eye(slope.shape[1])
-        step = np.linalg.solve(gram, -slope.T @ self._white(target)[:, 0])
-        return [t[..., 0] + c @ step for t, c in zip(target, columns, strict=True)]
+    def _adapt(
+        self, model: BalancedModel, target: Sequence[np.ndarray], columns: Sequence[np.ndarray]
+    ) -> None:
+        """Make the model's own error as large as makes what it leaves most likely."""
+        white, slope = -self._white(target)[:, 0], self._white(columns)
+        free = self._free(model, white, slope)
+        step = _solved(slope[:, free], white)
+        self.whitening.adapt([t[..., 0] + c[..., free] @ step for t, c in zip(target, columns, strict=True)])
 
     def _judged(self, model: BalancedModel) -> BalancedModel:
         """With the likelihood of each block; the model's own error is as large as makes it most likely."""
-        self.whitening.adapt(self._residual(model))
         target, columns = self._system(model)
+        self._adapt(model, target, columns)
         target, columns = -self._white(target)[:, 0], self._white(columns)
         sums = Sums.of(target, columns[:, self._free(model, target, columns)], self._block_of_row)
         determinants = np.bincount(self.block, weights=self.whitening.log_determinants())
@@ -207,21 +223,20 @@ class Screening:
         """Which parameters are not held at an end of their range, (column,)."""
         low, high = self._bounds(model)
         near = self.settings.at_end * (high - low)
-        at_low, at_high = model.start <= low + near, model.start >= high - near
-        free = np.ones(len(low), dtype=bool)
+        at_low, at_high, free = (np.full(columns.shape[1], start) for start in (False, False, True))
+        at_low[: len(low)], at_high[: len(low)] = model.start <= low + near, model.start >= high - near
         while True:
-            step = np.zeros(len(low))
-            gram = columns[:, free].T @ columns[:, free] + np.eye(free.sum())
-            step[free] = np.linalg.solve(gram, columns[:, free].T @ target)
+            step = np.zeros(len(free))
+            step[free] = _solved(columns[:, free], target)
             out = free & ((at_low & (step < 0)) | (at_high & (step > 0)))
             if not out.any():
                 return free
             free &= ~out
 
     def _moved(self, model: BalancedModel, step: np.ndarray) -> BalancedModel:
-        """A step (column,) in ranges away, within them."""
+        """A step (column,) in ranges away, within them; its first columns are the parameters."""
         low, high = self._bounds(model)
-        whole = np.clip(model.start + step * (high - low), low, high)
+        whole = np.clip(model.start + step[: len(low)] * (high - low), low, high)
         ends = np.cumsum([len(self.space), *(len(v) for v in model.values)])
         values = tuple(whole[a:b] for a, b in pairwise(ends))
         return replace(model, point=whole[: ends[0]], values=values)
@@ -234,11 +249,14 @@ class Screening:
         best, least, far = model, np.inf, own.far
         for _ in range(own.descents if any(e.effect.shapes for e in model.effects) else own.straight):
             target, columns = self._system(model)
-            white = self._white(target)[:, 0]
+            columns = self._white(columns)
+            white, by_parameter = _without(
+                columns[:, len(low) :], self._white(target)[:, 0], columns[:, : len(low)]
+            )
             squares = float(white @ white)
             if squares < least:
                 done = squares > least * (1 - own.shortest)
-                best, least, slope, left = model, squares, self._white(columns), white
+                best, least, slope, left = model, squares, by_parameter, white
                 if done:
                     break
             else:
@@ -254,21 +272,21 @@ class Screening:
         """The best atom of each effect that is not in the model, best first."""
         target, columns = self._system(model)
         target, own = -self._white(target)[:, 0], self._white(columns)
+        free = self._free(model, target, own)
+        own = own[:, free]
         row_block = self._block_of_row
         base = Sums.of(target, own, row_block)
         blocks = [np.flatnonzero(row_block == b) for b in range(len(base.count))]
-        first = np.cumsum([0] + [len(a.amplitudes) for a in self.atoms])
+        first = np.cumsum([0] + [len(a.scale) for a in self.atoms])
         names = {e.name for e in model.effects}
         best: dict[str, Addition] = {}
-        for size in sorted({len(a.amplitudes) for a in self.atoms}):
+        for size in sorted({len(a.scale) for a in self.atoms}):
             numbers = [
-                k
-                for k, a in enumerate(self.atoms)
-                if len(a.amplitudes) == size and a.placed.name not in names
+                k for k, a in enumerate(self.atoms) if len(a.scale) == size and a.placed.name not in names
             ]
             for some in np.array_split(numbers, -(-len(numbers) // self.settings.at_once)) if numbers else []:
                 which = (first[some][:, None] + np.arange(size)).ravel()
-                known = np.concatenate([self.atoms[n].known for n in some])
+                known = np.concatenate([self.atoms[n].scale for n in some])
                 white = self._white([c[..., which] for c in self.columns]) * known
                 each = white.reshape(len(white), len(some), size)
                 gain = additions(
@@ -279,13 +297,15 @@ class Screening:
                 )
                 for k, number in enumerate(some):
                     atom, coefficients = self.atoms[number], gain.coefficients[k]
-                    amplitudes = coefficients[-size:] * atom.known
+                    amplitudes = coefficients[-size:][: len(atom.known)] * atom.known
                     known_best = best.get(atom.placed.name)
                     if not (np.isfinite(gain.mean[k]) and atom.allows(amplitudes)):
                         continue
                     if known_best and known_best.gain >= gain.mean[k]:
                         continue
-                    more = self._moved(model, coefficients[:-size])
+                    step = np.zeros(len(free))
+                    step[free] = coefficients[:-size]
+                    more = self._moved(model, step)
                     more = replace(
                         more, effects=(*more.effects, atom.placed), values=(*more.values, atom.at(amplitudes))
                     )
@@ -293,11 +313,8 @@ class Screening:
                     best[atom.placed.name] = Addition(
                         more, float(gain.mean[k]), float(gain.error[k]), response
                     )
-        gram = own.T @ own + np.eye(own.shape[1])
         ranked = sorted(best.values(), key=lambda a: -a.gain)
-        return [
-            replace(a, response=a.response - own @ np.linalg.solve(gram, own.T @ a.response)) for a in ranked
-        ]
+        return [replace(a, response=a.response - own @ _solved(own, a.response)) for a in ranked]
 
 
 def declared_balance(
@@ -320,6 +337,20 @@ def declared_balance(
 
 def _by_parameter(balance: ForceBalance) -> list[Accelerations]:
     return [balance.of_parameter(i) for i in range(len(balance.point))]
+
+
+def _amplitudes(effect: PeriodicForce) -> list[int]:
+    return [i for i, n in enumerate(effect.space.names) if n not in effect.shapes]
+
+
+def _without(apart: np.ndarray, *rows: np.ndarray) -> list[np.ndarray]:
+    """Each of `rows` (row, ...) less what the columns `apart` (row, column) fit of it."""
+    return [r - apart @ _solved(apart, r) for r in rows]
+
+
+def _solved(columns: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """Coefficients (column,) of least squares with a prior of 1 about 0."""
+    return np.linalg.solve(columns.T @ columns + np.eye(columns.shape[1]), columns.T @ target)
 
 
 def _step(slope, target, here, low, high, far) -> np.ndarray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +12,10 @@ import numpy as np
 from capture_cli.diagnosis.split import EarlierSplit
 from capture_cli.errors import Interrupted
 from capture_cli.protocol.attribution import MOST_EFFECTS
-from capture_cli.protocol.balance_scores import timings_with_effects, with_timings
+from capture_cli.protocol.balance_scores import with_timings
 from capture_cli.protocol.candidates import all_candidates
 from capture_cli.protocol.explain import Settings, explain
+from capture_cli.protocol.input_readings import timings_with_effects
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.stages.diagnosed_estimate import DiagnosedEstimate
 from capture_cli.stages.diagnosis_document import diagnosis_of
@@ -88,7 +90,10 @@ def _prepared(to_fit: LogToFit, held_out: EarlierSplit | None, threads: int | No
     prepared, task = to_fit.prepared(held_out), to_fit.task
     if prepared.input_timings or all(c.linear is not None for c in task.inputs):
         return prepared
-    timings = timings_with_effects(prepared, task, all_candidates(prepared), threads, lambda *_: None)
+    unread = replace(prepared, task=task)
+    timings = timings_with_effects(
+        unread, all_candidates(prepared), partial(to_fit.prepared, held_out), threads
+    )
     if any(t.linear for t in timings):
         prepared = to_fit.prepared(held_out, with_timings(task, timings))
     return replace(prepared, input_timings=timings)

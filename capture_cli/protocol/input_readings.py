@@ -1,0 +1,82 @@
+"""How inputs act between rows of a log in which something is missing: asked with the best single effect in."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from copy import copy
+from dataclasses import replace
+
+import numpy as np
+
+from capture_cli.diagnosis.acceptance import bic_gain
+from capture_cli.errors import LogError
+from capture_cli.protocol.balance_scores import smoothed_log
+from capture_cli.protocol.candidates import Candidate
+from capture_cli.protocol.fit import Fit
+from capture_cli.protocol.model_comparison import CLEARLY_BETTER, effective_samples
+from capture_cli.protocol.model_fits import ModelFits
+from capture_cli.protocol.prepared_log import PreparedLog
+from capture_cli.select.input_timing import InputTiming, is_surely_better, sum_and_error
+from capture_cli.select.screening import SETTINGS, BalancedModel, Screening
+from capture_cli.tasks.base import Task
+
+FEW = replace(SETTINGS, polished=4)  # the best effect is asked, not the order of others
+
+
+def timings_with_effects(
+    prepared: PreparedLog,
+    candidates: Sequence[Candidate],
+    prepared_as: Callable[[Task], PreparedLog],
+    threads: int | None,
+) -> tuple[InputTiming, ...]:
+    """How the inputs act of which the task does not say it, all alike: by the force balance where that is sure, and by
+    simulations otherwise. None where the log gives no balance.
+
+    prepared: with the task as it was given; prepared_as: makes the log ready for another.
+    """
+    tasks = [_read(prepared.task, linear) for linear in (False, True)]
+    models = [_best(replace(prepared, task=task), candidates, threads) for task in tasks]
+    if None in models:
+        return ()
+    held, evenly = models
+    linear = is_surely_better(held.likelihood, evenly.likelihood)
+    if not linear and not is_surely_better(evenly.likelihood, held.likelihood):
+        linear = _fits_better([(prepared_as(t), m) for t, m in zip(tasks, models, strict=True)], threads)
+    gains = evenly.likelihood - held.likelihood
+    gain, error = sum_and_error(gains if linear else -gains)
+    return tuple(InputTiming(c.name, linear, gain, error) for c in prepared.task.inputs if c.linear is None)
+
+
+def _read(task: Task, linear: bool) -> Task:
+    """The task with all inputs read alike of which it does not say how they act."""
+    known = copy(task)
+    known.inputs = tuple(replace(c, linear=linear) if c.linear is None else c for c in task.inputs)
+    return known
+
+
+def _best(
+    prepared: PreparedLog, candidates: Sequence[Candidate], threads: int | None
+) -> BalancedModel | None:
+    """The model with the one effect that predicts most in the balance; None where there is none."""
+    smoothed = smoothed_log(prepared, ~prepared.split.is_test)
+    if smoothed is None:
+        return None
+    placed, nominal = [c.placed for c in candidates], prepared.task.space.nominal
+    try:
+        return Screening(smoothed, placed, nominal, threads=threads, settings=FEW).best()
+    except LogError:  # too short
+        return None
+
+
+def _fits_better(readings: Sequence[tuple[PreparedLog, BalancedModel]], threads: int | None) -> bool:
+    """Whether the last of two readings, each with its model fitted by simulations, is clearly better."""
+    before, after = (_fit(log, model, threads) for log, model in readings)
+    if before is None or after is None:
+        return before is None and after is not None
+    squares = before.penalised_squares, after.penalised_squares
+    return bic_gain(*squares, effective_samples(after), 0) > CLEARLY_BETTER
+
+
+def _fit(prepared: PreparedLog, model: BalancedModel, threads: int | None) -> Fit | None:
+    part = prepared.part(np.flatnonzero(~prepared.split.is_test))
+    return ModelFits(prepared, threads).fit(part, model.effects, model.start)
