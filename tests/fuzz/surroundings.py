@@ -69,7 +69,7 @@ def seeds(inputs: Path) -> list[Case]:
                     "proposal.json",
                 ),
                 ("policy/policy.safetensors", "record --task scooping --policy policy --out new", "policy"),
-                ("histories.zarr", "train-sysid --histories histories.zarr --out new", "histories.zarr"),
+                ("histories.zarr", "inspect histories.zarr", "histories.zarr"),
             )
         ),
         seed(
