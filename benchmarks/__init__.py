@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from benchmarks.base import Benchmark
+from benchmarks.base import ROOT, Benchmark
 from capture_cli.registry import Registry
 
-ROOT = Path(__file__).resolve().parents[1]
 MACHINES = Path(__file__).with_name("machines")
 EMPS = ROOT / "docs" / "examples" / "emps"
 REGISTRY: Registry[Benchmark] = Registry("benchmarks", "Benchmark", "benchmark")

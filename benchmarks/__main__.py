@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from benchmarks import REGISTRY, ROOT
+from benchmarks import REGISTRY
 from benchmarks.base import Figure, measure
 from capture_cli.errors import CaptureError
 
@@ -26,13 +26,16 @@ def main() -> None:
     parser.add_argument(
         "--kills", type=int, default=200, help="runs that are killed, for kills (default 200)"
     )
-    parser.add_argument("--out", type=Path, default=ROOT / "runs" / "benchmarks", help="where results go")
+    parser.add_argument(
+        "--minutes", type=float, default=20.0, help="for which inputs are drawn, for fuzz (default 20)"
+    )
+    parser.add_argument("--out", type=Path, help="where results go, rather than to runs")
     options = parser.parse_args()
     try:
         chosen = [(name, REGISTRY.get(name)) for name in options.name or names]
         for name, benchmark in chosen:
-            sizes = {"logs": options.logs, "pairs": options.pairs, "kills": options.kills}
-            result, path = measure(name, benchmark(**sizes, folder=options.out))
+            sizes = {size: getattr(options, size) for size in ("logs", "pairs", "kills", "minutes")}
+            result, path = measure(name, benchmark(**sizes, folder=options.out or benchmark.home))
             _print(f"{name}: {benchmark.summary}", result.figures, path)
     except CaptureError as error:
         print(f"error: {error}", file=sys.stderr)

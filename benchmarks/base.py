@@ -10,6 +10,8 @@ from typing import Any
 
 from capture_cli.stores.provenance import Provenance, write_json
 
+ROOT = Path(__file__).resolve().parents[1]
+
 
 @dataclass(frozen=True)
 class Figure:
@@ -40,15 +42,20 @@ class Result:
 class Benchmark(ABC):
     """logs: how many logs per machine, where logs are recorded. pairs: how many histories at most.
 
-    kills: how many runs are killed. folder: where results and unfinished work lie.
+    kills: how many runs are killed. minutes: how long inputs are drawn. folder: where results and unfinished work lie;
+    `home` where none is named.
     """
 
     summary: str
+    home = ROOT / "runs" / "benchmarks"
 
-    def __init__(self, *, logs: int, folder: Path, pairs: int = 10_000, kills: int = 200):
+    def __init__(
+        self, *, logs: int, folder: Path, pairs: int = 10_000, kills: int = 200, minutes: float = 20.0
+    ):
         self.logs = logs
         self.pairs = pairs
         self.kills = kills
+        self.minutes = minutes
         self.folder = folder
 
     @abstractmethod
@@ -58,7 +65,7 @@ class Benchmark(ABC):
 
 def measure(name: str, benchmark: Benchmark) -> tuple[Result, Path]:
     """Run `benchmark` and write NAME.json into its folder; returns the result and the file."""
-    options = {"logs": benchmark.logs, "pairs": benchmark.pairs, "kills": benchmark.kills}
+    options = {name: getattr(benchmark, name) for name in ("logs", "pairs", "kills", "minutes")}
     provenance = Provenance(f"benchmarks {name}", options, {})
     load = os.getloadavg()[0]
     result = benchmark.run()

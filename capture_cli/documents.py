@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import re
 import stat
 from collections.abc import Callable, Iterator
@@ -127,6 +128,11 @@ def exists(path: Path, raises: type[CaptureError]) -> bool:
     except (OSError, ValueError) as error:
         raise unreadable(str(path), error, raises) from error
     return True
+
+
+def resolved(path: Path) -> Path:
+    """The whole path, without links; one that leads to itself stays, where Path.resolve raises RuntimeError."""
+    return Path(os.path.realpath(path))
 
 
 def unreadable(where: str, error: Exception, raises: type[CaptureError]) -> CaptureError:

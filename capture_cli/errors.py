@@ -82,10 +82,15 @@ def shortened(message: str) -> str:
     found, newline, cure = "".join(map(_visible, message)).rpartition("\n")
     if len(cure) > LONGEST_CURE and newline:
         cure = f"{cure[: LONGEST_CURE - 3]}..."
-    room = LONGEST - len(cure) - len(newline) - len(LEFT_OUT)
-    if len(found) > room + len(LEFT_OUT):  # both of its ends say something: what it is of, and what is wrong
-        found = f"{found[: room // 2]}{LEFT_OUT}{found[-(room // 2) :]}"
-    return f"{found}{newline}{cure}"
+    return f"{cut(found, LONGEST - len(cure) - len(newline))}{newline}{cure}"
+
+
+def cut(text: str, most: int) -> str:
+    """`text` of `most` characters: both of its ends say something, what it is of, and what is wrong."""
+    if len(text) <= most:
+        return text
+    room = (most - len(LEFT_OUT)) // 2
+    return f"{text[:room]}{LEFT_OUT}{text[-room:]}"
 
 
 def _visible(character: str) -> str:

@@ -200,8 +200,10 @@ def _limits() -> list[str]:
         "arrays of a store": "numbers: boolean, whole, floating point; no objects, texts or structures",
         "their codecs": "; ".join(codecs),
         "their files": f"at most {zarr_store.MOST_CHUNKS} of an array, none larger than its numbers can be packed to",
-        "memory of a store's arrays, or of a CSV or Parquet file": f"at most {zarr_store.size(zarr_store.MOST)}, of a "
-        f"store also {zarr_store.MOST_TIMES} times what it takes on disk; of a log, what `--max-log-size` says",
+        "memory of a store's arrays, or of a Parquet file": f"at most {zarr_store.size(zarr_store.MOST_OF_FEW)}, or "
+        f"{zarr_store.MOST_TIMES} times what it takes on disk; of a log, what `--max-log-size` says",
+        "a CSV or Parquet file": f"at most {zarr_store.size(zarr_store.MOST)}, also in memory; or what "
+        "`--max-log-size` says",
         "a line of a CSV file": f"fewer than {source_files.LONGEST_LINE} characters",
         "names of files that are given": "UTF-8",
     }

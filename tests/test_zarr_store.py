@@ -181,7 +181,7 @@ def test_gigabytes_of_zeros_are_refused_before_they_are_unpacked(stored):
     assert "axis 'step' has 40 entries in data/time and 200000000 in data/outputs" in refusal(stored)
     metadata = {"data/outputs": ZarrStore(stored).metadata("data/outputs")}
     with pytest.raises(
-        StoreError, match=r"takes 1.6 GB in memory, .* kB on disk; the most that is read is 500 MB"
+        StoreError, match=r"takes 1.6 GB in memory, .* kB on disk; the most that is read is 100 MB"
     ):
         ZarrStore(stored).read(metadata)
 

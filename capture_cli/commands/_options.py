@@ -40,7 +40,7 @@ MaxLogSize = Annotated[
         "--max-log-size",
         parser=byte_count,
         metavar="SIZE",
-        help="Most memory for a log, say 2GB; default 500MB, or 50 times what it takes on disk.",
+        help="Most memory for a log, say 2GB; default 100MB, or 50 times what it takes on disk.",
     ),
 ]
 Test = Annotated[

@@ -10,6 +10,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from capture_cli.documents import resolved
 from capture_cli.errors import ModelError
 from capture_cli.sim.assets import name_from, name_in_full
 from capture_cli.sim.engine import ModelFields, model_field
@@ -149,7 +150,7 @@ def _point_at_folders(spec: mujoco.MjSpec, source: Path, target: Path) -> dict[s
     there = target.parent.resolve()
     folders = {}
     for key in ("meshdir", "texturedir"):
-        folder = (source.parent / getattr(spec, key)).resolve()
+        folder = resolved(source.parent / getattr(spec, key))
         # one that is not there, since only attached models have assets, leads nowhere, not even up again
         folders[key] = folder if folder.is_dir() else there
         setattr(spec, key, "" if folders[key] == there else os.path.relpath(folders[key], there))

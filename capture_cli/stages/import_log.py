@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from capture_cli.documents import resolved
 from capture_cli.errors import LogError
 from capture_cli.protocol.log_checks import check_fits
 from capture_cli.reports.quantities import with_unit
@@ -146,10 +147,11 @@ class _Recording:
 
 def _recording_names(files: Sequence[Path]) -> list[str]:
     """The stems, with as many folders before them as it takes to make them differ. Raises LogError."""
-    if len({f.resolve() for f in files}) < len(files):
-        repeated = next(f for i, f in enumerate(files) if f.resolve() in {g.resolve() for g in files[:i]})
+    places = [resolved(f) for f in files]
+    if len(set(places)) < len(files):
+        repeated = next(f for i, f in enumerate(files) if places[i] in places[:i])
         raise LogError(f"{repeated} is given twice", cure="give each file once")
-    parts = [f.resolve().with_suffix("").parts for f in files]
+    parts = [f.with_suffix("").parts for f in places]
     for count in range(1, max(map(len, parts), default=0) + 1):
         names = ["/".join(p[-count:]) for p in parts]
         if len(set(names)) == len(names):

@@ -11,6 +11,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from capture_cli.errors import LONGEST, LONGEST_CURE, cut
 from capture_cli.reports.quantities import percent, with_unit
 from capture_cli.sim.contacts import can_touch
 from capture_cli.sim.quaternion_order import W_FIRST, W_LAST, is_w_last, order_in_names
@@ -45,7 +46,8 @@ ALIKE = 0.95  # correlation of two channels that show the same motion
 
 def finding(severity: str, where: str, message: str, cure: str) -> Finding:
     """severity: "error", "warning" or "note". where: the channel, recording or file. cure: what to do."""
-    return {"severity": severity, "where": where, "message": message, "cure": cure}
+    shown = (cut(message, LONGEST - LONGEST_CURE), cut(cure, LONGEST_CURE))
+    return {"severity": severity, "where": where, "message": shown[0], "cure": shown[1]}
 
 
 def log_findings(document: Mapping[str, Any], task: Task | None = None) -> list[Finding]:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from mujoco.batch import SimulationError
 
+from capture_cli.documents import resolved
 from capture_cli.errors import FitError, OptionError, did_you_mean
 from capture_cli.extras import require
 from capture_cli.multisine import BAND
@@ -123,7 +124,7 @@ def record(
 def _refuse_truth(truth: Path, log: Path, *, force: bool) -> None:
     """Raise OptionError where `truth` cannot be written there, beside `log`."""
     refuse_existing(truth, force=force)
-    if log.resolve() in (truth.resolve(), *truth.resolve().parents):
+    if resolved(log) in (resolved(truth), *resolved(truth).parents):
         raise OptionError(
             f"--truth {truth} is the log at --out {log}, or in it: whoever reads a log must not find its truth",
             cure="choose another --truth, or leave it out: the truth then goes beside the log",

@@ -18,7 +18,7 @@ from capture_cli.stages.decimal_commas import GROUPS, NUMBER, WHOLE, has_decimal
 from capture_cli.stages.time_stamps import is_stamp, seconds
 from capture_cli.stores.measured_log import LARGER
 from capture_cli.stores.memory_limit import memory_limit
-from capture_cli.stores.zarr_store import MOST, WORKING_MEMORY, size
+from capture_cli.stores.zarr_store import MOST, MOST_OF_FEW, MOST_TIMES, WORKING_MEMORY, size
 
 PARQUET_SUFFIXES = (".parquet", ".pq")
 SUFFIXES = (".csv", ".tsv", ".txt", *PARQUET_SUFFIXES)
@@ -181,7 +181,7 @@ class SourceFile(ABC):
 
 
 def open_source(path: Path, most: int | None = None) -> SourceFile:
-    """The file at `path`, which may take `most` bytes; MOST where None.
+    """The file at `path`, which may take `most` bytes; where None MOST, or less of one that has few bytes.
 
     Raises LogError where it is missing, empty, too large, or of a kind that is not read.
     """
@@ -200,9 +200,10 @@ def open_source(path: Path, most: int | None = None) -> SourceFile:
         )
     if not taken:
         raise LogError(f"{path} is empty", cure="record it again, or leave it out")
-    most = MOST if most is None else most
-    if taken > most:
-        raise _too_large(path, taken, most)
+    if taken > (MOST if most is None else most):
+        raise _too_large(path, taken, MOST if most is None else most)
+    if most is None:
+        most = min(max(MOST_OF_FEW, MOST_TIMES * taken), MOST)
     _refuse_other_kinds(path)
     return (ParquetFile if path.suffix.lower() in PARQUET_SUFFIXES else CsvFile)(path, most)
 
@@ -276,11 +277,14 @@ class CsvFile(SourceFile):
         except pa.ArrowInvalid:  # a cell that is not a number as Arrow writes it: read it as text, and see
             table = self._read(unique, pa.string())
         if not table.num_rows:
-            raise LogError(f"{self.path} has a header and no rows", cure="record it again, or leave it out")
+            raise self._no_rows()
         columns = {name: table[str(self.columns.index(name))] for name in unique}
         if table.schema.types[0] == pa.string():
             columns = self._numbers_of({name: column.to_pylist() for name, column in columns.items()})
         return np.column_stack([columns[name] for name in names])
+
+    def _no_rows(self) -> LogError:
+        return LogError(f"{self.path} has a header and no rows", cure="record it again, or leave it out")
 
     def labels(self, name):
         import pyarrow as pa
@@ -325,6 +329,8 @@ class CsvFile(SourceFile):
                 raise self._ragged(ragged[0]) from error
             if kind != pa.string():
                 raise
+            if "Could not skip" in str(error):  # no line follows the header
+                raise self._no_rows() from error
             if "straddl" in str(error):  # Arrow's word for a line that is longer than a block of it
                 raise self._long_line("a line") from error
             raise LogError(

@@ -18,6 +18,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from capture_cli.documents import resolved
 from capture_cli.errors import Interrupted, OutputError, StoreError
 from capture_cli.signals import uninterrupted
 from capture_cli.stores.writer_lock import only_writer
@@ -141,7 +142,7 @@ def resumable_directory(
 
 def unfinished(path: Path) -> Path:
     """Where `resumable_directory` keeps what is not yet `path`."""
-    path = Path(path).resolve()
+    path = resolved(path)
     return path.with_name(f".{path.name}{UNFINISHED}")
 
 
@@ -195,9 +196,9 @@ def refuse_inputs(path: Path, inputs: Iterable[Path | str | None], *, option: st
 
     option: the one that says where `path` is.
     """
-    path = Path(path).resolve()
+    path = resolved(path)
     for given in (Path(i) for i in inputs if i is not None):
-        read = given.resolve()
+        read = resolved(given)
         if path == read or path in read.parents:
             how = "is, or holds,"
         elif read in path.parents:
@@ -231,7 +232,7 @@ def _digest(file: Path):
 def _checked(output: New, *, force: bool) -> New:
     """The output with its whole path. Raises OutputError where it may not be written."""
     refuse_existing(output.path, force=force)
-    path = Path(output.path).resolve()
+    path = resolved(output.path)
     if output.is_folder and path.is_file():
         raise OutputError(f"{path} is a file; the output is a folder", cure="choose another --out")
     if not output.is_folder and path.is_dir():

@@ -15,6 +15,7 @@ from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
 
+from capture_cli.documents import resolved
 from capture_cli.errors import OutputError
 
 try:
@@ -33,7 +34,7 @@ def only_writer(path: Path) -> Iterator[None]:
     Raises OutputError where another process holds it, which is named, or where something that is no lock lies in its
     place. A file system without locks keeps nobody out.
     """
-    path = Path(path).resolve()
+    path = resolved(path)
     lock = path.with_name(f".{path.name}{LOCK}")
     descriptor = None if fcntl is None else _held(lock, path)
     try:

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import os
 import shlex
+import warnings
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from capture_cli.documents import exists, read_json
+from capture_cli.documents import exists, read_json, unreadable
 from capture_cli.errors import StoreError
 from capture_cli.stores.array_metadata import ArrayMetadata, array_metadata
 from capture_cli.stores.document_shape import OBJECT, check_shape
@@ -19,7 +21,9 @@ from capture_cli.stores.memory_limit import memory_limit
 MAKE_AGAIN = "the store is damaged: copy it again, or make it again with the command that wrote it"
 ROOT, OLD_GROUP, OLD_ARRAY, OLD_ATTRIBUTES = "zarr.json", ".zgroup", ".zarray", ".zattrs"
 METADATA = (ROOT, OLD_GROUP, OLD_ARRAY, OLD_ATTRIBUTES, ".zmetadata")
-MOST = 500_000_000  # bytes unpacked: a million steps of sixty channels
+MOST = 500_000_000  # bytes: a million steps of sixty channels
+# bytes unpacked that few on disk may be: what comes next takes several times as much
+MOST_OF_FEW = 100_000_000
 MOST_TIMES = 50  # of what it takes on disk: motion halves, and what stands still is packed a hundredfold
 MOST_CHUNKS = 100_000  # files of an array: read in seconds, and of 4 MB each more than a disk holds
 MOST_NODES = 10_000  # groups and arrays that are listed
@@ -78,8 +82,8 @@ class ZarrStore:
     def read(
         self, arrays: Mapping[str, ArrayMetadata], most: int | None = None, larger: str = MAKE_AGAIN
     ) -> dict[str, np.ndarray]:
-        """The arrays with these metadata, by name. most: bytes, unpacked; MOST where None, or MOST_TIMES of what they
-        take on disk. larger: the cure where there are more.
+        """The arrays with these metadata, by name. most: bytes, unpacked; MOST_OF_FEW where None, or MOST_TIMES of what
+        they take on disk. larger: the cure where there are more.
 
         Raises StoreError before any is unpacked where there would be more, or they are no numbers; and where one is
         truncated or damaged.
@@ -91,7 +95,7 @@ class ZarrStore:
                 raise self._truncated(name, count, found.chunk_count)
             on_disk += taken
         unpacked = sum(found.nbytes for found in arrays.values())
-        limit = max(MOST, MOST_TIMES * on_disk) if most is None else most
+        limit = max(MOST_OF_FEW, MOST_TIMES * on_disk) if most is None else most
         if unpacked > limit:
             raise StoreError(
                 f"{self.path} takes {size(unpacked)} in memory, {size(on_disk)} on disk; the most that is read "
@@ -143,9 +147,12 @@ class ZarrStore:
             whole = array.nchunks_initialized
             if whole < array.nchunks:
                 raise self._truncated(name, whole, array.nchunks)
-            return np.asarray(array[...])
+            with _without_warnings():
+                return np.asarray(array[...])
         except StoreError:
             raise
+        except PermissionError as error:
+            raise unreadable(f"{self.path}: {name}: {error.filename}", error, StoreError) from error
         except MemoryError as error:
             raise StoreError(
                 f"{self.path}: {name} unpacks to more than the {size(found.nbytes)} that its metadata say",
@@ -158,7 +165,8 @@ class ZarrStore:
         import zarr
 
         try:
-            return zarr.open_array(str(self.path), path=name, mode="r", zarr_format=found.zarr_format)
+            with _without_warnings():
+                return zarr.open_array(str(self.path), path=name, mode="r", zarr_format=found.zarr_format)
         except Exception as error:  # key, type and codec errors, by what is damaged
             raise StoreError(
                 f"{self.path}: the metadata of {name} cannot be read: {type(error).__name__}: {error}",
@@ -194,6 +202,14 @@ class ZarrStore:
         found = read_json(path, StoreError, cure=MAKE_AGAIN)
         check_shape(found, OBJECT, path, MAKE_AGAIN)
         return found
+
+
+@contextmanager
+def _without_warnings() -> Iterator[None]:
+    """Do not show what Zarr and numpy remark on: what is wrong with a stranger's array is said by an error."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield
 
 
 def size(count: float) -> str:
