@@ -237,8 +237,18 @@ def test_variants_of_one_site_leave_room_for_other_effects():
     assert [c.number for c in refitted] == [0, 1, 2, 6, 7, 8, 9]
 
 
-def _scored(number: int, response: np.ndarray, variant_of: str | None = None) -> SimpleNamespace:
-    site = SimpleNamespace(variant_of=str(number) if variant_of is None else variant_of)
+def test_the_simplest_of_those_that_say_the_same_is_fitted_too():
+    ranked = [_scored(k, np.ones(2), size=size) for k, size in enumerate((3, 4, 3, 1))]
+    refitted, _ = worth_a_refit(ranked, of_a_kind=2)
+    assert [c.number for c in refitted] == [0, 3]
+
+
+def _scored(
+    number: int, response: np.ndarray, variant_of: str | None = None, size: int = 1
+) -> SimpleNamespace:
+    site = SimpleNamespace(
+        variant_of=str(number) if variant_of is None else variant_of, parameters=[0] * size
+    )
     return SimpleNamespace(
         number=number, placed=("compliance", site), score=SimpleNamespace(response=response)
     )
