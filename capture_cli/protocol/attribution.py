@@ -49,8 +49,8 @@ class Accepted:
 
     score: when it entered, and so are those of the rivals: later, with it in the model, they answer to what it leaves.
     share: of the squared error above the noise floor of the declared model, what it took when it entered.
-    along: whether it came with another of its kind, at another place. together: where it was
-    found at all of its places at once, what was found, and rivals of that; one list for all of the places.
+    along: whether it came with another of its kind, at another place; paired: with another at once. together: where it
+    was found at all of its places at once, what was found, and rivals of that; one list for all of the places.
     """
 
     placed: Placed
@@ -59,6 +59,7 @@ class Accepted:
     support: Support
     share: float
     along: bool = False
+    paired: bool = False
     together: list[Candidate] = field(default_factory=list)
     tied: list[Candidate] = field(default_factory=list)
 
@@ -382,6 +383,9 @@ class Attribution:
         if model is None:
             return None
         added = model.effects[len(current.effects) :]
+        scores = [self._candidate(placed.name).score for placed in added]
+        if None in scores:  # rivals could not be compared with them
+            return None
         self._step("refit", 0, 1)
         fit = self.models.fit(model.effects, model.start, current)
         if fit is None or not self.models.is_explained(fit):
@@ -393,10 +397,10 @@ class Attribution:
                 self.accepted.pop().name
             ).why_rejected = f"{' and '.join(e.name for e in added)} together explain more"
         before, share = self.models.judge(current), (current.excess - fit.excess) / self.excess / len(added)
-        for placed in added:
+        for placed, score in zip(added, scores, strict=True):
             support, _ = self._support(current, fit, placed, before, len(self.candidates))
             self._candidate(placed.name).why_rejected = None
-            self.accepted.append(Accepted(placed, None, [], support, share))
+            self.accepted.append(Accepted(placed, score, [], support, share, paired=True))
         return self._backward(fit, list(self.accepted), Support.reason_against_entry)
 
     # --- backward ---
@@ -491,7 +495,7 @@ class Attribution:
         """
         later = [number for number, accepted in enumerate(self.accepted) if not accepted.along]
         first = self.accepted[: max(later, default=0)]
-        for accepted in [*first, *(a for a in self.accepted[len(first) :] if a.score is None)]:
+        for accepted in [*first, *(a for a in self.accepted[len(first) :] if a.paired)]:
             without = self.models.without(current, accepted.name)
             if without is None:
                 continue
