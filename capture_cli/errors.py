@@ -59,6 +59,10 @@ class FitError(CaptureError):
     """A fit that cannot start or go on: a parameter moves nothing, every trial diverges, a training does."""
 
 
+class OutOfTime(Exception):
+    """The time that a search was given is over."""
+
+
 class Interrupted(KeyboardInterrupt):
     """A run that a signal ended: what is kept of it (`message`), and how to go on (`cure`)."""
 

@@ -448,6 +448,7 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str]]] = {
             "time_step": _TIME_STEP,
             "time_stamps": _TIME_STAMPS,
             "input_timing": _INPUT_TIMING,
+            "out_of_time": "null, or that --time-limit ended the search, in words",
             "absorbed.NAME.before": "a declared parameter without the effects, for which it had been standing in",
             "absorbed.NAME.after": "with them",
             "absorbed.NAME.unit": "its unit",

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from held_inputs import held_machine
 
 from capture_cli.effects.base import GLOBAL
 from capture_cli.effects.placed import Placed
@@ -21,8 +21,6 @@ from capture_cli.protocol.model_comparison import TIED, WORSE, ModelComparison
 from capture_cli.protocol.part_fit import PartFit
 from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.record import record
-
-MACHINES = Path(__file__).parents[1] / "benchmarks" / "machines"
 
 
 def judged_by_blocks(
@@ -393,7 +391,7 @@ def test_rivals_are_compared_by_what_they_answered_in_one_round(tmp_path, monkey
     monkeypatch.setattr(Attribution, "_forward", begin)
     monkeypatch.setattr(ModelComparison, "compare", judged)
     effects = ["control-delay@drive=0.006", "coulomb-friction@x=0.1"]
-    log, task = tmp_path / "log.zarr", str(MACHINES / "slider" / "task.toml")
+    log, task = tmp_path / "log.zarr", str(held_machine(tmp_path / "slider", "slider"))
     record(task=task, out=log, effects=effects, noise=1e-4, duration=3, rate=100)
     diagnose(real_log=log, task=task, out=tmp_path / "diagnosis", quiet=True)
     assert len(begun) > 1 and compared
@@ -442,7 +440,7 @@ def test_what_is_missing_at_every_joint_is_found_at_once(
         attribution, "all_candidates", lambda log: [c for c in catalogue(log) if c.placed.kind in few]
     )
     monkeypatch.setattr(Attribution, "_forward", lambda self, fit: begun.append(fit) or forward(self, fit))
-    log, task = tmp_path / "log.zarr", str(MACHINES / "arm" / "task.toml")
+    log, task = tmp_path / "log.zarr", str(held_machine(tmp_path / "arm", "arm"))
     record(task=task, out=log, effects=effects, noise=1e-4, episodes=4, duration=2, rate=100, threads=1)
     found = diagnose(real_log=log, task=task, out=tmp_path / "d", quiet=True, most_effects=rounds).document
     assert {f"{e['name']}@{e['site']}" for e in found["effects"]} == {e.split("=")[0] for e in effects}

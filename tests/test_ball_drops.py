@@ -25,7 +25,7 @@ def found(real_data, tmp_path, monkeypatch):
         log = tmp_path / "log.zarr"
         import_log(files=[real_data / "ball_drops" / f"{ball}.csv"], task=TASK, out=log)
         document = stage.diagnose(
-            real_log=log, out=tmp_path / "d", task=TASK, test="none", threads=1, quiet=True
+            real_log=log, out=tmp_path / "d", task=TASK, test="none", expression=False, threads=1, quiet=True
         ).document
         return [{e["name"], *(t.split("@")[0] for t in e["tied_with"])} for e in document["effects"]]
 

@@ -35,8 +35,9 @@ from capture_cli.identifiers.base import Best
 from capture_cli.identifiers.intervals import intervals
 from capture_cli.linearization import Evidence, Linearization
 from capture_cli.parameters import Parameter, ParameterSpace
+from capture_cli.protocol.attribution import MOST_EFFECTS
 from capture_cli.protocol.candidates import REFITTED, all_candidates, worth_a_refit
-from capture_cli.protocol.explain import starts_found
+from capture_cli.protocol.explain import Settings, starts_found
 from capture_cli.protocol.explanation import verdict as judged_as
 from capture_cli.protocol.fit import Fit
 from capture_cli.protocol.held_out import HeldOut
@@ -48,8 +49,10 @@ from capture_cli.protocol.prepare import prepare
 from capture_cli.protocol.residual_curves import residual_curves
 from capture_cli.reports.diagnosis_findings import summary
 from capture_cli.stages import diagnose as diagnose_stage
-from capture_cli.stages.diagnose import diagnose
+from capture_cli.stages.diagnose import diagnose, diagnose_prepared
 from capture_cli.stages.identify import identify
+from capture_cli.stages.kept_steps import StepFiles
+from capture_cli.stages.progress import Progress
 from capture_cli.stages.record import record
 from capture_cli.stores.estimate import Estimate
 from capture_cli.stores.measured_log import MeasuredLog
@@ -233,8 +236,18 @@ def test_variants_of_one_site_leave_room_for_other_effects():
     assert [c.number for c in refitted] == [0, 1, 2, 6, 7, 8, 9]
 
 
-def _scored(number: int, response: np.ndarray, variant_of: str | None = None) -> SimpleNamespace:
-    site = SimpleNamespace(variant_of=str(number) if variant_of is None else variant_of)
+def test_the_simplest_of_those_that_say_the_same_is_fitted_too():
+    ranked = [_scored(k, np.ones(2), size=size) for k, size in enumerate((3, 4, 3, 1))]
+    refitted, _ = worth_a_refit(ranked, of_a_kind=2)
+    assert [c.number for c in refitted] == [0, 3]
+
+
+def _scored(
+    number: int, response: np.ndarray, variant_of: str | None = None, size: int = 1
+) -> SimpleNamespace:
+    site = SimpleNamespace(
+        variant_of=str(number) if variant_of is None else variant_of, parameters=[0] * size
+    )
     return SimpleNamespace(
         number=number, placed=("compliance", site), score=SimpleNamespace(response=response)
     )
@@ -739,11 +752,10 @@ def test_what_does_not_show_in_held_out_data_is_not_found(without, with_it, verd
     assert judged_as(*lacking, before, after, accepted) == verdict
 
 
-def test_lags_that_differ_are_told_apart_although_they_come_together(tmp_path, monkeypatch):
-    monkeypatch.setattr(diagnose_stage, "_write_pages", lambda *_: None)
-    arm = SLIDER.parents[1] / "arm" / "task.toml"
+def test_lags_that_differ_are_told_apart_although_they_come_together(tmp_path):
+    task = str(SLIDER.parents[1] / "arm" / "task.toml")
     record(
-        task=str(arm),
+        task=task,
         out=tmp_path / "arm.zarr",
         effects=["control-lag@shoulder=0.03", "control-lag@elbow=0.05"],
         noise=1e-3,
@@ -752,16 +764,22 @@ def test_lags_that_differ_are_told_apart_although_they_come_together(tmp_path, m
         rate=250,
         seed=3,
     )
-    document = diagnose(
-        real_log=tmp_path / "arm.zarr", task=str(arm), out=tmp_path / "d", quiet=True
-    ).document
-    found = {e["site"]: e["parameters"]["time_constant"]["value"] for e in document["effects"]}
+    arm = load_task(task)
+    log = MeasuredLog.read(tmp_path / "arm.zarr")
+    prepared = prepare(log, arm, window=None, test=None, seed=0)
+    (tmp_path / "steps").mkdir()
+
+    def found(most_effects: int) -> dict:
+        """diagnosis.json; the steps that both have in common are made once."""
+        settings = Settings(most_effects=most_effects, expression=True, kept=StepFiles(tmp_path / "steps"))
+        progress = Progress("diagnose", "model", quiet=True)
+        return diagnose_prepared(prepared, arm.space.nominal, settings, progress).document
+
+    document, one = found(MOST_EFFECTS), found(1)
+    times = {e["site"]: e["parameters"]["time_constant"]["value"] for e in document["effects"]}
     assert {e["name"] for e in document["effects"]} == {"control-lag"}
-    assert found == {"shoulder": pytest.approx(0.03, rel=0.1), "elbow": pytest.approx(0.05, rel=0.1)}
+    assert times == {"shoulder": pytest.approx(0.03, rel=0.1), "elbow": pytest.approx(0.05, rel=0.1)}
     assert document["verdict"] == "effect-found"
-    one = diagnose(
-        real_log=tmp_path / "arm.zarr", task=str(arm), out=tmp_path / "one", quiet=True, most_effects=1
-    ).document
     assert len({e["name"] for e in one["effects"]}) == 1  # at however many places at once
 
 

@@ -119,7 +119,8 @@ def written(tmp_path_factory, learn) -> dict[str, dict]:
     record(task=task, out=folder / "log.zarr", **options)
     identify(real_log=folder / "log.zarr", task=task, out=folder / "e", starts=1, rounds=2, quiet=True)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("capture_cli.protocol.attribution.all_candidates", friction_only)
+        for module in ("protocol.attribution", "stages.diagnose"):
+            patch.setattr(f"capture_cli.{module}.all_candidates", friction_only)
         diagnose(real_log=folder / "log.zarr", task=task, out=folder / "d", starts=1, quiet=True)
     histories = write(toy_histories(20, rounds=3), folder / "h.zarr")
     tiny = {"width": 8, "layers": 1, "heads": 1, "steps": 2, "batch": 8}

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from held_inputs import MACHINES, held_machine
 
 from capture_cli.diagnosis.expression import REST, expression_terms, formula
 from capture_cli.effects._scales import characteristic_speed
@@ -19,8 +19,7 @@ from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.record import record
 from capture_cli.tasks import load_task
 
-MACHINES = Path(__file__).parents[1] / "benchmarks" / "machines"
-SLIDER, CART_POLE = (MACHINES / name / "task.toml" for name in ("slider", "cart_pole"))
+CART_POLE = MACHINES / "cart_pole" / "task.toml"
 STIFFNESS = 150.0  # N/m^3
 
 
@@ -40,9 +39,9 @@ def simulators(monkeypatch) -> list[Simulator]:
 @pytest.fixture
 def diagnosed(tmp_path, monkeypatch, without_pages):
     """diagnosed(**options): of the slider with a cubic spring, by a catalogue that has no effect."""
-    log = tmp_path / "log.zarr"
+    log, task = tmp_path / "log.zarr", str(held_machine(tmp_path / "slider", "slider"))
     record(
-        task=str(SLIDER),
+        task=task,
         out=log,
         effects=[f"cubic-stiffness@x={STIFFNESS}"],
         noise=5e-4,
@@ -55,9 +54,7 @@ def diagnosed(tmp_path, monkeypatch, without_pages):
 
     def run(**options):
         out = tmp_path / "diagnosis"
-        return diagnose(
-            real_log=log, task=str(SLIDER), out=out, quiet=True, threads=1, starts=1, **options
-        ).document
+        return diagnose(real_log=log, task=task, out=out, quiet=True, threads=1, starts=1, **options).document
 
     return run
 

@@ -44,8 +44,8 @@ name = "craft"
 model = "model.xml"
 parameters.mass = { set = "body:craft:mass", low = 2.0, high = 8.0, unit = "kg" }
 parameters.damping = { set = "joint:free:damping", low = 0.1, high = 1.0, unit = "N s/m" }
-inputs.push = { column = "push", unit = "N" }
-inputs.turn = { column = "turn", unit = "N m" }
+inputs.push = { column = "push", unit = "N", interpolate = "hold" }
+inputs.turn = { column = "turn", unit = "N m", interpolate = "hold" }
 outputs.where = { column = ["x_mm", "y_mm", ""], column_unit = "mm", unit = "m" }
 outputs.gyro = { column = ["", "", "gz"], unit = "rad/s" }
 log = { time = "t", window = 1.0 }

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-import shutil
 import signal
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from held_inputs import held_machine
 
 from capture_cli.errors import FitError, OptionError, OutputError
 from capture_cli.protocol import attribution
@@ -21,7 +21,6 @@ from capture_cli.stages.kept_steps import STEPS, StepFiles
 from capture_cli.stages.record import record
 from capture_cli.stores.output import unfinished
 
-MACHINE = Path(__file__).parents[1] / "benchmarks" / "machines" / "slider"
 FEW = ("coulomb-friction", "cubic-stiffness", "viscous-friction", "compliance")  # the last has states
 PLANTED = ["coulomb-friction@x.friction=1.5", "cubic-stiffness@x.stiffness=200"]
 
@@ -40,9 +39,8 @@ def few_candidates(monkeypatch):
 def asked(tmp_path_factory):
     """Options of a diagnosis of a log with two effects, and what it is without an interruption."""
     folder = tmp_path_factory.mktemp("asked")
-    shutil.copytree(MACHINE, folder / "slider")
-    options = {"task": str(folder / "slider" / "task.toml"), "real_log": folder / "run.zarr"}
-    making = {"noise": 5e-4, "rate": 250, "episodes": 8, "duration": 1.0, "seed": 3}
+    options = {"task": str(held_machine(folder / "slider", "slider")), "real_log": folder / "run.zarr"}
+    making = {"noise": 5e-4, "rate": 250, "episodes": 5, "duration": 1.0, "seed": 3}
     record(task=options["task"], out=options["real_log"], effects=PLANTED, **making)
     return {**options, "threads": 1, "quiet": True}
 

@@ -147,3 +147,14 @@ def test_slow_noise_of_sensors_is_none_of_the_model():
     (found,) = own.additions((), ())
     assert own.whitening.slow_noise.max() > 1
     assert found.gain > 5 * found.error > 0
+
+
+def test_two_effects_are_found_of_which_a_third_does_more_than_either():
+    own = Made.of("slider", ("coulomb-friction", "x", 0.3), ("sensor-bias", "q", 0.2), episodes=4)
+    few = [
+        p for p in own.placed if p.kind in ("coulomb-friction", "sensor-bias", "cogging", "viscous-friction")
+    ]
+    found = own.screening(few).pair((), ())
+    assert {e.kind for e in found.effects} == {"coulomb-friction", "sensor-bias"}
+    alone = Made.of("slider", ("coulomb-friction", "x", 0.3), episodes=4)
+    assert alone.screening(few).pair((), ()) is None

@@ -71,7 +71,7 @@ def fitted(log: MeasuredLog, limited: bool = True):
 
 
 def test_an_integral_term_is_found_with_its_gain_and_its_limit(tmp_path):
-    log, _ = recorded(tmp_path, *PLANTED)
+    log, _ = recorded(tmp_path, *PLANTED, duration=2.5)
     document = diagnose(log, load_task(str(PAN_TILT)), seed=0)
     [found] = document["effects"]
     assert (found["name"], found["site"]) == ("servo-integral", "tilt")

@@ -43,7 +43,7 @@ def test_joints_may_have_dots_in_their_names(tmp_path, monkeypatch):
     task.write_text(
         'format = 1\nname = "two"\nmodel = "model.xml"\n[log]\nwindow = 0.5\n'
         '[parameters.mass]\nset = "body:a:mass"\nlow = 1.0\nhigh = 4.0\nunit = "kg"\n'
-        '[inputs.d]\ncolumn = "d"\nunit = "N"\n'
+        '[inputs.d]\ncolumn = "d"\nunit = "N"\ninterpolate = "hold"\n'
         '[outputs.q]\ncolumn = "q"\nunit = "m"\n[outputs.p]\ncolumn = "p"\nunit = "m"\n'
     )
     effects = ["coulomb-friction@arm=2", "coulomb-friction@arm.1.friction=1.5"]

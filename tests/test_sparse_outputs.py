@@ -11,6 +11,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from held_inputs import held
 from slow_sensors import EVERY, MACHINES, jittered, regular, thinned, with_sparse
 
 from capture_cli import cli
@@ -34,6 +35,7 @@ from capture_cli.tasks import load_task
 def cart_pole(folder: Path, choose, seed: int, **options) -> tuple[Path, Path, dict]:
     """A log in which a camera sees the pole, its task.toml, and the truth."""
     task = with_sparse(folder / "task", "cart_pole", "pole")
+    task.write_text(held(task.read_text()))
     defaults = {"random_parameters": True, "noise": {"cart": 5e-4, "pole": 1e-3}, "episodes": 4, "threads": 1}
     made = record(
         task=str(task),
@@ -353,6 +355,7 @@ def csv_of(path: Path, rows: list[list]) -> None:
 def half_blind(folder: Path) -> tuple[Path, Path]:
     """One episode of the cart-pole, of which the camera saw the first half."""
     task = with_sparse(folder / "task", "cart_pole", "pole")
+    task.write_text(held(task.read_text()))
     whole = record(
         task=str(task), out=folder / "whole.zarr", noise=5e-4, duration=6.0, rate=100, seed=0, threads=1
     ).log

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import mujoco
 import numpy as np
 import pytest
+from held_inputs import held_machine
 from machines import ARM, build, machine, run
 
 from capture_cli.effects import REGISTRY
@@ -15,7 +14,6 @@ from capture_cli.stages import diagnose as diagnose_stage
 from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.record import record
 
-SLIDER = Path(__file__).parents[1] / "benchmarks" / "machines" / "slider" / "task.toml"
 TURNING = """
 <mujoco>
   <option timestep="0.002" integrator="implicitfast"/>
@@ -98,8 +96,9 @@ def test_it_sits_at_motors_and_servos_of_joints():
 def test_ripple_and_cogging_are_told_apart(name, site, size, tmp_path, monkeypatch):
     monkeypatch.setattr(diagnose_stage, "_write_pages", lambda *_: None)
     sine, cosine, period = 0.8 * size, -0.6 * size, 0.083
+    task = str(held_machine(tmp_path / "slider", "slider"))
     record(
-        task=str(SLIDER),
+        task=task,
         out=tmp_path / "log.zarr",
         effects=[
             f"{name}@{site}.sine={sine}",
@@ -113,7 +112,7 @@ def test_ripple_and_cogging_are_told_apart(name, site, size, tmp_path, monkeypat
         seed=4,
     )
     document = diagnose(
-        real_log=tmp_path / "log.zarr", task=str(SLIDER), out=tmp_path / "d", quiet=True, threads=1
+        real_log=tmp_path / "log.zarr", task=task, out=tmp_path / "d", quiet=True, threads=1
     ).document
     assert document["verdict"] == "effect-found"
     (found,) = document["effects"]

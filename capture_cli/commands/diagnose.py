@@ -59,6 +59,15 @@ def diagnose(
             "--expression/--no-expression", help="Whether to look for a formula of what no effect explains."
         ),
     ] = True,
+    time_limit: Annotated[
+        float | None,
+        typer.Option(
+            "--time-limit",
+            min=0,
+            max=1e7,
+            help="Seconds after which the search ends with the best so far, as a whole result that says so.",
+        ),
+    ] = None,
     fail_on: Annotated[str | None, fail_on_option("these verdicts", VERDICTS)] = None,
     seed: TakenSeed = None,
     max_log_size: MaxLogSize = None,
@@ -87,6 +96,7 @@ def diagnose(
         starts=starts,
         most_effects=most_effects,
         expression=expression,
+        time_limit=time_limit,
         seed=seed,
         max_log_size=max_log_size,
         threads=threads,

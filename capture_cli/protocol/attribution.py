@@ -14,6 +14,7 @@ from capture_cli.diagnosis.lack_of_fit import NEAR_FLOOR
 from capture_cli.diagnosis.score import Score
 from capture_cli.effects.base import GLOBAL
 from capture_cli.effects.placed import Placed
+from capture_cli.errors import OutOfTime
 from capture_cli.protocol.balance_scores import score_in_balance
 from capture_cli.protocol.candidates import Candidate, all_candidates, worth_a_refit
 from capture_cli.protocol.fit import Fit, least
@@ -77,7 +78,9 @@ class Attribution:
     model leaves nothing but noise. most_effects: to add; what comes along with another is not counted. candidates: the
     whole catalogue where None. spreads: whether what was found at one place is tried at all the others at once, which
     terms of an expression are not. on_step is told what is being tried, the number of it, of how many, and what was
-    found so far.
+    found so far; where it raises OutOfTime, the search ends with the last model that was whole.
+
+    out_of_time: whether it ended so.
     """
 
     def __init__(
@@ -101,9 +104,28 @@ class Attribution:
         self.ranked: list[Candidate] = []  # what the last round's scores speak for, best first
         self.accepted: list[Accepted] = []
         self.excess = TINY  # squared error above the noise floor of the declared model
+        self.out_of_time = False
 
     def run(self, declared: Fit) -> Fit:
         """Add effects to the declared model until none is accepted or nothing is left; returns the last model."""
+        self._keep(declared)
+        try:
+            return self._search(declared)
+        except OutOfTime:
+            self.out_of_time = True
+            last, self.accepted = self._whole
+            inside = {a.name for a in self.accepted}
+            for candidate in self.candidates:
+                if candidate.name not in inside and candidate.why_rejected is None:
+                    candidate.why_rejected = "not decided: the time was over"
+            return last
+
+    def _keep(self, current: Fit) -> Fit:
+        """Take note of a model that is whole, and the effects in it."""
+        self._whole = current, [replace(a, tied=list(a.tied)) for a in self.accepted]
+        return current
+
+    def _search(self, declared: Fit) -> Fit:
         current = declared
         self.models.know(declared)
         while self._count < self.most_effects and not self.models.is_explained(current):
@@ -111,6 +133,11 @@ class Attribution:
             if not known:
                 self.excess = max(current.excess, TINY)
             found = self._forward(current)
+            if not known and (found is None or not self.models.is_explained(found.fit)):
+                two = self._two_at_once(current, found)
+                if two is not None:
+                    current = self._keep(two)
+                    continue
             if found is None:
                 break
             better = self.models.better_from(current, found.fit)
@@ -120,14 +147,14 @@ class Attribution:
                 current = better
                 continue
             current = self._at_other_places(self._at_each_place(found.fit))
-            current = self._backward(current, self.accepted[:known], Support.reason_against_entry)
+            current = self._keep(self._backward(current, self.accepted[:known], Support.reason_against_entry))
             if len(self._minor) >= MOST_MINOR and not self.models.is_explained(current):
                 break
         current = self._without_minor(current)
-        current = self._backward(current, self.accepted, Support.reason_against)
-        current = self._in_pairs(self._one_for_two(current))
+        current = self._keep(self._backward(current, self.accepted, Support.reason_against))
+        current = self._keep(self._in_pairs(self._one_for_two(current)))
         self._ask_again(current)
-        current = self._compare_with_rivals(current)
+        current = self._keep(self._compare_with_rivals(current))
         together = self._at_all_places(current)
         return current if together is current else self._compare_with_rivals(together)
 
@@ -340,6 +367,38 @@ class Attribution:
         self.accepted.append(Accepted(chosen.placed, chosen.score, rivals, chosen.support, share))
         return chosen
 
+    def _two_at_once(self, current: Fit, one: Candidate | None) -> Fit | None:
+        """Two effects that together explain what `one`, the best by itself, does not: in place of it.
+
+        Alone each of them may do worse than a third that stands in for both.
+        """
+        screening = self.models.screening(self._step)
+        if screening is None or self.most_effects < 2:
+            return None
+        self._step("balance", 0, 1)
+        model = screening.pair(
+            current.effects, [current.point[current.columns(e.name)] for e in current.effects]
+        )
+        if model is None:
+            return None
+        added = model.effects[len(current.effects) :]
+        self._step("refit", 0, 1)
+        fit = self.models.fit(model.effects, model.start, current)
+        if fit is None or not self.models.is_explained(fit):
+            return None
+        if any(implausible(self.models, current, fit, placed) for placed in added):
+            return None
+        if one is not None:
+            self._candidate(
+                self.accepted.pop().name
+            ).why_rejected = f"{' and '.join(e.name for e in added)} together explain more"
+        before, share = self.models.judge(current), (current.excess - fit.excess) / self.excess / len(added)
+        for placed in added:
+            support, _ = self._support(current, fit, placed, before, len(self.candidates))
+            self._candidate(placed.name).why_rejected = None
+            self.accepted.append(Accepted(placed, None, [], support, share))
+        return self._backward(fit, list(self.accepted), Support.reason_against_entry)
+
     # --- backward ---
 
     def _backward(self, current: Fit, judged: Sequence[Accepted], reason: Callable) -> Fit:
@@ -425,12 +484,14 @@ class Attribution:
         return [r for r in accepted.rivals if len(r.placed.effect.parameters) <= size][:PAIRED]
 
     def _ask_again(self, current: Fit) -> None:
-        """Rivals of accepted effects but the last, by what the model without it leaves with the others in.
+        """Rivals of accepted effects, by what the model without it leaves with the others in; but of the last, unless
+        it came with another at once.
 
         The first was found while the others were missing: what spoke for it then may have been theirs.
         """
         later = [number for number, accepted in enumerate(self.accepted) if not accepted.along]
-        for accepted in self.accepted[: max(later, default=0)]:
+        first = self.accepted[: max(later, default=0)]
+        for accepted in [*first, *(a for a in self.accepted[len(first) :] if a.score is None)]:
             without = self.models.without(current, accepted.name)
             if without is None:
                 continue

@@ -351,15 +351,17 @@ def worth_a_refit(
             own.append(candidate)
         elif len(kinds) < different:
             kinds.append([candidate])
-    chosen = {c.name for kind in kinds for c in _best_and_simplest(kind, of_a_kind)}
-    refitted = [c for c in ranked if c.name in chosen][:REFITTED]
-    return refitted, [c for c in ranked if c.name not in {r.name for r in refitted}]
+    chosen = {id(c) for kind in kinds for c in _best_and_simplest(kind, of_a_kind)}
+    refitted = [c for c in ranked if id(c) in chosen][:REFITTED]
+    chosen = {id(c) for c in refitted}
+    return refitted, [c for c in ranked if id(c) not in chosen]
 
 
 def _best_and_simplest(kind: Sequence[Candidate], count: int) -> list[Candidate]:
     """So many of a `kind`, ranked by score: what is simpler than the best may be all that is there."""
     best, *others = kind
-    others.sort(key=lambda c: len(c.placed.effect.parameters) >= len(best.placed.effect.parameters))
+    sizes = {id(c): len(effect.parameters) for c in kind for _, effect in [c.placed]}
+    others.sort(key=lambda c: sizes[id(c)] >= sizes[id(best)])
     return [best, *others[: count - 1]]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from capture_cli.diagnosis.expression import expression_terms
 from capture_cli.diagnosis.lack_of_fit import lack_of_fit
+from capture_cli.errors import OutOfTime
 from capture_cli.identifiers.intervals import intervals
 from capture_cli.protocol.attribution import MOST_EFFECTS, Attribution
 from capture_cli.protocol.candidates import Candidate
@@ -39,7 +41,8 @@ OnStep = Callable[[str, int, int, Sequence[str]], None]
 @dataclass(frozen=True)
 class Settings:
     """starts: of the declared model's fit. most_effects: to add. expression: to look for a formula of what is left.
-    kept: what an earlier run made of the same steps.
+    kept: what an earlier run made of the same steps. deadline: s, of time.monotonic, when the search ends with the best
+    so far.
     """
 
     starts: int = 3
@@ -48,6 +51,12 @@ class Settings:
     seed: int = 0
     threads: int | None = None
     kept: Kept | None = None
+    deadline: float = np.inf
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the search is to end."""
+        return time.monotonic() > self.deadline
 
 
 def explain(prepared: PreparedLog, nominal: np.ndarray, settings: Settings, on_step: OnStep) -> Explanation:
@@ -62,6 +71,8 @@ def explain(prepared: PreparedLog, nominal: np.ndarray, settings: Settings, on_s
     prepared, more = with_noise_of_repeats(prepared, nominal, threads=settings.threads, seed=settings.seed)
     begun = _begin(prepared, nominal, settings, on_step, rollouts + more)
     found = begun.explain()
+    if settings.is_over:
+        return found
     free = begun.as_acted and found.leaves_something
     if free:
         begun = _begin(begun.prepared, nominal, settings, on_step, found.rollouts, free=True)
@@ -189,8 +200,10 @@ class _Protocol:
             next_experiment=next_experiment(
                 self.fits, after.fit, [c.fit for c in tied], self.settings.seed, self._shown(after)
             ),
+            out_of_time=attribution.out_of_time,
         )
         wanted = self.settings.expression and last_time and found.verdict == "unexplained"
+        wanted = wanted and not attribution.out_of_time
         if wanted and after.lacking.lacking:
             found = replace(found, expression=self._expression(last, after))
         return replace(found, rollouts=self.fits.rollouts)
@@ -225,8 +238,13 @@ class _Protocol:
             most_effects=self.settings.most_effects,
             candidates=candidates,
             spreads=candidates is None,
-            on_step=lambda what, number, total, found: self.on_step(what, number, total, [*known, *found]),
+            on_step=lambda what, number, total, found: self._step(what, number, total, [*known, *found]),
         )
+
+    def _step(self, what: str, number: int, total: int, found: Sequence[str]) -> None:
+        if self.settings.is_over:
+            raise OutOfTime
+        self.on_step(what, number, total, found)
 
     def _models(self, compared: ModelComparison, last: Fit) -> list[JudgedModel]:
         """The declared model and each with one more accepted effect."""
@@ -299,6 +317,8 @@ class _Protocol:
             return None
         search = self._attribution([Candidate(term) for term in terms], [e.name for e in last.effects])
         found = search.run(self._from_best(last, after.again))
+        if search.out_of_time:
+            return None
         chosen = found.effects[len(last.effects) :]
         if not chosen:
             return Expression()

@@ -74,7 +74,8 @@ class Explanation:
     models: the declared one, then each with one more of the `accepted` effects. sure: how well the last is known.
     motion: of that, in every window. begun: where that begins. held_out: whether that model holds on the test part.
     shorter_step: what the model's time step is in that model's values; None where nothing.
-    next_experiment: what would separate the first tie. rollouts: windows simulated in all.
+    next_experiment: what would separate the first tie. rollouts: windows simulated in all. out_of_time: whether the
+    search ended because its time was over.
     """
 
     parts: LogParts
@@ -89,6 +90,7 @@ class Explanation:
     next_experiment: dict[str, Any] | None
     expression: Expression | None = None
     rollouts: int = 0
+    out_of_time: bool = False
 
     @property
     def before(self) -> JudgedModel:

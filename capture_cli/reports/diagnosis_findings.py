@@ -15,6 +15,7 @@ from capture_cli.reports.findings import (
     input_timing,
     left_open,
     not_alike,
+    out_of_time,
     outputs_left,
     time_stamps,
     time_step,
@@ -260,6 +261,7 @@ def notes(document: Mapping[str, Any]) -> list[str]:
             )
         if document["parameters"] or document["effects"]:
             found.append(UNTRUSTED)
+    found += out_of_time(document)
     found += undetermined(document)
     found += left_open(document)
     found += impossible(document)

@@ -193,6 +193,11 @@ def time_step(document: Mapping[str, Any]) -> list[str]:
     return [document["time_step"]["text"]] if document.get("time_step") else []
 
 
+def out_of_time(document: Mapping[str, Any]) -> list[str]:
+    """That the search was ended; earlier versions had no limit."""
+    return [document["out_of_time"]] if document.get("out_of_time") else []
+
+
 def input_timing(document: Mapping[str, Any]) -> list[str]:
     """What inputs do between rows, where that had to be found out and is not the plain case; earlier versions did not
     look.

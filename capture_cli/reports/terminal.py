@@ -132,6 +132,7 @@ def _beside(diagnosis: Diagnosis) -> list[str]:
     """What has to be known beside the answer, and no other line says."""
     document = diagnosis.document
     found = [
+        findings.out_of_time,
         findings.undetermined,
         findings.left_open,
         findings.impossible,

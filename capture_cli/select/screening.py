@@ -28,7 +28,10 @@ class ScreeningSettings:
     """blocks: that are left out in turn. polished: of the best additions, whose nonlinear parameters are fitted in the
     balance. descents: of such a fit, where parameters are nonlinear, and straight where they are not. far: its longest
     step, of a range; shortest: at which it is given up. difference: of a range, in differences of effects. at_once:
-    atoms whose sums are in memory. at_end: of a range, within which a parameter is at its end.
+    atoms whose sums are in memory. at_end: of a range, within which a parameter is at its end. beam: of effects that
+    differ, with each of which another is looked for; branches: of these, that are fitted in the balance. alike: cosine
+    of responses beyond which effects do not differ. sure: standard errors over blocks by which two have to predict
+    better than one, and least: of log likelihood.
     """
 
     blocks: int = 12
@@ -40,6 +43,11 @@ class ScreeningSettings:
     difference: float = 1e-3
     at_once: int = 400
     at_end: float = 1e-6
+    beam: int = 4
+    branches: int = 3
+    alike: float = 0.98
+    sure: float = 2.0
+    least: float = 3.0
 
 
 SETTINGS = ScreeningSettings()
@@ -121,6 +129,36 @@ class Screening:
             polished.append(replace(addition, model=more, gain=gain, error=error))
         rest = screened[self.settings.polished :]
         return sorted(polished, key=lambda a: -a.gain) + rest
+
+    def pair(self, effects: Sequence[Placed], values: Sequence[np.ndarray]) -> BalancedModel | None:
+        """The model with two effects more that predicts most, where that is surely more than with one."""
+        singles = [a for a in self.additions(effects, values) if a.model.likelihood.size]
+        found = []
+        for single in self._distinct(singles)[: self.settings.beam]:
+            model = self._judged(single.model)
+            for addition in self._distinct(self._screened(model))[: self.settings.branches]:
+                found.append(self._judged(self._fitted(addition.model)))
+        found = [m for m in found if np.isfinite(m.likelihood).all()]
+        if not found:
+            return None
+        best = max(found, key=lambda m: m.likelihood.sum())
+        gain, error = best.gain(singles[0].model)
+        return best if gain > max(self.settings.least, self.settings.sure * error) else None
+
+    def _distinct(self, additions: Sequence[Addition]) -> list[Addition]:
+        """Of `additions`, best first, the simplest of each few whose responses are alike."""
+        groups: list[list[Addition]] = []
+        for addition in additions:
+            own = next((g for g in groups if self._are_alike(g[0], addition)), None)
+            if own is None:
+                groups.append([addition])
+            else:
+                own.append(addition)
+        return [min(g, key=lambda a: len(a.placed.effect.parameters)) for g in groups]
+
+    def _are_alike(self, one: Addition, other: Addition) -> bool:
+        sizes = np.linalg.norm(one.response) * np.linalg.norm(other.response)
+        return abs(one.response @ other.response) > self.settings.alike * sizes
 
     def best(self) -> BalancedModel:
         """The declared model, or that with the one effect that predicts most."""

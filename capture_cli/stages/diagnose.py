@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -42,6 +43,7 @@ def diagnose(
     starts: int = 3,
     most_effects: int = MOST_EFFECTS,
     expression: bool = True,
+    time_limit: float | None = None,
     seed: int | None = None,
     max_log_size: int | None = None,
     threads: int | None = None,
@@ -53,11 +55,13 @@ def diagnose(
 
     estimate: the estimate directory of the same log, whose task, windows, held-out part and seed are taken over where
     nothing else is said. Without it `task`, `test`, `window` and `seed` are as for identify. most_effects: to add.
-    expression: where the catalogue leaves something, look for a formula of the missing force. With `resume` a run that
+    expression: where the catalogue leaves something, look for a formula of the missing force. time_limit: s, after
+    which the search ends with the best so far. With `resume` a run that
     was killed goes on after the last step that it made, to the same result, and one that is complete is read.
     max_log_size: bytes in memory, see `ZarrStore.read`. Raises CaptureError for whatever the user can mend.
     """
     options = {k: v for k, v in locals().items() if k not in ("quiet", "force", "resume")}
+    deadline = time.monotonic() + (np.inf if time_limit is None else time_limit)
     complete = is_complete(out, force=force, resume=resume)
     log = read_log("diagnose", real_log, max_log_size, quiet=quiet)
     begin = None
@@ -74,7 +78,7 @@ def diagnose(
     held_out = None if begin is None or test is not None else begin.held_out
     nominal = found.space.nominal if begin is None else begin.values(found)
     with unfinished_diagnosis(out, provenance.document(), force=force, resume=resume) as (folder, kept):
-        settings = Settings(starts, most_effects, expression, to_fit.options["seed"], threads, kept)
+        settings = Settings(starts, most_effects, expression, to_fit.options["seed"], threads, kept, deadline)
         with Progress("diagnose", "model", quiet=quiet) as progress:
             progress.doing("making the log ready")
             prepared = _prepared(to_fit, held_out, threads)

@@ -28,6 +28,10 @@ from capture_cli.stages.result_document import (
 from capture_cli.stores.diagnosis import FORMAT, VERSION, Diagnosis
 from capture_cli.stores.measured_log import MeasuredLog
 
+OUT_OF_TIME = (
+    "The time limit ended the search: this is the best that was found until then, and more may be missing. Run it "
+    "again with a longer --time-limit, or without."
+)
 PARTS = {"fit": FIT, "select": SELECT, "test": TEST}
 
 
@@ -98,6 +102,7 @@ def _document(
         "candidates": [_candidate(c) for c in _ranked(found)],
         "localisation": curves,
         "next_experiment": found.next_experiment,
+        "out_of_time": OUT_OF_TIME if found.out_of_time else None,
         "expression": None if found.expression is None else _expression(prepared, found.expression),
     }
     document["summary"] = summary(document)

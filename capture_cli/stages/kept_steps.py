@@ -25,7 +25,11 @@ STEPS, RECIPE, NEW_RECIPE = "steps", "steps.json", "steps.json.new"  # of a run 
 MOST = 2e9  # bytes, of all steps: of a log of a million rows one takes hundreds of megabytes
 SHORT = 12  # characters of a hash in a message
 OPTIONS = ("task", "test", "window", "starts", "seed")
-ENDS = ("most_effects", "expression")  # options that say how far to go: the steps until there are the same
+ENDS = (
+    "most_effects",
+    "expression",
+    "time_limit",
+)  # options that say how far to go: the steps until there are the same
 
 
 class StepFiles(Kept):

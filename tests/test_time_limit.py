@@ -1,0 +1,61 @@
+"""`diagnose --time-limit`: a whole result with the best so far, which says that it was ended."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from capture_cli.errors import CaptureError
+from capture_cli.protocol.attribution import Attribution
+from capture_cli.protocol.explain import Settings
+from capture_cli.reports.diagnosis_findings import notes
+from capture_cli.stages.diagnose import diagnose
+from capture_cli.stages.record import record
+from capture_cli.stores.diagnosis import Diagnosis
+
+SLIDER = str(Path(__file__).parents[1] / "benchmarks" / "machines" / "slider" / "task.toml")
+ASKED = {"task": SLIDER, "starts": 1, "threads": 1, "quiet": True, "expression": False}
+PLANTED = ["coulomb-friction@x=1.5", "sensor-bias@q=0.05"]
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("log") / "log.zarr"
+    record(
+        task=SLIDER, out=path, effects=PLANTED, noise=5e-4, episodes=4, duration=1.5, rate=250.0, threads=1
+    )
+    return path
+
+
+def test_no_time_at_all_is_a_whole_result_without_effects(log, tmp_path):
+    found = diagnose(real_log=log, out=tmp_path / "d", time_limit=0.0, **ASKED).document
+    assert found["verdict"] == "unexplained" and found["effects"] == []
+    assert "time limit" in found["out_of_time"] and found["out_of_time"] in notes(found)
+    assert (tmp_path / "d" / "report.html").is_file()
+    # a run that may search longer takes it for another one
+    with pytest.raises(CaptureError, match="time_limit"):
+        diagnose(real_log=log, out=tmp_path / "d", resume=True, **ASKED)
+
+
+def test_what_was_found_until_then_stands(log, tmp_path, monkeypatch):
+    over, keep = [], Attribution._keep
+
+    def kept(self, current):
+        over.extend([True] * bool(self.accepted))
+        return keep(self, current)
+
+    monkeypatch.setattr(Attribution, "_keep", kept)
+    monkeypatch.setattr(Settings, "is_over", property(lambda _: bool(over)))
+    found = diagnose(real_log=log, out=tmp_path / "d", time_limit=1e6, **ASKED).document
+    assert len(found["effects"]) == 1 and found["out_of_time"]
+    assert len(found["stages"]) == 2
+    assert Diagnosis.read(tmp_path / "d").document == found
+
+
+def test_without_a_limit_nothing_is_ended(log, tmp_path):
+    found = diagnose(real_log=log, out=tmp_path / "d", time_limit=1e6, **ASKED).document
+    # on a linear spring a bias of its sensor is a constant force; both together, or one alone would be cogging
+    names = {name.partition("@")[0] for e in found["effects"] for name in [e["name"], *e["tied_with"]]}
+    assert len(found["effects"]) == 2 and names >= {"coulomb-friction", "sensor-bias"}
+    assert found["out_of_time"] is None
