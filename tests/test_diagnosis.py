@@ -12,6 +12,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from coloured_noise import coloured
+from held_inputs import held_machine
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -753,7 +754,7 @@ def test_what_does_not_show_in_held_out_data_is_not_found(without, with_it, verd
 
 
 def test_lags_that_differ_are_told_apart_although_they_come_together(tmp_path):
-    task = str(SLIDER.parents[1] / "arm" / "task.toml")
+    task = str(held_machine(tmp_path / "arm", "arm", 0.002))
     record(
         task=task,
         out=tmp_path / "arm.zarr",

@@ -39,7 +39,7 @@ def simulators(monkeypatch) -> list[Simulator]:
 @pytest.fixture
 def diagnosed(tmp_path, monkeypatch, without_pages):
     """diagnosed(**options): of the slider with a cubic spring, by a catalogue that has no effect."""
-    log, task = tmp_path / "log.zarr", str(held_machine(tmp_path / "slider", "slider"))
+    log, task = tmp_path / "log.zarr", str(held_machine(tmp_path / "slider", "slider", 0.004))
     record(
         task=task,
         out=log,

@@ -11,6 +11,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from held_inputs import hold
 
 from capture_cli.errors import FitError, LogError, OptionError
 from capture_cli.identifiers import REGISTRY
@@ -376,6 +377,7 @@ def test_where_a_shorter_time_step_would_put_what_is_beside_an_effect_is_said(
     plant, coarse, tmp_path, monkeypatch
 ):
     monkeypatch.setattr(diagnose_stage, "_write_pages", lambda *_: None)
+    hold(coarse, 0.02)
     log = plant(
         coarse,
         parameters={"mass": 1.4, "damping": 9.0},

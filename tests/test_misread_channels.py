@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from held_inputs import held_machine
 
 from capture_cli.protocol.misread_channels import (
     FACTORS,
@@ -32,28 +33,29 @@ from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.tasks import load_task
 from capture_cli.tasks.base import Channel
 
-MACHINES = Path(__file__).resolve().parents[1] / "benchmarks" / "machines"
 NOISE = {"slider": 5e-4, "arm": 1e-3}
 
 
 @pytest.fixture(scope="module")
-def logs(tmp_path_factory) -> dict[str, MeasuredLog]:
+def tasks(tmp_path_factory) -> dict[str, str]:
+    """Of the machines, whose models take the steps that the logs have."""
+    folder = tmp_path_factory.mktemp("tasks")
+    return {machine: str(held_machine(folder / machine, machine, 0.01)) for machine in NOISE}
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory, tasks) -> dict[str, MeasuredLog]:
     folder = tmp_path_factory.mktemp("logs")
     made = {}
     for machine, noise in NOISE.items():
         path = folder / f"{machine}.zarr"
         options = dict(random_parameters=True, noise=noise, episodes=4, duration=1.5, rate=100.0, seed=1)
-        made[machine] = replace(record(task=task(machine), out=path, threads=1, **options).log, path=path)
+        made[machine] = replace(record(task=tasks[machine], out=path, threads=1, **options).log, path=path)
     return made
 
 
-def task(machine: str) -> str:
-    return str(MACHINES / machine / "task.toml")
-
-
-def misread(log: MeasuredLog, machine: str | Path) -> Misread | None:
-    path = str(machine) if isinstance(machine, Path) else task(machine)
-    prepared = prepare(log, load_task(path), window=None, test=None, seed=0, threads=1)
+def misread(log: MeasuredLog, task: str) -> Misread | None:
+    prepared = prepare(log, load_task(task), window=None, test=None, seed=0, threads=1)
     found, _ = misread_channels(prepared, None, 1, lambda done, total: None)
     return found
 
@@ -65,9 +67,9 @@ def multiplied(log: MeasuredLog, kind: str, channels: list[int], factor: float) 
 
 
 @pytest.mark.parametrize("factor", [-1.0, 1e-3, np.pi / 180])
-def test_an_output_of_another_sign_or_unit_is_named(logs, factor):
+def test_an_output_of_another_sign_or_unit_is_named(tasks, logs, factor):
     log = multiplied(logs["slider"], "outputs", [0], 1 / factor)
-    found = misread(log, "slider")
+    found = misread(log, tasks["slider"])
     assert Reading("outputs", (log.output_names[0],), factor) in found.readings
     assert found.after < 0.1 < found.before
     assert FACTORS[factor] in found.text
@@ -77,22 +79,22 @@ def test_an_output_of_another_sign_or_unit_is_named(logs, factor):
     ("kind", "channels", "factor"),
     [("inputs", [0], -1.0), ("outputs", [1], -1.0), ("outputs", [0, 1], np.pi / 180)],
 )
-def test_of_two_joints_the_one_or_both_are_named(logs, kind, channels, factor):
+def test_of_two_joints_the_one_or_both_are_named(tasks, logs, kind, channels, factor):
     log = logs["arm"]
     names = log.input_names if kind == "inputs" else log.output_names
-    found = misread(multiplied(log, kind, channels, 1 / factor), "arm")
+    found = misread(multiplied(log, kind, channels, 1 / factor), tasks["arm"])
     assert found.readings == (Reading(kind, tuple(names[k] for k in channels), factor),)
 
 
 @pytest.mark.parametrize("machine", NOISE)
-def test_of_a_log_that_was_read_rightly_nothing_is_named(logs, machine):
-    assert misread(logs[machine], machine) is None
+def test_of_a_log_that_was_read_rightly_nothing_is_named(tasks, logs, machine):
+    assert misread(logs[machine], tasks[machine]) is None
 
 
-def test_a_model_that_lacks_much_has_no_misread_channel(tmp_path):
+def test_a_model_that_lacks_much_has_no_misread_channel(tasks, tmp_path):
     effects = ["coulomb-friction@x=25.0", "control-delay@drive=0.08"]
     log = record(
-        task=task("slider"),
+        task=tasks["slider"],
         out=tmp_path / "log.zarr",
         effects=effects,
         noise=5e-4,
@@ -101,7 +103,7 @@ def test_a_model_that_lacks_much_has_no_misread_channel(tmp_path):
         rate=100.0,
         threads=1,
     ).log
-    assert misread(replace(log, path=tmp_path / "log.zarr"), "slider") is None
+    assert misread(replace(log, path=tmp_path / "log.zarr"), tasks["slider"]) is None
 
 
 def test_an_attitude_is_read_as_it_is(tmp_path):
@@ -144,10 +146,10 @@ def write_boat(folder: Path, columns: str) -> Path:
 
 
 @pytest.mark.parametrize("kind", ["inputs", "outputs"])
-def test_of_two_channels_with_each_other_s_columns_both_are_named(logs, kind):
-    log, channels = logs["arm"], getattr(load_task(task("arm")), kind)
+def test_of_two_channels_with_each_other_s_columns_both_are_named(tasks, logs, kind):
+    log, channels = logs["arm"], getattr(load_task(tasks["arm"]), kind)
     swapped = replace(log, **{kind: getattr(log, kind)[:, ::-1].copy()})
-    found = misread(swapped, "arm")
+    found = misread(swapped, tasks["arm"])
     names, columns = (tuple(getattr(c, key) for c in channels) for key in ("name", "column"))
     assert Reading(kind, names, columns=columns[::-1]) in found.readings
     assert f"{names[0]} from {columns[1]!r}, {names[1]} from {columns[0]!r}" in found.text
@@ -186,15 +188,15 @@ def recorded(path: Path, **options) -> MeasuredLog:
     return replace(made.log, path=path.parent / "log.zarr")
 
 
-def test_joints_of_which_all_is_exchanged(tmp_path):
+def test_joints_of_which_all_is_exchanged(tasks, tmp_path):
     """A message of joint states has one order for all that it says of them."""
-    model = (MACHINES / "arm" / "model.xml").read_text()
+    model = Path(tasks["arm"]).with_name("model.xml").read_text()
     speeds = '<jointvel name="w1" joint="shoulder"/><jointvel name="w2" joint="elbow"/></sensor>'
     (tmp_path / "model.xml").write_text(model.replace("</sensor>", speeds))
     outputs = "".join(f'[outputs.w{k}]\ncolumn = "w{k}"\nunit = "rad/s"\n' for k in (1, 2))
-    (tmp_path / "task.toml").write_text(Path(task("arm")).read_text().replace("[log]", f"{outputs}[log]"))
+    (tmp_path / "task.toml").write_text(Path(tasks["arm"]).read_text().replace("[log]", f"{outputs}[log]"))
     log = recorded(tmp_path / "task.toml", noise=1e-3, episodes=2, duration=1.5, rate=100.0)
-    found = misread(replace(log, outputs=log.outputs[:, [1, 0, 3, 2]]), tmp_path / "task.toml")
+    found = misread(replace(log, outputs=log.outputs[:, [1, 0, 3, 2]]), str(tmp_path / "task.toml"))
     (way,) = found.readings
     assert dict(zip(way.channels, way.columns, strict=True)) == {
         "q1": "q2_rad",
@@ -244,20 +246,20 @@ def simulated(monkeypatch) -> list[int]:
     return counts
 
 
-def test_what_was_simulated_to_see_it_is_counted(logs, simulated):
-    prepared = prepare(logs["slider"], load_task(task("slider")), window=None, test=None, seed=0, threads=1)
+def test_what_was_simulated_to_see_it_is_counted(tasks, logs, simulated):
+    prepared = prepare(logs["slider"], load_task(tasks["slider"]), window=None, test=None, seed=0, threads=1)
     simulated.clear()
     _, rollouts = misread_channels(prepared, None, 1, lambda done, total: None)
     assert rollouts == sum(simulated) > 0
 
 
-def test_identify_says_it_and_does_not_ask_for_a_diagnosis(logs, tmp_path, monkeypatch, simulated):
+def test_identify_says_it_and_does_not_ask_for_a_diagnosis(tasks, logs, tmp_path, monkeypatch, simulated):
     monkeypatch.setattr(stage, "_write_pages", lambda *_: None)
     monkeypatch.setattr(output, "_sync", lambda _: None)
     log = multiplied(logs["slider"], "outputs", [0], -1.0)
     log.write(tmp_path / "log.zarr")
     found = stage.identify(
-        real_log=tmp_path / "log.zarr", task=task("slider"), out=tmp_path / "estimate", threads=1, quiet=True
+        real_log=tmp_path / "log.zarr", task=tasks["slider"], out=tmp_path / "estimate", threads=1, quiet=True
     ).document
     assert {"kind": "outputs", "channels": ("q",), "factor": -1.0, "columns": None} in found["misread"][
         "readings"
@@ -270,7 +272,9 @@ def test_identify_says_it_and_does_not_ask_for_a_diagnosis(logs, tmp_path, monke
 
 
 @pytest.mark.parametrize("driven", [True, False])
-def test_where_columns_are_to_be_checked_first_no_diagnosis_is_asked_for(logs, tmp_path, monkeypatch, driven):
+def test_where_columns_are_to_be_checked_first_no_diagnosis_is_asked_for(
+    tasks, logs, tmp_path, monkeypatch, driven
+):
     """A log without what drove the machine, and one whose output is a column of something else."""
     monkeypatch.setattr(stage, "_write_pages", lambda *_: None)
     monkeypatch.setattr(output, "_sync", lambda _: None)
@@ -283,7 +287,7 @@ def test_where_columns_are_to_be_checked_first_no_diagnosis_is_asked_for(logs, t
     log.write(tmp_path / "log.zarr")
     out = tmp_path / "estimate"
     estimate = stage.identify(
-        real_log=tmp_path / "log.zarr", task=task("slider"), out=out, starts=1, threads=1, quiet=True
+        real_log=tmp_path / "log.zarr", task=tasks["slider"], out=out, starts=1, threads=1, quiet=True
     )
     document = estimate.document
     assert (document["verdict"], document["misread"]) == ("unexplained", None)

@@ -65,6 +65,16 @@ def test_threads_change_no_bit():
         np.testing.assert_array_equal(a.response, b.response)
 
 
+def test_what_was_asked_before_changes_nothing():
+    own = Made.of("slider", ("coulomb-friction", "x", 0.3), episodes=2)
+    few = [p for p in own.placed if p.kind in ("coulomb-friction", "viscous-friction", "sensor-bias")]
+    asked, fresh = own.screening(few), own.screening(few)
+    asked.additions((few[0],), (few[0].effect.space.nominal,))
+    asked.pair((few[0],), (few[0].effect.space.nominal,))
+    for a, b in zip(asked.additions((), ()), fresh.additions((), ()), strict=True):
+        assert (a.placed, a.gain, a.error) == (b.placed, b.gain, b.error)
+
+
 def test_a_log_in_which_no_effect_moves_anything_has_no_additions():
     assert Made.of("slider", episodes=2).screening([]).additions((), ()) == []
 

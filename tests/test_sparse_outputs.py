@@ -11,7 +11,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from held_inputs import held
+from held_inputs import hold
 from slow_sensors import EVERY, MACHINES, jittered, regular, thinned, with_sparse
 
 from capture_cli import cli
@@ -35,7 +35,7 @@ from capture_cli.tasks import load_task
 def cart_pole(folder: Path, choose, seed: int, **options) -> tuple[Path, Path, dict]:
     """A log in which a camera sees the pole, its task.toml, and the truth."""
     task = with_sparse(folder / "task", "cart_pole", "pole")
-    task.write_text(held(task.read_text()))
+    hold(task, 0.005)
     defaults = {"random_parameters": True, "noise": {"cart": 5e-4, "pole": 1e-3}, "episodes": 4, "threads": 1}
     made = record(
         task=str(task),
@@ -355,7 +355,7 @@ def csv_of(path: Path, rows: list[list]) -> None:
 def half_blind(folder: Path) -> tuple[Path, Path]:
     """One episode of the cart-pole, of which the camera saw the first half."""
     task = with_sparse(folder / "task", "cart_pole", "pole")
-    task.write_text(held(task.read_text()))
+    hold(task, 0.005)
     whole = record(
         task=str(task), out=folder / "whole.zarr", noise=5e-4, duration=6.0, rate=100, seed=0, threads=1
     ).log

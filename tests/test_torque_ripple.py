@@ -96,7 +96,7 @@ def test_it_sits_at_motors_and_servos_of_joints():
 def test_ripple_and_cogging_are_told_apart(name, site, size, tmp_path, monkeypatch):
     monkeypatch.setattr(diagnose_stage, "_write_pages", lambda *_: None)
     sine, cosine, period = 0.8 * size, -0.6 * size, 0.083
-    task = str(held_machine(tmp_path / "slider", "slider"))
+    task = str(held_machine(tmp_path / "slider", "slider", 0.004))
     record(
         task=task,
         out=tmp_path / "log.zarr",

@@ -74,15 +74,18 @@ class Whitening:
         self.size = min(settings.rows_in_segment, total // settings.segments)
         self._filters = smoothed.filtering([csr_array(a) for a in self.averages], points.part, points.step)
         self.noise, self.slow, self.white = self._covariances()
-        self.model_error = np.zeros(balance.model.nv)
-        self.slow_noise = np.zeros((len(settings.memories), balance.model.nv))
         self.segments = [
             (n, slice(int(rows[0]), int(rows[-1]) + 1))
             for n, averages in enumerate(self.averages)
             if len(averages)
             for rows in np.array_split(np.arange(len(averages)), -(-len(averages) // self.size))
         ]
-        self._factors: list[np.ndarray] = []
+        self.reset()
+
+    def reset(self) -> None:
+        """Take it that nothing but the sensors' white noise is left."""
+        self.model_error = np.zeros(self.balance.model.nv)
+        self.slow_noise = np.zeros((len(self.settings.memories), self.balance.model.nv))
         self._factorise()
 
     def rows(self, columns: Sequence[Accelerations]) -> list[np.ndarray]:

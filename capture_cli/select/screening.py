@@ -115,10 +115,20 @@ class Screening:
         self.atoms: list[Atom] = []
         self.columns = self._dictionary(placed, on_step)
         self.covered = frozenset(a.placed.name for a in self.atoms)
+        self._known: dict[tuple, list[Addition]] = {}
 
     def additions(self, effects: Sequence[Placed], values: Sequence[np.ndarray]) -> list[Addition]:
         """Of each effect that is not among `effects`, which have these values, best first; the best ones polished."""
-        model = self._judged(self._fitted(BalancedModel(tuple(effects), self.balance.point, tuple(values))))
+        key = tuple(e.name for e in effects), tuple(np.asarray(v).tobytes() for v in values)
+        if key not in self._known:
+            self._known[key] = self._additions(
+                BalancedModel(tuple(effects), self.balance.point, tuple(values))
+            )
+        return self._known[key]
+
+    def _additions(self, begin: BalancedModel) -> list[Addition]:
+        self.whitening.reset()  # what was asked before is not to matter
+        model = self._judged(self._fitted(self._judged(begin)))
         polished = []
         screened = self._screened(model)
         for addition in screened[: self.settings.polished]:
@@ -135,6 +145,7 @@ class Screening:
         singles = [a for a in self.additions(effects, values) if a.model.likelihood.size]
         found = []
         for single in self._distinct(singles)[: self.settings.beam]:
+            self.whitening.reset()
             model = self._judged(single.model)
             for addition in self._distinct(self._screened(model))[: self.settings.branches]:
                 found.append(self._judged(self._fitted(addition.model)))
