@@ -366,7 +366,7 @@ def _configured(draw, command: str) -> Case:
 def _words(draw) -> Case:
     """Words that are hardly a command line."""
     words = st.one_of(
-        st.sampled_from((*LINES, "--json", "--quiet", "--help", "--version", "--debug", "--", "-x")),
+        st.sampled_from((*LINES, "--json", "--quiet", "--help", "--version", "--", "-x")),
         st.sampled_from(PATHS[:12]),
     )
     return Case(tuple(draw(st.lists(words, min_size=1, max_size=4))), ("machine", "log.zarr", "run.csv"))

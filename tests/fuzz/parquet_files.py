@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from decimal import Decimal
 from functools import cache
 from pathlib import Path
 
@@ -41,6 +42,13 @@ def seeds(inputs: Path) -> list[Case]:
         seed("a list for an episode", refused("episode"), {"episode": [[1, 2]] * ROWS}),
         seed("a table for an episode", refused("episode"), {"episode": [{"a": 1}] * ROWS}),
         seed("a list for an output", refused("q_m"), {"q_m": [[0.0]] * ROWS}),
+        seed("halves for an episode", taken(), {"episode": np.zeros(ROWS, dtype=np.float16)}),
+        seed("decimals for an episode", taken(), {"episode": [Decimal("1.50")] * ROWS}),
+        seed("bytes for an episode", taken(), {"episode": [b"\xff"] * ROWS}),
+        seed("truths for an episode", taken(), {"episode": [True] * ROWS}),
+        seed("nothing for an episode", refused("episode"), {"episode": [None] * ROWS}),
+        seed("durations for an episode", taken(), {"episode": np.full(ROWS, 7, dtype="m8[ns]")}),
+        seed("durations for an output", refused("q_m", "7 ns"), {"q_m": np.full(ROWS, 7, dtype="m8[ns]")}),
         seed("texts for an episode", taken(), {"episode": ["[/]"] * ROWS}),
         seed("texts for an output", refused("q_m"), {"q_m": ["x"] * ROWS}),
         seed("bytes for an output", refused("q_m"), {"q_m": [b"\xff"] * ROWS}),
