@@ -754,7 +754,7 @@ def test_what_does_not_show_in_held_out_data_is_not_found(without, with_it, verd
 
 
 def test_lags_that_differ_are_told_apart_although_they_come_together(tmp_path):
-    task = str(held_machine(tmp_path / "arm", "arm", 0.002))
+    task = str(held_machine(tmp_path / "arm", "arm", 0.004))
     record(
         task=task,
         out=tmp_path / "arm.zarr",
