@@ -724,7 +724,7 @@ def _caption(path: Path) -> str:
 
 
 def measured() -> str:
-    """Every figure in runs/benchmarks, by benchmark."""
+    """Every figure in runs/benchmarks, and runs/fuzz.json, by benchmark."""
     lines = []
     for name, document in _results().items():
         made, machine = document["provenance"], document["machine"]
@@ -768,7 +768,8 @@ def _measured_by(name: str, document: dict) -> str:
 
 
 def _results() -> dict[str, dict]:
-    files = sorted((ROOT / "runs" / "benchmarks").glob("*.json"))
+    runs = ROOT / "runs"
+    files = sorted([*(runs / "benchmarks").glob("*.json"), *runs.glob("fuzz.json")], key=lambda f: f.stem)
     return {file.stem: json.loads(file.read_text(encoding="utf-8")) for file in files}
 
 

@@ -20,6 +20,7 @@ from capture_cli.documents import (
     read_toml,
 )
 from capture_cli.errors import LONGEST, OptionError, StoreError, TaskError, shortened
+from capture_cli.stages.log_findings import finding
 
 DEEP = "[" * 100_000
 OTHER_FAULTS = {  # of a value: as TOML and JSON write it, and what the message has
@@ -281,6 +282,13 @@ def test_a_message_is_cut_and_keeps_its_cure():
     assert short.startswith("error: aaa") and short.endswith("is too long\n  cure: shorten it")
     assert len(shortened(f"{message}{'b' * 40_000}")) <= LONGEST
     assert shortened("error: a\n  cure: b") == "error: a\n  cure: b"
+
+
+def test_a_finding_is_cut_as_a_message_is():
+    found = finding("error", "store", f"it is {'a' * 5000} long", "b" * 5000)
+    assert len(found["message"]) + len(found["cure"]) < LONGEST + 1
+    assert found["message"].startswith("it is aaa") and found["message"].endswith("a long")
+    assert finding("note", "store", "a", "b")["message"] == "a"
 
 
 def test_a_message_does_not_move_the_cursor_of_a_terminal():

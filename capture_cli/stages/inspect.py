@@ -367,11 +367,12 @@ def _inspect_zarr(path: Path, document: dict[str, Any]) -> None:
     ]
     document["sizes"] = {"arrays": len(arrays)}
     found = document["store"]["format"]
-    document["checked"] = found == HISTORIES_SCHEMA.format or found in ARRAYS
+    schema = ARRAYS.get(found) if isinstance(found, str) else None
+    document["checked"] = found == HISTORIES_SCHEMA.format or schema is not None
     if found == HISTORIES_SCHEMA.format:
         _inspect_histories(path, document)
-    elif found in ARRAYS:
-        ARRAYS[found].read(path)
+    elif schema is not None:
+        schema.read(path)
     if not str(document["store"]["format"]).startswith("capture/"):
         message = "this store was not written by `capture`"
         document["findings"].append(

@@ -426,19 +426,18 @@ class ParquetFile(SourceFile):
         return np.column_stack([columns[name] for name in names])
 
     def labels(self, name):
-        from pyarrow import timestamp, types
+        import pyarrow as pa
 
         column = self._read([name])[name]
-        if types.is_nested(column.type):
+        try:
+            if pa.types.is_nested(column.type):
+                raise ValueError("several values are none")
+            return _texts(_plain(column))
+        except (pa.ArrowException, ValueError) as error:  # Arrow does not do all with every type
             raise LogError(
                 f"{self.path}: column {name!r} is of type {column.type}; an episode is told by a text or a number",
                 cure="name another column in [log] episode, or write one value into each of its rows",
-            )
-        if types.is_timestamp(column.type):
-            column = column.cast(timestamp(column.type.unit))  # in UTC, whatever the zone
-        if types.is_temporal(column.type):
-            column = column.cast("string")  # with ns, which Python's own have not
-        return _texts(column)
+            ) from error
 
     def times(self, name):
         from pyarrow import types
@@ -478,7 +477,7 @@ class ParquetFile(SourceFile):
         except pa.ArrowException as error:
             raise LogError(
                 f"{self.path}: column {name!r} is of type {column.type}, not a number; "
-                f"{self.place(0)} holds {str(column[0].as_py())!r:.60}",
+                f"{self.place(0)} holds {_shown(column[0])!r:.60}",
                 cure=AS_A_NUMBER,
             ) from error
 
@@ -500,6 +499,29 @@ def _texts(column) -> list[str | None]:
         words = [None if v is None else str(v) for v in coded.dictionary.to_pylist()]
         texts += [None if k is None else words[k] for k in coded.indices.to_pylist()]
     return texts
+
+
+def _plain(column):
+    """A column of Arrow as one of a type that is told by texts in full."""
+    import pyarrow as pa
+
+    kind = column.type
+    if pa.types.is_float16(kind):
+        return column.cast(pa.float32())
+    if pa.types.is_duration(kind):
+        return column.cast(pa.int64())
+    if pa.types.is_timestamp(kind):
+        column = column.cast(pa.timestamp(kind.unit))  # in UTC, whatever the zone
+    # with ns, which Python's own have not
+    return column.cast("string") if pa.types.is_temporal(kind) else column
+
+
+def _shown(scalar) -> str:
+    """A value of Arrow as a text; Python has no duration of some ns."""
+    try:
+        return str(scalar.as_py())
+    except ValueError:
+        return f"{scalar.value} {scalar.type.unit}"
 
 
 def _is_text(kind) -> bool:

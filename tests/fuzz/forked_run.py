@@ -8,7 +8,6 @@ import importlib
 import io
 import os
 import pkgutil
-import resource
 import signal
 import sys
 import tempfile
@@ -19,6 +18,9 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
+
+if sys.platform != "win32":
+    import resource
 
 CAN_RUN = sys.platform == "linux"
 LONGEST = 20.0  # s

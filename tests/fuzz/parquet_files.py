@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from decimal import Decimal
 from functools import cache
 from pathlib import Path
 
@@ -14,9 +15,13 @@ from fuzz.mutations import TEXTS, Sound, mutated_bytes
 
 FILE = "run.parquet"
 NEEDS = ("machine", FILE)
-OUT = "log.zarr"
+OUT = "new.zarr"
 IMPORT = ("import-log", FILE, "--task", "machine", "--out", OUT)
-INSPECT = ("inspect", FILE, "--task", "machine", "--json")
+LINES = (  # that are given it: the arguments, what they need, what they write
+    *[(IMPORT, NEEDS, (OUT,))] * 8,
+    ((*IMPORT[:-2], "--append", "--out", "log.zarr"), (*NEEDS, "log.zarr"), ("log.zarr",)),
+    (("inspect", FILE, "--task", "machine", "--json"), NEEDS, ()),
+)
 ROWS = 64
 COLUMNS = ("t_s", "force_N", "q_m", "episode")
 
@@ -37,6 +42,13 @@ def seeds(inputs: Path) -> list[Case]:
         seed("a list for an episode", refused("episode"), {"episode": [[1, 2]] * ROWS}),
         seed("a table for an episode", refused("episode"), {"episode": [{"a": 1}] * ROWS}),
         seed("a list for an output", refused("q_m"), {"q_m": [[0.0]] * ROWS}),
+        seed("halves for an episode", taken(), {"episode": np.zeros(ROWS, dtype=np.float16)}),
+        seed("decimals for an episode", taken(), {"episode": [Decimal("1.50")] * ROWS}),
+        seed("bytes for an episode", taken(), {"episode": [b"\xff"] * ROWS}),
+        seed("truths for an episode", taken(), {"episode": [True] * ROWS}),
+        seed("nothing for an episode", refused("episode"), {"episode": [None] * ROWS}),
+        seed("durations for an episode", taken(), {"episode": np.full(ROWS, 7, dtype="m8[ns]")}),
+        seed("durations for an output", refused("q_m", "7 ns"), {"q_m": np.full(ROWS, 7, dtype="m8[ns]")}),
         seed("texts for an episode", taken(), {"episode": ["[/]"] * ROWS}),
         seed("texts for an output", refused("q_m"), {"q_m": ["x"] * ROWS}),
         seed("bytes for an output", refused("q_m"), {"q_m": [b"\xff"] * ROWS}),
@@ -95,13 +107,14 @@ def cases(inputs: Path) -> st.SearchStrategy[Case]:
         _case,
         contents,
         st.sampled_from(((), ("--drop-nan",), ("--drop-repeats", "--even-times"))),
-        st.booleans(),
+        st.sampled_from(LINES),
     )
 
 
-def _case(content: bytes, switches: tuple[str, ...], imports: bool) -> Case:
-    files = {FILE: content}
-    return Case((*IMPORT, *switches), NEEDS, files, (OUT,)) if imports else Case(INSPECT, NEEDS, files)
+def _case(content: bytes, switches: tuple[str, ...], line: tuple) -> Case:
+    arguments, needs, outputs = line
+    more = switches if arguments[0] == "import-log" else ()
+    return Case((*arguments, *more), needs, {FILE: content}, outputs)
 
 
 @st.composite
@@ -148,7 +161,7 @@ def _columns(values: np.ndarray) -> st.SearchStrategy:
     """The values as columns of other types."""
     import pyarrow as pa
 
-    whole = [int(1000 * v) for v in values]
+    whole = [int(1000 * v) for v in np.clip(np.nan_to_num(values), -1e4, 1e4)]
     of_time = [pa.timestamp(unit, zone) for unit in ("s", "ms", "us", "ns") for zone in (None, "UTC")]
     return st.sampled_from(
         [
@@ -166,6 +179,6 @@ def _columns(values: np.ndarray) -> st.SearchStrategy:
             pa.array([None if n % 3 else float(v) for n, v in enumerate(values)]),
             pa.array(whole).cast(pa.decimal128(30, 2)),
             pa.array([TEXTS[n % len(TEXTS)] for n in range(len(values))]),
-            pa.array(values.astype(np.float16)),
+            pa.array(np.clip(values, -1e4, 1e4).astype(np.float16)),
         ]
     )

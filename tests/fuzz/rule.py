@@ -87,6 +87,7 @@ def _of_what_it_left(case: Case, ended: Ended, before: State, folder: Path) -> l
         found += [
             (WRONG, f"{name} is not whole: {why}")
             for name in case.outputs
+            if not any(other.startswith(f"{name}/") for other in case.outputs)  # it is what another lies in
             if (folder / name).exists() and (why := _not_whole(folder / name))
         ]
     return found

@@ -21,7 +21,7 @@ from fuzz.kinds import KINDS, seeds
 from fuzz.sound_inputs import make_inputs
 from fuzz.trial import attempt
 
-BATCH = 20  # cases that are drawn at once
+BATCH = 20  # cases that are drawn at once, all of one kind
 
 
 def main() -> None:
@@ -48,6 +48,7 @@ def _options() -> argparse.Namespace:
         "--seconds", type=float, default=0.0, help="after which no input is begun any more, but seeds"
     )
     parser.add_argument("--most", type=int, help="inputs that are drawn at most")
+    parser.add_argument("--batch", type=int, default=BATCH, help="of one kind before the next comes")
     parser.add_argument("--seed", type=int, default=0, help="of what is drawn")
     parser.add_argument(
         "--share", type=int, nargs=2, default=(0, 1), metavar=("I", "OF"), help="which of how many"
@@ -80,7 +81,7 @@ def _cases(options: argparse.Namespace, inputs: Path) -> Iterator[tuple[str, str
     batch = share
     while drawn:
         kind = drawn[batch // of % len(drawn)]
-        for number, case in enumerate(draw(strategies[kind], options.seed * 10**6 + batch, BATCH)):
+        for number, case in enumerate(draw(strategies[kind], options.seed * 10**6 + batch, options.batch)):
             yield kind, f"{kind} {options.seed}-{batch}-{number}", case
         batch += of
 

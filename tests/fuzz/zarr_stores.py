@@ -175,6 +175,7 @@ def seeds(inputs: Path) -> list[Case]:
         seed("1.6 GB of zeros", zeros(inputs, ("outputs",)), "axis 'step'"),
         seed("1.6 GB of zeros in every array", zeros(inputs, ("time", "inputs", "outputs"))),
         seed("a shape beyond any memory", metadata("data/time", shape=[2**62], chunk_grid=grid(2**62))),
+        seed("a format that is a table", attributes(format={}), end=taken("not written by `capture`")),
         seed("task null", attributes(task=None), "task"),
         seed("task {}", attributes(task={}), "task"),
         seed("task of markup", attributes(task="[/]"), end=taken()),
