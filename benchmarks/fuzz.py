@@ -115,14 +115,19 @@ def _result(told: list[dict[str, Any]], minutes: float, taken: float, seed: int)
     """minutes: for which inputs were drawn, of all that were taken."""
     found = Counter(kind for row in told for kind, _ in row["faults"])
     figures = [
-        Figure("inputs", len(told), target=(LEAST * minutes, None)),
+        Figure("hostile inputs", len(told), target=(LEAST * minutes, None)),
         Figure("  whose end is known", sum(row["known"] for row in told)),
         Figure("  that end with 0", sum(row["code"] == 0 for row in told)),
         Figure("  that end with 2", sum(row["code"] == 2 for row in told)),
         *(Figure(_NAMES[kind], found[kind], target=(None, 0.0)) for kind in FAULTS),
-        Figure("longest", max((row["seconds"] for row in told), default=0.0), "s", (None, LONGEST)),
         Figure(
-            "most memory",
+            "longest run on a hostile input",
+            max((row["seconds"] for row in told), default=0.0),
+            "s",
+            (None, LONGEST),
+        ),
+        Figure(
+            "most memory for a hostile input",
             max((row["memory"] for row in told), default=0) / 1e9,
             "GB",
             (None, MOST_MEMORY / 1e9),
@@ -142,7 +147,7 @@ def _result(told: list[dict[str, Any]], minutes: float, taken: float, seed: int)
 
 
 _NAMES = {
-    "exit code": "exit codes other than 0 and 2",
+    "exit code": "hostile inputs with other exit codes than 0 and 2",
     "hang": "hangs",
     "memory": "with more memory",
     "left behind": "that leave something behind",

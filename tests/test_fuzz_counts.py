@@ -35,9 +35,11 @@ def test_inputs_are_counted_by_kind_and_end(counted):
         row(kind="model", memory=2 * 10**8),
     )
     values = {f["name"].strip(): f["value"] for f in document["figures"]}
-    assert values["inputs"] == 3 and values["whose end is known"] == 1
+    assert values["hostile inputs"] == 3 and values["whose end is known"] == 1
     assert values["that end with 0"] == 1 and values["that end with 2"] == 2
-    assert values["longest"] == 3.0 and values["most memory"] == 0.2
+    assert (
+        values["longest run on a hostile input"] == 3.0 and values["most memory for a hostile input"] == 0.2
+    )
     assert document["details"]["kinds"]["csv"] == {
         "inputs": 2,
         "seeds": 1,
@@ -54,7 +56,7 @@ def test_what_does_not_end_as_it_has_to_is_a_figure_that_is_not_met(counted):
     document = counted(row(), row(), row(code=1, faults=[["exit code", "1"], ["traceback", "it said"]]))
     not_met = {f["name"]: f["value"] for f in document["figures"] if f["met"] is False}
     assert not_met == {
-        "exit codes other than 0 and 2": 1,
+        "hostile inputs with other exit codes than 0 and 2": 1,
         "with a traceback, or a warning of Python's": 1,
     }
     (kept,) = document["details"]["faults"]
@@ -63,4 +65,4 @@ def test_what_does_not_end_as_it_has_to_is_a_figure_that_is_not_met(counted):
 
 def test_too_few_inputs_are_not_enough(counted):
     document = counted(row())
-    assert [f["name"] for f in document["figures"] if f["met"] is False] == ["inputs"]
+    assert [f["name"] for f in document["figures"] if f["met"] is False] == ["hostile inputs"]
