@@ -86,11 +86,7 @@ class ForwardRound:
         if covered:
             score_in_balance(screening, current, covered)
             self._most = IN_BALANCE
-            if patient or any(c.is_sure for c in by_score(covered)):
-                self._try(covered, patient=patient)
-            else:
-                for candidate in by_score(covered):
-                    candidate.why_rejected = "no effect surely predicts better what was not fitted"
+            self._try(covered, patient=patient)
         if others and not self.supported:
             Scores(models, current, on_step).score(others)
             self._most = BY_SIMULATION

@@ -52,7 +52,7 @@ WHOLE = {"out/provenance.json": "{}", "out/data": "1"}
         (ends(3), Case(("x",)), "exit code"),
         (ends(0, does="import os, signal; os.kill(os.getpid(), signal.SIGSEGV)"), Case(("x",)), "exit code"),
         (ends(0, does="import time; time.sleep(9)"), Case(("x",)), "hang"),
-        (ends(0, does="x = bytearray(1 << 28)"), Case(("x",)), "memory"),
+        (ends(0, does="x = b'x' * (1 << 30)"), Case(("x",)), "memory"),
         (ends(2, err=f"error: out of memory\n{CURE}"), Case(("x",)), "memory"),
         (ends(0, does="[][0]"), Case(("x",)), "traceback"),
         (ends(2, err=f"a.py:3: RuntimeWarning: overflow\nerror: a\n{CURE}"), Case(("x",)), "traceback"),
@@ -91,7 +91,8 @@ def test_what_does_not_keep_to_the_rule_is_seen(tmp_path, monkeypatch, main, cas
     from fuzz import rule
 
     monkeypatch.setattr(forked_run, "_main", main)
-    monkeypatch.setattr(rule, "MOST_MEMORY", 1 << 28)
+    # beyond what this process has itself, of which a fork of it begins with as much
+    monkeypatch.setattr(rule, "MOST_MEMORY", 1 << 30)
     monkeypatch.setattr(forked_run.run, "__kwdefaults__", {"enter": None, "seconds": 2.0})
     outcome = attempt(case, tmp_path, tmp_path / "place")
     assert {kind for kind, _ in outcome.faults} >= ({fault} if fault else set())
