@@ -8,6 +8,7 @@ from functools import partial
 import pytest
 
 from benchmarks._planted_logs.cases import NOTHING, PLANTED, Case
+from capture_cli.protocol import input_readings
 from capture_cli.protocol.balance_scores import with_timings
 from capture_cli.protocol.candidates import all_candidates
 from capture_cli.protocol.input_readings import timings_with_effects
@@ -39,7 +40,7 @@ def test_what_the_task_says_is_not_asked_again():
     ("effect", "magnitude", "dress", "linear"),
     [
         ("coulomb-friction@x", 3.0, "plain", False),
-        ("coulomb-friction@x", 3.0, "half-rate", True),  # simulations tell
+        ("coulomb-friction@x", 3.0, "half-rate", False),  # not sure, and held commands leave nothing either
         ("direction-dependent-viscous@x", 10.0, "half-rate", True),  # the balance does
     ],
 )
@@ -52,6 +53,16 @@ def test_where_an_effect_is_missing_it_is_told_with_the_effect_in(effect, magnit
     found = timings_with_effects(unread, all_candidates(prepared), as_read, 1)
     assert [t.linear for t in found] == [linear]
     assert with_timings(task, found).linear.tolist() == [linear]
+
+
+def test_simulations_tell_where_the_balance_is_not_sure(monkeypatch):
+    monkeypatch.setattr(input_readings, "is_surely_better", lambda *_: False)
+    name = "direction-dependent-viscous@x"
+    task, log, _ = Case(PLANTED, "cart_pole", (name,), 10.0, 3, dress="quarter-rate").build()
+    prepared = prepare(log, task, **QUIET)
+    few = [c for c in all_candidates(prepared) if c.name == name]
+    found = timings_with_effects(replace(prepared, task=task), few, partial(prepare, log, **QUIET), 1)
+    assert [t.linear for t in found] == [True]
 
 
 def test_a_log_without_a_balance_tells_nothing_and_its_inputs_are_held():

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from capture_cli.diagnosis.acceptance import bic_gain
+from capture_cli.diagnosis.lack_of_fit import lack_of_fit
 from capture_cli.errors import LogError
 from capture_cli.protocol.balance_scores import smoothed_log
 from capture_cli.protocol.candidates import Candidate
@@ -69,8 +70,12 @@ def _best(
 
 
 def _fits_better(readings: Sequence[tuple[PreparedLog, BalancedModel]], threads: int | None) -> bool:
-    """Whether the last of two readings, each with its model fitted by simulations, is clearly better."""
+    """Whether the last of two readings, each with its model fitted by simulations, is clearly better, and the first
+    leaves something: the effect that is in may not be the right one, so a little better is not enough.
+    """
     before, after = (_fit(log, model, threads) for log, model in readings)
+    if before is not None and not lack_of_fit(before.at).lacking:
+        return False
     if before is None or after is None:
         return before is None and after is not None
     squares = before.penalised_squares, after.penalised_squares
