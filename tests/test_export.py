@@ -6,6 +6,7 @@ import itertools
 import json
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import mujoco
@@ -38,6 +39,7 @@ DECLARED = {
     "ball": ("option:density", 1.5),
 }
 EXACT = 1e-9
+loaded = cache(load_task)  # by every export, and here once
 
 
 @pytest.fixture(scope="module")
@@ -91,7 +93,7 @@ def diagnosis(folder: Path, task: Path, found: Found) -> Path:
 
 def document(task: Path, found: Found) -> dict:
     """Its diagnosis.json."""
-    machine_ = load_task(str(task))
+    machine_ = loaded(str(task))
 
     def parameters(space, values):
         return {
@@ -119,7 +121,7 @@ def document(task: Path, found: Found) -> dict:
 
 def simulated(task: Path, found: Found) -> np.ndarray:
     """Outputs (step, output) by `capture` itself."""
-    machine_ = load_task(str(task))
+    machine_ = loaded(str(task))
     tape = controls(machine_.model, 1)[0]
     time = 0.25 + machine_.timestep * np.arange(len(tape))
     windows = cut(
@@ -144,7 +146,7 @@ def played(written: Exported, task: Path) -> np.ndarray:
     data = mujoco.MjData(model)
     begin = start(model, 1)
     data.qpos[:], data.qvel[:], data.time = begin.qpos[0], begin.qvel[0], begin.time[0]
-    machine_ = load_task(str(task))
+    machine_ = loaded(str(task))
     tape = controls(machine_.model, 1)[0]
     ahead = 1 + int(np.ceil(MOST_DRIFT * len(tape)))  # so much more is seen by sensors that look ahead
     tape = np.concatenate([tape, np.repeat(tape[-1:], ahead, axis=0)])
@@ -171,7 +173,7 @@ def found_at(*names: str, where: str, part: float = 0.4) -> Found:
 def test_exported_it_gives_the_same_trajectory(name, tasks, records, tmp_path):
     first_sites = {where: effect for where, effect in reversed(placed(name))}
     for number, (where, built) in enumerate(first_sites.items()):
-        effect = type(built)(load_task(str(tasks[where])).model, built.site)  # no body of which is `simple`
+        effect = type(built)(loaded(str(tasks[where])).model, built.site)  # no body of which is `simple`
         found = {Placed(name, effect).name: (effect, away(effect, 0.4))}
         (records[where] / "diagnosis.json").write_text(json.dumps(document(tasks[where], found)))
         written = export(result=records[where], out=tmp_path / f"{number}.xml")
@@ -229,7 +231,7 @@ def test_a_limit_beyond_what_the_model_alone_lets_expect_is_exported(name, which
     as_driven = mujoco.MjModel.from_xml_path(str(tmp_path / "model.xml"))
     as_driven.actuator_ctrllimited[0], as_driven.actuator_ctrlrange[0] = True, (-driven, driven)
     effect = effects.REGISTRY.get(name)(as_driven, "drive")
-    [(_, here)], given = parse_effects([f"{name}@drive={limit}"], load_task(str(task)).model)
+    [(_, here)], given = parse_effects([f"{name}@drive={limit}"], loaded(str(task)).model)
     assert here.space.high[0] < limit < effect.space.high[0]
     found = {
         "diagnosed": (effect, np.array([limit])),
@@ -412,7 +414,7 @@ def with_formula(task: Path, found: Found, terms: dict[str, float], values: dict
 
 @pytest.mark.parametrize("where", ["slider", "cart_pole", "arm"])
 def test_every_term_of_a_formula_gives_the_same_trajectory(where, tasks, tmp_path):
-    machine_ = load_task(str(tasks[where]))
+    machine_ = loaded(str(tasks[where]))
     terms = expression_terms(machine_.model, [c.index for c in machine_.inputs])
     found = {p.name: (p.effect, np.array([0.02 / p.effect.term.scale])) for p in terms}
     source = diagnosis(tmp_path / "d", tasks[where], {})
@@ -433,7 +435,7 @@ def test_beside_a_formula_all_has_the_values_that_go_with_it(tasks, tmp_path):
         for name, (effect, own) in changed.items()
         for p, v in zip(effect.parameters, own.tolist(), strict=True)
     }
-    machine_ = load_task(str(tasks["slider"]))
+    machine_ = loaded(str(tasks["slider"]))
     values[machine_.space.names[0]] = DECLARED[machine_.name][1]
     source = diagnosis(tmp_path / "d", tasks["slider"], found)
     (source / "diagnosis.json").write_text(
@@ -578,31 +580,29 @@ def test_a_diagnosis_that_is_mistyped_is_refused(changed, fault, tasks, tmp_path
         export(result=source, out=tmp_path / "m.xml")
 
 
-def test_the_command_says_what_it_wrote(tasks, tmp_path):
+def test_the_command_says_what_it_wrote(capture, tasks, tmp_path):
     diagnosis(tmp_path / "d", tasks["slider"], found_at("cogging@x", where="slider"))
 
-    def run(*options: str) -> subprocess.CompletedProcess:
-        command = [sys.executable, "-m", "capture_cli", "export", "d", "--out", "m.xml", *options]
-        return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
+    def run(*options: str) -> tuple[str, str]:
+        code, *said = capture("export", "d", "--out", "m.xml", *options)
+        assert code == 0
+        return said
 
-    said = run()
-    assert "m.xml: written" in said.stdout
-    assert "m_effects.py: written; it applies cogging@x" in said.stdout
-    assert said.stderr == ""
-    assert json.loads(run("--force", "--json").stdout) == {"model": "m.xml", "companion": "m_effects.py"}
+    out, err = run()
+    assert "m.xml: written" in out
+    assert "m_effects.py: written; it applies cogging@x" in out
+    assert err == ""
+    assert json.loads(run("--force", "--json")[0]) == {"model": "m.xml", "companion": "m_effects.py"}
     file = tmp_path / "d" / "diagnosis.json"
     doubted = {"verdict": "unexplained", "summary": "This is not all."}
     file.write_text(json.dumps(json.loads(file.read_text()) | doubted))
-    said = run("--force")
-    assert said.stderr == "warning: d is 'unexplained'. This is not all.\n"
-    assert run("--force", "--quiet").stderr == ""
+    assert run("--force")[1] == "warning: d is 'unexplained'. This is not all.\n"
+    assert run("--force", "--quiet")[1] == ""
 
 
 def test_every_effect_of_the_catalogue_says_how_it_is_exported():
+    rows = effects.markdown().splitlines()
     for entry in effects.catalogue():
         assert entry.exported_as == ("MJCF" if entry.place == "model" else "companion")
-        assert f"| {entry.exported_as} |" in next(
-            row
-            for row in effects.markdown().splitlines()
-            if row.startswith(f"| [`{entry.name}`](#{entry.name}) |")
-        )
+        own = next(row for row in rows if row.startswith(f"| [`{entry.name}`](#{entry.name}) |"))
+        assert f"| {entry.exported_as} |" in own
