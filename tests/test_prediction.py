@@ -191,9 +191,11 @@ def test_states_that_an_effect_keeps_begin_as_the_fit_has_them(prepared):
 
 
 def test_so101(real_data, tmp_path):
-    """The published model of a real arm, beside a plain loop over a whole motion of two minutes, joint by joint."""
+    """The published model of a real arm, beside a plain loop over 20 s of a motion, joint by joint."""
     data = real_data / "so101"
-    motion, task = data / "trapezoidal_profile.csv", load_task(str(data / "task_arm.toml"))
+    motion, task = tmp_path / "motion.csv", load_task(str(data / "task_arm.toml"))
+    whole = (data / "trapezoidal_profile.csv").read_text().splitlines(keepends=True)
+    motion.write_text("".join(whole[:1001]))
     log = import_log(files=[motion], task=str(data / "task_arm.toml"), out=tmp_path / "log.zarr")
     ready = prepare(log, task, window=None, test="none", seed=0, threads=1)
     nominal = dict(zip(task.space.names, task.space.nominal, strict=True))
@@ -214,5 +216,5 @@ def test_so101(real_data, tmp_path):
         mujoco.mj_step(own, there)
     simulated = np.stack([np.interp(time, grid, q) for q in np.transpose(path)], axis=1)
     expected = np.sqrt(np.square(measured - simulated).mean(axis=0))
-    assert np.degrees(expected).max() > 2
+    assert np.degrees(expected).max() > 1.5
     assert list(found.values()) == pytest.approx(expected, rel=0.02)
