@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import sys
+import tempfile
 from pathlib import Path
 
 # As the command line does, before numpy is loaded: threads for small matrices only wait for each other.
 for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(name, "1")
+
+# Modules are compiled by the first process that imports them. Where the environment forbids to keep that, as that of
+# containers does, each of the hundreds of processes that tests begin would compile a thousand modules anew, for 2 s.
+COMPILED = tempfile.mkdtemp(prefix="compiled-") if os.environ.pop("PYTHONDONTWRITEBYTECODE", None) else None
+if COMPILED:  # in workers it is not set any more, and they have the folder of the process that began them
+    os.environ["PYTHONPYCACHEPREFIX"] = sys.pycache_prefix = COMPILED
+    sys.dont_write_bytecode = False
 
 import pytest  # noqa: E402
 
@@ -62,6 +71,11 @@ window = 0.5
 """
 
 REAL_DATA = Path(__file__).resolve().parents[1] / ".." / "shared" / "data"
+
+
+def pytest_unconfigure() -> None:
+    if COMPILED:
+        shutil.rmtree(COMPILED, ignore_errors=True)
 
 
 def _extra(name: str):
