@@ -288,7 +288,7 @@ def test_what_was_held_out_stays_so_as_episodes_come(first, held, then, all_held
 
 
 def test_the_end_of_a_single_episode_stays_held_out(slider_task, tmp_path, without_pages):
-    made = {"task": str(slider_task), "duration": 4, "amplitude": {"drive": 5}, "threads": 1}
+    made = {"task": str(slider_task), "duration": 2, "amplitude": {"drive": 5}, "rate": 100, "threads": 1}
     for seed in (0, 1):
         record(out=tmp_path / f"{seed}.zarr", seed=seed, **made)
     options = {"out": tmp_path / "e", "starts": 1, "threads": 1, "quiet": True}
