@@ -139,9 +139,11 @@ def test_parameters_are_found_where_a_machine_hits_its_stops(xml, tmp_path, monk
     (tmp_path / "task.toml").write_text(STOPS_TOML)
     task, out = tmp_path / "task.toml", tmp_path / "log.zarr"
     truth = {"mass": 1.3, "damping": 5.0}
-    record(task=str(task), out=out, parameters=truth, noise=2e-4, episodes=4, duration=3.0, rate=250, seed=2)
+    record(task=str(task), out=out, parameters=truth, noise=2e-4, episodes=3, duration=2.0, rate=125, seed=2)
     assert prepared(out, task).difference_step == pytest.approx(5e-2)
-    found = identify(real_log=out, task=str(task), out=tmp_path / "estimate", quiet=True, threads=1).document
+    found = identify(
+        real_log=out, task=str(task), out=tmp_path / "estimate", starts=2, quiet=True, threads=1
+    ).document
     values = {name: p["value"] for name, p in found["parameters"].items()}
     assert values == pytest.approx(truth, rel=0.03)
     assert found["error"]["fit"]["normalized"] < 5

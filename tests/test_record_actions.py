@@ -122,14 +122,14 @@ def test_episodes_start_where_their_action_says(recorded):
     assert np.all(cut.starts.sd[:, :2] > 0)
 
 
-def test_identify_recovers_the_planted_parameters(recorded, tmp_path):
+def test_identify_recovers_the_planted_parameters(recorded, tmp_path, without_pages):
     folder, made = recorded
     found = identify(
         real_log=folder / "log.zarr",
         out=tmp_path / "estimate",
         test="none",
         starts=3,
-        rounds=40,
+        rounds=12,
         threads=2,
         quiet=True,
     )

@@ -29,6 +29,11 @@ SLIDER = Path(__file__).parents[1] / "benchmarks" / "machines" / "slider" / "tas
 LOG = {"task": str(SLIDER), "noise": 5e-4, "episodes": 4, "duration": 1.5, "rate": 250, "threads": 1}
 
 
+@pytest.fixture(autouse=True)
+def _without_pages(without_pages):
+    """Curves are in the arrays."""
+
+
 def only(name: str, model) -> list[Candidate]:
     return [c for c in all_candidates(model) if c.name == name]
 
@@ -39,6 +44,7 @@ def diagnosed(folder: Path, name: str, values: list[str], monkeypatch) -> Diagno
     effects = [f"{name}{value}" for value in values]
     record(out=folder / "log.zarr", effects=effects, **LOG)
     options = {"task": str(SLIDER), "starts": 1, "quiet": True, "threads": 1}
+    options |= {"most_effects": 1, "expression": False}
     diagnose(real_log=folder / "log.zarr", out=folder / "d", **options)
     found = Diagnosis.read(folder / "d")
     assert [f"{e['name']}@{e['site']}" for e in found.document["effects"]] == [name]
