@@ -25,6 +25,7 @@ from capture_cli.stores.measured_log import MeasuredLog
 
 DOCS = Path(__file__).parents[1] / "docs"
 CAPTURE = f"{sys.executable} -m capture_cli"
+pytestmark = pytest.mark.usefixtures("without_pages")
 
 
 @pytest.fixture(scope="module")
@@ -287,7 +288,7 @@ def test_what_was_held_out_stays_so_as_episodes_come(first, held, then, all_held
     assert split.how == how
 
 
-def test_the_end_of_a_single_episode_stays_held_out(slider_task, tmp_path, without_pages):
+def test_the_end_of_a_single_episode_stays_held_out(slider_task, tmp_path):
     made = {"task": str(slider_task), "duration": 2, "amplitude": {"drive": 5}, "rate": 100, "threads": 1}
     for seed in (0, 1):
         record(out=tmp_path / f"{seed}.zarr", seed=seed, **made)
