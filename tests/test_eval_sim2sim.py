@@ -64,6 +64,12 @@ def checkpoint(folder: Path, name: str, identifier: str, **of_histories) -> Path
     return folder / name
 
 
+@pytest.fixture(autouse=True)
+def one_is_drawn(monkeypatch, evaluated):
+    """The figures of `evaluated`, and of no other."""
+    monkeypatch.setattr("capture_cli.reports.evaluation_figures.write_figures", lambda *_: None)
+
+
 def test_the_arrays_are_what_the_document_sums_up(evaluated):
     arrays, document = evaluated.arrays, evaluated.document
     assert arrays["estimates"].shape == (2, 2, 6, 5, 1)
