@@ -452,10 +452,14 @@ class ParquetFile(SourceFile):
     def _read(self, names: list[str]):
         import pyarrow as pa
 
-        metadata = self._file.metadata
-        unpacked = 8 * metadata.num_rows * len(names)
-        if max(unpacked, self._packed(names)) > self.most:
-            raise _too_large(self.path, max(unpacked, self._packed(names)), self.most)
+        try:
+            most = max(8 * self._file.metadata.num_rows * len(names), self._packed(names))
+        except UnicodeDecodeError as error:
+            raise LogError(
+                f"{self.path} is not a readable Parquet file: {error}", cure="write it again"
+            ) from error
+        if most > self.most:
+            raise _too_large(self.path, most, self.most)
         try:
             with memory_limit(4 * self.most + WORKING_MEMORY):
                 return self._file.read(columns=names, use_threads=False).select(names)
@@ -482,8 +486,14 @@ class ParquetFile(SourceFile):
             ) from error
 
     def _packed(self, names: Sequence[str]) -> int:
-        """Bytes that these columns take in the file, once they are unpacked."""
-        groups = (self._file.metadata.row_group(k) for k in range(self._file.metadata.num_row_groups))
+        """Bytes that these columns take in the file, once they are unpacked: at most, where all of it is little.
+
+        Of a damaged chunk of a column Arrow may end the process, so these are looked at only where it matters.
+        """
+        groups = [self._file.metadata.row_group(k) for k in range(self._file.metadata.num_row_groups)]
+        whole = sum(group.total_byte_size for group in groups)
+        if 0 <= whole <= self.most:
+            return whole
         chunks = (group.column(k) for group in groups for k in range(group.num_columns))
         return sum(c.total_uncompressed_size for c in chunks if c.path_in_schema.split(".")[0] in names)
 
