@@ -50,7 +50,7 @@ def test_where_an_effect_is_missing_it_is_told_with_the_effect_in(effect, magnit
     assert prepared.input_timings == ()  # what is missing may look like another timing
     unread = replace(prepared, task=task)
     as_read = partial(prepare, log, **QUIET)
-    found = timings_with_effects(unread, all_candidates(prepared), as_read, 1)
+    found, _ = timings_with_effects(unread, all_candidates(prepared), as_read, 1)
     assert [t.linear for t in found] == [linear]
     assert with_timings(task, found).linear.tolist() == [linear]
 
@@ -61,7 +61,7 @@ def test_simulations_tell_where_the_balance_is_not_sure(monkeypatch):
     task, log, _ = Case(PLANTED, "cart_pole", (name,), 10.0, 3, dress="quarter-rate").build()
     prepared = prepare(log, task, **QUIET)
     few = [c for c in all_candidates(prepared) if c.name == name]
-    found = timings_with_effects(replace(prepared, task=task), few, partial(prepare, log, **QUIET), 1)
+    found, _ = timings_with_effects(replace(prepared, task=task), few, partial(prepare, log, **QUIET), 1)
     assert [t.linear for t in found] == [True]
 
 

@@ -227,7 +227,7 @@ def test_what_cannot_be_fitted_leaves_nothing(asked, tmp_path, monkeypatch):
     def diverged(*_, **__):
         raise FitError("every simulation diverged", cure="mend the model")
 
-    monkeypatch.setattr(attribution, "ForwardRound", diverged)
+    monkeypatch.setattr(attribution, "BalanceRound", diverged)
     with pytest.raises(FitError):
         diagnose(out=tmp_path / "d", **asked)
     assert list(tmp_path.iterdir()) == []

@@ -16,6 +16,7 @@ from capture_cli.estimate.motion import SmoothedLog
 from capture_cli.protocol.balance_scores import log_of
 from capture_cli.protocol.candidates import all_candidates
 from capture_cli.protocol.prepare import prepare
+from capture_cli.select.beam import grown
 from capture_cli.select.regression import Sums, additions, predicted
 from capture_cli.select.screening import Screening
 
@@ -70,7 +71,7 @@ def test_what_was_asked_before_changes_nothing():
     few = [p for p in own.placed if p.kind in ("coulomb-friction", "viscous-friction", "sensor-bias")]
     asked, fresh = own.screening(few), own.screening(few)
     asked.additions((few[0],), (few[0].effect.space.nominal,))
-    asked.pair((few[0],), (few[0].effect.space.nominal,))
+    list(grown(asked, (few[0],), (few[0].effect.space.nominal,), 2))
     for a, b in zip(asked.additions((), ()), fresh.additions((), ()), strict=True):
         assert (a.placed, a.gain, a.error) == (b.placed, b.gain, b.error)
 
@@ -155,7 +156,7 @@ def test_slow_noise_of_sensors_is_none_of_the_model():
     smoothed = SmoothedLog.of(log_of(prepared), prepared.task)
     own = Screening(smoothed, placed, prepared.task.space.nominal, threads=1)
     (found,) = own.additions((), ())
-    assert own.whitening.slow_noise.max() > 1
+    assert own.whitening.slow_noise.max() > 0.5
     assert found.gain > 5 * found.error > 0
 
 
@@ -164,7 +165,16 @@ def test_two_effects_are_found_of_which_a_third_does_more_than_either():
     few = [
         p for p in own.placed if p.kind in ("coulomb-friction", "sensor-bias", "cogging", "viscous-friction")
     ]
-    found = own.screening(few).pair((), ())
-    assert {e.kind for e in found.effects} == {"coulomb-friction", "sensor-bias"}
+    *_, (best, *_) = grown(own.screening(few), (), (), 3)
+    assert sorted(e.kind for e in best.effects) == ["coulomb-friction", "sensor-bias"]
     alone = Made.of("slider", ("coulomb-friction", "x", 0.3), episodes=4)
-    assert alone.screening(few).pair((), ()) is None
+    ((best, *_),) = grown(alone.screening(few), (), (), 3)
+    assert [e.kind for e in best.effects] == ["coulomb-friction"]
+
+
+def test_a_law_that_all_joints_lack_is_found_at_all_of_them():
+    shares = (("shoulder", 0.05), ("elbow", 0.05))
+    own = Made.of("arm", *(("coulomb-friction", joint, share) for joint, share in shares), episodes=4)
+    few = [p for p in own.placed if p.kind in ("coulomb-friction", "viscous-friction")]
+    *_, (best, *_) = grown(own.screening(few), (), (), 3)
+    assert {e.name for e in best.effects} == {f"coulomb-friction@{joint}" for joint, _ in shares}

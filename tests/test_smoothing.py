@@ -143,9 +143,25 @@ def test_responses_are_what_a_sample_adds(derivative):
     (values,) = noisy([time], 14)
     (series,) = smooth([time], [values])
     rows = np.random.default_rng(15).standard_normal((2, len(time)))
-    response = series.response(rows, time, derivative)
+    response = series.response(csr_array(rows), time, derivative)
     # smoothing is linear in the samples: all of them together make the derivative
     np.testing.assert_allclose(response @ values, rows @ series.at(time, derivative), rtol=1e-6)
+
+
+def test_sums_over_short_times_are_filtered_and_answer_as_in_the_whole_series():
+    """What lies far from a sum is left out: it adds less than the last digits."""
+    (time,) = clocks(13, stretches=1, samples=3000)
+    (series,) = smooth([time], noisy([time], 14))
+    rows = np.zeros((2, len(time)))
+    rows[0, 1000:1010], rows[1, 1020:1040] = 0.1, 0.05
+    every = np.vstack([rows, np.full((1, len(time)), 1e-12)])  # reaches all of it
+    column = np.random.default_rng(15).standard_normal((len(time), 1))
+    near = series.filtering(csr_array(rows), time) @ column
+    np.testing.assert_allclose(near, rows @ series.filtered(column, time), rtol=1e-5)
+    for derivative in range(3):
+        short, long = (series.response(csr_array(r), time, derivative)[:2] for r in (rows, every))
+        assert short.shape[1] < long.shape[1]
+        np.testing.assert_allclose(short @ short.T, long @ long.T, rtol=1e-7)
 
 
 def test_beyond_its_ends_a_series_is_held():

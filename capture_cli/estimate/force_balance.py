@@ -16,7 +16,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 
@@ -30,6 +30,7 @@ from capture_cli.effects._followed_force import FollowedForce
 from capture_cli.effects._periodic_force import PeriodicForce
 from capture_cli.effects.base import Effect
 from capture_cli.estimate.motion import SmoothedLog
+from capture_cli.estimate.recorded_world import RecordedWorld
 from capture_cli.sim.engine import APPLIED, ModelFields, World, silence_mujoco
 from capture_cli.sim.windows import LEAD
 
@@ -119,6 +120,12 @@ class ForceBalance:
     def with_inputs(self, linear: np.ndarray) -> Accelerations:
         """Of the model with inputs that change evenly between rows where `linear` (input,), and are held elsewhere."""
         return self._forces(controls=self._averaged(None, 1, linear)[0])
+
+    def read_as(self, linear: np.ndarray) -> ForceBalance:
+        """The balance with inputs that change evenly between rows where `linear` (input,), and are held elsewhere."""
+        task = copy(self.smoothed.task)
+        task.inputs = tuple(replace(c, linear=bool(own)) for c, own in zip(task.inputs, linear, strict=True))
+        return ForceBalance(replace(self.smoothed, task=task), self.point, self.threads)
 
     def of_parameter(self, index: int) -> Accelerations:
         """Derivative of the balance by a declared parameter, per its unit: the column of it."""
@@ -386,7 +393,6 @@ class ForceBalance:
     def _runner(self, model: mujoco.MjModel) -> batch.Batch:
         """A simulation at every point, none of which is stepped."""
         runner = batch.Batch(model, len(self.points), self.threads)
-        runner.reset(stage=mujoco.mjtStage.mjSTAGE_NONE)
         runner.bind("time")[...] = self.points.time
         return runner
 
@@ -511,7 +517,55 @@ class ForceBalance:
             [np.minimum(np.arange(own.start, own.start + longest), own.stop - 1) for own in self._own_points]
         )
         index = np.tile(index, (variants, 1))  # (variant and part, point)
-        each = np.repeat(values, parts, axis=0)
+
+        def force() -> Callable:
+            return effect.force(
+                np.repeat(values, parts, axis=0),
+                self.interval,
+                first=self.points.step[index[:, 0]],
+                began=(self.points.time - self.points.elapsed)[index[:, 0]],
+            )
+
+        led = self._led_at_joints(force(), index)
+        if led is None:
+            led = self._led_elsewhere(force(), index)
+        changes = np.zeros((variants, len(self.points), self.model.nv))
+        for part, own in enumerate(self._own_points):
+            changes[:, own] = led[: own.stop - own.start, part::parts].swapaxes(0, 1)
+        return [Accelerations(np.zeros_like(self.state[1]), c) for c in changes]
+
+    def _led_at_joints(self, force: Callable, index: np.ndarray) -> np.ndarray | None:
+        """Accelerations (step, lane, nv) by a force along the points `index` (lane, step); None where it changes
+        something else than what joints feel: other fields of the model, or forces on bodies.
+        """
+        _, qvel, qacc = self.state
+        world = RecordedWorld(self._model, self._recorded, index)
+        applied, friction, damping = world.qfrc_applied, *(world.vary(name) for name in AT_JOINTS)
+        own_friction, own_damping = self._model.dof_frictionloss, self._model.dof_damping
+        sign, mean = self._sign(qvel), qvel + 0.5 * self._model.opt.timestep * qacc
+        acts = np.zeros((index.shape[1], len(index), self._model.nv))
+        for step, here in enumerate(index.T):
+            world.go_to(step)
+            force(world)
+            if world.is_changed_elsewhere:
+                return None
+            acts[step] = (
+                applied - (friction - own_friction) * sign[here] - (damping - own_damping) * mean[here]
+            )
+        return (self.inverse_inertia[index.T] @ acts[..., None])[..., 0]
+
+    def _recorded(self, name: str) -> np.ndarray:
+        """A field of MjData at the points, of the model as it is; the acceleration is the predicted one."""
+        if name == "qacc":
+            return self.null.predicted
+        world, runner, *_ = self._world
+        world.restore_varied()
+        for applied in APPLIED:
+            runner.bind(applied)[...] = 0.0
+        return getattr(world, name)
+
+    def _led_elsewhere(self, force: Callable, index: np.ndarray) -> np.ndarray:
+        """As `_led_at_joints`, of a force that changes anything; MuJoCo works out at every step what that does."""
         qpos, qvel, qacc = self.state
         step, begins = self._model.opt.timestep, self._begins
         runner = batch.Batch(self._model, len(index), self.threads)
@@ -522,15 +576,8 @@ class ForceBalance:
         world = World(runner, np.arange(len(index)))
         world.stepped, world.qacc = True, np.zeros((len(index), self._model.nv))
         actuator_force = world.actuator_force
-        force = effect.force(
-            each,
-            self.interval,
-            first=self.points.step[index[:, 0]],
-            began=(self.points.time - self.points.elapsed)[index[:, 0]],
-        )
-        changes = np.zeros((len(self.points), variants, self._model.nv))
-        for k in range(longest):
-            here = index[:, k]
+        changes = np.zeros((index.shape[1], len(index), self._model.nv))
+        for k, here in enumerate(index.T):
             live["qpos"][...], live["qvel"][...] = qpos[here], begins[here]
             live["time"][...] = self.points.time[here]
             if self._model.nu:
@@ -555,14 +602,12 @@ class ForceBalance:
                     acts = acts + self._null[1][here]
                     felt = self._holding(_felt(self._model, inertia), here)
                     held = np.where(self.at_rest[here], qacc[here], acts)
-                    found = np.linalg.solve(felt, held[..., None])[..., 0] - self.null.predicted[here]
-                    changes[here[:parts]] = found.reshape(variants, parts, -1).swapaxes(0, 1)
+                    changes[k] = np.linalg.solve(felt, held[..., None])[..., 0] - self.null.predicted[here]
                     continue
             else:
                 acts = acts + joint_force - damping * (qvel[here] + 0.5 * step * qacc[here])
-            found = (self.inverse_inertia[here] @ acts[..., None])[..., 0].reshape(variants, parts, -1)
-            changes[here[:parts]] = found.swapaxes(0, 1)
-        return [Accelerations(np.zeros_like(qvel), changes[:, v]) for v in range(variants)]
+            changes[k] = (self.inverse_inertia[here] @ acts[..., None])[..., 0]
+        return changes
 
     def _restore(self) -> None:
         """Make the world that of the model as it is again."""

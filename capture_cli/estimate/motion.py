@@ -17,7 +17,7 @@ from capture_cli.sim.windows import stretches
 from capture_cli.tasks.base import Task
 
 SCALAR = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
-FINEST = 4.0  # points in the shortest time in which the smoothed motion turns: pi over its cut-off frequency
+FINEST = 3.0  # points in the shortest time in which the smoothed motion turns: pi over its cut-off frequency
 MOST_POINTS = 12_000  # of all stretches
 
 

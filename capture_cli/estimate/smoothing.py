@@ -18,13 +18,15 @@ import numpy as np
 from scipy.interpolate import BSpline
 from scipy.linalg import cho_solve_banded, cholesky_banded
 from scipy.optimize import minimize_scalar
-from scipy.sparse import csr_array
+from scipy.sparse import csr_array, vstack
 
 DEGREE = 5
 ORDER = 3  # of the derivative whose square is penalised; a polynomial below it costs nothing
 FEWEST = 2 * DEGREE  # samples of a series that can be smoothed
 # log10 of the smoothing parameter in units of the sample interval^(2 ORDER): from next to none to a parabola
 SEARCH = (-3.0, 15.0)
+AT_ONCE = 50  # sums that are filtered together: each reaches some knots, all reach many
+FAR = 20.0  # by how many powers of e what is left out has fallen
 
 
 @dataclass(frozen=True)
@@ -63,10 +65,16 @@ class Series:
         largest weight is left out.
         """
         basis, weight, factor = self._filter(at)
-        solved = cho_solve_banded((factor, False), (basis.T @ rows.T).toarray(), check_finite=False)
-        dense = weight * (basis @ solved).T
-        dense[np.abs(dense) < negligible * np.abs(dense).max(initial=0.0)] = 0.0
-        return csr_array(dense)
+        parts = [csr_array((0, len(at)))]
+        for own in np.array_split(np.arange(rows.shape[0]), -(-rows.shape[0] // AT_ONCE) or 1):
+            right = csr_array(basis.T @ rows[own].T)
+            here = self._reached(right)
+            solved = cho_solve_banded((factor[:, here], False), right[here].toarray(), check_finite=False)
+            points = np.flatnonzero(np.diff(basis[:, here].indptr))
+            dense = weight * (basis[points][:, here] @ solved).T
+            row, point = np.nonzero(np.abs(dense) >= negligible * np.abs(dense).max(initial=0.0))
+            parts.append(csr_array((dense[row, point], (row, points[point])), shape=(len(own), len(at))))
+        return csr_array(vstack(parts))
 
     def _filter(self, at: np.ndarray) -> tuple[csr_array, float, np.ndarray]:
         basis = _design(self.knots, at)
@@ -77,10 +85,27 @@ class Series:
             cholesky_banded(weight * _banded(basis.T @ basis) + self.penalty, check_finite=False),
         )
 
-    def response(self, rows: np.ndarray, at: np.ndarray, derivative: int) -> np.ndarray:
-        """What the noise of each sample adds to sums `rows` (row, point) of a derivative at `at`: (row, sample)."""
+    def response(self, rows: csr_array, at: np.ndarray, derivative: int) -> np.ndarray:
+        """What the noise of each sample adds to sums `rows` (row, point) of a derivative at `at`, (row, sample): of the
+        samples about the points of the rows alone, the same for every derivative.
+        """
+        own = np.unique(rows.indices)
         sums = _design(self.knots, at, derivative).T @ rows.T
-        return (self.basis @ cho_solve_banded((self.factor, False), sums, check_finite=False)).T
+        here = self._reached(csr_array(_design(self.knots, at[own]).T))
+        solved = cho_solve_banded((self.factor[:, here], False), sums[here].toarray(), check_finite=False)
+        samples = np.flatnonzero(np.diff(self.basis[:, here].indptr))
+        return (self.basis[samples[0] : samples[-1] + 1, here] @ solved).T
+
+    def _reached(self, right: csr_array) -> slice:
+        """The coefficients in which a right side (knot, column) shows. What it adds falls by e within 2 / cutoff: the
+        slowest root of the filter, s^6 = -cutoff^6, has half of that as its real part.
+        """
+        used = np.flatnonzero(np.diff(right.indptr))
+        if not used.size:
+            return slice(0, 0)
+        interval = (self.time[-1] - self.time[0]) / (len(self.time) - 1)
+        far = 4 * DEGREE + int(np.ceil(FAR * 2 / (self.cutoff * interval)))
+        return slice(max(int(used[0]) - far, 0), int(used[-1]) + far + 1)
 
     def sd_of(self, derivative: int) -> float:
         """Standard deviation of the derivative in the middle of the series, by the posterior of the spline."""

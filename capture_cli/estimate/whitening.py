@@ -11,11 +11,12 @@ as squares: that is generalised least squares, and over a segment nearly what si
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.interpolate import BSpline
-from scipy.linalg import cholesky, solve_triangular, toeplitz
+from scipy.linalg import cholesky, eigh, solve_triangular, toeplitz
 from scipy.optimize import minimize, minimize_scalar
 from scipy.signal import lfilter
 from scipy.sparse import csr_array
@@ -64,7 +65,7 @@ class Whitening:
             self._averages(points.since[points.part == n], spacing) for n in range(len(smoothed.parts))
         ]
         self.spacing = spacing
-        total = sum(len(a) for a in self.averages)
+        total = sum(a.shape[0] for a in self.averages)
         if total < settings.segments * settings.fewest_rows:
             raise LogError(
                 f"the log has {total} independent accelerations of each joint, and "
@@ -72,14 +73,16 @@ class Whitening:
                 cure="record longer, or faster motion",
             )
         self.size = min(settings.rows_in_segment, total // settings.segments)
-        self._filters = smoothed.filtering([csr_array(a) for a in self.averages], points.part, points.step)
+        self._filters = smoothed.filtering(self.averages, points.part, points.step)
+        self._rows, self._responses = self._noise_of_rows()
         self.noise, self.slow, self.white = self._covariances()
         self.segments = [
             (n, slice(int(rows[0]), int(rows[-1]) + 1))
             for n, averages in enumerate(self.averages)
-            if len(averages)
-            for rows in np.array_split(np.arange(len(averages)), -(-len(averages) // self.size))
+            if averages.shape[0]
+            for rows in np.array_split(np.arange(averages.shape[0]), -(-averages.shape[0] // self.size))
         ]
+        self._diagonals: dict[tuple, tuple[np.ndarray, np.ndarray, float]] = {}
         self.reset()
 
     def reset(self) -> None:
@@ -92,7 +95,7 @@ class Whitening:
         """What each of `columns` adds to the rows, (row, nv, column) of each stretch, not yet white."""
         points = self.balance.points
         if not columns:
-            return [np.zeros((len(a), self.balance.model.nv, 0)) for a in self.averages]
+            return [np.zeros((a.shape[0], self.balance.model.nv, 0)) for a in self.averages]
         predicted = np.stack([c.predicted for c in columns], axis=-1)
         moved = [k for k, c in enumerate(columns) if c.measured.any()]
         found = []
@@ -138,85 +141,174 @@ class Whitening:
         logs = [np.cumsum(np.log(np.diag(f))) for f in self._factors]
         return np.array([sum(own[rows.stop - rows.start - 1] for own in logs) for _, rows in self.segments])
 
-    def adapt(self, residual: Sequence[np.ndarray]) -> None:
-        """Set `model_error` and `slow_noise` to what makes `residual` (row, nv) of each stretch most likely."""
-        for i in range(len(self.model_error)):
-            own = [residual[part][rows, i] for part, rows in self.segments]
-            same = [np.stack([r for r in own if len(r) == count], axis=1) for count in {len(r) for r in own}]
-            self.model_error[i], self.slow_noise[:, i] = self._most_likely(i, same)
+    def adapt(self, residual: Sequence[np.ndarray], slow_noise: np.ndarray) -> None:
+        """Set `model_error` to what makes `residual` (row, nv) of each stretch most likely, with `slow_noise` (memory,
+        nv) as it was found, or none.
+        """
+        for i, own in enumerate(self._by_length(residual)):
+            self.model_error[i], self.slow_noise[:, i] = self._most_likely(i, own, slow_noise[:, i])
         self._factorise()
 
-    def _most_likely(self, dof: int, residual: Sequence[np.ndarray]) -> tuple[float, np.ndarray]:
-        """Sizes of white acceleration and of slow noise, (memory,), of which one at most is there."""
-        scale = np.log10(np.sqrt(self.noise[dof][0] / self.white[0]))
+    @property
+    def beyond_noise(self) -> float:
+        """The variance of rows that the sensors' white noise does not explain, over that which it does: of the
+        coordinate where that is most.
+        """
+        noise = np.array([lags[0] for lags in self.noise])
+        slow = [sizes**2 @ lags[:, 0] for sizes, lags in zip(self.slow_noise.T, self.slow, strict=True)]
+        return float(((np.square(self.model_error) * self.white[0] + slow) / noise).max())
 
-        def surprise(sizes: np.ndarray, memory: np.ndarray) -> float:
-            error, slow = 10.0 ** (scale + sizes[0]), memory * 10.0 ** sizes[1]
-            return _surprise(self._covariance(dof, error, slow), residual)
+    def slow_noise_of(self, residual: Sequence[np.ndarray]) -> np.ndarray:
+        """Sizes of slow noise, (memory, nv), in `residual` (row, nv) of each stretch: of each coordinate one at most,
+        where it surely is.
+        """
+        return np.stack([self._slow_noise(i, own) for i, own in enumerate(self._by_length(residual))], axis=1)
 
-        none = np.zeros(len(self.slow_noise))
+    def _by_length(self, residual: Sequence[np.ndarray]) -> list[list[np.ndarray]]:
+        """Of each coordinate the segments of each length, (row, segment)."""
+        found = []
+        for i in range(len(self.model_error)):
+            own = [residual[part][rows, i] for part, rows in self.segments]
+            lengths = sorted({len(r) for r in own})
+            found.append([np.stack([r for r in own if len(r) == count], axis=1) for count in lengths])
+        return found
+
+    def _most_likely(
+        self, dof: int, residual: Sequence[np.ndarray], slow_noise: np.ndarray
+    ) -> tuple[float, np.ndarray]:
+        """Sizes of white acceleration and of slow noise, (memory,), which is as it was found or none."""
+        choices = {tuple(s): s for s in (np.zeros(len(slow_noise)), slow_noise)}
+        found = []
+        for number, sizes in enumerate(choices.values()):
+            surprise, error = self._error(dof, sizes, residual)
+            found.append((surprise + number * self.settings.slow_gain, error, sizes))
+        _, error, sizes = min(found, key=lambda f: f[0])
+        return error, sizes
+
+    def _error(self, dof: int, slow_noise: np.ndarray, residual: Sequence[np.ndarray]) -> tuple[float, float]:
+        """The size of white acceleration that is most likely beside the sensors' noise, and minus the log likelihood.
+
+        Where both covariances are diagonal: of C = N + e^2 W, with W v = l N v and v' N v = 1, the determinant is that
+        of N times the product of 1 + e^2 l, and r' C^-1 r is the sum of (v' r)^2 / (1 + e^2 l).
+        """
+        terms = []
+        for own in residual:
+            values, vectors, log_determinant = self._diagonal(dof, tuple(slow_noise), len(own))
+            squares = np.square(vectors.T @ own).sum(axis=1)
+            terms.append((values, squares, own.shape[1], log_determinant))
+
+        def surprise(size: float) -> float:
+            total = 0.0
+            for values, squares, count, log_determinant in terms:
+                larger = 1 + 10.0 ** (2 * size) * values
+                total += 0.5 * float((squares / larger).sum())
+                total += 0.5 * count * (log_determinant + float(np.log(larger).sum()))
+            return total
+
+        scale = self._scale(dof)
         found = minimize_scalar(
-            lambda size: surprise([size, 0.0], none),
-            bounds=(-3, 4),
-            method="bounded",
-            options={"xatol": 0.05},
+            surprise, bounds=(scale - 3, scale + 4), method="bounded", options={"xatol": 0.05}
         )
-        best, sizes, memory = found.fun, [found.x, 0.0], none
+        return float(found.fun), 10.0**found.x
+
+    def _diagonal(
+        self, dof: int, slow_noise: tuple[float, ...], count: int
+    ) -> tuple[np.ndarray, np.ndarray, float]:
+        """Of `count` rows: l (row,), v (row, row) in columns, and the logarithm of the determinant of N."""
+        key = dof, slow_noise, count
+        if key not in self._diagonals:
+            noise = self._covariance(dof, 0.0, np.array(slow_noise))[:count, :count]
+            values, vectors = eigh(toeplitz(self.white[:count]), noise)
+            determinant = 2 * np.log(np.diag(cholesky(noise, lower=True))).sum()
+            self._diagonals[key] = np.maximum(values, 0.0), vectors, float(determinant)
+        return self._diagonals[key]
+
+    def _slow_noise(self, dof: int, residual: Sequence[np.ndarray]) -> np.ndarray:
+        """Sizes of slow noise of one coordinate, (memory,)."""
+        scale, none = self._scale(dof), np.zeros(len(self.slow_noise))
+        best, error = self._error(dof, none, residual)
+        sizes, found = np.log10(error) - scale, none
+
+        def surprise(size: np.ndarray, memory: np.ndarray) -> float:
+            covariance = self._covariance(dof, 10.0 ** (scale + size[0]), memory * 10.0 ** size[1])
+            return _surprise(covariance, residual)
+
         for own in np.eye(len(none)):
             more = minimize(
                 surprise,
-                [sizes[0], 0.0],
+                [sizes, 0.0],
                 args=(own,),
                 method="Nelder-Mead",
                 bounds=[(-3, 4), (-2, 2)],
                 options={
                     "xatol": 0.05,
                     "fatol": 0.5,
-                    "initial_simplex": [[found.x, 0], [found.x - 1, 0.3], [found.x - 1, 0.6]],
+                    "initial_simplex": [[sizes, 0], [sizes - 1, 0.3], [sizes - 1, 0.6]],
                 },
             )
             if more.fun < best - self.settings.slow_gain:
-                best, sizes, memory = more.fun, more.x, own
-        return 10.0 ** (scale + sizes[0]), memory * 10.0 ** sizes[1]
+                best, found = more.fun, own * 10.0 ** more.x[1]
+        return found
 
-    def _averages(self, elapsed: np.ndarray, spacing: float) -> np.ndarray:
+    def _scale(self, dof: int) -> float:
+        """Logarithm of the white acceleration that is as large as the sensors' white noise."""
+        return float(np.log10(np.sqrt(self.noise[dof][0] / self.white[0])))
+
+    def _averages(self, elapsed: np.ndarray, spacing: float) -> csr_array:
         """Weights (row, point) of overlapping splines, whole ones only: they sum to 1."""
         degree = self.settings.degree
         count = int(elapsed[-1] / spacing) if len(elapsed) else 0
         if count < 2 * degree:
-            return np.zeros((0, len(elapsed)))
+            return csr_array((0, len(elapsed)))
         knots = np.arange(-degree, count + degree + 1) * spacing
-        inside = elapsed < count * spacing
-        weights = np.zeros((count + degree, len(elapsed)))
-        weights[:, inside] = BSpline.design_matrix(elapsed[inside], knots, degree).toarray().T
-        weights = weights[degree:-degree]
-        return weights / weights.sum(axis=1, keepdims=True)
+        inside = np.flatnonzero(elapsed < count * spacing)
+        weights = csr_array(BSpline.design_matrix(elapsed[inside], knots, degree).T)[degree:-degree]
+        weights = csr_array(weights / weights.sum(axis=1)[:, None])
+        whole = csr_array((weights.data, inside[weights.indices], weights.indptr))
+        whole.resize(weights.shape[0], len(elapsed))
+        return whole
+
+    def at(self, balance: ForceBalance) -> Whitening:
+        """The same at another point of the same log, where the model has other slopes."""
+        moved = copy(self)
+        moved.balance = balance
+        moved.noise, moved.slow, moved.white = moved._covariances()
+        moved._diagonals = {}
+        moved.reset()
+        return moved
+
+    def _noise_of_rows(self) -> tuple[csr_array, list[tuple[int, np.ndarray]]]:
+        """Rows in the middle of the longest stretch, (row, point), and of each coordinate what the noise of samples
+        adds to their positions, velocities and accelerations, (derivative, row, sample).
+        """
+        balance = self.balance
+        longest = int(np.argmax([a.shape[0] for a in self.averages]))
+        middle = self.averages[longest].shape[0] // 2
+        some = self.averages[longest][max(0, middle - self.size) : middle + self.size]
+        time = balance.smoothed.log.time[balance.points.step[balance.points.part == longest]]
+        found = []
+        for source in balance.smoothed.sources:
+            for dof in source.dofs:
+                for column, weight in zip(source.columns, source.shares(dof), strict=True):
+                    series = balance.smoothed.series[column][longest]
+                    responses = [series.response(some, time, derivative) for derivative in range(3)]
+                    found.append((dof, weight * series.sd * np.array(responses)))
+        return some, found
 
     def _covariances(self) -> tuple[list[np.ndarray], list[np.ndarray], np.ndarray]:
         """Autocovariance of rows: by sensors' white noise of each coordinate, (lag,), by as much of slow noise,
         (memory, lag), and by white accelerations, (lag,).
         """
-        balance, size = self.balance, self.size
-        longest = int(np.argmax([len(a) for a in self.averages]))
-        averages = self.averages[longest]
-        middle = len(averages) // 2
-        some = averages[max(0, middle - size) : middle + size]
-        time = balance.smoothed.log.time[balance.points.step[balance.points.part == longest]]
-        stiffness, damping = balance.slopes()
-        memories = self.settings.memories
-        noise = [np.zeros(size) for _ in range(balance.model.nv)]
-        slow = [np.zeros((len(memories), size)) for _ in range(balance.model.nv)]
-        for source in balance.smoothed.sources:
-            for dof in source.dofs:
-                for column, weight in zip(source.columns, source.shares(dof), strict=True):
-                    series = balance.smoothed.series[column][longest]
-                    response = series.response(some, time, 2)
-                    response -= damping[dof] * series.response(some, time, 1)
-                    response -= stiffness[dof] * series.response(some, time, 0)
-                    response *= weight * series.sd
-                    noise[dof] += _autocovariance(response, size)
-                    slow[dof] += [_autocovariance(_remembering(response, m), size) for m in memories]
-        return noise, slow, _autocovariance(some, size)
+        size, memories = self.size, self.settings.memories
+        stiffness, damping = self.balance.slopes()
+        noise = [np.zeros(size) for _ in range(self.balance.model.nv)]
+        slow = [np.zeros((len(memories), size)) for _ in range(self.balance.model.nv)]
+        for dof, (position, velocity, acceleration) in self._responses:
+            response = acceleration - damping[dof] * velocity - stiffness[dof] * position
+            noise[dof] += _autocovariance(response, size)
+            slow[dof] += [_autocovariance(_remembering(response, m), size) for m in memories]
+        used = np.unique(self._rows.indices)
+        return noise, slow, _autocovariance(self._rows[:, used].toarray(), size)
 
     def _covariance(self, dof: int, model_error: float, slow_noise: np.ndarray) -> np.ndarray:
         lags = self.noise[dof] + model_error**2 * self.white + slow_noise**2 @ self.slow[dof]

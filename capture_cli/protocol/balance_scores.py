@@ -65,10 +65,10 @@ def timings_of_inputs(prepared: PreparedLog, threads: int | None) -> tuple[Input
     if smoothed is None:
         return ()
     try:
-        balance, _ = declared_balance(smoothed, task.space.nominal, threads)
+        balance, whitening = declared_balance(smoothed, task.space.nominal, threads)
     except LogError:  # too short
         return ()
-    found, nothing_else = input_timings(balance, [c.name for c in task.inputs], task.linear)
+    found, nothing_else = input_timings(balance, whitening, [c.name for c in task.inputs], task.linear)
     if not nothing_else:
         return ()
     return tuple(t for t, c in zip(found, task.inputs, strict=True) if c.linear is None)

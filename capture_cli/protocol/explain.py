@@ -237,7 +237,6 @@ class _Protocol:
             is_explained=lambda fit: not lack_of_fit(fit.at).lacking,
             most_effects=self.settings.most_effects,
             candidates=candidates,
-            spreads=candidates is None,
             on_step=lambda what, number, total, found: self._step(what, number, total, [*known, *found]),
         )
 

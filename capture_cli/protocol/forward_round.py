@@ -8,15 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from capture_cli.diagnosis.score import similarity
-from capture_cli.protocol.balance_scores import score_in_balance
-from capture_cli.protocol.candidates import (
-    DIFFERENT,
-    OF_A_KIND,
-    Candidate,
-    score_at_null,
-    thinned,
-    worth_a_refit,
-)
+from capture_cli.protocol.candidates import Candidate, score_at_null, thinned, worth_a_refit
 from capture_cli.protocol.fit import Fit, least
 from capture_cli.protocol.kept import kept_scores
 from capture_cli.protocol.model_comparison import ModelComparison
@@ -30,7 +22,6 @@ RIVALS = 4  # other candidates that an accepted effect is compared with once eve
 # error rough, and where a declared parameter has to make way, a score at null says little; but what begins with next to
 # none of it is believed only where it explains nearly all.
 FURTHER = (0.2, MATERIAL), (0.2, MATERIAL), (0.1, 0.9)
-IN_BALANCE, BY_SIMULATION = (4, 2), (DIFFERENT, OF_A_KIND)  # refits: so many that differ, and like each
 SIMILAR = 0.97  # cosine of responses beyond which a candidate that was not fitted may still be a rival
 
 
@@ -79,39 +70,19 @@ class ForwardRound:
         self.current = current
         self.tried = len(candidates)
         self.on_step = on_step
-        screening = models.screening(on_step)
-        covered = [c for c in candidates if screening is not None and c.name in screening.covered]
-        others = [c for c in candidates if c not in covered]
-        self.ranked, self.supported, self._unfitted = [], [], []
-        if covered:
-            score_in_balance(screening, current, covered)
-            self._most = IN_BALANCE
-            self._try(covered, patient=patient)
-        if others and not self.supported:
-            Scores(models, current, on_step).score(others)
-            self._most = BY_SIMULATION
-            self._try(others, patient=patient)
-        else:
-            for candidate in others:
-                candidate.why_rejected = (
-                    "not asked: simulations alone tell of it, and the force balance found another"
-                )
-
-    def _try(self, candidates: Sequence[Candidate], *, patient: bool) -> None:
-        """Fit the best of the scored candidates."""
+        Scores(models, current, on_step).score(candidates)
         self.ranked = by_score(candidates)
-        self.supported, unfitted = self._fitted(patient=patient)
-        self._unfitted += unfitted
+        self.supported, self._unfitted = self._fitted(patient=patient)
 
     def _fitted(self, *, patient: bool) -> tuple[list[Candidate], list[Candidate]]:
         """Candidates that are supported once they are fitted, and those that were not worth a fit."""
-        refitted, others = worth_a_refit(self.ranked, *self._most)
+        refitted, others = worth_a_refit(self.ranked)
         supported = self._refit_all(refitted, MATERIAL)
         for worth, material in FURTHER:
             if supported or not patient or not others:
                 break
             least_gain = worth * self.ranked[0].score.gain
-            refitted, left = worth_a_refit([c for c in others if c.score.gain > least_gain], *self._most)
+            refitted, left = worth_a_refit([c for c in others if c.score.gain > least_gain])
             others = [*left, *(c for c in others if c.score.gain <= least_gain)]
             supported = self._refit_all(refitted, material)
         for candidate in others:
@@ -154,8 +125,9 @@ class ForwardRound:
             )
             return
         candidate.fit = fit
+        added = max(len(candidate.placed.effect.parameters), 1)  # to be there or not is a choice, too
         candidate.support, candidate.select = self.models.support(
-            current, fit, candidate.placed, before, self.tried * candidate.shapes_tried
+            current, fit, added, before, self.tried * candidate.shapes_tried
         )
         reason = candidate.support.reason_against_entry()
         candidate.why_rejected = reason or implausible(self.models, current, fit, candidate.placed)

@@ -10,18 +10,20 @@ import numpy as np
 
 from capture_cli.diagnosis.acceptance import bic_gain
 from capture_cli.diagnosis.lack_of_fit import lack_of_fit
-from capture_cli.errors import LogError
-from capture_cli.protocol.balance_scores import smoothed_log
+from capture_cli.protocol.balance_scores import screening_of
 from capture_cli.protocol.candidates import Candidate
 from capture_cli.protocol.fit import Fit
+from capture_cli.protocol.log_parts import LogParts
 from capture_cli.protocol.model_comparison import CLEARLY_BETTER, effective_samples
 from capture_cli.protocol.model_fits import ModelFits
 from capture_cli.protocol.prepared_log import PreparedLog
-from capture_cli.select.input_timing import InputTiming, is_surely_better, sum_and_error
-from capture_cli.select.screening import SETTINGS, BalancedModel, Screening
+from capture_cli.select.beam import BeamSettings, grown
+from capture_cli.select.input_timing import SETTINGS, InputTiming, is_surely_better, sum_and_error
+from capture_cli.select.screening import BalancedModel, Screening
 from capture_cli.tasks.base import Task
 
-FEW = replace(SETTINGS, polished=4)  # the best effect is asked, not the order of others
+FEWEST = 4  # effects that are polished: the best is asked, not the order of others
+NARROW = BeamSettings(width=2, branches=2)
 
 
 def timings_with_effects(
@@ -29,23 +31,38 @@ def timings_with_effects(
     candidates: Sequence[Candidate],
     prepared_as: Callable[[Task], PreparedLog],
     threads: int | None,
-) -> tuple[InputTiming, ...]:
+) -> tuple[tuple[InputTiming, ...], Screening | None]:
     """How the inputs act of which the task does not say it, all alike: by the force balance where that is sure, and by
-    simulations otherwise. None where the log gives no balance.
+    simulations otherwise; with the screening of the candidates in that reading. None where the log gives no balance.
+    They are held where the other reading leaves more than noise: what is missing may look like it.
 
     prepared: with the task as it was given; prepared_as: makes the log ready for another.
     """
     tasks = [_read(prepared.task, linear) for linear in (False, True)]
-    models = [_best(replace(prepared, task=task), candidates, threads) for task in tasks]
-    if None in models:
-        return ()
-    held, evenly = models
-    linear = is_surely_better(held.likelihood, evenly.likelihood)
-    if not linear and not is_surely_better(evenly.likelihood, held.likelihood):
+    log = replace(prepared, task=tasks[0])
+    screening = screening_of(log, LogParts.of(log).folds.fit, candidates, threads, lambda *_: None)
+    if screening is None:
+        return (), None
+    screenings = [screening, screening.read_as(tasks[1].linear)]
+    models = held, evenly = _best(screenings)
+    explained = evenly.beyond_noise < SETTINGS.else_missing
+    linear = explained and is_surely_better(held.likelihood, evenly.likelihood)
+    if explained and not linear and not is_surely_better(evenly.likelihood, held.likelihood):
         linear = _fits_better([(prepared_as(t), m) for t, m in zip(tasks, models, strict=True)], threads)
     gains = evenly.likelihood - held.likelihood
     gain, error = sum_and_error(gains if linear else -gains)
-    return tuple(InputTiming(c.name, linear, gain, error) for c in prepared.task.inputs if c.linear is None)
+    asked = (c.name for c in prepared.task.inputs if c.linear is None)
+    return tuple(InputTiming(name, linear, gain, error) for name in asked), screenings[linear]
+
+
+def _best(screenings: Sequence[Screening]) -> list[BalancedModel]:
+    """The best model of each reading with one effect at most; where that leaves more than noise in all of them, with
+    two at most: what else is missing may look like another reading.
+    """
+    models = [own.best(FEWEST) for own in screenings]
+    if min(m.beyond_noise for m in models) < SETTINGS.else_missing:
+        return models
+    return [list(grown(own, (), (), 2, settings=NARROW))[-1][0] for own in screenings]
 
 
 def _read(task: Task, linear: bool) -> Task:
@@ -53,20 +70,6 @@ def _read(task: Task, linear: bool) -> Task:
     known = copy(task)
     known.inputs = tuple(replace(c, linear=linear) if c.linear is None else c for c in task.inputs)
     return known
-
-
-def _best(
-    prepared: PreparedLog, candidates: Sequence[Candidate], threads: int | None
-) -> BalancedModel | None:
-    """The model with the one effect that predicts most in the balance; None where there is none."""
-    smoothed = smoothed_log(prepared, ~prepared.split.is_test)
-    if smoothed is None:
-        return None
-    placed, nominal = [c.placed for c in candidates], prepared.task.space.nominal
-    try:
-        return Screening(smoothed, placed, nominal, threads=threads, settings=FEW).best()
-    except LogError:  # too short
-        return None
 
 
 def _fits_better(readings: Sequence[tuple[PreparedLog, BalancedModel]], threads: int | None) -> bool:

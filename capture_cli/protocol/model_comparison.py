@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -39,8 +40,25 @@ SAME_RESPONSE = 0.9999  # cosine of two effects' responses beyond which no param
 # Beyond which an effect that has parameters more is tied, too, if it does no better: a lag of either order, and a delay
 SAME_HERE = 0.999
 
-
 _NOT_MADE = object()
+
+
+@dataclass(frozen=True)
+class FittedSet:
+    """A model with effects added at once, fitted by simulation; select: on what judges, None where nothing does.
+
+    score: none, for several effects have one each.
+    """
+
+    added: tuple[Placed, ...]
+    fit: Fit
+    select: PartFit | None
+    score: None = None
+
+
+Compared = (
+    Candidate | FittedSet
+)  # what models are told apart by: their fits, and what those leave of what judges
 
 
 class ModelComparison:
@@ -64,9 +82,13 @@ class ModelComparison:
     def screening(self, on_step: Callable[[str, int, int], None]) -> Screening | None:
         """Of the `candidates` in the force balance, made once; None where there is none."""
         if self._screening is _NOT_MADE:
-            self._screening = None
-            if self.candidates:
-                prepared, threads = self.fits.prepared, self.fits.engine.threads
+            prepared, threads = self.fits.prepared, self.fits.engine.threads
+            known, asked = prepared.screening, [c.placed for c in self.candidates]
+            if not asked:
+                self._screening = None
+            elif known is not None and [p.name for p in known.placed] == [p.name for p in asked]:
+                self._screening = known
+            else:
                 self._screening = screening_of(prepared, self.folds.fit, self.candidates, threads, on_step)
         return self._screening
 
@@ -190,13 +212,12 @@ class ModelComparison:
         return paired_p_value(before.blocks(length), after.blocks(length), self.seed)
 
     def support(
-        self, before_fit: Fit, fit: Fit, placed: Placed, before: PartFit | None, hypotheses: int
+        self, before_fit: Fit, fit: Fit, added: int, before: PartFit | None, hypotheses: float
     ) -> tuple[Support, PartFit | None]:
-        """Support for `placed` in `fit` over `before_fit`, and how `fit` does on what judges; before: how that does.
+        """Support for what `fit` has over `before_fit`, and how `fit` does on what judges; before: how that does.
 
-        hypotheses: how many effects and shapes of them it is the best of.
+        added: parameters. hypotheses: how many effects, or sets of them, and shapes of them it is the best of.
         """
-        added = max(len(placed.effect.parameters), 1)  # to be there or not is a choice, too
         samples = effective_samples(fit)
         free = samples - len(fit.space)
         p_fit = ratio_p_value(before_fit.penalised_squares, fit.penalised_squares, free, added, hypotheses)
@@ -209,7 +230,7 @@ class ModelComparison:
 
     # --- compared ---
 
-    def as_good(self, best: Candidate, other: Candidate) -> bool:
+    def as_good(self, best: Compared, other: Compared) -> bool:
         """Whether neither the fitted windows nor those that judge tell `other` from `best`; or it has parameters less,
         by which it is ahead of more than those that judge put it behind.
         """
@@ -217,6 +238,11 @@ class ModelComparison:
         if more < 0 and gain - self._behind(best, other) > STRONG:
             return True
         return gain > -CLEARLY_BETTER - _chance(best, other) and self._indistinct(best, other)
+
+    def best_of(self, some: Sequence[Compared]) -> Compared:
+        """By BIC."""
+        first = some[0]
+        return max(some, key=lambda other: self._more_and_gain(first, other)[1])
 
     def is_better(self, fit: Fit, other: Fit) -> bool:
         """Whether the model `other` is clearly better than `fit` by BIC, and no worse on what judges."""
@@ -229,14 +255,14 @@ class ModelComparison:
         before, after = self.judge(fit), self.judge(other)
         return after is None or after.penalised_squares.sum() <= before.penalised_squares.sum()
 
-    def _more_and_gain(self, mine: Candidate, other: Candidate) -> tuple[int, float]:
+    def _more_and_gain(self, mine: Compared, other: Compared) -> tuple[int, float]:
         """How many parameters `other` has more than `mine`, and what its fit gains by BIC."""
-        more = len(other.placed.effect.parameters) - len(mine.placed.effect.parameters)
+        more = len(other.fit.point) - len(mine.fit.point)
         samples = effective_samples(other.fit)
         return more, bic_gain(mine.fit.penalised_squares, other.fit.penalised_squares, samples, more)
 
     @staticmethod
-    def losses(candidates: Sequence[Candidate]) -> np.ndarray:
+    def losses(candidates: Sequence[Compared]) -> np.ndarray:
         """Mean logarithm of the squared error over blocks, what the paired test compares, (candidate,); of the fitted
         windows where nothing judges.
 
@@ -249,9 +275,8 @@ class ModelComparison:
         length = _block_length(min(judged, key=lambda part: part.penalised_squares.sum()))
         return np.array([np.log(np.maximum(part.blocks(length), TINY)).mean() for part in judged])
 
-    def _indistinct(self, best: Candidate, other: Candidate) -> bool:
-        has_sizes = best.placed.effect.parameters and other.placed.effect.parameters
-        if has_sizes and similarity(best.score.response, other.score.response) > SAME_RESPONSE:
+    def _indistinct(self, best: Compared, other: Compared) -> bool:
+        if _similarity(best, other) > SAME_RESPONSE:
             return True
         as_likely = abs(self._behind(best, other)) < AS_LIKELY
         if as_likely or best.select is None:
@@ -259,7 +284,7 @@ class ModelComparison:
         first, second = (best, other) if self._behind(best, other) >= 0 else (other, best)
         return self._paired(second.select, first.select) > INDISTINCT
 
-    def _behind(self, best: Candidate, other: Candidate) -> float:
+    def _behind(self, best: Compared, other: Compared) -> float:
         """How far `other` is behind `best` in twice the log likelihood of the windows that judge."""
         own, of_other = self.losses([best, other])
         return effective_samples(best.fit) * float(of_other - own)
@@ -303,7 +328,15 @@ class ModelComparison:
         return TIED
 
 
-def _chance(one: Candidate, other: Candidate) -> float:
+def _similarity(one: Compared, other: Compared) -> float:
+    """Cosine of their responses; 0 where an effect has no size, or there are several effects."""
+    scores = one.score, other.score
+    if None in scores or not all(c.placed.effect.parameters for c in (one, other)):
+        return 0.0
+    return similarity(*(s.response for s in scores))
+
+
+def _chance(one: Compared, other: Compared) -> float:
     """How much of BIC two fits may differ by because of what their hidden states took of the noise."""
     taken = one.fit.at.fitted_hidden.sum() + other.fit.at.fitted_hidden.sum()
     return CHANCE * float(np.sqrt(2 * taken))

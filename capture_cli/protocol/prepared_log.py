@@ -12,6 +12,7 @@ from capture_cli.diagnosis.split import Split
 from capture_cli.identifiers.base import Evidence, Trial
 from capture_cli.linearization import ROUGH_START_STEP, START_STEP
 from capture_cli.select.input_timing import InputTiming
+from capture_cli.select.screening import Screening
 from capture_cli.sim.quaternion_signs import aligned, quaternion_columns
 from capture_cli.sim.reported_motion import MOST_LATE
 from capture_cli.sim.starts import StartEstimate, offsets_between, shift
@@ -27,7 +28,7 @@ class PreparedLog:
 
     difference_step: the least share of a parameter's range that finite differences take, as of `difference_step`.
     rollouts: how many windows were simulated to make it ready. input_timings: how inputs act between rows, as far
-    as the log tells.
+    as the log tells. screening: of all effects in the force balance of what selects them, where that was asked.
     """
 
     task: Task
@@ -39,6 +40,7 @@ class PreparedLog:
     difference_step: float = 0.0
     rollouts: int = 0
     input_timings: Sequence[InputTiming] = ()
+    screening: Screening | None = None
 
     @property
     def recording(self) -> np.ndarray:

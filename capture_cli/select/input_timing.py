@@ -47,16 +47,20 @@ class InputTiming:
 
 
 def input_timings(
-    balance: ForceBalance, names: Sequence[str], linear: np.ndarray, settings: InputTimingSettings = SETTINGS
+    balance: ForceBalance,
+    whitening: Whitening,
+    names: Sequence[str],
+    linear: np.ndarray,
+    settings: InputTimingSettings = SETTINGS,
 ) -> tuple[list[InputTiming], bool]:
     """How each input acts, and whether that is all: what is missing may look like another timing, and one that is not
     surely better may still be right.
 
-    balance: at values of the declared parameters; names, linear (input,): of the inputs, and how they are read in it.
+    balance, whitening: at values of the declared parameters; names, linear (input,): of the inputs, and how they are
+    read in it.
 
     All inputs are first read the other way together, then each by itself beside the better of these.
     """
-    whitening = Whitening(balance)
     columns = whitening.rows([balance.of_parameter(i) for i in range(len(balance.point))])
     columns = [c * balance.smoothed.task.space.span for c in columns]
     blocks = whitening.blocks(settings.blocks)
@@ -82,10 +86,7 @@ def input_timings(
         found.append(InputTiming(name, bool(read[k]), *sum_and_error(known - other)))
     contradicted = any(t.gain < -settings.least for t in found)
     likelihood(read)
-    noise = np.array([lags[0] for lags in whitening.noise])
-    slow = [s**2 @ lags[:, 0] for s, lags in zip(whitening.slow_noise.T, whitening.slow, strict=True)]
-    wrong = (np.square(whitening.model_error) * whitening.white[0] + slow) / noise
-    return found, bool(np.all(wrong < settings.else_missing)) and not contradicted
+    return found, whitening.beyond_noise < settings.else_missing and not contradicted
 
 
 def is_surely_better(known: np.ndarray, other: np.ndarray, settings: InputTimingSettings = SETTINGS) -> bool:
@@ -104,4 +105,5 @@ def _adapt(whitening: Whitening, target: Sequence[np.ndarray], columns: Sequence
     slope = np.concatenate(whitening.whitened(columns))
     left = np.concatenate(whitening.whitened(target))[:, 0]
     step = np.linalg.solve(slope.T @ slope + np.eye(slope.shape[1]), -slope.T @ left)
-    whitening.adapt([t[..., 0] + c @ step for t, c in zip(target, columns, strict=True)])
+    left = [t[..., 0] + c @ step for t, c in zip(target, columns, strict=True)]
+    whitening.adapt(left, whitening.slow_noise_of(left))

@@ -74,9 +74,10 @@ def additions(base: Sums, across: np.ndarray, gram: np.ndarray, pull: np.ndarray
 def predicted(base: Sums) -> np.ndarray:
     """Squared error of each block by the model that is fitted to the others, (block,)."""
     errors = np.empty(len(base.count))
-    whole, pulled = base.gram.sum(axis=0) + np.eye(base.pull.shape[1]), base.pull.sum(axis=0)
     for b in range(len(base.count)):
-        own = np.linalg.solve(whole - base.gram[b], pulled - base.pull[b])
+        keep = np.arange(len(base.count)) != b
+        gram = base.gram[keep].sum(axis=0) + np.eye(base.pull.shape[1])
+        own = np.linalg.solve(gram, base.pull[keep].sum(axis=0))
         errors[b] = base.target[b] - 2 * own @ base.pull[b] + own @ base.gram[b] @ own
     return np.maximum(errors, 1e-300)
 

@@ -7,6 +7,7 @@ balance; nothing is simulated. What comes out is a ranking, with the values that
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
@@ -28,10 +29,8 @@ class ScreeningSettings:
     """blocks: that are left out in turn. polished: of the best additions, whose nonlinear parameters are fitted in the
     balance. descents: of such a fit, where parameters are nonlinear, and straight where they are not. far: its longest
     step, of a range; shortest: at which it is given up. difference: of a range, in differences of effects. at_once:
-    atoms whose sums are in memory. at_end: of a range, within which a parameter is at its end. beam: of effects that
-    differ, with each of which another is looked for; branches: of these, that are fitted in the balance. alike: cosine
-    of responses beyond which effects do not differ. sure: standard errors over blocks by which two have to predict
-    better than one, and least: of log likelihood.
+    atoms whose sums are in memory. at_end: of a range, within which a parameter is at its end. alike: cosine of
+    responses beyond which effects do not differ.
     """
 
     blocks: int = 12
@@ -43,27 +42,28 @@ class ScreeningSettings:
     difference: float = 1e-3
     at_once: int = 400
     at_end: float = 1e-6
-    beam: int = 4
-    branches: int = 3
     alike: float = 0.98
-    sure: float = 2.0
-    least: float = 3.0
 
 
 SETTINGS = ScreeningSettings()
+RAN_AWAY = 1e15  # of rows: beyond it what others add is lost in rounding
 
 
 @dataclass(frozen=True)
 class BalancedModel:
     """Effects at values, fitted in the balance. point (parameter,): of the task; values: of each effect, (parameter,).
 
-    likelihood (block,): of each block, by the model that is fitted to the others.
+    likelihood (block,): of each block, by the model that is fitted to the others. slow_noise (memory, nv): of the
+    sensors, as far as a model that this one grew from leaves it; none where None. beyond_noise: what it leaves, as of
+    `Whitening`.
     """
 
     effects: tuple[Placed, ...]
     point: np.ndarray
     values: tuple[np.ndarray, ...]
     likelihood: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    slow_noise: np.ndarray | None = None
+    beyond_noise: float = np.inf
 
     @property
     def start(self) -> np.ndarray:
@@ -106,7 +106,7 @@ class Screening:
         settings: ScreeningSettings = SETTINGS,
         on_step: Callable[[str, int, int], None] = lambda *_: None,
     ):
-        self.settings = settings
+        self.settings, self.placed = settings, placed
         self.space = smoothed.task.space
         self.balance, self.whitening = declared_balance(smoothed, point, threads, settings)
         self.block = self.whitening.blocks(settings.blocks)
@@ -117,47 +117,54 @@ class Screening:
         self.covered = frozenset(a.placed.name for a in self.atoms)
         self._known: dict[tuple, list[Addition]] = {}
 
+    def read_as(self, linear: np.ndarray) -> Screening:
+        """The same of inputs that change evenly between rows where `linear` (input,), and are held elsewhere. Columns
+        are those of this reading: the polished additions have their own.
+        """
+        other = copy(self)
+        other.balance = self.balance.read_as(linear)
+        other.whitening = copy(self.whitening)
+        other.whitening.balance = other.balance
+        other.target = other.whitening.rows([other.balance.null])
+        other.by_parameter = other.whitening.rows(_by_parameter(other.balance))
+        other._known = {}
+        return other
+
     def additions(self, effects: Sequence[Placed], values: Sequence[np.ndarray]) -> list[Addition]:
         """Of each effect that is not among `effects`, which have these values, best first; the best ones polished."""
         key = tuple(e.name for e in effects), tuple(np.asarray(v).tobytes() for v in values)
         if key not in self._known:
-            self._known[key] = self._additions(
-                BalancedModel(tuple(effects), self.balance.point, tuple(values))
-            )
+            begin = BalancedModel(tuple(effects), self.balance.point, tuple(values))
+            self._known[key] = self._additions(begin, self.settings.polished)
         return self._known[key]
 
-    def _additions(self, begin: BalancedModel) -> list[Addition]:
+    def _additions(self, begin: BalancedModel, count: int) -> list[Addition]:
         self.whitening.reset()  # what was asked before is not to matter
-        model = self._judged(self._fitted(self._judged(begin)))
+        model = self.fitted(self._judged(self._with_slow_noise(begin)))
+        model = self._judged(self._with_slow_noise(model))
         polished = []
         screened = self._screened(model)
-        for addition in screened[: self.settings.polished]:
-            more = self._judged(self._fitted(addition.model))
+        for addition in screened[:count]:
+            more = self.fitted(addition.model)
             gain, error = more.gain(model)
             if not np.isfinite(gain):
                 continue
             polished.append(replace(addition, model=more, gain=gain, error=error))
-        rest = screened[self.settings.polished :]
+        rest = screened[count:]
         return sorted(polished, key=lambda a: -a.gain) + rest
 
-    def pair(self, effects: Sequence[Placed], values: Sequence[np.ndarray]) -> BalancedModel | None:
-        """The model with two effects more that predicts most, where that is surely more than with one."""
-        singles = [a for a in self.additions(effects, values) if a.model.likelihood.size]
-        found = []
-        for single in self._distinct(singles)[: self.settings.beam]:
-            self.whitening.reset()
-            model = self._judged(single.model)
-            for addition in self._distinct(self._screened(model))[: self.settings.branches]:
-                found.append(self._judged(self._fitted(addition.model)))
-        found = [m for m in found if np.isfinite(m.likelihood).all()]
-        if not found:
-            return None
-        best = max(found, key=lambda m: m.likelihood.sum())
-        gain, error = best.gain(singles[0].model)
-        return best if gain > max(self.settings.least, self.settings.sure * error) else None
+    def screened(self, model: BalancedModel) -> list[Addition]:
+        """Of each effect that is not in the model, best first, from columns alone: none is polished."""
+        self.whitening.reset()
+        return self._screened(self._judged(model))
 
-    def _distinct(self, additions: Sequence[Addition]) -> list[Addition]:
-        """Of `additions`, best first, the simplest of each few whose responses are alike."""
+    def fitted(self, model: BalancedModel) -> BalancedModel:
+        """The model with all of its parameters fitted in the balance, and how it predicts blocks."""
+        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+            return self._judged(self._fitted(model))
+
+    def groups(self, additions: Sequence[Addition]) -> list[list[Addition]]:
+        """`additions`, best first, with those together whose responses are alike."""
         groups: list[list[Addition]] = []
         for addition in additions:
             own = next((g for g in groups if self._are_alike(g[0], addition)), None)
@@ -165,16 +172,17 @@ class Screening:
                 groups.append([addition])
             else:
                 own.append(addition)
-        return [min(g, key=lambda a: len(a.placed.effect.parameters)) for g in groups]
+        return groups
 
     def _are_alike(self, one: Addition, other: Addition) -> bool:
         sizes = np.linalg.norm(one.response) * np.linalg.norm(other.response)
         return abs(one.response @ other.response) > self.settings.alike * sizes
 
-    def best(self) -> BalancedModel:
-        """The declared model, or that with the one effect that predicts most."""
-        declared = self._judged(BalancedModel((), self.balance.point, ()))
-        added = [a.model for a in self.additions((), ())[: self.settings.polished] if a.model.likelihood.size]
+    def best(self, polished: int) -> BalancedModel:
+        """The declared model, or that with the one effect that predicts most of so many that are polished."""
+        self.whitening.reset()
+        declared = self._judged(self._with_slow_noise(BalancedModel((), self.balance.point, ())))
+        added = [a.model for a in self._additions(declared, polished) if a.model.likelihood.size]
         return max([declared, *added], key=lambda m: m.likelihood.sum())
 
     # --- the balance ---
@@ -246,23 +254,35 @@ class Screening:
         forces = [np.tensordot(v[amplitudes], w, axes=1) * here for v, w in zip(values, waves, strict=True)]
         return [self.balance.of_joint_force(effect.dof, force) for force in forces]
 
-    def _adapt(
+    def _left(
         self, model: BalancedModel, target: Sequence[np.ndarray], columns: Sequence[np.ndarray]
-    ) -> None:
-        """Make the model's own error as large as makes what it leaves most likely."""
+    ) -> list[np.ndarray]:
+        """What the model leaves of its system once its parameters took a linear step, (row, nv) of each stretch."""
         white, slope = -self._white(target)[:, 0], self._white(columns)
         free = self._free(model, white, slope)
         step = _solved(slope[:, free], white)
-        self.whitening.adapt([t[..., 0] + c[..., free] @ step for t, c in zip(target, columns, strict=True)])
+        return [t[..., 0] + c[..., free] @ step for t, c in zip(target, columns, strict=True)]
+
+    def _with_slow_noise(self, model: BalancedModel) -> BalancedModel:
+        """The model with the slow noise of the sensors that it leaves."""
+        return replace(
+            model, slow_noise=self.whitening.slow_noise_of(self._left(model, *self._system(model)))
+        )
 
     def _judged(self, model: BalancedModel) -> BalancedModel:
-        """With the likelihood of each block; the model's own error is as large as makes it most likely."""
+        """With the likelihood of each block; the model's own error is as large as makes it most likely. Not a number
+        where an effect runs away.
+        """
         target, columns = self._system(model)
-        self._adapt(model, target, columns)
+        if not all(np.abs(a).max(initial=0.0) < RAN_AWAY for a in (*target, *columns)):
+            return replace(model, likelihood=np.full(int(self.block.max()) + 1, np.nan))
+        slow = np.zeros_like(self.whitening.slow_noise) if model.slow_noise is None else model.slow_noise
+        self.whitening.adapt(self._left(model, target, columns), slow)
         target, columns = -self._white(target)[:, 0], self._white(columns)
         sums = Sums.of(target, columns[:, self._free(model, target, columns)], self._block_of_row)
         determinants = np.bincount(self.block, weights=self.whitening.log_determinants())
-        return replace(model, likelihood=determinants - 0.5 * predicted(sums))
+        likelihood = determinants - 0.5 * predicted(sums)
+        return replace(model, likelihood=likelihood, beyond_noise=self.whitening.beyond_noise)
 
     def _bounds(self, model: BalancedModel) -> tuple[np.ndarray, np.ndarray]:
         spaces = [self.space, *(e.effect.space for e in model.effects)]
@@ -298,11 +318,13 @@ class Screening:
         best, least, far = model, np.inf, own.far
         for _ in range(own.descents if any(e.effect.shapes for e in model.effects) else own.straight):
             target, columns = self._system(model)
-            columns = self._white(columns)
-            white, by_parameter = _without(
-                columns[:, len(low) :], self._white(target)[:, 0], columns[:, : len(low)]
-            )
-            squares = float(white @ white)
+            target, columns = self._white(target)[:, 0], self._white(columns)
+            squares = np.inf  # of an effect that runs away
+            if np.isfinite(columns).all() and np.abs(target).max() < RAN_AWAY:
+                white, by_parameter = _without(columns[:, len(low) :], target, columns[:, : len(low)])
+                squares = float(white @ white)
+            if np.isinf(squares) and np.isinf(least):
+                break
             if squares < least:
                 done = squares > least * (1 - own.shortest)
                 best, least, slope, left = model, squares, by_parameter, white
@@ -381,7 +403,7 @@ def declared_balance(
         whitening.balance = balance
         if np.abs(step).max(initial=0.0) < settings.shortest:
             break
-    return balance, Whitening(balance)
+    return balance, whitening.at(balance)
 
 
 def _by_parameter(balance: ForceBalance) -> list[Accelerations]:

@@ -95,12 +95,12 @@ def _prepared(to_fit: LogToFit, held_out: EarlierSplit | None, threads: int | No
     if prepared.input_timings or all(c.linear is not None for c in task.inputs):
         return prepared
     unread = replace(prepared, task=task)
-    timings = timings_with_effects(
+    timings, screening = timings_with_effects(
         unread, all_candidates(prepared), partial(to_fit.prepared, held_out), threads
     )
     if any(t.linear for t in timings):
         prepared = to_fit.prepared(held_out, with_timings(task, timings))
-    return replace(prepared, input_timings=timings)
+    return replace(prepared, input_timings=timings, screening=screening)
 
 
 def diagnose_prepared(

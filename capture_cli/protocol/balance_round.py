@@ -1,0 +1,163 @@
+"""One round of the search where the log gives a force balance: the best sets of effects there, fitted by simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from capture_cli.diagnosis.score import similarity
+from capture_cli.effects.placed import Placed
+from capture_cli.protocol.balance_scores import score_in_balance
+from capture_cli.protocol.candidates import Candidate
+from capture_cli.protocol.fit import Fit, least
+from capture_cli.protocol.forward_round import RIVALS, SIMILAR, by_score
+from capture_cli.protocol.model_comparison import FittedSet, ModelComparison
+from capture_cli.protocol.plausibility import MATERIAL, implausible, slight
+from capture_cli.select.beam import grown
+from capture_cli.select.screening import BalancedModel, Screening
+
+UNITED = 3  # single effects that are put beside the best model of a size
+
+
+class BalanceRound:
+    """What may be added to the model `current`, of the candidates that the screening covers.
+
+    most: effects, or laws at all of their places, to add. on_step is told what is being tried, the number of it, and of
+    how many.
+
+    ranked: candidates that their scores speak for, best first. exhausted: whether larger models were fitted, too, and
+    none held.
+    """
+
+    def __init__(
+        self,
+        models: ModelComparison,
+        screening: Screening,
+        current: Fit,
+        candidates: Sequence[Candidate],
+        *,
+        most: int,
+        on_step: Callable[[str, int, int], None],
+    ):
+        self.models = models
+        self.current = current
+        self.on_step = on_step
+        self.exhausted = False
+        self.candidates = {c.name: c for c in candidates}
+        score_in_balance(screening, current, candidates)
+        self.ranked = by_score(candidates)
+        values = [current.point[current.columns(e.name)] for e in current.effects]
+        self._before, self._best = models.judge(current), None
+        # beside what was found already one is looked for at a time
+        sizes = 1 if current.effects else most
+        self.supported = self._search(grown(screening, current.effects, values, sizes))
+
+    def choose(self) -> tuple[FittedSet, list[Candidate]] | None:
+        """Of the supported models the best, and of those it cannot be told from that with the fewest parameters. With
+        it, where it has one effect more, its rivals: the others with one, and effects that were not fitted whose
+        response is nearly its own.
+        """
+        if not self.supported:
+            self._reject_unfitted([])
+            return None
+        best = self.models.best_of(self.supported)
+        as_good = [s for s in self.supported if s is best or self.models.as_good(best, s)]
+        chosen = min(as_good, key=lambda s: (len(s.fit.point), s.fit.penalised_squares))
+        names, rivals = [e.name for e in chosen.added], []
+        for other in sorted(self.supported, key=lambda s: s.fit.penalised_squares):
+            if len(other.added) == 1 and other.added[0].name not in names:
+                self._reject(other.added, f"{' and '.join(names)} explains as much with less, or more")
+                rivals.append(replace(self.candidates[other.added[0].name]))
+        unfitted = self._reject_unfitted(names)
+        if len(names) > 1:
+            return chosen, []
+        response = self.candidates[names[0]].score.response
+        alike = [replace(c) for c in unfitted if abs(similarity(response, c.score.response)) > SIMILAR]
+        return chosen, [*rivals[:RIVALS], *alike[:RIVALS]]
+
+    def _reject_unfitted(self, names: Sequence[str]) -> list[Candidate]:
+        """Say why candidates are out that nothing else is said of, but those called `names`; they are returned."""
+        found = [c for c in self.ranked if c.why_rejected is None and c.name not in names]
+        for candidate in found:
+            gain, most = candidate.score.gain, self.ranked[0].score.gain
+            candidate.why_rejected = f"explains less at first sight ({gain:.3g} of {most:.3g})"
+        return found
+
+    def _search(self, levels: Iterator[Sequence[BalancedModel]]) -> list[FittedSet]:
+        """Those of the models that hold on what judges, fitted by simulation; larger ones where no smaller one leaves
+        nothing, as long as one takes a material share of that.
+
+        Fits with hidden states take long: they come last, and are given up where they stay far behind.
+        """
+        found: list[FittedSet] = []
+        single, smaller = len(self.current.effects) + 1, self.current
+        for level in levels:
+            larger = len(level[0].effects) > single
+            if larger:
+                smaller = least([s.fit for s in found]) or self.current
+                level = [*level, *self._unions(found, level)]
+            more = []
+            for number, model in enumerate(sorted(level, key=_hidden_states)):
+                self.on_step("refit", number, len(level))
+                more += self._fitted(model, smaller)
+            found += more
+            self.exhausted = larger and smaller is not self.current and not more
+            if (larger and not more) or any(self.models.is_explained(s.fit) for s in found):
+                break
+        return found
+
+    def _unions(self, found: Sequence[FittedSet], level: Sequence[BalancedModel]) -> list[BalancedModel]:
+        """The best of the models `found` with each of the best single effects beside it, but those in `level`: what
+        holds in simulations the balance need not prefer.
+        """
+        ranked = sorted(found, key=lambda s: s.fit.penalised_squares)
+        if not ranked:
+            return []
+        (best, *_), known = ranked, {frozenset(e.name for e in m.effects) for m in level}
+        unions, declared = [], len(self.models.fits.prepared.task.space)
+        for other in [s for s in ranked if len(s.added) == 1 and s.added[0] not in best.added][:UNITED]:
+            effects = (*best.fit.effects, *other.added)
+            if frozenset(e.name for e in effects) in known:
+                continue
+            values = [best.fit.point[best.fit.columns(e.name)] for e in best.fit.effects]
+            values.append(other.fit.point[other.fit.columns(other.added[0].name)])
+            unions.append(BalancedModel(effects, best.fit.point[:declared], tuple(values)))
+        return unions
+
+    def _fitted(self, model: BalancedModel, smaller: Fit) -> list[FittedSet]:
+        """The model fitted by simulation, if it holds on what judges and explains materially more than `smaller`."""
+        added = model.effects[len(self.current.effects) :]
+        fit = self.models.fit(model.effects, model.start, self.current, self._best)
+        reason = self._unfit(fit, added, smaller) or self._unsupported(fit, added)
+        self._best = least([self._best, fit])
+        if reason is None:
+            return [FittedSet(added, fit, self.models.judge(fit))]
+        self._reject(added, reason)
+        return []
+
+    def _unfit(self, fit: Fit | None, added: Sequence[Placed], smaller: Fit) -> str | None:
+        """What speaks against a fit before it is judged."""
+        if fit is None or fit.penalised_squares >= self.current.penalised_squares:
+            if fit is not None and not fit.finished:
+                return f"fitted jointly it stays far behind {self._best.effects[-1].name}"
+            return "fitted jointly it explains nothing more"
+        reasons = (implausible(self.models, self.current, fit, placed) for placed in added)
+        return next((r for r in reasons if r), None) or slight(smaller, fit, MATERIAL)
+
+    def _unsupported(self, fit: Fit, added: Sequence[Placed]) -> str | None:
+        tried = [len(self.candidates) * self.candidates[e.name].shapes_tried for e in added]
+        size = sum(max(len(e.effect.parameters), 1) for e in added)
+        hypotheses = float(np.prod(tried, dtype=float))
+        support, _ = self.models.support(self.current, fit, size, self._before, hypotheses)
+        return support.reason_against_entry()
+
+    def _reject(self, added: Sequence[Placed], reason: str) -> None:
+        """Say why an effect is out; of several at once none is out for that."""
+        if len(added) == 1:
+            self.candidates[added[0].name].why_rejected = reason
+
+
+def _hidden_states(model: BalancedModel) -> int:
+    return sum(len(e.states) for _, e in model.effects)
