@@ -239,8 +239,8 @@ def test_variants_of_one_site_leave_room_for_other_effects():
 
 def test_the_simplest_of_those_that_say_the_same_is_fitted_too():
     ranked = [_scored(k, np.ones(2), size=size) for k, size in enumerate((3, 4, 3, 1))]
-    refitted, _ = worth_a_refit(ranked, of_a_kind=2)
-    assert [c.number for c in refitted] == [0, 3]
+    refitted, _ = worth_a_refit(ranked)
+    assert [c.number for c in refitted] == [0, 1, 3]
 
 
 def _scored(

@@ -20,9 +20,6 @@ from capture_cli.select.screening import Screening, declared_balance
 from capture_cli.sim.contacts import can_touch
 from capture_cli.tasks.base import Task
 
-LEAST_GAIN = 3.0  # of predictive log likelihood: odds of 20 to 1
-SURE = 2.0  # standard errors over blocks by which it has to be above zero
-
 
 def screening_of(
     prepared: PreparedLog,
@@ -108,7 +105,6 @@ def score_in_balance(screening: Screening, current: Fit, candidates: Sequence[Ca
         amplitudes = start[len(start) - own :]
         candidate.score = Score(2 * addition.gain, amplitudes, moved, 1.0, addition.response)
         candidate.start = amplitudes
-        candidate.is_sure = addition.gain >= max(LEAST_GAIN, SURE * addition.error)
         if addition.gain <= 0:
             candidate.why_rejected = (
                 f"blocks that were not fitted are not predicted better (log likelihood {addition.gain:.3g} "

@@ -52,8 +52,7 @@ class Candidate:
     """An effect at a site, and what became of it in the last round that it was tried in.
 
     start: where a refit begins; start_elsewhere: at another peak, of an effect that repeats. start_doubted: where more
-    would be explained, by values that are not believed (`Effect.doubt`) while anything is left. is_sure: whether its
-    score is surely above zero, and not just above.
+    would be explained, by values that are not believed (`Effect.doubt`) while anything is left.
     """
 
     placed: Placed
@@ -66,7 +65,6 @@ class Candidate:
     shapes_tried: int = 1
     start_elsewhere: np.ndarray | None = None
     start_doubted: np.ndarray | None = None
-    is_sure: bool = True
 
     @property
     def name(self) -> str:
@@ -177,7 +175,6 @@ def score_at_null(narrow: NarrowShapes, candidate: Candidate) -> None:
     """Fill in the candidate's score and where a refit should start, or why it is out."""
     candidate.fit = candidate.select = candidate.support = candidate.score = None
     candidate.why_rejected = candidate.start_elsewhere = candidate.start_doubted = None
-    candidate.is_sure = True
     shapes, tried = _shapes(narrow, candidate.placed.effect)
     candidate.shapes_tried = tried * len(candidate.placed.effect.states_scored)
     probed = _probed(narrow, candidate, shapes, PROBES)
@@ -337,32 +334,27 @@ def _probes(
     return np.array(points), np.array(steps)
 
 
-def worth_a_refit(
-    ranked: Sequence[Candidate], different: int = DIFFERENT, of_a_kind: int = OF_A_KIND
-) -> tuple[list[Candidate], list[Candidate]]:
-    """The candidates to fit jointly, and the others; ranked: by score, best first.
-
-    different: so many that differ; of_a_kind: so many like each, the best, and the simplest before the others.
-    """
+def worth_a_refit(ranked: Sequence[Candidate]) -> tuple[list[Candidate], list[Candidate]]:
+    """The candidates to fit jointly, and the others; ranked: by score, best first."""
     kinds: list[list[Candidate]] = []
     for candidate in ranked:
         own = next((k for k in kinds if _alike(k[0], candidate)), None)
         if own is not None:
             own.append(candidate)
-        elif len(kinds) < different:
+        elif len(kinds) < DIFFERENT:
             kinds.append([candidate])
-    chosen = {id(c) for kind in kinds for c in _best_and_simplest(kind, of_a_kind)}
+    chosen = {id(c) for kind in kinds for c in _best_and_simplest(kind)}
     refitted = [c for c in ranked if id(c) in chosen][:REFITTED]
     chosen = {id(c) for c in refitted}
     return refitted, [c for c in ranked if id(c) not in chosen]
 
 
-def _best_and_simplest(kind: Sequence[Candidate], count: int) -> list[Candidate]:
-    """So many of a `kind`, ranked by score: what is simpler than the best may be all that is there."""
+def _best_and_simplest(kind: Sequence[Candidate]) -> list[Candidate]:
+    """OF_A_KIND of a `kind`, ranked by score: what is simpler than the best may be all that is there."""
     best, *others = kind
     sizes = {id(c): len(effect.parameters) for c in kind for _, effect in [c.placed]}
     others.sort(key=lambda c: sizes[id(c)] >= sizes[id(best)])
-    return [best, *others[: count - 1]]
+    return [best, *others[: OF_A_KIND - 1]]
 
 
 def _alike(a: Candidate, b: Candidate) -> bool:
