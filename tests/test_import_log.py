@@ -875,6 +875,18 @@ def test_a_parquet_whose_names_are_no_text_is_refused(tmp_path, any_length):
         import_log(files=[file], task=str(any_length), out=tmp_path / "o.zarr")
 
 
+def test_records_of_columns_of_a_small_parquet_are_not_looked_at(tmp_path):
+    """One that is damaged may end the process: a name in it that is no text stands for that."""
+    file = tmp_path / "run.parquet"
+    parquet.write_table(pa.table({"time_stamp": [0.0, 0.1]}), file)
+    before, _, after = file.read_bytes().rpartition(b"\x0atime_stamp")  # of the chunk, behind the schema's
+    assert b"time_stamp" in before
+    file.write_bytes(before + b"\x0atime_stam\xff" + after)
+    with pytest.raises(UnicodeDecodeError):
+        parquet.ParquetFile(file).metadata.row_group(0).column(0).path_in_schema  # noqa: B018
+    np.testing.assert_array_equal(open_source(file).numbers(["time_stamp"])[:, 0], [0.0, 0.1])
+
+
 def test_place_counts_lines_as_an_editor_does(tmp_path):
     file = tmp_path / "run.csv"
     file.write_text("\n" + HEADER + "\n\n" + ROWS[0] + "\n\n" + ROWS[1] + "\n")

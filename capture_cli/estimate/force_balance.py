@@ -30,7 +30,7 @@ from capture_cli.effects._followed_force import FollowedForce
 from capture_cli.effects._periodic_force import PeriodicForce
 from capture_cli.effects.base import Effect
 from capture_cli.estimate.motion import SmoothedLog
-from capture_cli.estimate.recorded_world import RecordedWorld
+from capture_cli.estimate.recorded_world import AT_JOINTS, RecordedWorld
 from capture_cli.sim.engine import APPLIED, ModelFields, World, silence_mujoco
 from capture_cli.sim.windows import LEAD
 
@@ -45,10 +45,6 @@ _IMPLICIT = {
     int(_INTEGRATOR.mjINT_IMPLICITFAST): ("qfrc_passive", "qfrc_actuator"),
 }
 _OF_ACTUATORS = ("actuator_gear", "actuator_gainprm", "actuator_biasprm", "actuator_forcerange")
-AT_JOINTS = (
-    "dof_frictionloss",
-    "dof_damping",
-)  # fields whose change is a force at the joint, without a calculation
 
 
 @dataclass(frozen=True)

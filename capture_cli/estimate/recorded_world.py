@@ -9,8 +9,8 @@ import numpy as np
 
 from capture_cli.sim.engine import APPLIED
 
-# What a force may change at joints: its own force, dry friction and damping
-AT_JOINTS = (APPLIED[0], "dof_frictionloss", "dof_damping")
+# fields whose change is a force at the joint, without a calculation
+AT_JOINTS = ("dof_frictionloss", "dof_damping")
 
 
 class RecordedWorld:
@@ -49,7 +49,7 @@ class RecordedWorld:
     @property
     def is_changed_elsewhere(self) -> bool:
         """Whether the force changes anything but what joints feel."""
-        others = (pair for name, pair in self._varied.items() if name not in AT_JOINTS)
+        others = (pair for name, pair in self._varied.items() if name not in (APPLIED[0], *AT_JOINTS))
         return any((live != own).any() for live, own in others)
 
     def _vary(self, name: str, own: np.ndarray) -> np.ndarray:

@@ -91,7 +91,6 @@ class Attribution:
         self.given = candidates is not None
         self.candidates = all_candidates(fits.prepared) if candidates is None else list(candidates)
         self.models.candidates = self.candidates if candidates is None else []
-        self.ranked: list[Candidate] = []  # what the last round's scores speak for, best first
         self.accepted: list[Accepted] = []
         self.excess = TINY  # squared error above the noise floor of the declared model
         self.exhausted = False  # whether the force balance has no more that holds
@@ -182,13 +181,13 @@ class Attribution:
                 for c in self._outside
                 if c.placed.kind == accepted.placed.kind and c.placed.effect.site != GLOBAL
             ]
+            if len(places) < 2:
+                continue
             own = current.columns(accepted.name)
             rest = [e for e in current.effects if e.name != accepted.name]
-            start = np.concatenate(
-                [np.delete(current.point, np.r_[own]), np.tile(current.point[own], len(places))]
-            )
+            start = np.concatenate([np.delete(current.point, own), np.tile(current.point[own], len(places))])
             self._step("refit", 0, 1)
-            fit = self.models.fit([*rest, *places], start, current) if len(places) > 1 else None
+            fit = self.models.fit([*rest, *places], start, current)
             if fit is None or not self.models.is_better(current, fit):
                 continue
             current = fit

@@ -15,10 +15,9 @@ from capture_cli.protocol.fit import Fit, least
 from capture_cli.protocol.forward_round import RIVALS, SIMILAR, by_score
 from capture_cli.protocol.model_comparison import FittedSet, ModelComparison
 from capture_cli.protocol.plausibility import MATERIAL, implausible, slight
+from capture_cli.select.beam import SETTINGS as BEAM
 from capture_cli.select.beam import grown
 from capture_cli.select.screening import BalancedModel, Screening
-
-UNITED = 3  # single effects that are put beside the best model of a size
 
 
 class BalanceRound:
@@ -117,7 +116,7 @@ class BalanceRound:
             return []
         (best, *_), known = ranked, {frozenset(e.name for e in m.effects) for m in level}
         unions, declared = [], len(self.models.fits.prepared.task.space)
-        for other in [s for s in ranked if len(s.added) == 1 and s.added[0] not in best.added][:UNITED]:
+        for other in [s for s in ranked if len(s.added) == 1 and s.added[0] not in best.added][: BEAM.united]:
             effects = (*best.fit.effects, *other.added)
             if frozenset(e.name for e in effects) in known:
                 continue

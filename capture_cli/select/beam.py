@@ -20,7 +20,8 @@ from capture_cli.select.screening import Addition, BalancedModel, Screening
 @dataclass(frozen=True)
 class BeamSettings:
     """width: models of each size that are grown; branches: effects that are added to each. different: groups of alike
-    effects of which some are yielded at a time, of_a_kind: of each. sure: standard errors over
+    effects of which some are yielded at a time, of_a_kind: of each. united: single effects that
+    hold in simulations, which are put beside the best model there. sure: standard errors over
     blocks by which a larger model has to predict better than all smaller ones, and least: of log likelihood.
     """
 
@@ -28,6 +29,7 @@ class BeamSettings:
     branches: int = 2
     different: int = 4
     of_a_kind: int = 3
+    united: int = 3
     sure: float = 2.0
     least: float = 3.0
 

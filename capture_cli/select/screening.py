@@ -30,7 +30,7 @@ class ScreeningSettings:
     balance. descents: of such a fit, where parameters are nonlinear, and straight where they are not. far: its longest
     step, of a range; shortest: at which it is given up. difference: of a range, in differences of effects. at_once:
     atoms whose sums are in memory. at_end: of a range, within which a parameter is at its end. alike: cosine of
-    responses beyond which effects do not differ.
+    responses beyond which effects do not differ. ran_away: of rows, beyond which what others add is lost in rounding.
     """
 
     blocks: int = 12
@@ -43,10 +43,10 @@ class ScreeningSettings:
     at_once: int = 400
     at_end: float = 1e-6
     alike: float = 0.98
+    ran_away: float = 1e15
 
 
 SETTINGS = ScreeningSettings()
-RAN_AWAY = 1e15  # of rows: beyond it what others add is lost in rounding
 
 
 @dataclass(frozen=True)
@@ -274,7 +274,7 @@ class Screening:
         where an effect runs away.
         """
         target, columns = self._system(model)
-        if not all(np.abs(a).max(initial=0.0) < RAN_AWAY for a in (*target, *columns)):
+        if not all(np.abs(a).max(initial=0.0) < self.settings.ran_away for a in (*target, *columns)):
             return replace(model, likelihood=np.full(int(self.block.max()) + 1, np.nan))
         slow = np.zeros_like(self.whitening.slow_noise) if model.slow_noise is None else model.slow_noise
         self.whitening.adapt(self._left(model, target, columns), slow)
@@ -320,7 +320,7 @@ class Screening:
             target, columns = self._system(model)
             target, columns = self._white(target)[:, 0], self._white(columns)
             squares = np.inf  # of an effect that runs away
-            if np.isfinite(columns).all() and np.abs(target).max() < RAN_AWAY:
+            if np.isfinite(columns).all() and np.abs(target).max() < self.settings.ran_away:
                 white, by_parameter = _without(columns[:, len(low) :], target, columns[:, : len(low)])
                 squares = float(white @ white)
             if np.isinf(squares) and np.isinf(least):

@@ -410,9 +410,10 @@ class ParquetFile(SourceFile):
             self._file = parquet.ParquetFile(self.path)
             return tuple(self._file.schema_arrow.names)
         except (pa.ArrowException, OSError, UnicodeDecodeError) as error:  # names are text, too
-            raise LogError(
-                f"{self.path} is not a readable Parquet file: {error}", cure="write it again"
-            ) from error
+            raise self._unreadable(error) from error
+
+    def _unreadable(self, error: Exception) -> LogError:
+        return LogError(f"{self.path} is not a readable Parquet file: {error}", cure="write it again")
 
     def numbers(self, names):
         table = self._read(list(dict.fromkeys(names)))
@@ -455,9 +456,7 @@ class ParquetFile(SourceFile):
         try:
             most = max(8 * self._file.metadata.num_rows * len(names), self._packed(names))
         except UnicodeDecodeError as error:
-            raise LogError(
-                f"{self.path} is not a readable Parquet file: {error}", cure="write it again"
-            ) from error
+            raise self._unreadable(error) from error
         if most > self.most:
             raise _too_large(self.path, most, self.most)
         try:
