@@ -113,10 +113,6 @@ class ForceBalance:
     def _null(self) -> tuple[Accelerations, np.ndarray]:
         return self._forces_and_sums()
 
-    def with_inputs(self, linear: np.ndarray) -> Accelerations:
-        """Of the model with inputs that change evenly between rows where `linear` (input,), and are held elsewhere."""
-        return self._forces(controls=self._averaged(None, 1, linear)[0])
-
     def read_as(self, linear: np.ndarray) -> ForceBalance:
         """The balance with inputs that change evenly between rows where `linear` (input,), and are held elsewhere."""
         task = copy(self.smoothed.task)
@@ -220,10 +216,7 @@ class ForceBalance:
 
     @cached_property
     def _tapes(self) -> tuple[np.ndarray, np.ndarray]:
-        return self._tapes_of(self.smoothed.task.linear)
-
-    def _tapes_of(self, linear: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Controls (stretch, grid, nu) on the model's grid, and its time, s. linear (input,): as of `with_inputs`."""
+        """Controls (stretch, grid, nu) on the model's grid, and its time, s."""
         task, log = self.smoothed.task, self.smoothed.log
         spans = [slice(int(a), p.stop) for a, p in zip(self._tape_steps, self.smoothed.parts, strict=True)]
         longest = max(log.time[s.stop - 1] - log.time[s.start] for s in spans)
@@ -234,14 +227,12 @@ class ForceBalance:
             held = np.clip(np.searchsorted(time, grid + 1e-3 * task.timestep, side="right") - 1, 0, None)
             inputs = [
                 np.interp(grid, time, u) if evenly else u[held]
-                for u, evenly in zip(log.inputs[span].T, linear, strict=True)
+                for u, evenly in zip(log.inputs[span].T, task.linear, strict=True)
             ]
             found.append(task.controls(np.stack(inputs, axis=1)[None])[0])
         return np.array(found), grid
 
-    def _averaged(
-        self, drive: Callable | None, variants: int, linear: np.ndarray | None = None
-    ) -> np.ndarray:
+    def _averaged(self, drive: Callable | None, variants: int) -> np.ndarray:
         """Means of controls about the points, (variant, point, nu).
 
         A step of the model takes its control for the acceleration in the middle of it: q(t+h) - 2 q(t) + q(t-h) is
@@ -251,7 +242,7 @@ class ForceBalance:
         found = np.zeros((variants, len(self.points), task.model.nu))
         if not task.inputs:
             return found
-        tapes, grid = self._tapes if linear is None else self._tapes_of(linear)
+        tapes, grid = self._tapes
         step = grid[1] - grid[0]
         variant, part = (i.ravel() for i in np.indices((variants, parts)))
         controls = tapes[part]

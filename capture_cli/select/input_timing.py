@@ -67,7 +67,7 @@ def input_timings(
 
     def likelihood(read: np.ndarray) -> np.ndarray:
         """(block,)"""
-        target = whitening.rows([balance.with_inputs(read)])
+        target = whitening.rows([balance.read_as(read).null])
         _adapt(whitening, target, columns)
         white = np.concatenate(whitening.whitened(target))[:, 0]
         sums = Sums.of(-white, np.concatenate(whitening.whitened(columns)), whitening.block_of_row(blocks))
