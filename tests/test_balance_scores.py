@@ -53,9 +53,10 @@ def test_a_log_of_all_positions_has_a_balance(made):
 def test_what_no_balance_covers_has_none(made, monkeypatch, what):
     xml = LOOP.replace("<geom size", '<geom name="X" size').replace('"X"', '"a"', 1).replace('"X"', '"b"', 1)
     model = mujoco.MjModel.from_xml_string(xml.format(what))
+    prepared = with_task(made.prepared, model=model)
     # it is the model that says so, before the log is looked at
     monkeypatch.setattr(balance_scores, "log_of", lambda _: pytest.fail("the log was looked at"))
-    assert asked(with_task(made.prepared, model=model)) is None
+    assert asked(prepared) is None
 
 
 def test_a_joint_that_no_output_tells_leaves_none(made):
