@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import re
 import stat
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from itertools import takewhile
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -66,9 +67,15 @@ def _of_its_end(case: Case, ended: Ended) -> list[tuple[str, str]]:
         found.append((TRACEBACK, f"it said {spoken[0]!r}: {ended.stderr[-500:]!r}"))
     if ended.left:
         found.append((LITTER, "a process of it was still there"))
-    if ended.code == 0 and "--json" in case.arguments and not _is_json(ended.stdout):
+    expects_json = "--json" in case.arguments and not _asks_for_words(case.arguments)
+    if ended.code == 0 and expects_json and not _is_json(ended.stdout):
         found.append((WRONG, "with --json, stdout is no JSON document"))
     return found
+
+
+def _asks_for_words(arguments: Sequence[str]) -> bool:
+    """Whether --version, before any command, or --help ends it with words, whatever else is asked for."""
+    return "--version" in takewhile(lambda a: a.startswith("-"), arguments) or "--help" in arguments
 
 
 def _of_what_it_left(case: Case, ended: Ended, before: State, folder: Path) -> list[tuple[str, str]]:
