@@ -35,6 +35,7 @@ from capture_cli.stores.output import (
     new_directory,
     new_file,
     refuse_existing,
+    refuse_misnamed,
     resumable_directory,
     sha256,
 )
@@ -633,6 +634,38 @@ def test_the_schema_prints_every_array_and_attribute():
 def test_a_result_that_is_not_there_is_said_to_be_missing(tmp_path):
     with pytest.raises(StoreError, match="nowhere does not exist"):
         read_result(tmp_path / "nowhere", "estimate.json", "capture/estimate", 1, "make it")
+
+
+# --- names of outputs ---
+
+
+@pytest.mark.parametrize("path", ["gone/../new", "gone/deep/../new", "there/../gone/../new"])
+def test_a_path_up_from_a_folder_that_there_is_not_is_refused(tmp_path, monkeypatch, path):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "there").mkdir()
+    for new in (new_directory, new_file):
+        with pytest.raises(OutputError, match=r"goes up from .*gone.*, which does not exist"):
+            new(Path(path)).__enter__()
+    assert [f.name for f in tmp_path.iterdir()] == ["there"]
+
+
+def test_a_path_up_from_a_folder_is_taken(tmp_path, monkeypatch):
+    (tmp_path / "there").mkdir()
+    (tmp_path / "link").symlink_to("there")
+    monkeypatch.chdir(tmp_path / "there")
+    for path in ("../a", "../there/../b", "../link/../c", "d/e"):
+        with new_file(Path(path)) as file:
+            file.write_text("1")
+        assert Path(path).read_text() == "1"
+
+
+def test_a_file_is_named_as_what_it_is():
+    for name in ("a.json", "a.JSON", "a", "a.txt", "a.json/b", "a.7"):
+        refuse_misnamed(Path(name), ".json")
+    for name, called in (("a.xml", "XML"), ("b/a.CSV", "CSV"), ("a.json.zarr", "Zarr")):
+        with pytest.raises(OutputError, match=f"--truth .* named as {called}, .* JSON") as caught:
+            refuse_misnamed(Path(name), ".json", option="--truth")
+        assert caught.value.cure == "end its name in .json"
 
 
 # --- documents ---

@@ -55,10 +55,11 @@ def propose(
     """
     from capture_cli.json_text import json_text
     from capture_cli.stages.propose import propose as stage
-    from capture_cli.stores.output import New, new_outputs, refuse_existing
+    from capture_cli.stores.output import New, new_outputs, refuse_existing, refuse_misnamed
 
-    for file in (out, csv):
+    for file, option, ending in ((out, "--out", ".json"), (csv, "--csv", ".csv")):
         if file is not None:
+            refuse_misnamed(file, ending, option=option)
             refuse_existing(file, force=force)
     document = stage(
         result=result,

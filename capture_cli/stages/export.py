@@ -22,7 +22,7 @@ from capture_cli.stages.recorded_effects import WithValues, declared_values, rec
 from capture_cli.stages.recorded_task import load_recorded, task_inputs
 from capture_cli.stores.diagnosis import Diagnosis
 from capture_cli.stores.estimate import Estimate
-from capture_cli.stores.output import New, new_outputs, refuse_existing, refuse_inputs
+from capture_cli.stores.output import New, new_outputs, refuse_existing, refuse_inputs, refuse_misnamed
 from capture_cli.stores.result import check_bounds, is_within, read_provenance
 from capture_cli.tasks.base import Task
 
@@ -52,6 +52,7 @@ def export(*, result: Path, out: Path, task: str | None = None, force: bool = Fa
     or removed if it is not needed any more. Raises CaptureError for whatever the user can mend; then nothing is
     written.
     """
+    refuse_misnamed(out, ".xml")
     found = _read(result)
     command = MADE_BY[found["format"]]
     provenance = read_provenance(result, f"make it again with `capture {command}`")

@@ -28,7 +28,7 @@ from capture_cli.stages.effect_option import (
 from capture_cli.stages.recorded_task import task_inputs
 from capture_cli.stages.white_noise import standard_deviations
 from capture_cli.stores.measured_log import MeasuredLog
-from capture_cli.stores.output import New, new_outputs, refuse_existing, refuse_inputs
+from capture_cli.stores.output import New, new_outputs, refuse_existing, refuse_inputs, refuse_misnamed
 from capture_cli.stores.provenance import Provenance, write_json
 from capture_cli.tasks import load_task
 from capture_cli.tasks.base import ActionTask, Task
@@ -122,13 +122,14 @@ def record(
 
 
 def _refuse_truth(truth: Path, log: Path, *, force: bool) -> None:
-    """Raise OptionError where `truth` cannot be written there, beside `log`."""
+    """Raise OptionError or OutputError where `truth` cannot be written there, beside `log`."""
     refuse_existing(truth, force=force)
     if resolved(log) in (resolved(truth), *resolved(truth).parents):
         raise OptionError(
             f"--truth {truth} is the log at --out {log}, or in it: whoever reads a log must not find its truth",
             cure="choose another --truth, or leave it out: the truth then goes beside the log",
         )
+    refuse_misnamed(truth, ".json", option="--truth")
 
 
 def _noise_sd(noise: Mapping[str, float] | float, machine: Task) -> dict[str, float]:

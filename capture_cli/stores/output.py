@@ -28,6 +28,18 @@ REPLACED = ".replaced-"
 UNFINISHED = ".unfinished"
 PROVENANCE = "provenance.json"
 LONGEST = 200  # characters of a path in a message
+# What a file is by the end of its name, for whoever opens it.
+FORMATS = {
+    ".csv": "CSV",
+    ".html": "HTML",
+    ".json": "JSON",
+    ".parquet": "Parquet",
+    ".png": "PNG",
+    ".py": "Python",
+    ".toml": "TOML",
+    ".xml": "XML",
+    ".zarr": "Zarr",
+}
 TRIES, BETWEEN = 20, 0.05  # s, to remove a folder that something is still written into
 _HERE, _EXCHANGED = -100, 2  # AT_FDCWD and RENAME_EXCHANGE of renameat2
 GO_ON = "go on with the same command and --resume"
@@ -147,7 +159,8 @@ def unfinished(path: Path) -> Path:
 
 
 def refuse_existing(path: Path, *, force: bool) -> None:
-    """Raise OutputError where `path` exists and may not be replaced, or would lie in a file; call it before any work.
+    """Raise OutputError where `path` exists and may not be replaced, would lie in a file, or goes up by `..` from a
+    folder that there is not; call it before any work.
 
     With `force` a folder is replaced if it is empty or holds a provenance.json, as every output of `capture`
     does: a slip of the hand (`--out . --force`) must not cost a user's own files.
@@ -168,6 +181,7 @@ def refuse_existing(path: Path, *, force: bool) -> None:
                 f"cannot write {path}: {folder} is a file, not a folder", cure="choose another --out"
             )
     if not there:
+        _refuse_up_from_nothing(path)
         return
     if not (path.is_file() or path.is_dir()):
         raise OutputError(
@@ -179,6 +193,19 @@ def refuse_existing(path: Path, *, force: bool) -> None:
         raise OutputError(
             f"{path} is not an output of `capture` (no {PROVENANCE} in it), so --force does not replace it",
             cure="choose another --out, or remove the folder yourself",
+        )
+
+
+def refuse_misnamed(path: Path, ending: str, *, option: str = "--out") -> None:
+    """Raise OutputError where the file `path`, which is to hold what `ending` of FORMATS says, is named as another.
+
+    option: the one that says where `path` is.
+    """
+    named = FORMATS.get(Path(path).suffix.lower(), FORMATS[ending])
+    if named != FORMATS[ending]:
+        raise OutputError(
+            f"{option} {path} is named as {named}, and what is written there is {FORMATS[ending]}",
+            cure=f"end its name in {ending}",
         )
 
 
@@ -238,6 +265,21 @@ def _checked(output: New, *, force: bool) -> New:
     if not output.is_folder and path.is_dir():
         raise OutputError(f"{path} is a folder; the output is a file", cure="choose another --out")
     return New(path, output.is_folder)
+
+
+def _refuse_up_from_nothing(path: Path) -> None:
+    """Raise OutputError where a `..` of `path` follows a folder that there is not.
+
+    The system finds nothing at such a path, even when the output is there that the rest of the path names: what was
+    written could not be read by it.
+    """
+    for number, part in enumerate(path.parts):
+        before = Path(*path.parts[:number])
+        if part == ".." and not before.is_dir():
+            raise OutputError(
+                f"cannot write {path}: its `..` goes up from {before}, which does not exist",
+                cure=f"leave {before.name}/.. out of the path, or make that folder first",
+            )
 
 
 def _made(output: New) -> Path:

@@ -228,6 +228,32 @@ def seeds(inputs: Path) -> list[Case]:
         line("start x=:1", sound("record", "--start x=:1"), "LOW:HIGH"),
         line("start x=nan", sound("record", "--start x=nan")),
         line("start of a joint that there is not", sound("record", "--start y=1"), "y"),
+        *(
+            line(f"up from a folder that there is not: {command}", sound(command, options), "does not exist")
+            for command, options in (
+                ("record", "--out new.zarr/../new"),
+                ("record", "--truth new.zarr/../new.json"),
+                ("import-log", "--force --out new.zarr/../new --even-times"),
+                ("identify", "--out new.zarr/../new --resume"),
+                ("diagnose", "--out new.zarr/../new --resume"),
+                ("export", "--out new.zarr/../new.xml"),
+                ("propose", "--out new.zarr/../new.json"),
+                ("gen-histories", "--out new.zarr/../new --resume"),
+                ("eval-sim2sim", "--out new.zarr/../new"),
+            )
+        ),
+        *(
+            line(f"a name of another format: {command} {options}", sound(command, options), *words)
+            for command, options, *words in (
+                ("record", "--truth new.xml", "XML", "JSON"),
+                ("export", "--out new.json", "JSON", "XML"),
+                ("propose", "--out new.CSV", "CSV", "JSON"),
+                ("propose", "--csv new.json", "JSON", "CSV"),
+            )
+        ),
+        line(
+            "--version before a command", "--version proposal.json train-sysid --json", end=taken("capture")
+        ),
         line("a path of 5,000 characters", f"inspect {'a' * 5000}"),
         line("a command that there is not", "identfy", "identify"),
         line("an option that there is not", sound("record", "--episods 3"), "--episods"),
