@@ -470,7 +470,10 @@ def test_a_suite_with_nothing_to_run_is_refused(folder):
     [
         ("{", "is not JSON"),
         ("{}", "not of the format"),
-        ('{"format": "capture/identifier", "version": 1, "task": "scooping"}', "architecture, histories"),
+        (
+            '{"format": "capture/identifier", "version": 1, "task": "scooping"}',
+            "architecture, training, histories",
+        ),
     ],
 )
 def test_a_suite_names_the_checkpoint_that_is_damaged(tmp_path, text, message):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import re
 import shutil
 import tempfile
 from pathlib import Path
@@ -112,9 +113,25 @@ def test_half_of_the_actions_are_those_of_a_mirrored_world():
 def test_layers_that_do_not_fit_are_refused():
     task = AirHockey()
     settings_, weights = network(task, 0).state()
-    with pytest.raises(ValueError, match="do not fit"):
-        Sac.from_state(task, settings_, {**weights, "1.weight": weights["1.weight"][:, 1:]})
-    with pytest.raises(ValueError, match="do not fit"):
+    narrow = weights["1.weight"][:, 1:]
+    for changed, said in (
+        (
+            {**weights, "1.weight": narrow},
+            rf"1\.weight has shape {re.escape(str(narrow.shape))}, expected \(",
+        ),
+        (
+            {**weights, "0.bias": weights["0.bias"][:, None]},
+            r"0\.bias has shape \(\d+, 1\), expected \(\d+,\)",
+        ),
+        ({n: w for n, w in weights.items() if n != "0.bias"}, r"0\.bias is missing"),
+        ({**weights, "9.bias": weights["0.bias"]}, r"9\.bias is one array more"),
+    ):
+        with pytest.raises(ValueError, match=said):
+            Sac.from_state(task, settings_, changed)
+    for layers in (0, -1, 2.0, True, 10**18, {}):
+        with pytest.raises(ValueError, match=r"settings\.layers is"):
+            Sac.from_state(task, {"layers": layers}, weights)
+    with pytest.raises(ValueError, match="expected"):
         Sac.from_state(Reaching(), settings_, weights)
 
 

@@ -26,8 +26,10 @@ from capture_cli.errors import CaptureError, Interrupted, LogError, OutputError,
 from capture_cli.stages.chosen_identifier import SHIPPED
 from capture_cli.stages.identifier_checkpoint import load_identifier
 from capture_cli.stages.import_log import import_log
+from capture_cli.stages.policy_checkpoint import read_policy
 from capture_cli.stores import output
 from capture_cli.stores.document_shape import BOUNDS, COUNT, NUMBER, POSITIVE, TEXT, check_shape, or_none
+from capture_cli.stores.evaluation import Evaluation
 from capture_cli.stores.histories import Histories
 from capture_cli.stores.measured_log import SCHEMA, MeasuredLog
 from capture_cli.stores.output import (
@@ -711,7 +713,18 @@ def test_what_a_document_lacks_or_mistypes_is_named(wrong, said):
 @pytest.mark.parametrize(
     ("name", "path", "value", "said"),
     [
-        ("air-hockey", ("result",), {}, "result.pairs missing"),
+        ("air-hockey", ("result",), {}, "result.pairs, .* missing"),
+        (
+            "air-hockey",
+            ("result", "coverage", "left_damping"),
+            {},
+            r"coverage.left_damping is \{\}; expected a number",
+        ),
+        ("scooping", ("result", "coverage"), {"mass": 0.9}, r"coverage is of \(mass\); expected \(com\)"),
+        ("scooping", ("result", "best_step"), "last", "best_step is 'last'; expected a whole number"),
+        ("scooping", ("training", "steps"), [], "training.steps is"),
+        ("scooping", ("architecture", "layers"), 2.0, "architecture.layers is 2.0"),
+        ("scooping", ("signature", "parameters", 0, "step"), {}, r"parameters\[0\].step is"),
         ("air-hockey", ("histories", "search"), None, "histories.search is None; expected a text"),
         ("scooping", ("signature", "features", 0, "scale"), 0, "scale is 0; expected a number above 0"),
     ],
@@ -722,6 +735,43 @@ def test_a_checkpoint_with_a_mistyped_part_is_refused(tmp_path, name, path, valu
     with pytest.raises(StoreError, match=said) as caught:
         load_identifier(folder)
     assert "identifier.json" in caught.value.message and "train-sysid" in caught.value.cure
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "said"),
+    [
+        (("result", "success"), [], r"result.success is \[\]; expected a number"),
+        (("result", "random"), {}, "result.random.reward, result.random.success missing"),
+        (("training", "steps"), "many", "training.steps is 'many'"),
+        (("bounds", "actions", 0), [1, -1], r"bounds.actions\[0\] is \[1, -1\]"),
+    ],
+)
+def test_a_policy_with_a_mistyped_part_is_refused(tmp_path, path, value, said):
+    folder = shutil.copytree(REPOSITORY / "runs" / "policies" / "scooping", tmp_path / "policy")
+    _put(folder / "policy.json", path, value)
+    with pytest.raises(StoreError, match=said) as caught:
+        read_policy(folder)
+    assert "policy.json" in caught.value.message and "train-policy" in caught.value.cure
+
+
+def test_a_policy_that_was_not_trained_says_nothing_of_training(tmp_path):
+    folder = shutil.copytree(REPOSITORY / "runs" / "policies" / "scooping", tmp_path / "policy")
+    document = json.loads((folder / "policy.json").read_text())
+    (folder / "policy.json").write_text(json.dumps({k: v for k, v in document.items() if k != "result"}))
+    read_policy(folder)
+    with pytest.raises(StoreError, match="result missing"):
+        read_policy(folder, trained=True)
+
+
+def test_an_evaluation_without_a_round_is_refused(tmp_path):
+    folder = shutil.copytree(REPOSITORY / "runs" / "evaluation" / "scooping", tmp_path / "evaluation")
+    _put(
+        folder / "evaluation.json",
+        ("identifiers", "domain-randomization", "parameter_difference", "mean"),
+        [],
+    )
+    with pytest.raises(StoreError, match=r"mean is \[\]; expected a list of numbers, one or more"):
+        Evaluation.read(folder)
 
 
 def test_histories_with_a_mistyped_attribute_are_refused(tmp_path):

@@ -18,7 +18,10 @@ from capture_cli.identifiers._family import QUANTILES, Family
 from capture_cli.identifiers._inference import answer
 from capture_cli.identifiers._normalisation import Normalisation
 from capture_cli.identifiers.rounds import RoundIdentifier, Rounds, Signature
-from capture_cli.named_arrays import by_part
+from capture_cli.named_arrays import by_part, check_shapes
+
+# arrays that numbers are divided or multiplied by
+ABOVE_ZERO = ("normalisation.spread", "normalisation.residual_spread", "calibration.factor")
 
 
 @dataclass(frozen=True)
@@ -56,27 +59,17 @@ class TrainedModel:
         self.calibration = calibration
         self.family = family
         self.network = {name: np.asarray(array) for name, array in network.items()}
-        if {name: array.shape for name, array in self.network.items()} != self.architecture.weight_shapes:
-            raise ValueError("its weights are not those of its architecture")
         self._check()
 
     def _check(self) -> None:
         """Raise ValueError where its parts do not belong together, or are not finite."""
-        a, trajectory = self.architecture, self.signature.trajectory_shape
-        size, actions = len(self.signature.space), len(self.signature.actions)
-        if (a.parameters, a.actions, a.points, a.features) != (size, actions, *trajectory):
-            raise ValueError("its architecture is not for its parameters, actions and points")
         _, arrays = self.state()
-        vector = actions + math.prod(trajectory)
-        shapes = {f"normalisation.{name}": trajectory for name in self.normalisation.weights()}
-        shapes |= {"calibration.factor": (a.window, size)}
-        shapes |= {"family.mean": (vector,), "family.whitening": (vector, vector)}
-        shapes |= {"family.usual": (len(self.family.usual), len(QUANTILES))}
+        _check_shapes(arrays, self.signature, self.architecture, len(self.family.usual))
         for name, array in arrays.items():
-            if array.shape != shapes.get(name, array.shape):
-                raise ValueError(f"{name} has shape {array.shape}, expected {shapes[name]}")
             if not np.isfinite(array).all():
                 raise ValueError(f"{name} is not finite")
+            if name in ABOVE_ZERO and array.min(initial=1) <= 0:
+                raise ValueError(f"{name} holds {array.min():g}, expected numbers above 0")
         usual = self.family.usual
         if np.any(np.diff(usual, axis=1) < -1e-9 * np.abs(usual).max()):
             raise ValueError("family.usual, quantiles, do not rise")
@@ -109,14 +102,16 @@ class TrainedModel:
 
     @classmethod
     def from_state(cls, settings: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> TrainedModel:
-        """What `state` gave."""
-        parts = by_part(arrays)
+        """What `state` gave; settings["histories"] says how many rounds those had that it learned from."""
         signature = Signature.from_document(settings["signature"])
+        architecture = Architecture(**settings["architecture"])
+        _check_shapes(arrays, signature, architecture, settings["histories"]["rounds"])
+        parts = by_part(arrays)
         normalisation = Normalisation(signature, **parts["normalisation"])
         family = Family(normalisation, **parts["family"])
         return cls(
             signature,
-            Architecture(**settings["architecture"]),
+            architecture,
             parts["network"],
             normalisation,
             parts["calibration"]["factor"],
@@ -179,3 +174,25 @@ def covariances(whitening: np.ndarray) -> np.ndarray:
     """(W'W)^-1 of lower triangular W (..., parameter, parameter)."""
     inverse = np.linalg.inv(whitening)
     return inverse @ np.swapaxes(inverse, -1, -2)
+
+
+def _check_shapes(
+    arrays: Mapping[str, np.ndarray], signature: Signature, architecture: Architecture, rounds: int
+) -> None:
+    """Raise ValueError where `arrays` are not those of a model, which learned from histories of so many rounds."""
+    a, trajectory = architecture, signature.trajectory_shape
+    size, actions = len(signature.space), len(signature.actions)
+    found, expected = (a.parameters, a.actions, a.points, a.features), (size, actions, *trajectory)
+    if found != expected:
+        raise ValueError(
+            f"its architecture is for {found} parameters, actions, points and features, expected {expected}"
+        )
+    if a.layers > len(arrays):  # of so many the shapes need not be listed
+        raise ValueError(f"its architecture has {a.layers} layers, and there are {len(arrays)} arrays")
+    vector = actions + math.prod(trajectory)
+    shapes = {f"network.{name}": shape for name, shape in architecture.weight_shapes.items()}
+    shapes |= {f"normalisation.{name}": trajectory for name in ("centre", "spread", "residual_spread")}
+    shapes |= {"calibration.factor": (a.window, size)}
+    shapes |= {"family.mean": (vector,), "family.whitening": (vector, vector)}
+    shapes |= {"family.usual": (rounds, len(QUANTILES))}
+    check_shapes(arrays, shapes)

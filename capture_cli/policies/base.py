@@ -92,6 +92,17 @@ class Policy(ABC):
         return {}, {}
 
     @classmethod
+    def weight_shapes(
+        cls, settings: Mapping[str, Any], weights: Mapping[str, np.ndarray], parameters: int, actions: int
+    ) -> Mapping[str, tuple[int, ...]] | None:
+        """Of the weights, by name, that a policy of these settings has from so many parameters to so many components
+        of an action; None where that is not known. Sizes that nothing else says are those of `weights`.
+
+        Raises ValueError for settings that `state` never gave.
+        """
+        return None
+
+    @classmethod
     def from_state(
         cls, task: ActionTask, settings: Mapping[str, Any], weights: Mapping[str, np.ndarray]
     ) -> Policy:

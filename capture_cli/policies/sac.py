@@ -5,8 +5,13 @@ Trained by `capture_cli.policies._sac_training`; acting needs numpy only.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from itertools import pairwise
+from statistics import mode
+
 import numpy as np
 
+from capture_cli.named_arrays import check_shapes
 from capture_cli.policies.base import Policy, Trainer
 
 BLOCK = 1024  # rows at once: bounds memory
@@ -45,14 +50,22 @@ class Sac(Policy):
         return {"layers": len(self.layers)}, arrays
 
     @classmethod
+    def weight_shapes(cls, settings, weights, parameters, actions):
+        layers = settings.get("layers")
+        if not isinstance(layers, int) or isinstance(layers, bool) or not 1 <= layers <= len(weights):
+            raise ValueError(
+                f"settings.layers is {layers!r:.40}, expected a whole number above 0, for {len(weights)} arrays"
+            )
+        sizes = [parameters, *(_width(k, weights) for k in range(layers - 1)), actions]
+        shapes: dict[str, tuple[int, ...]] = {}
+        for k, (into, out) in enumerate(pairwise(sizes)):
+            shapes |= {f"{k}.bias": (out,), f"{k}.weight": (out, into)}
+        return shapes
+
+    @classmethod
     def from_state(cls, task, settings, weights):
-        layers = [(weights[f"{k}.weight"], weights[f"{k}.bias"]) for k in range(settings["layers"])]
-        sizes = [len(task.space), *(len(b) for _, b in layers)]
-        if sizes[-1] != len(task.actions) or any(
-            w.shape != (len(b), size) for (w, b), size in zip(layers, sizes[:-1], strict=True)
-        ):
-            raise ValueError(f"layers of {[w.shape for w, _ in layers]} do not fit the task")
-        return cls(task, layers)
+        check_shapes(weights, cls.weight_shapes(settings, weights, len(task.space), len(task.actions)))
+        return cls(task, [(weights[f"{k}.weight"], weights[f"{k}.bias"]) for k in range(settings["layers"])])
 
     @classmethod
     def trainer(cls, simulator, settings) -> Trainer:
@@ -72,6 +85,15 @@ class Sac(Policy):
         for k, (weights, biases) in enumerate(self.layers):
             values = _affine(np.maximum(values, 0.0) if k else values, weights, biases)
         return np.tanh(values)
+
+
+def _width(k: int, weights: Mapping[str, np.ndarray]) -> int:
+    """Of layer k, by what most of the three arrays say that have it: that one of them is wrong is seen then."""
+    own, biases, following = (
+        np.shape(weights.get(n)) for n in (f"{k}.weight", f"{k}.bias", f"{k + 1}.weight")
+    )
+    said = (*own[:1], *biases[:1], *following[-1:])
+    return mode(said) if said else 0
 
 
 def _affine(values: np.ndarray, weights: np.ndarray, biases: np.ndarray) -> np.ndarray:

@@ -13,7 +13,7 @@ from capture_cli import observation_noise
 from capture_cli.errors import OptionError, StoreError
 from capture_cli.identifiers import round_identifier
 from capture_cli.identifiers.rounds import RoundIdentifier, Signature
-from capture_cli.stores.document_shape import COUNT, FEATURES, NUMBER, PARAMETERS, TEXT, WHOLE
+from capture_cli.stores.document_shape import COUNT, FEATURES, FLAG, NUMBER, PARAMETERS, TEXT, WHOLE
 from capture_cli.stores.provenance import write_json
 from capture_cli.stores.result import read_result
 from capture_cli.stores.tensors import read_weights, save_arrays
@@ -27,7 +27,20 @@ _AGAIN = "train it again with `capture train-sysid`"
 SHAPE = {
     "identifier": TEXT,
     "task": TEXT,
-    "architecture": {"window": COUNT, "tokens": TEXT},
+    "architecture": {
+        "parameters": COUNT,
+        "actions": COUNT,
+        "points": COUNT,
+        "features": COUNT,
+        "tokens": TEXT,
+        "window": COUNT,
+        "width": COUNT,
+        "layers": WHOLE,
+        "heads": COUNT,
+        "dropout": NUMBER,
+        "residual": FLAG,
+    },
+    "training": {"steps": COUNT, "patience": WHOLE},
     "histories": {
         "model": TEXT,
         "rounds": COUNT,
@@ -36,7 +49,15 @@ SHAPE = {
         "noise_sd": {str: NUMBER},
         "mujoco": TEXT,
     },
-    "result": {"pairs": {"trained": WHOLE}},
+    "result": {
+        "steps": WHOLE,
+        "best_step": WHOLE,
+        "validation_loss": NUMBER,
+        "pairs": {"trained": WHOLE, "held_out": WHOLE},
+        "mean_absolute_error": {str: NUMBER},
+        "error_by_round": [NUMBER],
+        "coverage": {str: NUMBER},
+    },
     "signature": {
         "task": TEXT,
         "parameters": PARAMETERS,
@@ -45,6 +66,7 @@ SHAPE = {
         "point_times": [NUMBER],
     },
 }
+OF_PARAMETERS = ("mean_absolute_error", "coverage")  # of its result, one number for each
 
 
 @dataclass(frozen=True)
@@ -93,7 +115,16 @@ def save_identifier(model: TrainedModel, document: Mapping[str, Any], folder: Pa
 
 def read_document(path: Path) -> Mapping[str, Any]:
     """identifier.json in the directory `path`. Raises StoreError where it is missing, damaged or of another version."""
-    return read_result(path, DOCUMENT, FORMAT, VERSION, _AGAIN, SHAPE)
+    found = read_result(path, DOCUMENT, FORMAT, VERSION, _AGAIN, SHAPE)
+    names = [p["name"] for p in found["signature"]["parameters"]]
+    for key in OF_PARAMETERS:
+        if sorted(found["result"][key]) != sorted(names):
+            raise StoreError(
+                f"{path / DOCUMENT}: result.{key} is of ({', '.join(found['result'][key])}); "
+                f"expected ({', '.join(names)}), as in its signature",
+                cure=_AGAIN,
+            )
+    return found
 
 
 def load_identifier(path: str | Path, signature: Signature | None = None) -> IdentifierCheckpoint:
@@ -109,6 +140,11 @@ def load_identifier(path: str | Path, signature: Signature | None = None) -> Ide
     arrays = read_weights(path / WEIGHTS, _AGAIN, network="network.")
     try:
         kind = round_identifier(document["identifier"])
+        if not kind.needs_checkpoint:
+            raise ValueError(f"identifier {document['identifier']!r} learns nothing")
+        observation_noise.check(
+            document["histories"]["noise"], (f["name"] for f in document["signature"]["features"])
+        )
         model = TrainedModel.from_state(document, arrays)
     except (KeyError, TypeError, ValueError, OptionError) as error:
         raise StoreError(f"{path} cannot be read: {type(error).__name__}: {error}", cure=_AGAIN) from error

@@ -6,11 +6,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from capture_cli.errors import OptionError, StoreError, did_you_mean
+from capture_cli.named_arrays import check_shapes
 from capture_cli.parameters import ParameterSpace
 from capture_cli.policies import REGISTRY
 from capture_cli.policies.base import Policy
-from capture_cli.stores.document_shape import BOUNDS, OBJECT, TEXT
+from capture_cli.stores.document_shape import BOUNDS, COUNT, NUMBER, OBJECT, TEXT, check_shape
 from capture_cli.stores.provenance import write_json
 from capture_cli.stores.result import read_result
 from capture_cli.stores.tensors import read_weights, save_arrays
@@ -18,6 +21,7 @@ from capture_cli.tasks.base import ActionTask
 
 FORMAT, VERSION = "capture/policy", 1
 SETTINGS, WEIGHTS = "policy.json", "policy.safetensors"
+_JUDGED = {"reward": NUMBER, "success": NUMBER}
 SHAPE = {
     "policy": TEXT,
     "task": TEXT,
@@ -25,7 +29,10 @@ SHAPE = {
     "actions": [TEXT],
     "bounds": {"parameters": [BOUNDS], "actions": [BOUNDS]},
     "settings": OBJECT,
+    "training?": {"steps": COUNT},
+    "result?": {"episodes": COUNT, **_JUDGED, "random": _JUDGED},
 }
+TRAINED = {"training": OBJECT, "result": OBJECT}  # of what `train-policy` wrote, too
 AGAIN = "train the policy again with `train-policy`"
 
 
@@ -97,23 +104,48 @@ def _from_checkpoint(path: Path, task: ActionTask) -> Policy:
                     f"that of {task.name!r} lies between {bounds[0]:g} and {bounds[1]:g}",
                     cure=again,
                 )
-    weights = read_weights(path / WEIGHTS, AGAIN)
+    kind, weights = REGISTRY.get(settings["policy"]), read_policy_weights(path, settings)
     try:
-        return REGISTRY.get(settings["policy"]).from_state(task, settings["settings"], weights)
+        return kind.from_state(task, settings["settings"], weights)
     except (KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:
-        raise StoreError(
-            f"{path}: {SETTINGS} and {WEIGHTS} do not belong together: {error}",
-            cure=AGAIN,
-        ) from error
+        raise _apart(path, error) from error
+
+
+def read_policy_weights(path: Path, document: Mapping[str, Any]) -> dict[str, np.ndarray]:
+    """The arrays in the directory `path` that belong to its policy.json, `document`.
+
+    Raises StoreError where they are damaged, or not those of such a policy; of a kind that is unknown, where they are
+    damaged.
+    """
+    weights = read_weights(path / WEIGHTS, AGAIN)
+    if document["policy"] not in REGISTRY.names():
+        return weights
+    kind, sizes = REGISTRY.get(document["policy"]), (len(document["parameters"]), len(document["actions"]))
+    try:
+        shapes = kind.weight_shapes(document["settings"], weights, *sizes)
+        if shapes is not None:
+            check_shapes(weights, shapes)
+    except ValueError as error:
+        raise _apart(path, error) from error
+    return weights
+
+
+def _apart(path: Path, error: Exception) -> StoreError:
+    return StoreError(f"{path}: {SETTINGS} and {WEIGHTS} do not belong together: {error}", cure=AGAIN)
 
 
 def _bounds(space: ParameterSpace) -> list[list[float]]:
     return [[p.low, p.high] for p in space]
 
 
-def read_policy(path: Path) -> dict[str, Any]:
-    """policy.json in the directory `path`. Raises StoreError where it is missing, damaged or of another version."""
+def read_policy(path: Path, *, trained: bool = False) -> dict[str, Any]:
+    """policy.json in the directory `path`. Raises StoreError where it is missing, damaged or of another version.
+
+    trained: it has to say how it was trained and judged, too.
+    """
     found = read_result(path, SETTINGS, FORMAT, VERSION, AGAIN, SHAPE)
+    if trained:
+        check_shape(found, TRAINED, path / SETTINGS, AGAIN)
     for kind, bounds in found["bounds"].items():
         if kind in found and len(bounds) != len(found[kind]):
             raise StoreError(

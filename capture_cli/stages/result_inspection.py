@@ -19,7 +19,6 @@ from capture_cli.stores.estimate import Estimate
 from capture_cli.stores.evaluation import Evaluation
 from capture_cli.stores.output import PROVENANCE, sha256
 from capture_cli.stores.result import Result
-from capture_cli.stores.tensors import read_weights
 from capture_cli.tasks import REGISTRY as TASKS
 from capture_cli.tasks import load_task
 
@@ -170,7 +169,7 @@ def _policy(path: Path, document: dict[str, Any]) -> None:
     _header(document, found)
     document["sizes"] = {"parameters": len(found["parameters"]), "actions": len(found["actions"])}
     if found["task"] not in TASKS.names():
-        read_weights(path / policy_checkpoint.WEIGHTS, policy_checkpoint.AGAIN)
+        policy_checkpoint.read_policy_weights(path, found)
         return
     try:
         policy_checkpoint.load_policy(str(path), load_task(found["task"]))

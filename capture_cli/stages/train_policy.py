@@ -85,7 +85,7 @@ def train_policy(
     settings = replace(settings, device=torch_device(device, threads=1))
     made = {"policy": policy, "task": machine.name, "training": asdict(settings)}
     if complete:
-        document = read_policy(Path(out))
+        document = read_policy(Path(out), trained=True)
         check_recipe({name: document.get(name) for name in made}, made)
         return document
     provenance = Provenance("train-policy", options, {"task": machine.path})

@@ -43,9 +43,14 @@ COUNT = Kind("a whole number above 0", lambda v: _is_whole(v) and v > 0)
 BOUNDS = Kind(
     "[low, high]", lambda v: isinstance(v, list) and len(v) == 2 and all(map(_is_number, v)) and v[0] < v[1]
 )
+NUMBERS = Kind(
+    "a list of numbers, one or more", lambda v: isinstance(v, list) and bool(v) and all(map(_is_number, v))
+)
 OBJECT = Kind("an object", lambda v: isinstance(v, dict))
 # as spaces and features are written
-PARAMETERS = [{"name": TEXT, "unit": TEXT, "low": NUMBER, "high": NUMBER}]
+PARAMETERS = [
+    {"name": TEXT, "unit": TEXT, "low": NUMBER, "high": NUMBER, "nominal?": NUMBER, "step?": POSITIVE}
+]
 FEATURES = [{"name": TEXT, "unit": TEXT, "scale": POSITIVE}]
 
 

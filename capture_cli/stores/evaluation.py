@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from capture_cli.stores.document_shape import COUNT, NUMBER, TEXT, or_none
+from capture_cli.stores.document_shape import COUNT, NUMBER, NUMBERS, TEXT, or_none
 from capture_cli.stores.result import Result
 from capture_cli.stores.schema import ArraySpec, Schema
 
@@ -22,8 +22,8 @@ SHAPE = {  # of what is read of evaluation.json
     "rounds": COUNT,
     "identifiers": {
         str: {
-            "parameter_difference": {"mean": [NUMBER]},
-            "trajectory_difference": [NUMBER],
+            "parameter_difference": {"mean": NUMBERS},
+            "trajectory_difference": NUMBERS,
             "success": or_none([NUMBER]),
             "coverage?": or_none([NUMBER]),
         }

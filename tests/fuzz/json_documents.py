@@ -52,7 +52,14 @@ READERS: dict[
         ("inspect policy --json", ()),
         ("record --task scooping --policy policy --threads 1 --out new.zarr", LOG_OUT),
     ),
-    IDENTIFIER: (("inspect identifier --json", ()), ("inspect identifier", ())),
+    IDENTIFIER: (
+        ("inspect identifier --json", ()),
+        ("inspect identifier", ()),
+        (
+            "identify --real-log scoops.zarr --task scooping --identifier identifier --threads 1 --quiet --out new",
+            ("new",),
+        ),
+    ),
 }
 TEXTUAL = (
     r'{"format": "capture/estimate", "version": 1}',
@@ -123,6 +130,47 @@ def seeds(inputs: Path) -> list[Case]:
         seed("a proposal for nothing", PROPOSAL, "task", None),
         seed("a policy of 400 digits", POLICY, "version", Raw("9" * 400), "digits"),
         seed("a policy 100,000 deep", POLICY, "version", DEEP, "levels deep"),
+        *(
+            seed(
+                f"a policy whose {place} is {found!r}", POLICY, place, found, place.rsplit("/", 1)[-1], of=of
+            )
+            for place, found in (
+                ("settings/layers", {}),
+                ("settings/layers", 0),
+                ("settings/layers", 10**18),
+                ("result/success", {}),
+                ("result/random/reward", "much"),
+                ("training/steps", []),
+            )
+            for of in (0, 1)
+        ),
+        *(
+            seed(
+                f"an identifier whose {place} is {found!r}",
+                IDENTIFIER,
+                place,
+                found,
+                place.rsplit("/", 1)[-1],
+                of=of,
+            )
+            for place, found in (
+                ("result/coverage", {"com": {"com": 0.95}}),
+                ("result/coverage", {}),
+                ("result/mean_absolute_error/com", "little"),
+                ("result/validation_loss", []),
+                ("result/best_step", {}),
+                ("training/steps", {}),
+                ("architecture/layers", 10**18),
+                ("architecture/width", -1),
+                ("architecture/residual", []),
+                ("signature/parameters/0/nominal", {}),
+                ("signature/parameters/0/step", "small"),
+                ("histories/noise", "loud"),
+                ("identifier", "compass"),
+            )
+            for of in (1, 2)
+        ),
+        seed("a network 10^18 wide", IDENTIFIER, "architecture/width", 10**18, "expected (7, 10", of=1),
         seed(
             "provenance of 400 digits",
             MADE,
@@ -159,7 +207,7 @@ def case(
     name: str = "",
 ) -> Case:
     text, outputs = reader
-    needs = {path.split("/")[0], "machine", "log.zarr"}
+    needs = {path.split("/")[0], "machine", "log.zarr", *(n for n in ("scoops.zarr",) if n in text)}
     return Case(tuple(text.split()), tuple(sorted(needs)), {path: content}, outputs, expected, name)
 
 

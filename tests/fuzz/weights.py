@@ -40,7 +40,7 @@ OFFSETS = ([0, 0], [0, 4], [4, 0], [-4, 4], [0, 2**40], [0], "ab", None, [2**63,
 
 def seeds(inputs: Path) -> list[Case]:
     header, data = parts((inputs / POLICY).read_bytes())
-    arrays = tensors(header, data)
+    arrays, learned = tensors(header, data), tensors(*parts((inputs / IDENTIFIER).read_bytes()))
 
     def seed(name: str, content: bytes, expected: Expected, of: int = 0, path: str = POLICY) -> Case:
         return case(path, READERS[path][of], content, expected, name)
@@ -66,6 +66,27 @@ def seeds(inputs: Path) -> list[Case]:
                 ("nan", nan, "finite"),
             )
             for of, how in ((0, "inspected"), (2, "recorded"))
+        ),
+        *(
+            seed(
+                f"{what} of {tensor} of {path}, {how}",
+                packed({**own, tensor: change(own[tensor])}),
+                refused(tensor, "expected"),
+                of,
+                path,
+            )
+            for path, own, tensors_ in (
+                (POLICY, arrays, ("0.bias", "2.weight")),
+                (IDENTIFIER, learned, ("network.spread_head.0.bias", "family.usual", "normalisation.spread")),
+            )
+            for tensor in tensors_
+            for what, change in (
+                ("one axis more", lambda a: a[..., None]),
+                ("three times the rows", lambda a: np.concatenate([a] * 3)),
+                ("no number", lambda a: np.zeros(0, "f4")),
+                ("one number", lambda a: np.float32(0)),
+            )
+            for of, how in ((0, "inspected"), (2, "used"))
         ),
         seed("as it is", (inputs / POLICY).read_bytes(), taken()),
         seed("a header 100,000 deep", joined(b'{"a": ' + DEEP.encode() + b"}", data), refused("levels deep")),
