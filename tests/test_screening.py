@@ -165,10 +165,11 @@ def test_two_effects_are_found_of_which_a_third_does_more_than_either():
     few = [
         p for p in own.placed if p.kind in ("coulomb-friction", "sensor-bias", "cogging", "viscous-friction")
     ]
-    *_, (best, *_) = grown(own.screening(few), (), (), 3)
+    best = list(grown(own.screening(few), (), (), 3))[-1].as_good[0]
     assert sorted(e.kind for e in best.effects) == ["coulomb-friction", "sensor-bias"]
     alone = Made.of("slider", ("coulomb-friction", "x", 0.3), episodes=4)
-    ((best, *_),) = grown(alone.screening(few), (), (), 3)
+    (level,) = grown(alone.screening(few), (), (), 3)
+    best = level.as_good[0]
     assert [e.kind for e in best.effects] == ["coulomb-friction"]
 
 
@@ -176,5 +177,5 @@ def test_a_law_that_all_joints_lack_is_found_at_all_of_them():
     shares = (("shoulder", 0.05), ("elbow", 0.05))
     own = Made.of("arm", *(("coulomb-friction", joint, share) for joint, share in shares), episodes=4)
     few = [p for p in own.placed if p.kind in ("coulomb-friction", "viscous-friction")]
-    *_, (best, *_) = grown(own.screening(few), (), (), 3)
+    best = list(grown(own.screening(few), (), (), 3))[-1].as_good[0]
     assert {e.name for e in best.effects} == {f"coulomb-friction@{joint}" for joint, _ in shares}

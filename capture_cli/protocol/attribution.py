@@ -331,7 +331,7 @@ class Attribution:
             Scores(self.models, current, self._step).score(candidates)
             return by_score(candidates)
         candidates = [c for c in candidates if c.name in screening.covered]
-        score_in_balance(screening, current, candidates)
+        score_in_balance(screening, current, candidates, RIVALS)
         return by_score(candidates)
 
     def _compare_with_rivals(self, current: Fit) -> Fit:

@@ -16,7 +16,7 @@ from capture_cli.protocol.forward_round import RIVALS, SIMILAR, by_score
 from capture_cli.protocol.model_comparison import FittedSet, ModelComparison
 from capture_cli.protocol.plausibility import MATERIAL, implausible, slight
 from capture_cli.select.beam import SETTINGS as BEAM
-from capture_cli.select.beam import grown
+from capture_cli.select.beam import Level, grown
 from capture_cli.select.screening import BalancedModel, Screening
 
 
@@ -84,37 +84,46 @@ class BalanceRound:
             candidate.why_rejected = f"explains less at first sight ({gain:.3g} of {most:.3g})"
         return found
 
-    def _search(self, levels: Iterator[Sequence[BalancedModel]]) -> list[FittedSet]:
-        """Those of the models that hold on what judges, fitted by simulation; larger ones where no smaller one leaves
-        nothing, as long as one takes a material share of that.
-
-        Fits with hidden states take long: they come last, and are given up where they stay far behind.
+    def _search(self, levels: Iterator[Level]) -> list[FittedSet]:
+        """Those of the models that hold on what judges, fitted by simulation: of each size those that are as good as the
+        best in the balance, until one leaves nothing, and, where none holds, the others; then larger sets of what holds.
         """
         found: list[FittedSet] = []
-        single, smaller = len(self.current.effects) + 1, self.current
+        smaller, others = self.current, []
         for level in levels:
-            larger = len(level[0].effects) > single
+            larger = len(level.as_good[0].effects) > len(self.current.effects) + 1
             if larger:
                 smaller = least([s.fit for s in found]) or self.current
-                level = [*level, *self._unions(found, level)]
-            more = []
-            for number, model in enumerate(sorted(level, key=_hidden_states)):
-                self.on_step("refit", number, len(level))
-                more += self._fitted(model, smaller)
-            found += more
+            more = self._fit(level.as_good, smaller)
+            found, others = [*found, *more], [*others, *level.others]
             self.exhausted = larger and smaller is not self.current and not more
-            if (larger and not more) or any(self.models.is_explained(s.fit) for s in found):
+            if (larger and not more) or self._explained(found):
                 break
+        if not found:
+            found = self._fit(others, self.current)
+        if found and not self._explained(found):
+            found += self._fit(self._unions(found), least([s.fit for s in found]))
         return found
 
-    def _unions(self, found: Sequence[FittedSet], level: Sequence[BalancedModel]) -> list[BalancedModel]:
-        """The best of the models `found` with each of the best single effects beside it, but those in `level`: what
-        holds in simulations the balance need not prefer.
+    def _explained(self, found: Sequence[FittedSet]) -> bool:
+        return any(self.models.is_explained(s.fit) for s in found)
+
+    def _fit(self, models: Sequence[BalancedModel], smaller: Fit) -> list[FittedSet]:
+        """Those that hold. Fits with hidden states take long: they come last, and are given up where they stay far
+        behind.
+        """
+        found = []
+        for number, model in enumerate(sorted(models, key=_hidden_states)):
+            self.on_step("refit", number, len(models))
+            found += self._fitted(model, smaller)
+        return found
+
+    def _unions(self, found: Sequence[FittedSet]) -> list[BalancedModel]:
+        """The best of the models `found` with each of the best single effects beside it: what holds in simulations the
+        balance need not prefer.
         """
         ranked = sorted(found, key=lambda s: s.fit.penalised_squares)
-        if not ranked:
-            return []
-        (best, *_), known = ranked, {frozenset(e.name for e in m.effects) for m in level}
+        (best, *_), known = ranked, {frozenset(e.name for e in s.fit.effects) for s in found}
         unions, declared = [], len(self.models.fits.prepared.task.space)
         for other in [s for s in ranked if len(s.added) == 1 and s.added[0] not in best.added][: BEAM.united]:
             effects = (*best.fit.effects, *other.added)

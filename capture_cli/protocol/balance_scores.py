@@ -87,10 +87,12 @@ def log_of(prepared: PreparedLog) -> Log:
     return Log(log.time, log.inputs, log.values, log.sampled, log.episodes)
 
 
-def score_in_balance(screening: Screening, current: Fit, candidates: Sequence[Candidate]) -> None:
-    """Fill in the candidates' scores and where a refit with each begins, or why it is out."""
+def score_in_balance(
+    screening: Screening, current: Fit, candidates: Sequence[Candidate], polished: int | None = None
+) -> None:
+    """Fill in the candidates' scores and where a refit with each begins, or why it is out. polished: as of `Screening`."""
     values = [current.point[current.columns(e.name)] for e in current.effects]
-    found = {a.placed.name: a for a in screening.additions(current.effects, values)}
+    found = {a.placed.name: a for a in screening.additions(current.effects, values, polished)}
     for candidate in candidates:
         candidate.fit = candidate.select = candidate.support = candidate.score = None
         candidate.why_rejected = candidate.start_elsewhere = candidate.start_doubted = None

@@ -22,7 +22,6 @@ from capture_cli.select.input_timing import SETTINGS, InputTiming, is_surely_bet
 from capture_cli.select.screening import BalancedModel, Screening
 from capture_cli.tasks.base import Task
 
-FEWEST = 4  # effects that are polished: the best is asked, not the order of others
 NARROW = BeamSettings(width=2, branches=2)
 
 
@@ -59,10 +58,10 @@ def _best(screenings: Sequence[Screening]) -> list[BalancedModel]:
     """The best model of each reading with one effect at most; where that leaves more than noise in all of them, with
     two at most: what else is missing may look like another reading.
     """
-    models = [own.best(FEWEST) for own in screenings]
+    models = [own.best() for own in screenings]
     if min(m.beyond_noise for m in models) < SETTINGS.else_missing:
         return models
-    return [list(grown(own, (), (), 2, settings=NARROW))[-1][0] for own in screenings]
+    return [list(grown(own, (), (), 2, settings=NARROW))[-1].as_good[0] for own in screenings]
 
 
 def _read(task: Task, linear: bool) -> Task:

@@ -7,7 +7,7 @@ model that has it at each of its places is asked as one.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,22 +19,42 @@ from capture_cli.select.screening import Addition, BalancedModel, Screening
 
 @dataclass(frozen=True)
 class BeamSettings:
-    """width: models of each size that are grown; branches: effects that are added to each. different: groups of alike
-    effects of which some are yielded at a time, of_a_kind: of each. united: single effects that
-    hold in simulations, which are put beside the best model there. sure: standard errors over
-    blocks by which a larger model has to predict better than all smaller ones, and least: of log likelihood.
+    """width: models of each size that are grown, of single effects such that differ; branches: effects that are added
+    to each. of_a_kind: of a group of alike effects, and fitted: of larger models, that may be fitted. united: single
+    effects that hold in simulations, which are put beside the best model there. sure: standard errors over blocks by
+    which a larger model has to predict better than all smaller ones, and least: of log likelihood; near: of what the
+    best gains over smaller models, by which one that is as good may be behind it.
     """
 
-    width: int = 8
+    width: int = 4
     branches: int = 2
-    different: int = 4
+    fitted: int = 8
     of_a_kind: int = 3
     united: int = 3
     sure: float = 2.0
     least: float = 3.0
+    near: float = 0.2
 
 
 SETTINGS = BeamSettings()
+
+
+@dataclass(frozen=True)
+class Level:
+    """Models of one size. as_good: as the best one, which comes first; others: those that predict surely worse."""
+
+    as_good: list[BalancedModel]
+    others: list[BalancedModel]
+
+    @classmethod
+    def of(cls, models: Sequence[BalancedModel], gain: float, settings: BeamSettings) -> Level:
+        """gain: of the first of the models over smaller ones."""
+        behind = max(settings.near * gain, settings.least)
+        good = [m is models[0] or not _is_surely_better(models[0], m, behind, settings) for m in models]
+        return cls(
+            [m for m, own in zip(models, good, strict=True) if own],
+            [m for m, own in zip(models, good, strict=True) if not own],
+        )
 
 
 def grown(
@@ -44,27 +64,55 @@ def grown(
     most: int,
     *,
     settings: BeamSettings = SETTINGS,
-) -> Iterator[list[BalancedModel]]:
-    """Models with one addition more than `effects`, which have these `values`, some at a time, best first; then those
-    with two, and so on to `most`, as long as the best of them predicts surely better than the best with fewer. They are
-    worked out when they are asked for.
+) -> Iterator[Level]:
+    """Models with one addition more than `effects`, which have these `values`; then those with two, and so on to
+    `most`, as long as the best of them predicts surely better than the best with fewer. They are worked out when they
+    are asked for.
 
     An addition is an effect, or a law at all of its other places.
     """
     polished = [a for a in screening.additions(effects, values) if a.model.likelihood.size]
     groups = screening.groups(polished)
-    for first in range(0, min(len(groups), settings.width), settings.different):
-        yield _best(_of_each_kind(groups[first : first + settings.different], settings), settings.width)
-    growing = _best([a.model for a in polished], settings.width)
+    if not groups:
+        return
+    yield Level.of(_best(_of_each_kind(groups, settings)), polished[0].gain, settings)
+    alike = {a.placed.name: [o.model for o in g if o is not a] for g in groups for a in g}
+    growing = [g[0].model for g in groups]
     for _ in range(most - 1):
-        if not growing:
+        growing = growing[: settings.width]
+        more = [_more(screening, model, len(effects), settings) for model in growing]
+        models = _best([m for found, _ in more for m in found])
+        if not models:
             return
-        more = [m for model in growing for m in _more(screening, model, len(effects), settings)]
-        level = _best(more, settings.width)
-        if not level or not _is_surely_better(level[0], growing[0], settings):
+        for _, others in more:
+            alike = others | alike
+        models = _best([*models, *_with_others(screening, models[0], len(effects), alike, settings)])
+        if not _is_surely_better(models[0], growing[0], settings.least, settings):
             return
-        yield level
-        growing = level
+        yield Level.of(models[: settings.fitted], models[0].gain(growing[0])[0], settings)
+        growing = models
+
+
+def _with_others(
+    screening: Screening,
+    model: BalancedModel,
+    known: int,
+    alike: Mapping[str, Sequence[BalancedModel]],
+    settings: BeamSettings,
+) -> list[BalancedModel]:
+    """The model with one of its effects beyond the `known` replaced by such as do the same alone: beside others the
+    difference may show. alike: by the name of an effect, models whose last one is such.
+    """
+    found = []
+    for k, placed in enumerate(model.effects[known:], known):
+        for other in alike.get(placed.name, ())[: settings.of_a_kind]:
+            if other.effects[-1] not in model.effects:
+                effects, values = list(model.effects), list(model.values)
+                effects[k], values[k] = other.effects[-1], other.values[-1]
+                found.append(
+                    screening.fitted(replace(model, effects=tuple(effects), values=tuple(values)))
+                )
+    return found
 
 
 def _of_each_kind(groups: Sequence[Sequence[Addition]], settings: BeamSettings) -> list[BalancedModel]:
@@ -84,12 +132,22 @@ def _simplest(group: Sequence[Addition]) -> Addition:
 
 def _more(
     screening: Screening, model: BalancedModel, known: int, settings: BeamSettings
-) -> list[BalancedModel]:
+) -> tuple[list[BalancedModel], dict[str, list[BalancedModel]]]:
     """The model with one effect more, by the best that differ, and with the laws of those beyond the `known` at all of
-    their other places.
+    their other places; and of each of those effects the alike ones.
     """
+    return screening.remembered(
+        ("more", model.key, known, settings.branches), lambda: _made(screening, model, known, settings)
+    )
+
+
+def _made(
+    screening: Screening, model: BalancedModel, known: int, settings: BeamSettings
+) -> tuple[list[BalancedModel], dict[str, list[BalancedModel]]]:
     additions = screening.screened(model)
-    found = [_simplest(g).model for g in screening.groups(additions)[: settings.branches]]
+    groups = screening.groups(additions)[: settings.branches]
+    chosen = [_simplest(g) for g in groups]
+    found = [a.model for a in chosen]
     for kind in dict.fromkeys(e.kind for e in model.effects[known:]):
         places = {e.effect.variant_of: None for e in model.effects if e.kind == kind}
         for addition in additions:
@@ -99,7 +157,10 @@ def _more(
         others = [m for m in places.values() if m is not None]
         if len(others) > 1:  # one alone is among the branches, if it is good
             found.append(_together(others, len(model.effects)))
-    return [screening.fitted(m) for m in found]
+    alike = {
+        a.placed.name: [o.model for o in g if o is not a] for a, g in zip(chosen, groups, strict=True)
+    }
+    return [screening.fitted(m) for m in found], alike
 
 
 def _together(models: Sequence[BalancedModel], known: int) -> BalancedModel:
@@ -110,13 +171,15 @@ def _together(models: Sequence[BalancedModel], known: int) -> BalancedModel:
     return replace(first, effects=effects, values=values)
 
 
-def _best(models: Sequence[BalancedModel], count: int) -> list[BalancedModel]:
-    """The best `count` of the models that differ in their effects."""
+def _best(models: Sequence[BalancedModel]) -> list[BalancedModel]:
+    """The models that differ in their effects, best first."""
     ranked = sorted((m for m in models if np.isfinite(m.likelihood).all()), key=lambda m: -m.likelihood.sum())
     distinct = {frozenset(e.name for e in m.effects): m for m in reversed(ranked)}
-    return sorted(distinct.values(), key=lambda m: -m.likelihood.sum())[:count]
+    return sorted(distinct.values(), key=lambda m: -m.likelihood.sum())
 
 
-def _is_surely_better(model: BalancedModel, other: BalancedModel, settings: BeamSettings) -> bool:
+def _is_surely_better(
+    model: BalancedModel, other: BalancedModel, least: float, settings: BeamSettings
+) -> bool:
     gain, error = model.gain(other)
-    return gain > max(settings.least, settings.sure * error)
+    return gain > max(least, settings.sure * error)

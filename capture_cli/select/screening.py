@@ -34,7 +34,7 @@ class ScreeningSettings:
     """
 
     blocks: int = 12
-    polished: int = 10
+    polished: int = 8
     descents: int = 5
     straight: int = 2
     far: float = 0.3
@@ -69,6 +69,11 @@ class BalancedModel:
     def start(self) -> np.ndarray:
         """All parameters, those of effects last."""
         return np.concatenate([self.point, *self.values])
+
+    @property
+    def key(self) -> tuple:
+        """Its effects and values."""
+        return tuple(e.name for e in self.effects), np.asarray(self.start).tobytes()
 
     def gain(self, other: BalancedModel) -> tuple[float, float]:
         """Of predictive log likelihood over another model, and its standard error over blocks."""
@@ -115,7 +120,7 @@ class Screening:
         self.atoms: list[Atom] = []
         self.columns = self._dictionary(placed, on_step)
         self.covered = frozenset(a.placed.name for a in self.atoms)
-        self._known: dict[tuple, list[Addition]] = {}
+        self._known: dict[tuple, object] = {}
 
     def read_as(self, linear: np.ndarray) -> Screening:
         """The same of inputs that change evenly between rows where `linear` (input,), and are held elsewhere. Columns
@@ -130,18 +135,27 @@ class Screening:
         other._known = {}
         return other
 
-    def additions(self, effects: Sequence[Placed], values: Sequence[np.ndarray]) -> list[Addition]:
-        """Of each effect that is not among `effects`, which have these values, best first; the best ones polished."""
-        key = tuple(e.name for e in effects), tuple(np.asarray(v).tobytes() for v in values)
+    def additions(
+        self, effects: Sequence[Placed], values: Sequence[np.ndarray], polished: int | None = None
+    ) -> list[Addition]:
+        """Of each effect that is not among `effects`, which have these values, best first; so many of the best, or as
+        many as the settings say, are polished.
+        """
+        count = self.settings.polished if polished is None else polished
+        begin = BalancedModel(tuple(effects), self.balance.point, tuple(values))
+        return self.remembered(("additions", begin.key, count), lambda: self._additions(begin, count))
+
+    def remembered(self, key: tuple, make: Callable):
+        """What was made under this key, or what `make` makes."""
         if key not in self._known:
-            begin = BalancedModel(tuple(effects), self.balance.point, tuple(values))
-            self._known[key] = self._additions(begin, self.settings.polished)
+            self._known[key] = make()
         return self._known[key]
 
     def _additions(self, begin: BalancedModel, count: int) -> list[Addition]:
         self.whitening.reset()  # what was asked before is not to matter
         model = self.fitted(self._judged(self._with_slow_noise(begin)))
         model = self._judged(self._with_slow_noise(model))
+        self._known["fitted", begin.key] = model
         polished = []
         screened = self._screened(model)
         for addition in screened[:count]:
@@ -178,11 +192,10 @@ class Screening:
         sizes = np.linalg.norm(one.response) * np.linalg.norm(other.response)
         return abs(one.response @ other.response) > self.settings.alike * sizes
 
-    def best(self, polished: int) -> BalancedModel:
-        """The declared model, or that with the one effect that predicts most of so many that are polished."""
-        self.whitening.reset()
-        declared = self._judged(self._with_slow_noise(BalancedModel((), self.balance.point, ())))
-        added = [a.model for a in self._additions(declared, polished) if a.model.likelihood.size]
+    def best(self) -> BalancedModel:
+        """The declared model, or that with the one effect that predicts most."""
+        added = [a.model for a in self.additions((), ()) if a.model.likelihood.size]
+        declared = self._known["fitted", BalancedModel((), self.balance.point, ()).key]
         return max([declared, *added], key=lambda m: m.likelihood.sum())
 
     # --- the balance ---
@@ -378,7 +391,10 @@ class Screening:
                     step[free] = coefficients[:-size]
                     more = self._moved(model, step)
                     more = replace(
-                        more, effects=(*more.effects, atom.placed), values=(*more.values, atom.at(amplitudes))
+                        more,
+                        effects=(*more.effects, atom.placed),
+                        values=(*more.values, atom.at(amplitudes)),
+                        likelihood=np.zeros(0),
                     )
                     response = each[:, k] @ coefficients[-size:]
                     best[atom.placed.name] = Addition(
