@@ -196,14 +196,14 @@ def test_a_rival_that_is_not_as_good_may_be_enough(explained):
 def test_rivals_are_compared_by_what_they_answered_in_one_round(tmp_path, monkeypatch, without_pages):
     """Later, with the accepted effect in the model, a rival answers to what that one leaves."""
     rounds, compared, begun = {}, [], []
-    score, by_balance, compare = (
+    score, balance_round_of, compare = (
         balance_round.score_in_balance,
-        Attribution._by_balance,
+        Attribution._balance_round,
         ModelComparison.compare,
     )
 
-    def tagged(screening, current, candidates):
-        score(screening, current, candidates)
+    def tagged(screening, current, candidates, polished=None):
+        score(screening, current, candidates, polished)
         number = len(rounds)
         for candidate in candidates:
             # kept: an id is of one that lives
@@ -211,7 +211,7 @@ def test_rivals_are_compared_by_what_they_answered_in_one_round(tmp_path, monkey
 
     def begin(self, current):
         begun.append(current)
-        return by_balance(self, current)
+        return balance_round_of(self, current)
 
     def judged(self, mine, other):
         compared.append([rounds[id(c.score)][0] for c in (mine, other)])
@@ -224,7 +224,7 @@ def test_rivals_are_compared_by_what_they_answered_in_one_round(tmp_path, monkey
     )
     monkeypatch.setattr(balance_round, "score_in_balance", tagged)
     monkeypatch.setattr(attribution, "score_in_balance", tagged)
-    monkeypatch.setattr(Attribution, "_by_balance", begin)
+    monkeypatch.setattr(Attribution, "_balance_round", begin)
     monkeypatch.setattr(ModelComparison, "compare", judged)
     effects = ["control-delay@drive=0.006", "coulomb-friction@x=0.1"]
     log, task = tmp_path / "log.zarr", str(held_machine(tmp_path / "slider", "slider", 0.005))
@@ -270,13 +270,13 @@ def test_what_is_missing_at_every_joint_is_found_at_once(
     tmp_path, monkeypatch, without_pages, effects, rounds
 ):
     """A law at both joints, and two effects of two kinds, of which the first is not spread to other places."""
-    catalogue, by_balance, begun = attribution.all_candidates, Attribution._by_balance, []
+    catalogue, balance_round_of, begun = attribution.all_candidates, Attribution._balance_round, []
     few = ("coulomb-friction", "sensor-delay", "joint-spring", "cogging")
     monkeypatch.setattr(
         attribution, "all_candidates", lambda log: [c for c in catalogue(log) if c.placed.kind in few]
     )
     monkeypatch.setattr(
-        Attribution, "_by_balance", lambda self, fit: begun.append(fit) or by_balance(self, fit)
+        Attribution, "_balance_round", lambda self, fit: begun.append(fit) or balance_round_of(self, fit)
     )
     log, task = tmp_path / "log.zarr", str(held_machine(tmp_path / "arm", "arm", 0.002))
     record(task=task, out=log, effects=effects, noise=1e-4, episodes=4, duration=2, rate=100, threads=1)

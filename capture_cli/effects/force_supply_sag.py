@@ -20,15 +20,21 @@ LARGEST = 3.0
 
 
 class Weakening:
-    """How many times its own size every force is, where the load was `given` in the step before."""
+    """How many times its own size every force is, where the load was `given` in the step before.
 
-    def __init__(self, *, sag, time_constant, timestep):
-        self.sag = sag
+    more: N or N m, how much more load is felt at the start than there is.
+    """
+
+    def __init__(self, *, sag, time_constant, timestep, more=0.0):
+        self.sag, self.more = sag, more
         self.felt = Lag(time_constant=time_constant, timestep=timestep)
         self.size = 1.0
 
     def __call__(self, given):
-        self.size = 1 / (1 + self.sag * self.felt(given / self.size))
+        load = given / self.size
+        if self.felt.state is None:
+            self.felt.state = np.maximum(load + self.more, 0.0)
+        self.size = 1 / (1 + self.sag * self.felt(load))
         return self.size
 
 
@@ -46,6 +52,8 @@ class ForceSupplySag(Effect):
     where = "the model as a whole, if it has an actuator whose force is linear: no muscle and no dcmotor"
     # a supply without capacitors sags at once
     shapes = shares = ("time_constant",)
+    states = ("more",)
+    states_mean = "`more`: load that is felt beyond what there is, N or N m. At 1 as much as all actuators commonly give"
     kernel = Weakening
 
     def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
@@ -60,14 +68,19 @@ class ForceSupplySag(Effect):
     def parameters(self):
         units = {actuator_force_unit(self.model, a) for a in self.fed}
         unit = units.pop() if len(units) == 1 else "N or N m"
-        most = np.mean([actuator_force_scale(self.model, a) for a in self.fed])
         return (
-            Parameter("sag", "1/N" if unit == "N" else f"1/({unit})", 0.0, LARGEST / most, 0.0),
+            Parameter("sag", "1/N" if unit == "N" else f"1/({unit})", 0.0, LARGEST / self.most, 0.0),
             Parameter("time_constant", "s", 0.0, 0.5, 0.07),
         )
 
-    def force(self, values, timestep, **_):
-        return ForceOfKernel(self, self.coefficients(values), timestep)
+    @property
+    def most(self) -> float:
+        """The load when every actuator gives the most that it commonly does, N or N m."""
+        return float(np.mean([actuator_force_scale(self.model, a) for a in self.fed]))
+
+    def force(self, values, timestep, *, states=None, **_):
+        more = np.zeros(len(values)) if states is None else self.most * states[:, 0]
+        return ForceOfKernel(self, self.coefficients(values) | {"more": more}, timestep)
 
     def read(self, world, field):
         return np.abs(world.actuator_force[:, self.fed]).mean(axis=1)

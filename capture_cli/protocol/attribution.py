@@ -90,7 +90,7 @@ class Attribution:
         self.on_step = on_step
         self.given = candidates is not None
         self.candidates = all_candidates(fits.prepared) if candidates is None else list(candidates)
-        self.models.candidates = self.candidates if candidates is None else []
+        self.models.candidates = self.candidates
         self.accepted: list[Accepted] = []
         self.excess = TINY  # squared error above the noise floor of the declared model
         self.exhausted = False  # whether the force balance has no more that holds
@@ -122,8 +122,7 @@ class Attribution:
             known = len(self.accepted)
             if not known:
                 self.excess = max(current.excess, TINY)
-            found = None if self.exhausted else self._by_balance(current)
-            found = found or self._by_simulation(current)
+            found = self._next(current)
             if found is None:
                 break
             better = self.models.better_from(current, found) if len(self.accepted) == known + 1 else None
@@ -208,12 +207,25 @@ class Attribution:
         inside = {a.name for a in self.accepted}
         return [c for c in self.candidates if c.name not in inside]
 
-    def _by_balance(self, current: Fit) -> Fit | None:
-        """The model with what the force balance finds; None where there is no balance, or nothing of it holds."""
+    def _next(self, current: Fit) -> Fit | None:
+        """The model with what is accepted next; None where nothing is: what the force balance puts first, then what
+        simulations alone tell of and, before it is said that nothing explains the log, what the balance puts behind.
+        """
+        balance = None if self.exhausted else self._balance_round(current)
+        if balance is None:
+            return self._by_simulation(current)
+        found = self._accepted(balance, current) or self._by_simulation(current)
+        if found is None and not (self.accepted or self.given):
+            balance.ask_others()
+            found = self._accepted(balance, current)
+        self.exhausted = balance.exhausted
+        return found
+
+    def _balance_round(self, current: Fit) -> BalanceRound | None:
         screening = self.models.screening(self._step)
         if screening is None:
             return None
-        found = BalanceRound(
+        return BalanceRound(
             self.models,
             screening,
             current,
@@ -221,12 +233,15 @@ class Attribution:
             most=self.most_effects - self._count,
             on_step=self._step,
         )
-        choice, self.exhausted = found.choose(), found.exhausted
+
+    def _accepted(self, balance: BalanceRound, current: Fit) -> Fit | None:
+        """The model with what the balance found and simulations bear out; None where there is no such."""
+        choice = balance.choose()
         if choice is None:
             return None
         chosen, rivals = choice
         for candidate in self._outside:
-            if candidate.name not in screening.covered:
+            if candidate.name not in balance.candidates:
                 candidate.why_rejected = (
                     "not asked: simulations alone tell of it, and the force balance found another"
                 )

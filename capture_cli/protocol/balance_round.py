@@ -49,6 +49,7 @@ class BalanceRound:
         self.ranked = by_score(candidates)
         values = [current.point[current.columns(e.name)] for e in current.effects]
         self._before, self._best = models.judge(current), None
+        self._others: list[BalancedModel] = []
         # beside what was found already one is looked for at a time
         sizes = 1 if current.effects else most
         self.supported = self._search(grown(screening, current.effects, values, sizes))
@@ -85,25 +86,33 @@ class BalanceRound:
         return found
 
     def _search(self, levels: Iterator[Level]) -> list[FittedSet]:
-        """Those of the models that hold on what judges, fitted by simulation: of each size those that are as good as the
-        best in the balance, until one leaves nothing, and, where none holds, the others; then larger sets of what holds.
+        """Those of the models that hold on what judges, fitted by simulation: of each size those that are as good as
+        the best in the balance, until one leaves nothing; then larger sets of what holds.
         """
         found: list[FittedSet] = []
-        smaller, others = self.current, []
-        for level in levels:
-            larger = len(level.as_good[0].effects) > len(self.current.effects) + 1
+        smaller = self.current
+        for number, level in enumerate(levels):
+            larger = number > 0
             if larger:
                 smaller = least([s.fit for s in found]) or self.current
+            else:
+                self._others = level.others
             more = self._fit(level.as_good, smaller)
-            found, others = [*found, *more], [*others, *level.others]
+            found += more
             self.exhausted = larger and smaller is not self.current and not more
             if (larger and not more) or self._explained(found):
                 break
-        if not found:
-            found = self._fit(others, self.current)
-        if found and not self._explained(found):
-            found += self._fit(self._unions(found), least([s.fit for s in found]))
-        return found
+        return self._with_unions(found)
+
+    def ask_others(self) -> None:
+        """Fit the single effects that the balance puts behind, too."""
+        self.supported = self._with_unions(self._fit(self._others, self.current))
+
+    def _with_unions(self, found: list[FittedSet]) -> list[FittedSet]:
+        """`found`, and larger sets of it where it leaves something."""
+        if not found or self._explained(found):
+            return found
+        return [*found, *self._fit(self._unions(found), least([s.fit for s in found]))]
 
     def _explained(self, found: Sequence[FittedSet]) -> bool:
         return any(self.models.is_explained(s.fit) for s in found)
@@ -116,6 +125,22 @@ class BalanceRound:
         for number, model in enumerate(sorted(models, key=_hidden_states)):
             self.on_step("refit", number, len(models))
             found += self._fitted(model, smaller)
+        if self._explained(found):
+            found = self._again_from(least([s.fit for s in found]), found, models)
+        return found
+
+    def _again_from(
+        self, best: Fit, found: list[FittedSet], models: Sequence[BalancedModel]
+    ) -> list[FittedSet]:
+        """`found`, and those of the models that left something, but do not from where the `best` declared one is."""
+        declared = best.point[: len(self.models.fits.prepared.task.space)]
+        for model in models:
+            known = next((s for s in found if s.added == model.effects[len(self.current.effects) :]), None)
+            if known is not None and self.models.is_explained(known.fit):
+                continue
+            start = np.concatenate([declared, *model.values])
+            if self.models.explained_from(start, model.effects, best) is not None:
+                found = [s for s in found if s is not known] + self._fitted(model, self.current)
         return found
 
     def _unions(self, found: Sequence[FittedSet]) -> list[BalancedModel]:

@@ -90,7 +90,10 @@ def log_of(prepared: PreparedLog) -> Log:
 def score_in_balance(
     screening: Screening, current: Fit, candidates: Sequence[Candidate], polished: int | None = None
 ) -> None:
-    """Fill in the candidates' scores and where a refit with each begins, or why it is out. polished: as of `Screening`."""
+    """Fill in the candidates' scores and where a refit with each begins, or why it is out.
+
+    polished: how many are fitted in the balance, as of `Screening.additions`.
+    """
     values = [current.point[current.columns(e.name)] for e in current.effects]
     found = {a.placed.name: a for a in screening.additions(current.effects, values, polished)}
     for candidate in candidates:

@@ -43,6 +43,8 @@ SCORED_WINDOWS, SCORED_STEPS, FEWEST_SCORED = 40, 20_000, 12
 # Of the objective, over the variance that would be left: less is no reason to fit. The best of n shapes has 2 log(n)
 # more by chance.
 SMALLEST_GAIN = 12.0
+# Of what is left above the noise: a score at null that promises less is no reason to fit, though a fit may find more
+PROMISING = 0.01
 # Share of a sensitivity that must be left once the declared parameters have imitated it: differences err so much.
 ABSORBED = 0.005
 
@@ -197,8 +199,15 @@ def score_at_null(narrow: NarrowShapes, candidate: Candidate) -> None:
         candidate.why_rejected = (
             "parameters that are in the model imitate it: this log cannot tell it from them"
         )
-    elif candidate.score.gain < SMALLEST_GAIN + 2 * np.log(candidate.shapes_tried):
+    elif candidate.score.gain < _least_gain(narrow.fit, candidate):
         candidate.why_rejected = f"it explains nothing (score {candidate.score.gain:.2g})"
+
+
+def _least_gain(fit: Fit, candidate: Candidate) -> float:
+    """Of the objective over the variance that is left: a smaller one is no reason to fit the candidate."""
+    by_chance = SMALLEST_GAIN + 2 * float(np.log(candidate.shapes_tried))
+    above_noise = fit.excess / max(fit.error**2, 1e-300)
+    return max(by_chance, PROMISING * above_noise * fit.at.evidence.count)
 
 
 @dataclass(frozen=True)

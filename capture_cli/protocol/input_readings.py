@@ -61,7 +61,8 @@ def _best(screenings: Sequence[Screening]) -> list[BalancedModel]:
     models = [own.best() for own in screenings]
     if min(m.beyond_noise for m in models) < SETTINGS.else_missing:
         return models
-    return [list(grown(own, (), (), 2, settings=NARROW))[-1].as_good[0] for own in screenings]
+    largest = [list(grown(own, (), (), 2, settings=NARROW))[-1:] for own in screenings]
+    return [levels[0].best if levels else one for levels, one in zip(largest, models, strict=True)]
 
 
 def _read(task: Task, linear: bool) -> Task:

@@ -22,8 +22,8 @@ class BeamSettings:
     """width: models of each size that are grown, of single effects such that differ; branches: effects that are added
     to each. of_a_kind: of a group of alike effects, and fitted: of larger models, that may be fitted. united: single
     effects that hold in simulations, which are put beside the best model there. sure: standard errors over blocks by
-    which a larger model has to predict better than all smaller ones, and least: of log likelihood; near: of what the
-    best gains over smaller models, by which one that is as good may be behind it.
+    which a larger model has to predict better than all smaller ones, and least: of log likelihood. One that is as good
+    as the best may be `tied` standard errors behind it, or `near` of what that gains over smaller ones.
     """
 
     width: int = 4
@@ -33,6 +33,7 @@ class BeamSettings:
     united: int = 3
     sure: float = 2.0
     least: float = 3.0
+    tied: float = 1.0
     near: float = 0.2
 
 
@@ -41,16 +42,22 @@ SETTINGS = BeamSettings()
 
 @dataclass(frozen=True)
 class Level:
-    """Models of one size. as_good: as the best one, which comes first; others: those that predict surely worse."""
+    """Models of one size. as_good: as the best one, which comes first, if that predicts better than without;
+    others: those that predict surely worse.
+    """
 
     as_good: list[BalancedModel]
     others: list[BalancedModel]
 
+    @property
+    def best(self) -> BalancedModel:
+        return (self.as_good or self.others)[0]
+
     @classmethod
     def of(cls, models: Sequence[BalancedModel], gain: float, settings: BeamSettings) -> Level:
         """gain: of the first of the models over smaller ones."""
-        behind = max(settings.near * gain, settings.least)
-        good = [m is models[0] or not _is_surely_better(models[0], m, behind, settings) for m in models]
+        best, least = models[0], max(settings.near * gain, settings.least)
+        good = [m is best or not _is_better(best, m, least, settings.tied) for m in models]
         return cls(
             [m for m, own in zip(models, good, strict=True) if own],
             [m for m, own in zip(models, good, strict=True) if not own],
@@ -75,7 +82,12 @@ def grown(
     groups = screening.groups(polished)
     if not groups:
         return
-    yield Level.of(_best(_of_each_kind(groups, settings)), polished[0].gain, settings)
+    best = polished[0]
+    models = _best(_of_each_kind(groups, settings))
+    if best.gain > max(settings.least, settings.tied * best.error):
+        yield Level.of(models, best.gain, settings)
+    else:
+        yield Level([], models)
     alike = {a.placed.name: [o.model for o in g if o is not a] for g in groups for a in g}
     growing = [g[0].model for g in groups]
     for _ in range(most - 1):
@@ -87,7 +99,7 @@ def grown(
         for _, others in more:
             alike = others | alike
         models = _best([*models, *_with_others(screening, models[0], len(effects), alike, settings)])
-        if not _is_surely_better(models[0], growing[0], settings.least, settings):
+        if not _is_better(models[0], growing[0], settings.least, settings.sure):
             return
         yield Level.of(models[: settings.fitted], models[0].gain(growing[0])[0], settings)
         growing = models
@@ -109,9 +121,7 @@ def _with_others(
             if other.effects[-1] not in model.effects:
                 effects, values = list(model.effects), list(model.values)
                 effects[k], values[k] = other.effects[-1], other.values[-1]
-                found.append(
-                    screening.fitted(replace(model, effects=tuple(effects), values=tuple(values)))
-                )
+                found.append(screening.fitted(replace(model, effects=tuple(effects), values=tuple(values))))
     return found
 
 
@@ -157,9 +167,7 @@ def _made(
         others = [m for m in places.values() if m is not None]
         if len(others) > 1:  # one alone is among the branches, if it is good
             found.append(_together(others, len(model.effects)))
-    alike = {
-        a.placed.name: [o.model for o in g if o is not a] for a, g in zip(chosen, groups, strict=True)
-    }
+    alike = {a.placed.name: [o.model for o in g if o is not a] for a, g in zip(chosen, groups, strict=True)}
     return [screening.fitted(m) for m in found], alike
 
 
@@ -178,8 +186,7 @@ def _best(models: Sequence[BalancedModel]) -> list[BalancedModel]:
     return sorted(distinct.values(), key=lambda m: -m.likelihood.sum())
 
 
-def _is_surely_better(
-    model: BalancedModel, other: BalancedModel, least: float, settings: BeamSettings
-) -> bool:
+def _is_better(model: BalancedModel, other: BalancedModel, least: float, sure: float) -> bool:
+    """Whether it predicts better by more than `least`, and by so many standard errors."""
     gain, error = model.gain(other)
-    return gain > max(least, settings.sure * error)
+    return gain > max(least, sure * error)
