@@ -53,7 +53,9 @@ class ForceSupplySag(Effect):
     # a supply without capacitors sags at once
     shapes = shares = ("time_constant",)
     states = ("more",)
-    states_mean = "`more`: load that is felt beyond what there is, N or N m. At 1 what all actuators commonly give"
+    states_mean = (
+        "`more`: load that is felt beyond what there is, N or N m. At 1 what all actuators commonly give"
+    )
     kernel = Weakening
 
     def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):

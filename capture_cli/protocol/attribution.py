@@ -24,7 +24,7 @@ from capture_cli.protocol.balance_scores import score_in_balance
 from capture_cli.protocol.candidates import Candidate, all_candidates, worth_a_refit
 from capture_cli.protocol.fit import Fit
 from capture_cli.protocol.forward_round import RIVALS, ForwardRound, Scores, by_score
-from capture_cli.protocol.model_comparison import TIED, WORSE, ModelComparison
+from capture_cli.protocol.model_comparison import TIED, WORSE, FittedSet, ModelComparison
 from capture_cli.protocol.model_fits import ModelFits
 from capture_cli.protocol.part_fit import PartFit
 from capture_cli.protocol.plausibility import implausible
@@ -239,12 +239,15 @@ class Attribution:
         choice = balance.choose()
         if choice is None:
             return None
-        chosen, rivals = choice
         for candidate in self._outside:
             if candidate.name not in balance.candidates:
                 candidate.why_rejected = (
                     "not asked: simulations alone tell of it, and the force balance found another"
                 )
+        return self._with(*choice, current)
+
+    def _with(self, chosen: FittedSet, rivals: list[Candidate], current: Fit) -> Fit:
+        """The model `chosen`, its effects accepted."""
         share = (current.excess - chosen.fit.excess) / self.excess / len(chosen.added)
         for placed in chosen.added:
             candidate = self._candidate(placed.name)
@@ -261,12 +264,7 @@ class Attribution:
             return None
         found = ForwardRound(self.models, current, outside, patient=not self.accepted, on_step=self._step)
         choice = found.choose()
-        if choice is None:
-            return None
-        chosen, rivals = choice
-        share = (current.excess - chosen.fit.excess) / self.excess
-        self.accepted.append(Accepted(chosen.placed, chosen.score, rivals, chosen.support, share))
-        return chosen.fit
+        return None if choice is None else self._with(*choice, current)
 
     # --- backward ---
 

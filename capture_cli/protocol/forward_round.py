@@ -8,10 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from capture_cli.diagnosis.score import similarity
+from capture_cli.effects.base import GLOBAL
 from capture_cli.protocol.candidates import Candidate, score_at_null, thinned, worth_a_refit
 from capture_cli.protocol.fit import Fit, least
 from capture_cli.protocol.kept import kept_scores
-from capture_cli.protocol.model_comparison import ModelComparison
+from capture_cli.protocol.model_comparison import FittedSet, ModelComparison
 from capture_cli.protocol.narrow_shapes import NarrowShapes
 from capture_cli.protocol.part_fit import PartFit
 from capture_cli.protocol.plausibility import MATERIAL, implausible, slight
@@ -54,7 +55,8 @@ class ForwardRound:
     candidates: those that are not in it. patient: whether the next best are fitted, too, where the best do not hold.
     on_step is told what is being tried, the number of it, and of how many.
 
-    ranked: candidates that their scores speak for, best first. supported: those that hold on what judges.
+    ranked: candidates that their scores speak for, best first. supported: those that hold on what judges, and laws at
+    all of the places where they do, which may take little at each.
     """
 
     def __init__(
@@ -72,7 +74,9 @@ class ForwardRound:
         self.on_step = on_step
         Scores(models, current, on_step).score(candidates)
         self.ranked = by_score(candidates)
-        self.supported, self._unfitted = self._fitted(patient=patient)
+        self._held: list[Candidate] = []  # on what judges, however little they take
+        supported, self._unfitted = self._fitted(patient=patient)
+        self.supported = [FittedSet((c.placed,), c.fit, c.select) for c in supported] + self._at_places()
 
     def _fitted(self, *, patient: bool) -> tuple[list[Candidate], list[Candidate]]:
         """Candidates that are supported once they are fitted, and those that were not worth a fit."""
@@ -101,6 +105,7 @@ class ForwardRound:
             self._refit(candidate, before, best)
             best = least([best, candidate.fit])
             if candidate.why_rejected is None:
+                self._held.append(candidate)
                 candidate.why_rejected = slight(self.current, candidate.fit, material)
         return [c for c in candidates if c.why_rejected is None]
 
@@ -132,19 +137,52 @@ class ForwardRound:
         reason = candidate.support.reason_against_entry()
         candidate.why_rejected = reason or implausible(self.models, current, fit, candidate.placed)
 
-    def choose(self) -> tuple[Candidate, list[Candidate]] | None:
-        """The best of the supported candidates; among those it cannot be told from, the simplest, and then the one that
-        fits best. With it its rivals: the others, and those not fitted whose response is nearly its own.
+    def _at_places(self) -> list[FittedSet]:
+        """Laws that hold at several places, at all of these at once, where that holds."""
+        found = []
+        for kind in dict.fromkeys(c.placed.kind for c in self._held):
+            places = {
+                c.placed.effect.variant_of: c
+                for c in reversed(self._held)
+                if c.placed.kind == kind and c.placed.effect.site != GLOBAL
+            }
+            if len(places) > 1:
+                found += self._together(list(places.values()))
+        return found
+
+    def _together(self, held: Sequence[Candidate]) -> list[FittedSet]:
+        current, best = self.current, least([c.fit for c in held])
+        added = tuple(c.placed for c in held)
+        own = [c.fit.point[c.fit.columns(c.name)] for c in held]
+        start = np.concatenate([best.point[: len(current.point)], *own])
+        fit = self.models.fit([*current.effects, *added], start, current)
+        if fit is None or slight(current, fit, MATERIAL):
+            return []
+        hypotheses = float(np.prod([self.tried * c.shapes_tried for c in held], dtype=float))
+        before = self.models.judge(current)
+        support, select = self.models.support(current, fit, sum(map(len, own)), before, hypotheses)
+        if support.reason_against_entry() or any(implausible(self.models, current, fit, e) for e in added):
+            return []
+        return [FittedSet(added, fit, select)]
+
+    def choose(self) -> tuple[FittedSet, list[Candidate]] | None:
+        """The best of what is supported; among those it cannot be told from, the simplest, and then the one that fits
+        best. With it, where it is one effect, its rivals: the others, and those not fitted whose response is nearly
+        its own.
         """
         if not self.supported:
             return None
         order = np.argsort(self.models.losses(self.supported), kind="stable")
         best = self.supported[order[0]]
-        as_good = [c for c in self.supported if c is best or self.models.as_good(best, c)]
-        chosen = min(as_good, key=lambda c: (len(c.placed.effect.parameters), c.fit.penalised_squares))
-        rivals = [self.supported[i] for i in order if self.supported[i] is not chosen]
+        as_good = [s for s in self.supported if s is best or self.models.as_good(best, s)]
+        chosen = min(as_good, key=lambda s: (len(s.fit.point), s.fit.penalised_squares))
+        names, by_name = [e.name for e in chosen.added], {c.name: c for c in self.ranked}
+        others = [self.supported[i] for i in order if len(self.supported[i].added) == 1]
+        rivals = [by_name[s.added[0].name] for s in others if s.added[0].name not in names]
         for candidate in rivals:
-            candidate.why_rejected = f"{chosen.name} explains as much with less, or more"
-        response = chosen.score.response
+            candidate.why_rejected = f"{' and '.join(names)} explains as much with less, or more"
+        if len(names) > 1:
+            return chosen, []
+        response = by_name[names[0]].score.response
         similar = [c for c in self._unfitted if abs(similarity(response, c.score.response)) > SIMILAR]
         return chosen, [replace(c) for c in (*rivals[:RIVALS], *similar[:RIVALS])]

@@ -56,10 +56,10 @@ def timings_with_effects(
 
 def _best(screenings: Sequence[Screening]) -> list[BalancedModel]:
     """The best model of each reading with one effect at most; where that leaves more than noise in all of them, with
-    two at most: what else is missing may look like another reading.
+    two at most: what else is missing may look like another reading. Where it leaves far more, two will not do either.
     """
     models = [own.best() for own in screenings]
-    if min(m.beyond_noise for m in models) < SETTINGS.else_missing:
+    if not SETTINGS.else_missing <= min(m.beyond_noise for m in models) < SETTINGS.hopeless:
         return models
     largest = [list(grown(own, (), (), 2, settings=NARROW))[-1:] for own in screenings]
     return [levels[0].best if levels else one for levels, one in zip(largest, models, strict=True)]

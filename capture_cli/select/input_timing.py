@@ -22,13 +22,14 @@ class InputTimingSettings:
     """blocks: that are left out in turn. sure: standard errors over blocks by which one reading has to be better, and
     least: of predictive log likelihood; otherwise inputs stay as they were read. else_missing: of the variance of the
     sensors' noise in rows, how much more the model may be wrong by: beyond it something else is missing, which may look
-    like another timing.
+    like another timing. hopeless: by how much more with one effect in it two are not asked.
     """
 
     blocks: int = 12
     sure: float = 3.0
     least: float = 5.0
     else_missing: float = 3.0
+    hopeless: float = 100.0
 
 
 SETTINGS = InputTimingSettings()
