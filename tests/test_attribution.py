@@ -283,3 +283,20 @@ def test_what_is_missing_at_every_joint_is_found_at_once(
     found = diagnose(real_log=log, task=task, out=tmp_path / "d", quiet=True, most_effects=2).document
     assert {f"{e['name']}@{e['site']}" for e in found["effects"]} == {e.split("=")[0] for e in effects}
     assert found["verdict"] == "effect-found" and len(begun) == rounds
+
+
+def test_a_law_that_simulations_alone_tell_of_is_found_at_every_joint_in_one_round(
+    tmp_path, monkeypatch, without_pages
+):
+    """Friction that holds harder than MuJoCo's is no force that the balance knows."""
+    catalogue, few = attribution.all_candidates, ("friction-hardness", "coulomb-friction")
+    monkeypatch.setattr(
+        attribution, "all_candidates", lambda log: [c for c in catalogue(log) if c.placed.kind in few]
+    )
+    log, task = tmp_path / "log.zarr", held_machine(tmp_path / "arm", "arm", 0.002)
+    model = task.with_name("model.xml")
+    model.write_text(model.read_text().replace("damping=", 'frictionloss=".2" damping='))
+    effects = ["friction-hardness@shoulder=1.5", "friction-hardness@elbow=1.5"]
+    record(task=str(task), out=log, effects=effects, noise=1e-4, episodes=4, duration=2, rate=100, threads=1)
+    found = diagnose(real_log=log, task=str(task), out=tmp_path / "d", quiet=True, most_effects=1).document
+    assert {f"{e['name']}@{e['site']}" for e in found["effects"]} == {e.split("=")[0] for e in effects}
