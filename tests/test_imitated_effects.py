@@ -45,7 +45,10 @@ def fitted():
 
         part = SimpleNamespace(windows=SimpleNamespace(first=np.zeros(1, dtype=int)))
         return SimpleNamespace(
-            fits=SimpleNamespace(probe=probe), fit=SimpleNamespace(at=at), part=part, doubts=lambda *_: False
+            fits=SimpleNamespace(probe=probe),
+            fit=SimpleNamespace(at=at, excess=0.0, error=1.0),
+            part=part,
+            doubts=lambda *_: False,
         )
 
     return fitted

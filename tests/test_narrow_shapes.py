@@ -198,6 +198,6 @@ def test_what_pulses_promise_is_what_the_simulated_effect_scores(logs):
 def test_every_shape_tried_counts_where_nothing_is_missing(logs):
     search, fits = attribution(logs["none"], PERIODIC)
     declared = fits.fit(search.models.fit_part, [], logs["none"].task.space.nominal)
-    assert search._by_simulation(declared) is None
+    assert search._next(declared) is None
     told = {c.name: (c.shapes_tried, c.why_rejected) for c in search.candidates}
     assert all(tried > 30 and why for tried, why in told.values()), told

@@ -158,7 +158,7 @@ class ForwardRound:
         own = [c.fit.point[c.fit.columns(c.name)] if c.name in held else c.start for c in places]
         start = np.concatenate([best.point[: len(current.point)], *own])
         fit = self.models.fit([*current.effects, *added], start, current)
-        if fit is None:
+        if fit is None or fit.penalised_squares >= best.penalised_squares:
             return []
         plausible = [c for c in places if not implausible(self.models, current, fit, c.placed)]
         if 1 < len(plausible) < len(places):

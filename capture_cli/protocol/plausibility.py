@@ -57,4 +57,5 @@ def slight(current: Fit, fit: Fit, material: float) -> str | None:
     taken = current.excess - fit.excess
     if taken >= material * current.excess:
         return None
-    return f"it takes {taken / current.excess:.1%} of what is above the noise floor: that is no explanation of it"
+    share = taken / max(current.excess, abs(taken))
+    return f"it takes {share:.1%} of what is above the noise floor: that is no explanation of it"

@@ -22,8 +22,9 @@ class BeamSettings:
     """width: models of each size that are grown, of single effects such that differ; branches: effects that are added
     to each. of_a_kind: of a group of alike effects, and fitted: of larger models, that may be fitted. united: single
     effects that hold in simulations, which are put beside the best model there. sure: standard errors over blocks by
-    which a larger model has to predict better than all smaller ones, and least: of log likelihood. One that is as good
-    as the best may be `tied` standard errors behind it, or `near` of what that gains over smaller ones.
+    which a larger model has to predict better than all smaller ones, and least: of log likelihood; one that is as good
+    as the best may be so far behind it, or `near` of what that gains over smaller ones. worth: standard errors by which
+    a single effect has to predict better than none, to be fitted by simulation.
     """
 
     width: int = 4
@@ -33,7 +34,7 @@ class BeamSettings:
     united: int = 3
     sure: float = 2.0
     least: float = 3.0
-    tied: float = 1.0
+    worth: float = 1.0
     near: float = 0.2
 
 
@@ -57,7 +58,7 @@ class Level:
     def of(cls, models: Sequence[BalancedModel], gain: float, settings: BeamSettings) -> Level:
         """gain: of the first of the models over smaller ones."""
         best, least = models[0], max(settings.near * gain, settings.least)
-        good = [m is best or not _is_better(best, m, least, settings.tied) for m in models]
+        good = [m is best or not _is_better(best, m, least, settings.sure) for m in models]
         return cls(
             [m for m, own in zip(models, good, strict=True) if own],
             [m for m, own in zip(models, good, strict=True) if not own],
@@ -84,7 +85,7 @@ def grown(
         return
     best = polished[0]
     models = _best(_of_each_kind(groups, settings))
-    if best.gain > max(settings.least, settings.tied * best.error):
+    if best.gain > max(settings.least, settings.worth * best.error):
         yield Level.of(models, best.gain, settings)
     else:
         yield Level([], models)

@@ -52,12 +52,12 @@ def export(*, result: Path, out: Path, task: str | None = None, force: bool = Fa
     or removed if it is not needed any more. Raises CaptureError for whatever the user can mend; then nothing is
     written.
     """
-    refuse_misnamed(out, ".xml")
     found = _read(result)
     command = MADE_BY[found["format"]]
     provenance = read_provenance(result, f"make it again with `capture {command}`")
     machine = load_recorded(result, provenance, task, found["log"]["path"])
     refuse_inputs(out, [result, *task_inputs(machine).values()])
+    refuse_misnamed(out, ".xml")
     if machine.name != found["task"]:
         raise OptionError(
             f"{result} belongs to the task {found['task']!r}, and --task is {machine.name!r}",

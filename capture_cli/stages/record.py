@@ -95,6 +95,7 @@ def record(
     read = [inputs_from, actions_from, _if_path(policy), *task_inputs(machine).values()]
     refuse_inputs(out, read)
     refuse_inputs(truth, read, option="--truth")
+    refuse_misnamed(truth, ".json", option="--truth")
     provenance = Provenance(
         "record",
         options,
@@ -129,7 +130,6 @@ def _refuse_truth(truth: Path, log: Path, *, force: bool) -> None:
             f"--truth {truth} is the log at --out {log}, or in it: whoever reads a log must not find its truth",
             cure="choose another --truth, or leave it out: the truth then goes beside the log",
         )
-    refuse_misnamed(truth, ".json", option="--truth")
 
 
 def _noise_sd(noise: Mapping[str, float] | float, machine: Task) -> dict[str, float]:
