@@ -138,20 +138,26 @@ class ForwardRound:
         candidate.why_rejected = reason or implausible(self.models, current, fit, candidate.placed)
 
     def _at_places(self) -> list[FittedSet]:
-        """Laws that hold somewhere at all of the places that scores speak for, at once, where that holds."""
+        """Laws that hold somewhere at all of the places that scores speak for, at once, or at all of those where they
+        hold.
+        """
         found = []
         for kind in dict.fromkeys(c.placed.kind for c in self._held):
-            places = {
-                c.placed.effect.variant_of: c
-                for c in reversed(self.ranked)
-                if c.placed.kind == kind and c.placed.effect.site != GLOBAL
-            }
-            if len(places) > 1:
-                found += self._together(list(places.values()))
+            for some in (self.ranked, self._held):
+                places = {
+                    c.placed.effect.variant_of: c
+                    for c in reversed(some)
+                    if c.placed.kind == kind and c.placed.effect.site != GLOBAL
+                }
+                if len(places) > 1 and (fitted := self._together(list(places.values()))):
+                    found.append(fitted)
+                    break
         return found
 
-    def _together(self, places: Sequence[Candidate]) -> list[FittedSet]:
-        """All of the candidates in one model, but those that have to be at an end of their range there."""
+    def _together(self, places: Sequence[Candidate]) -> FittedSet | None:
+        """All of the candidates in one model, but those that have to be at an end of their range there; None where that
+        does not hold.
+        """
         current, best = self.current, least([c.fit for c in places])
         added = tuple(c.placed for c in places)
         held = {c.name for c in self._held}
@@ -159,16 +165,16 @@ class ForwardRound:
         start = np.concatenate([best.point[: len(current.point)], *own])
         fit = self.models.fit([*current.effects, *added], start, current)
         if fit is None or fit.penalised_squares >= best.penalised_squares:
-            return []
+            return None
         plausible = [c for c in places if not implausible(self.models, current, fit, c.placed)]
         if 1 < len(plausible) < len(places):
             return self._together(plausible)
         if len(plausible) < len(places) or slight(current, fit, MATERIAL):
-            return []
+            return None
         hypotheses = float(np.prod([self.tried * c.shapes_tried for c in places], dtype=float))
         before = self.models.judge(current)
         support, select = self.models.support(current, fit, sum(map(len, own)), before, hypotheses)
-        return [] if support.reason_against_entry() else [FittedSet(added, fit, select)]
+        return None if support.reason_against_entry() else FittedSet(added, fit, select)
 
     def choose(self) -> tuple[FittedSet, list[Candidate]] | None:
         """The best of what is supported; among those it cannot be told from, the simplest, and then the one that fits
