@@ -1128,6 +1128,22 @@ def test_servos_on_one_supply_are_weaker_the_more_all_of_them_give(time_constant
     np.testing.assert_allclose(size, np.repeat(size[:, :1], 3, axis=1), rtol=1e-4)
 
 
+def test_a_supply_in_the_middle_of_its_lag_begins_with_the_load_that_it_feels():
+    """With `more` of what it felt beyond the load of the moment it goes on as if it had been followed all along."""
+    sag = effects.REGISTRY.get("force-supply-sag").kernel
+    given, step = np.abs(np.sin(np.linspace(0, 20, 400))), 2e-3
+    whole = sag(sag=0.8, time_constant=0.3, timestep=step)
+    sizes, felt = [], []
+    for load in given:
+        felt.append(whole.felt.state)
+        sizes.append(whole(load * whole.size))
+    half = sag(sag=0.8, time_constant=0.3, timestep=step, more=felt[200] - given[200])
+    again = [half(load * half.size) for load in given[200:]]
+    np.testing.assert_allclose(again, sizes[200:], rtol=1e-12)
+    forgotten = sag(sag=0.8, time_constant=0.3, timestep=step)
+    assert abs(forgotten(given[200]) - sizes[200]) > 0.05
+
+
 @pytest.mark.parametrize(
     ("speed", "low", "high"), [(0.0, -2, 2), (3.0, -2, 1), (-1.5, -1.5, 2), (9.0, -2, 0)]
 )

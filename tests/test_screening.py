@@ -16,9 +16,9 @@ from capture_cli.estimate.motion import SmoothedLog
 from capture_cli.protocol.balance_scores import log_of
 from capture_cli.protocol.candidates import all_candidates
 from capture_cli.protocol.prepare import prepare
-from capture_cli.select.beam import grown
+from capture_cli.select.beam import BeamSettings, Level, grown
 from capture_cli.select.regression import Sums, additions, predicted
-from capture_cli.select.screening import Screening
+from capture_cli.select.screening import BalancedModel, Screening
 
 # small: columns are taken where the declared parameters fit best without the effect, and a large one bends those
 CASES = [
@@ -179,3 +179,25 @@ def test_a_law_that_all_joints_lack_is_found_at_all_of_them():
     few = [p for p in own.placed if p.kind in ("coulomb-friction", "viscous-friction")]
     best = list(grown(own.screening(few), (), (), 3))[-1].as_good[0]
     assert {e.name for e in best.effects} == {f"coulomb-friction@{joint}" for joint, _ in shares}
+
+
+def test_effects_that_are_alike_alone_take_each_others_place_beside_another():
+    """A delay and a lag do the same as long as a bias is missing, too: alone the lag may be ahead."""
+    own = Made.of("arm", ("control-delay", "shoulder", 0.1), ("sensor-bias", "q1", 0.2), episodes=4)
+    few = [p for p in own.placed if p.kind in ("control-delay", "control-lag", "sensor-bias", "cogging")]
+    level = list(grown(own.screening(few), (), (), 2))[-1]
+    names = [{e.name for e in m.effects} for m in (*level.as_good, *level.others)]
+    assert names[0] == {"control-delay@shoulder", "sensor-bias@q1"}
+    assert {"control-lag@shoulder", "sensor-bias@q1"} in names
+
+
+def test_as_good_is_what_is_near_or_not_surely_worse():
+    def model(*likelihood: float) -> BalancedModel:
+        return BalancedModel((), np.zeros(0), (), np.array(likelihood))
+
+    best = model(10.0, 10.0, 10.0, 10.0)
+    near, worse = model(9.5, 9.5, 9.5, 9.5), model(5.0, 5.1, 4.9, 5.0)
+    unsure = model(25.0, -20.0, 10.0, 5.0)
+    level = Level.of([best, near, unsure, worse], 40.0, BeamSettings())
+    assert level.as_good == [best, near, unsure] and level.others == [worse]
+    assert Level.of([best, near], 1.0, BeamSettings(least=1.0)).others == [near]
