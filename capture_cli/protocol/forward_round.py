@@ -76,7 +76,9 @@ class ForwardRound:
         self.ranked = by_score(candidates)
         self._held: list[Candidate] = []  # on what judges, however little they take
         supported, self._unfitted = self._fitted(patient=patient)
-        self.supported = [FittedSet((c.placed,), c.fit, c.select) for c in supported] + self._at_places()
+        self.supported = [FittedSet((c.placed,), c.fit, c.select) for c in supported]
+        if not any(models.is_explained(c.fit) for c in supported):
+            self.supported += self._at_places()
 
     def _fitted(self, *, patient: bool) -> tuple[list[Candidate], list[Candidate]]:
         """Candidates that are supported once they are fitted, and those that were not worth a fit."""
