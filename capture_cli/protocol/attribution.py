@@ -302,9 +302,7 @@ class Attribution:
 
         before: how that model does there. tried: of how many candidates the effect is the best.
         """
-        hypotheses = tried * self._candidate(placed.name).shapes_tried
-        added = max(len(placed.effect.parameters), 1)  # to be there or not is a choice, too
-        return self.models.support(without, fit, added, before, hypotheses)
+        return self.models.support_of(without, fit, [self._candidate(placed.name)], before, tried)
 
     def _candidate(self, name: str) -> Candidate:
         return next(c for c in self.candidates if c.name == name)

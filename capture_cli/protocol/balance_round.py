@@ -12,7 +12,7 @@ from capture_cli.effects.placed import Placed
 from capture_cli.protocol.balance_scores import score_in_balance
 from capture_cli.protocol.candidates import Candidate
 from capture_cli.protocol.fit import Fit, least
-from capture_cli.protocol.forward_round import RIVALS, SIMILAR, by_score
+from capture_cli.protocol.forward_round import RIVALS, SIMILAR, by_score, reject_at_first_sight
 from capture_cli.protocol.model_comparison import FittedSet, ModelComparison
 from capture_cli.protocol.plausibility import MATERIAL, implausible, slight
 from capture_cli.select.beam import SETTINGS as BEAM
@@ -80,9 +80,7 @@ class BalanceRound:
     def _reject_unfitted(self, names: Sequence[str]) -> list[Candidate]:
         """Say why candidates are out that nothing else is said of, but those called `names`; they are returned."""
         found = [c for c in self.ranked if c.why_rejected is None and c.name not in names]
-        for candidate in found:
-            gain, most = candidate.score.gain, self.ranked[0].score.gain
-            candidate.why_rejected = f"explains less at first sight ({gain:.3g} of {most:.3g})"
+        reject_at_first_sight(found, self.ranked)
         return found
 
     def _search(self, levels: Iterator[Level]) -> list[FittedSet]:
@@ -180,10 +178,8 @@ class BalanceRound:
         return next((r for r in reasons if r), None) or slight(smaller, fit, MATERIAL)
 
     def _unsupported(self, fit: Fit, added: Sequence[Placed]) -> str | None:
-        tried = [len(self.candidates) * self.candidates[e.name].shapes_tried for e in added]
-        size = sum(max(len(e.effect.parameters), 1) for e in added)
-        hypotheses = float(np.prod(tried, dtype=float))
-        support, _ = self.models.support(self.current, fit, size, self._before, hypotheses)
+        candidates = [self.candidates[e.name] for e in added]
+        support, _ = self.models.support_of(self.current, fit, candidates, self._before, len(self.candidates))
         return support.reason_against_entry()
 
     def _reject(self, added: Sequence[Placed], reason: str) -> None:

@@ -49,6 +49,13 @@ def by_score(candidates: Sequence[Candidate]) -> list[Candidate]:
     return sorted((c for c in candidates if c.why_rejected is None), key=lambda c: -c.score.gain)
 
 
+def reject_at_first_sight(candidates: Sequence[Candidate], ranked: Sequence[Candidate]) -> None:
+    """Say of candidates that were not worth a fit by how much the best of the `ranked` is ahead of them."""
+    for candidate in candidates:
+        gain, most = candidate.score.gain, ranked[0].score.gain
+        candidate.why_rejected = f"explains less at first sight ({gain:.3g} of {most:.3g})"
+
+
 class ForwardRound:
     """What may be added to the model `current`.
 
@@ -91,11 +98,7 @@ class ForwardRound:
             refitted, left = worth_a_refit([c for c in others if c.score.gain > least_gain])
             others = [*left, *(c for c in others if c.score.gain <= least_gain)]
             supported = self._refit_all(refitted, material)
-        for candidate in others:
-            best = self.ranked[0].score.gain
-            candidate.why_rejected = (
-                f"explains less at first sight ({candidate.score.gain:.3g} of {best:.3g})"
-            )
+        reject_at_first_sight(others, self.ranked)
         return supported, others
 
     def _refit_all(self, candidates: Sequence[Candidate], material: float) -> list[Candidate]:
@@ -132,9 +135,8 @@ class ForwardRound:
             )
             return
         candidate.fit = fit
-        added = max(len(candidate.placed.effect.parameters), 1)  # to be there or not is a choice, too
-        candidate.support, candidate.select = self.models.support(
-            current, fit, added, before, self.tried * candidate.shapes_tried
+        candidate.support, candidate.select = self.models.support_of(
+            current, fit, [candidate], before, self.tried
         )
         reason = candidate.support.reason_against_entry()
         candidate.why_rejected = reason or implausible(self.models, current, fit, candidate.placed)
@@ -145,23 +147,23 @@ class ForwardRound:
         """
         found = []
         for kind in dict.fromkeys(c.placed.kind for c in self._held):
+            best = least([c.fit for c in self._held if c.placed.kind == kind])
             for some in (self.ranked, self._held):
                 places = {
                     c.placed.effect.variant_of: c
                     for c in reversed(some)
                     if c.placed.kind == kind and c.placed.effect.site != GLOBAL
                 }
-                if len(places) > 1 and (fitted := self._together(list(places.values()))):
+                if len(places) > 1 and (fitted := self._together(list(places.values()), best)):
                     found.append(fitted)
                     break
         return found
 
-    def _together(self, places: Sequence[Candidate]) -> FittedSet | None:
+    def _together(self, places: Sequence[Candidate], best: Fit) -> FittedSet | None:
         """All of the candidates in one model, but those that have to be at an end of their range there; None where that
-        does not hold.
+        does not hold. best: of the fits with one of them that holds.
         """
-        current, best = self.current, least([c.fit for c in places])
-        added = tuple(c.placed for c in places)
+        current, added = self.current, tuple(c.placed for c in places)
         held = {c.name for c in self._held}
         own = [c.fit.point[c.fit.columns(c.name)] if c.name in held else c.start for c in places]
         start = np.concatenate([best.point[: len(current.point)], *own])
@@ -170,12 +172,10 @@ class ForwardRound:
             return None
         plausible = [c for c in places if not implausible(self.models, current, fit, c.placed)]
         if 1 < len(plausible) < len(places):
-            return self._together(plausible)
+            return self._together(plausible, best)
         if len(plausible) < len(places) or slight(current, fit, MATERIAL):
             return None
-        hypotheses = float(np.prod([self.tried * c.shapes_tried for c in places], dtype=float))
-        before = self.models.judge(current)
-        support, select = self.models.support(current, fit, sum(map(len, own)), before, hypotheses)
+        support, select = self.models.support_of(current, fit, places, self.models.judge(current), self.tried)
         return None if support.reason_against_entry() else FittedSet(added, fit, select)
 
     def choose(self) -> tuple[FittedSet, list[Candidate]] | None:

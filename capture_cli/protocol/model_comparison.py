@@ -228,6 +228,15 @@ class ModelComparison:
         ratio = float(after.penalised_squares.sum() / before.penalised_squares.sum())
         return Support(p_fit, self._paired(before, after), gain, ratio), after
 
+    def support_of(
+        self, before_fit: Fit, fit: Fit, added: Sequence[Candidate], before: PartFit | None, tried: int
+    ) -> tuple[Support, PartFit | None]:
+        """As of `support`, for the candidates `added` to `before_fit`, each the best of so many `tried`."""
+        # to be there or not is a choice, too
+        size = sum(max(len(c.placed.effect.parameters), 1) for c in added)
+        hypotheses = float(np.prod([tried * c.shapes_tried for c in added], dtype=float))
+        return self.support(before_fit, fit, size, before, hypotheses)
+
     # --- compared ---
 
     def as_good(self, best: Compared, other: Compared) -> bool:

@@ -141,6 +141,12 @@ class Screening:
         """Of each effect that is not among `effects`, which have these values, best first; so many of the best, or as
         many as the settings say, are polished.
         """
+        return self._fitted_and_additions(effects, values, polished)[1]
+
+    def _fitted_and_additions(
+        self, effects: Sequence[Placed], values: Sequence[np.ndarray], polished: int | None = None
+    ) -> tuple[BalancedModel, list[Addition]]:
+        """The model with `effects` alone, and as of `additions`."""
         count = self.settings.polished if polished is None else polished
         begin = BalancedModel(tuple(effects), self.balance.point, tuple(values))
         return self.remembered(("additions", begin.key, count), lambda: self._additions(begin, count))
@@ -151,11 +157,10 @@ class Screening:
             self._known[key] = make()
         return self._known[key]
 
-    def _additions(self, begin: BalancedModel, count: int) -> list[Addition]:
+    def _additions(self, begin: BalancedModel, count: int) -> tuple[BalancedModel, list[Addition]]:
         self.whitening.reset()  # what was asked before is not to matter
         model = self.fitted(self._judged(self._with_slow_noise(begin)))
         model = self._judged(self._with_slow_noise(model))
-        self._known["fitted", begin.key] = model
         polished = []
         screened = self._screened(model)
         for addition in screened[:count]:
@@ -165,7 +170,7 @@ class Screening:
                 continue
             polished.append(replace(addition, model=more, gain=gain, error=error))
         rest = screened[count:]
-        return sorted(polished, key=lambda a: -a.gain) + rest
+        return model, sorted(polished, key=lambda a: -a.gain) + rest
 
     def screened(self, model: BalancedModel) -> list[Addition]:
         """Of each effect that is not in the model, best first, from columns alone: none is polished."""
@@ -194,8 +199,8 @@ class Screening:
 
     def best(self) -> BalancedModel:
         """The declared model, or that with the one effect that predicts most."""
-        added = [a.model for a in self.additions((), ()) if a.model.likelihood.size]
-        declared = self._known["fitted", BalancedModel((), self.balance.point, ()).key]
+        declared, additions = self._fitted_and_additions((), ())
+        added = [a.model for a in additions if a.model.likelihood.size]
         return max([declared, *added], key=lambda m: m.likelihood.sum())
 
     # --- the balance ---
