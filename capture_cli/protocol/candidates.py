@@ -40,13 +40,22 @@ TOO_MUCH, MOST_TOO_MUCH = 50.0, 1e4
 # Evenly spread windows are scored on, at most so many; of many steps (hard contacts need short ones) fewer: a score
 # needs no more.
 SCORED_WINDOWS, SCORED_STEPS, FEWEST_SCORED = 40, 20_000, 12
-# Of the objective, over the variance that would be left: less is no reason to fit. The best of n shapes has 2 log(n)
-# more by chance.
-SMALLEST_GAIN = 12.0
-# Of what is left above the noise: a score at null that promises less is no reason to fit, though a fit may find more
-PROMISING = 0.01
-# Share of a sensitivity that must be left once the declared parameters have imitated it: differences err so much.
-ABSORBED = 0.005
+
+
+@dataclass(frozen=True)
+class WorthSettings:
+    """When a score at null is no reason to fit. smallest_gain: of the objective, over the variance that would be left,
+    below which it is chance; the best of n shapes has 2 log(n) more. promising: of what is left above the noise, below
+    which it promises too little, though a fit may find more. absorbed: of a sensitivity, what must be left once the
+    declared parameters have imitated it: differences err so much.
+    """
+
+    smallest_gain: float = 12.0
+    promising: float = 0.01
+    absorbed: float = 0.005
+
+
+WORTH = WorthSettings()
 
 
 @dataclass
@@ -195,7 +204,7 @@ def score_at_null(narrow: NarrowShapes, candidate: Candidate) -> None:
         candidate.why_rejected = "every simulation with it diverged"
     elif not probed.moves:
         candidate.why_rejected = "it moves no output of this log"
-    elif candidate.score.unabsorbed < ABSORBED:
+    elif candidate.score.unabsorbed < WORTH.absorbed:
         candidate.why_rejected = (
             "parameters that are in the model imitate it: this log cannot tell it from them"
         )
@@ -205,9 +214,9 @@ def score_at_null(narrow: NarrowShapes, candidate: Candidate) -> None:
 
 def _least_gain(fit: Fit, candidate: Candidate) -> float:
     """Of the objective over the variance that is left: a smaller one is no reason to fit the candidate."""
-    by_chance = SMALLEST_GAIN + 2 * float(np.log(candidate.shapes_tried))
+    by_chance = WORTH.smallest_gain + 2 * float(np.log(candidate.shapes_tried))
     above_noise = fit.excess / max(fit.error**2, 1e-300)
-    return max(by_chance, PROMISING * above_noise * fit.at.evidence.count)
+    return max(by_chance, WORTH.promising * above_noise * fit.at.evidence.count)
 
 
 @dataclass(frozen=True)
