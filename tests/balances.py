@@ -21,7 +21,7 @@ from capture_cli.protocol.prepare import prepare
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.select.screening import Screening
 
-COVERED = tuple(m for m in MACHINE if m != "puck")  # a balance has no contacts
+COVERED = tuple(MACHINE)
 
 
 @dataclass(frozen=True)

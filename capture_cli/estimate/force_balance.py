@@ -31,10 +31,12 @@ from capture_cli.effects._periodic_force import PeriodicForce
 from capture_cli.effects.base import Effect
 from capture_cli.estimate.motion import SmoothedLog
 from capture_cli.estimate.recorded_world import AT_JOINTS, RecordedWorld
+from capture_cli.estimate.resting import mass_matrix
 from capture_cli.sim.engine import APPLIED, ModelFields, World, silence_mujoco
 from capture_cli.sim.windows import LEAD
 
 STEP = 1e-3  # of a parameter's range, in differences
+TOUCHES = 1e-4  # of the model's extent: what is nearer touches, for a stiff contact chatters
 AT_REST = 3.0  # standard deviations of a velocity, below which it may be none
 RESTING = 2.0  # times half a period of the fastest motion that is smoothed: a turning point is shorter
 # A step works out a from the velocity that it begins with, and q(t+h) - 2 q(t) + q(t-h) is h^2 a(t): that velocity,
@@ -44,6 +46,10 @@ _IMPLICIT = {
     int(_INTEGRATOR.mjINT_IMPLICIT): ("qfrc_smooth",),
     int(_INTEGRATOR.mjINT_IMPLICITFAST): ("qfrc_passive", "qfrc_actuator"),
 }
+_DISABLE = mujoco.mjtDisableBit
+# contacts are left, and joints' dry friction is worked out here
+_NO_STOPS = _DISABLE.mjDSBL_FRICTIONLOSS | _DISABLE.mjDSBL_LIMIT | _DISABLE.mjDSBL_EQUALITY
+_OF_IMPACTS = ("geom_size", "geom_solref", "geom_solimp", "pair_solref", "pair_solimp")
 _OF_ACTUATORS = ("actuator_gear", "actuator_gainprm", "actuator_biasprm", "actuator_forcerange")
 
 
@@ -86,6 +92,19 @@ class Points:
         return len(self.step)
 
 
+@dataclass(frozen=True)
+class _WorkedOut:
+    """forces, and what they come from: what is `applied` but by contacts, the acceleration by that, which is `free`,
+    and by how much contacts `pushed`, (point, nv) each; how many contacts there are, (point,).
+    """
+
+    forces: Accelerations
+    applied: np.ndarray
+    free: np.ndarray
+    pushed: np.ndarray
+    contacts: np.ndarray
+
+
 class ForceBalance:
     """The balance of a log along its smoothed motion, at one point (parameter,) of the task."""
 
@@ -94,12 +113,15 @@ class ForceBalance:
         self.smoothed, self.point, self.threads = smoothed, point, threads or 0
         task = smoothed.task
         self.model = copy(task.model)
-        self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+        self.unshown = np.setdiff1d(np.arange(self.model.nv), smoothed.dofs)
+        self.model.opt.disableflags |= int(_NO_STOPS if self.unshown.size else _DISABLE.mjDSBL_CONSTRAINT)
+        self.model.geom_margin[:] += TOUCHES / 2 * self.model.stat.extent
+        self.model.pair_margin[:] += TOUCHES * self.model.stat.extent
         self.points = Points.of(smoothed)
         self.numbers = self._numbers(np.zeros(len(task.outputs)))
-        self.state = smoothed.states(self.numbers)
+        self.state = smoothed.states(self.numbers, self.points.step)
         self.speed_sd = smoothed.sd(1)
-        self.at_rest = self._resting()
+        self.at_rest = self._at_rest()
         self.controls = self._controls()
 
     # --- what acts ---
@@ -107,11 +129,11 @@ class ForceBalance:
     @cached_property
     def null(self) -> Accelerations:
         """Of the model as it is."""
-        return self._null[0]
+        return self._null.forces
 
     @cached_property
-    def _null(self) -> tuple[Accelerations, np.ndarray]:
-        return self._forces_and_sums()
+    def _null(self) -> _WorkedOut:
+        return self._worked_out()
 
     def read_as(self, linear: np.ndarray) -> ForceBalance:
         """The balance with inputs that change evenly between rows where `linear` (input,), and are held elsewhere."""
@@ -131,8 +153,7 @@ class ForceBalance:
     def of_effect(self, effect: Effect, values: np.ndarray) -> list[Accelerations]:
         """Changes of the balance by an effect at each of `values` (variant, parameter)."""
         if effect.place == "model":
-            written = (self._forces(write=lambda fields, v=v: effect.write(fields, v[None])) for v in values)
-            return [forces - self.null for forces in written]
+            return [self._of_written(lambda fields, v=v: effect.write(fields, v[None])) for v in values]
         if effect.place == "control":
             return [self._forces(controls=c) - self.null for c in self._driven(effect, values)]
         if effect.place == "measurement":
@@ -162,7 +183,7 @@ class ForceBalance:
         and 1/s: what the noise of positions does to the prediction.
         """
         found = np.zeros((2, self.model.nv))
-        for dof in range(self.model.nv):
+        for dof in self.smoothed.dofs:
             places = int(self.model.jnt_qposadr[self.model.dof_jntid[dof]]), dof
             for which, place in enumerate(places):
                 state = [s.copy() for s in self.state]
@@ -173,6 +194,19 @@ class ForceBalance:
         return found[0], found[1]
 
     # --- parts ---
+
+    def _of_written(self, write: Callable) -> Accelerations:
+        """Change of the balance where fields of the model are written; not a number where other bodies would touch, or
+        where these say how bodies hit, of which nothing is left in the balance.
+        """
+        fields = ModelFields(self.model, 1)
+        write(fields)
+        written = self._worked_out(write=write)
+        change = written.forces - self.null
+        hits = self.smoothed.hits and any(name in _OF_IMPACTS for name in fields.values)
+        if not hits and np.array_equal(written.contacts, self._null.contacts):
+            return change
+        return Accelerations(change.measured, np.full_like(change.predicted, np.nan))
 
     def _numbers(self, late: np.ndarray) -> np.ndarray:
         """Outputs with slope and curvature, (point, 3, output), each `late` s after (..., output)."""
@@ -272,7 +306,7 @@ class ForceBalance:
 
     def _of_report(self, effect: Effect, values: np.ndarray) -> Accelerations:
         """Change of the balance where the sensors report what they do through an effect at `values` (parameter,)."""
-        qpos, qvel, acceleration = self.smoothed.states(self._true_numbers(effect, values))
+        qpos, qvel, acceleration = self.smoothed.states(self._true_numbers(effect, values), self.points.step)
         predicted = self._forces(state=(qpos, qvel, self.state[2])).predicted
         return Accelerations(acceleration - self.predicted_smooth, predicted - self.null.predicted)
 
@@ -405,24 +439,40 @@ class ForceBalance:
 
     def _forces(self, **changes) -> Accelerations:
         """As the model gives them with other parameters, written fields, states or controls than its own."""
-        return self._forces_and_sums(**changes)[0]
+        return self._worked_out(**changes).forces
 
-    def _forces_and_sums(
-        self, *, point=None, write=None, state=None, controls=None
-    ) -> tuple[Accelerations, np.ndarray]:
-        """As of `_forces`, and what acts, (point, nv)."""
+    def _worked_out(self, *, point=None, write=None, state=None, controls=None) -> _WorkedOut:
+        """As of `_forces`."""
         state = self.state if state is None else state
         if point is None and write is None:
             model, runner = self._model, self._plain
         else:
             model = self._written(self.point if point is None else point, write)
             runner = self._runner(model)
-        inertia = runner.bind("M")
+        inertia, push, contacts = (runner.bind(name) for name in ("M", "qfrc_constraint", "ncon"))
         applied = self._set(runner, state, self.controls if controls is None else controls)
         applied = applied - model.dof_frictionloss * self._sign(state[1])
         felt = self._holding(_felt(model, inertia))
-        predicted = np.linalg.solve(felt, np.where(self.at_rest, state[2], applied)[..., None])[..., 0]
-        return Accelerations(state[2], predicted), applied
+        free = np.linalg.solve(felt, np.where(self.at_rest, state[2], applied)[..., None])[..., 0]
+        pushed = np.linalg.solve(felt, np.where(self.at_rest, 0.0, push)[..., None])[..., 0]
+        forces = Accelerations(state[2], self._resting(free, pushed))
+        return _WorkedOut(forces, applied, free, pushed, contacts.copy())
+
+    def _resting(self, free: np.ndarray, pushed: np.ndarray, change: np.ndarray | None = None) -> np.ndarray:
+        """Accelerations (point, nv) of what moves by `free` without contacts, and is `pushed` by them as hard as keeps
+        what no sensor shows where it is: a puck that is heavier presses more, and its friction is more. A stiff contact
+        chatters; this is the mean of it. With a `change` of what is free: what that changes.
+        """
+        found = own = free if change is None else change
+        for tree in np.unique(self.model.dof_treeid[self.unshown]):
+            dofs = self.unshown[self.model.dof_treeid[self.unshown] == tree]
+            held, here = pushed[:, dofs], self.model.dof_treeid == tree
+            size = np.square(held).sum(axis=1)
+            size = np.where(size, size, 1.0)
+            presses = (held * free[:, dofs]).sum(axis=1) < 0
+            share = np.where(presses, -(held * own[:, dofs]).sum(axis=1) / size, 0.0)
+            found = found + share[:, None] * np.where(here, pushed, 0.0)
+        return found
 
     def _holding(self, felt: np.ndarray, here: np.ndarray | slice = slice(None)) -> np.ndarray:
         """What accelerations are solved with (point, nv, nv) where coordinates at rest keep the acceleration that they
@@ -433,7 +483,7 @@ class ForceBalance:
         felt[point, dof, dof] = 1.0
         return felt
 
-    def _resting(self) -> np.ndarray:
+    def _at_rest(self) -> np.ndarray:
         """Where a coordinate is at rest for longer than a turn of the motion takes, (point, nv)."""
         cutoff = max(s[0].cutoff for s in self.smoothed.series.values())
         shortest = max(int(np.ceil(RESTING * np.pi / cutoff / self.interval)), 2)
@@ -486,11 +536,13 @@ class ForceBalance:
             runner.forward()
             acts = acts + smooth - base - damping * step * qacc
             if world.has_varied(AT_JOINTS):
-                acts = acts + self._null[1]
+                acts = acts + self._null.applied
                 felt = self._holding(_felt(model, inertia))
                 predicted = np.linalg.solve(felt, np.where(self.at_rest, qacc, acts)[..., None])[..., 0]
                 self._restore()
-                return Accelerations(np.zeros_like(qvel), predicted - self.null.predicted)
+                return Accelerations(
+                    np.zeros_like(qvel), self._resting(predicted, self._null.pushed) - self.null.predicted
+                )
             self._restore()
         else:
             acts = acts - damping * (qvel + 0.5 * step * qacc)
@@ -586,7 +638,7 @@ class ForceBalance:
                     actuator_force.copy()
                 )  # as they gave it under this force, until it is asked again
                 if world.has_varied((*AT_JOINTS, *_OF_ACTUATORS)):
-                    acts = acts + self._null[1][here]
+                    acts = acts + self._null.applied[here]
                     felt = self._holding(_felt(self._model, inertia), here)
                     held = np.where(self.at_rest[here], qacc[here], acts)
                     changes[k] = np.linalg.solve(felt, held[..., None])[..., 0] - self.null.predicted[here]
@@ -626,7 +678,15 @@ class ForceBalance:
         world.stepped = True
         inverse = np.linalg.inv(self._holding(_felt(model, inertia)))
         inverse *= ~self.at_rest[:, None, :]
-        return world, runner, smooth, inverse, smooth.copy()
+        return world, runner, smooth, self._yielding(inverse), smooth.copy()
+
+    def _yielding(self, inverse: np.ndarray) -> np.ndarray:
+        """Acceleration by a unit of force, (point, nv, nv): what no sensor shows stays where contacts keep it."""
+        if not self.unshown.size:
+            return inverse
+        free, pushed = self._null.free, self._null.pushed
+        columns = [self._resting(free, pushed, inverse[..., dof]) for dof in range(self.model.nv)]
+        return np.stack(columns, axis=-1)
 
 
 def _remembers(effect: Effect) -> bool:
@@ -638,19 +698,8 @@ def _felt(model: mujoco.MjModel, packed: np.ndarray) -> np.ndarray:
     """What accelerations are solved with, (point, nv, nv), from mjData.M: Euler's method takes damping at the end of
     the step, M + h D.
     """
-    dense = _mass_matrix(model, packed)
+    dense = mass_matrix(model, packed)
     if int(model.opt.integrator) == mujoco.mjtIntegrator.mjINT_EULER:
         own = np.arange(model.nv)
         dense[:, own, own] += model.opt.timestep * model.dof_damping
-    return dense
-
-
-def _mass_matrix(model: mujoco.MjModel, packed: np.ndarray) -> np.ndarray:
-    """M (point, nv, nv) from mjData.M (point, nC), its lower triangle row by row."""
-    dense = np.zeros((len(packed), model.nv, model.nv))
-    for row in range(model.nv):
-        first, count = int(model.M_rowadr[row]), int(model.M_rownnz[row])
-        for k in range(first, first + count):
-            column = int(model.M_colind[k])
-            dense[:, row, column] = dense[:, column, row] = packed[:, k]
     return dense

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
 from scipy.sparse import csr_array
 
 from capture_cli.errors import LogError
+from capture_cli.estimate.impacts import impacts
+from capture_cli.estimate.resting import Resting, model_start, resting
 from capture_cli.estimate.smoothing import FEWEST, Series, smooth
+from capture_cli.sim.contacts import can_touch
 from capture_cli.sim.coordinate_sources import Source, sources_of
 from capture_cli.sim.object_names import object_name
 from capture_cli.sim.windows import stretches
@@ -19,6 +22,11 @@ from capture_cli.tasks.base import Task
 SCALAR = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 FINEST = 3.0  # points in the shortest time in which the smoothed motion turns: pi over its cut-off frequency
 MOST_POINTS = 12_000  # of all stretches
+FEWEST_TURNS = 12.0  # in a mean stretch: of what moves like a parabola a few accelerations are wanted, too
+NORMAL_MEDIAN = 0.6745  # of the size of what is normally distributed, in standard deviations
+THIRD_DIFFERENCE = 20.0  # variance of that of white noise, over the noise's
+NOTHING = np.zeros(0, dtype=int)
+TINY = 1e-12  # m or rad: the noise of a coordinate that is measured without any
 
 
 @dataclass(frozen=True)
@@ -39,7 +47,9 @@ class SmoothedLog:
     """The outputs that positions follow from, each smoothed in every stretch between gaps.
 
     parts: the steps of the log in each stretch; sources: where each coordinate comes from; series[output][part].
-    every: a point of evaluation is every so many samples.
+    resting: what no sensor shows, at rest wherever there is a stretch. hits: whether steps were left out at which
+    something is hit. every: a point of evaluation is every so many
+    samples.
     """
 
     log: Log
@@ -47,7 +57,9 @@ class SmoothedLog:
     parts: Sequence[slice]
     sources: Sequence[Source]
     series: dict[int, list[Series]]
+    resting: Resting
     every: int
+    hits: bool = False
 
     @property
     def episode_start(self) -> np.ndarray:
@@ -57,35 +69,77 @@ class SmoothedLog:
 
     @classmethod
     def of(cls, log: Log, task: Task, within: np.ndarray | None = None) -> SmoothedLog:
-        """The steps `within` (step,) of the log; all of them where None. Raises LogError where the positions of some
-        joint cannot be told from the outputs, or no stretch is long enough to be smoothed.
+        """The steps `within` (step,) of the log; all of them where None. Left out are those at which measured
+        coordinates hit something, or what no sensor shows moves. Raises LogError where no stretch is left that is long
+        enough to be smoothed.
         """
         sources = _sources(task)
-        used = sorted({c for s in sources for c in s.columns})
         within = np.ones(len(log.time), dtype=bool) if within is None else within
+        outputs = _between_samples(log, {c for s in sources for c in s.columns})
+        hits = _hits(task.model, log, outputs, sources)
+        within = within & ~hits
+        smoothed = cls._smoothed(log, task, within, sources)
+        rest = smoothed._rest(outputs)
+        if not rest.rests.all():
+            smoothed = cls._smoothed(log, task, within & rest.rests, sources)
+        return replace(smoothed, resting=rest, hits=bool(hits.any()))
+
+    @classmethod
+    def _smoothed(cls, log: Log, task: Task, within: np.ndarray, sources: Sequence[Source]) -> SmoothedLog:
+        """As of `of`, what no sensor shows as the model begins."""
+        used = sorted({c for s in sources for c in s.columns})
         parts = [p for whole in stretches(log.time, log.sampled, log.episodes) for p in _runs(whole, within)]
-        parts = [p for p in parts if log.sampled[p][:, used].sum(axis=0).min() >= FEWEST]
-        if not parts:
+        parts = [p for p in parts if log.sampled[p][:, used].sum(axis=0).min(initial=len(log.time)) >= FEWEST]
+        if not parts or not used:
             raise LogError(
-                f"no stretch of the log has {FEWEST} samples of every joint's position",
-                cure="record longer episodes, or at a higher rate",
+                f"no stretch of the log has {FEWEST} samples of the positions of all joints that move, "
+                "between impacts",
+                cure="log the position of every joint, longer, or at a higher rate",
             )
         series = {c: _smoothed(log, parts, c) for c in used}
         count = sum(p.stop - p.start for p in parts)
         interval = min(float(np.median(np.diff(log.time[p]))) for p in parts)
         cutoff = max(s[0].cutoff for s in series.values())
         every = max(int(np.pi / cutoff / FINEST / interval), -(-count // MOST_POINTS), 1)
-        return cls(log, task, parts, sources, series, every)
+        begins = Resting(np.repeat(model_start(task.model)[None], len(log.time), axis=0), NOTHING, within)
+        return cls(log, task, parts, sources, series, begins, every)
+
+    def _rest(self, outputs: np.ndarray) -> Resting:
+        """What no sensor shows, carried along by the model where the rest moves as it was smoothed, and between
+        stretches as the outputs (step, output) have it.
+        """
+        log, model = self.log, self.task.model
+        shown = np.isin(np.arange(model.nv), self.dofs)
+        if shown.all():
+            return self.resting
+        qpos, qvel = _positions(model, outputs, self.sources), np.zeros((len(log.time), model.nv))
+        places = model.jnt_qposadr[model.dof_jntid]
+        for episode in log.episodes:
+            qvel[episode] = np.gradient(qpos[episode][:, places], log.time[episode], axis=0)
+        for n, part in enumerate(self.parts):
+            numbers = np.zeros((part.stop - part.start, 3, outputs.shape[1]))
+            for column, series in self.series.items():
+                for derivative in range(2):
+                    numbers[:, derivative, column] = series[n].at(log.time[part], derivative)
+            qpos[part], qvel[part], _ = self.states(numbers, np.arange(part.start, part.stop))
+        return resting(self.task, log.time, log.inputs, log.episodes, qpos, qvel, shown)
+
+    @property
+    def dofs(self) -> np.ndarray:
+        """The coordinates that sensors show, (coordinate,)."""
+        return np.array(sorted(d for s in self.sources for d in s.dofs))
 
     def steps(self, part: int) -> np.ndarray:
         """The steps of the log at which forces are worked out in a stretch, (point,)."""
         own = self.parts[part]
         return np.arange(own.start, own.stop, self.every)
 
-    def states(self, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """qpos (point, nq), qvel and qacc (point, nv) of outputs with slope and curvature (point, 3, output)."""
+    def states(self, numbers: np.ndarray, step: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """qpos (point, nq), qvel and qacc (point, nv) of outputs with slope and curvature (point, 3, output); step
+        (point,): of the log. What no sensor shows rests.
+        """
         model, count = self.task.model, len(numbers)
-        qpos = np.repeat(model.qpos0[None], count, axis=0)
+        qpos = self.resting.qpos[step]
         qvel, qacc = np.zeros((count, model.nv)), np.zeros((count, model.nv))
         for source in self.sources:
             own = numbers[:, :, list(source.columns)]
@@ -98,7 +152,7 @@ class SmoothedLog:
         """Series (point, nv) of the coordinates behind the filter that their accelerations went through; part, step
         (point,): of which stretch, and of the log, each point is.
         """
-        found = np.empty_like(values)
+        found = np.zeros_like(values)
         for source in self.sources:
             for n in range(len(self.parts)):
                 own = part == n
@@ -138,17 +192,51 @@ def _runs(whole: slice, within: np.ndarray) -> list[slice]:
 
 
 def _sources(task: Task) -> list[Source]:
-    """Where the position of each coordinate comes from. Raises LogError naming a joint of which nothing tells."""
+    """Where positions come from. Raises LogError naming a joint that is neither a hinge nor a slide."""
     model = task.model
-    found = [s for s in sources_of(model, [c.index for c in task.outputs]) if s.kind == "position"]
-    known = {d for s in found for d in s.dofs}
     for joint in range(model.njnt):
-        name = object_name(model, "joint", joint)
         if int(model.jnt_type[joint]) not in SCALAR:
+            name = object_name(model, "joint", joint)
             raise LogError(f"joint {name!r} is neither a hinge nor a slide", cure="")
-        if int(model.jnt_dofadr[joint]) not in known:
-            raise LogError(f"no output tells the position of joint {name!r}", cure="log its position")
-    return found
+    return [s for s in sources_of(model, [c.index for c in task.outputs]) if s.kind == "position"]
+
+
+def _between_samples(log: Log, used: Sequence[int]) -> np.ndarray:
+    """Outputs (step, output), with straight lines between samples of those that are `used`."""
+    outputs = log.outputs.copy()
+    for episode in log.episodes:
+        for column in used:
+            own = episode.start + np.flatnonzero(log.sampled[episode, column])
+            if own.size:
+                outputs[episode, column] = np.interp(
+                    log.time[episode], log.time[own], log.outputs[own, column]
+                )
+    return outputs
+
+
+def _positions(model: mujoco.MjModel, outputs: np.ndarray, sources: Sequence[Source]) -> np.ndarray:
+    """qpos (step, nq) of outputs (step, output); what no sensor shows as the model begins."""
+    qpos = np.repeat(model_start(model)[None], len(outputs), axis=0)
+    for source in sources:
+        qpos[:, source.qpos] = source.of(outputs[:, list(source.columns)])
+    return qpos
+
+
+def _hits(model: mujoco.MjModel, log: Log, outputs: np.ndarray, sources: Sequence[Source]) -> np.ndarray:
+    """Steps (step,) at which a measured coordinate may hit something."""
+    if not can_touch(model):
+        return np.zeros(len(log.time), dtype=bool)
+    third = np.concatenate([np.diff(outputs[e], n=3, axis=0) for e in log.episodes])
+    noise = np.median(np.abs(third), axis=0) / NORMAL_MEDIAN / np.sqrt(THIRD_DIFFERENCE)
+    sd, travel = np.zeros(model.nv), np.zeros((len(log.time), model.nv))
+    for source in sources:
+        sd[list(source.dofs)] = np.maximum(source.noise(noise), TINY)
+    qpos, places = _positions(model, outputs, sources), model.jnt_qposadr[model.dof_jntid]
+    for episode in log.episodes:
+        moved = np.abs(np.diff(qpos[episode][:, places], axis=0))
+        travel[episode][1:] = moved
+        travel[episode][:-1] = np.maximum(travel[episode][:-1], moved)
+    return impacts(model, qpos, sd, travel)
 
 
 def _smoothed(log: Log, parts: Sequence[slice], column: int) -> list[Series]:
@@ -157,4 +245,4 @@ def _smoothed(log: Log, parts: Sequence[slice], column: int) -> list[Series]:
         own = log.sampled[part, column]
         times.append(log.time[part][own])
         values.append(log.outputs[part, column][own])
-    return smooth(times, values)
+    return smooth(times, values, FEWEST_TURNS)

@@ -114,11 +114,18 @@ class Series:
         return self.sd * float(np.sqrt(row @ cho_solve_banded((self.factor, False), row)))
 
 
-def smooth(times: Sequence[np.ndarray], values: Sequence[np.ndarray]) -> list[Series]:
-    """The stretches of one channel, times[k] and values[k] (sample,), smoothed with one noise and one smoothness."""
+def smooth(
+    times: Sequence[np.ndarray], values: Sequence[np.ndarray], fewest_turns: float = 0.0
+) -> list[Series]:
+    """The stretches of one channel, times[k] and values[k] (sample,), smoothed with one noise and one smoothness.
+
+    fewest_turns: half turns of the slowest sine of which half is left, in a mean stretch, however smooth the series is.
+    """
     parts = [_Part.of(t, y) for t, y in zip(times, values, strict=True)]
+    turns = np.pi * fewest_turns * len(times) / sum(len(t) for t in times)  # rad per sample
+    bounds = SEARCH[0], min(SEARCH[1], -2 * ORDER * float(np.log10(max(turns, 1e-3))))
     found = minimize_scalar(
-        lambda log: -_likelihood(parts, 10.0**log), bounds=SEARCH, method="bounded", options={"xatol": 0.05}
+        lambda log: -_likelihood(parts, 10.0**log), bounds=bounds, method="bounded", options={"xatol": 0.05}
     )
     smoothness = 10.0**found.x
     sd = float(np.sqrt(_profiled_variance(parts, smoothness)))

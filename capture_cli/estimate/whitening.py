@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy.interpolate import BSpline
@@ -41,6 +42,7 @@ class WhiteningSettings:
     floor: float = 1e-9
     segments: int = 6
     fewest_rows: int = 6
+    reach: float = 1.0
     memories: tuple[float, ...] = (4.0, 16.0)
     slow_gain: float = 5.0
 
@@ -48,15 +50,31 @@ class WhiteningSettings:
 SETTINGS = WhiteningSettings()
 
 
+@dataclass(frozen=True)
+class Segment:
+    """Rows whose noise is whitened together: of a span of time in a stretch, and one of the coordinates."""
+
+    span: int
+    part: int
+    coordinate: int
+    rows: slice
+
+    def __len__(self) -> int:
+        return self.rows.stop - self.rows.start
+
+
 class Whitening:
-    """How accelerations along a balance become white rows. model_error (nv,): sd of the white acceleration that the
-    model leaves at rows' rate, and slow_noise (nv,): sd of noise with each memory over that of white noise, (memory,
-    nv); both set by `adapt`. Raises LogError where the log is too short for blocks to be left out.
+    """How accelerations along a balance become white rows, of the coordinates that sensors show, `dofs`.
+
+    model_error (coordinate,): sd of the white acceleration that the model leaves at rows' rate, and slow_noise (memory,
+    coordinate): sd of noise with each memory over that of white noise; both set by `adapt`. Raises LogError where the
+    log is too short for blocks to be left out.
     """
 
     def __init__(self, balance: ForceBalance, settings: WhiteningSettings = SETTINGS):
         self.balance, self.settings = balance, settings
         smoothed, points = balance.smoothed, balance.points
+        self.dofs = smoothed.dofs
         cutoff = max(s[0].cutoff for s in smoothed.series.values())
         spacing = max(
             np.pi / cutoff, 2 * balance.interval, len(points) * balance.interval / settings.most_rows
@@ -73,73 +91,71 @@ class Whitening:
                 cure="record longer, or faster motion",
             )
         self.size = min(settings.rows_in_segment, total // settings.segments)
-        self._filters = smoothed.filtering(self.averages, points.part, points.step)
+        filters = smoothed.filtering(self.averages, points.part, points.step)
+        self._filters = [[own[i] for i in self.dofs] for own in filters]
         self._rows, self._responses = self._noise_of_rows()
         self.noise, self.slow, self.white = self._covariances()
-        self.segments = [
+        self.spans = [
             (n, slice(int(rows[0]), int(rows[-1]) + 1))
             for n, averages in enumerate(self.averages)
             if averages.shape[0]
             for rows in np.array_split(np.arange(averages.shape[0]), -(-averages.shape[0] // self.size))
         ]
+        self.segments = self._segments(settings.reach / cutoff)
         self._diagonals: dict[tuple, tuple[np.ndarray, np.ndarray, float]] = {}
         self.reset()
 
     def reset(self) -> None:
         """Take it that nothing but the sensors' white noise is left."""
-        self.model_error = np.zeros(self.balance.model.nv)
-        self.slow_noise = np.zeros((len(self.settings.memories), self.balance.model.nv))
+        self.model_error = np.zeros(len(self.dofs))
+        self.slow_noise = np.zeros((len(self.settings.memories), len(self.dofs)))
         self._factorise()
 
     def rows(self, columns: Sequence[Accelerations]) -> list[np.ndarray]:
         """What each of `columns` adds to the rows, (row, nv, column) of each stretch, not yet white."""
         points = self.balance.points
         if not columns:
-            return [np.zeros((a.shape[0], self.balance.model.nv, 0)) for a in self.averages]
-        predicted = np.stack([c.predicted for c in columns], axis=-1)
+            return [np.zeros((a.shape[0], len(self.dofs), 0)) for a in self.averages]
+        predicted = np.stack([c.predicted[:, self.dofs] for c in columns], axis=-1)
         moved = [k for k, c in enumerate(columns) if c.measured.any()]
         found = []
         for n, (averages, filters) in enumerate(zip(self.averages, self._filters, strict=True)):
             own = points.part == n
             rows = -np.stack([f @ predicted[own, i] for i, f in enumerate(filters)], axis=1)
             for k in moved:
-                rows[..., k] += averages @ columns[k].measured[own]
+                rows[..., k] += averages @ columns[k].measured[own][:, self.dofs]
             found.append(rows)
         return found
 
     def whitened(self, rows: Sequence[np.ndarray]) -> list[np.ndarray]:
-        """White rows (row and nv, column) of each segment."""
+        """White rows (row, column) of each segment."""
         found = []
-        for part, own in self.segments:
-            some = rows[part][own]
-            count = len(some)
-            found.append(
-                np.concatenate([f[:count, :count] @ some[:, i] for i, f in enumerate(self._factors)])
-            )
+        for own in self.segments:
+            some = rows[own.part][own.rows, own.coordinate]
+            found.append(self._factors[own.coordinate][: len(some), : len(some)] @ some)
         return found
 
     def blocks(self, most: int) -> np.ndarray:
         """Which block each segment is of, (segment,), no more than `most`: blocks are whole stretches or, of few
-        stretches, some segments in a row.
+        stretches, some spans in a row.
         """
-        parts = [n for n, _ in self.segments]
-        several = len(set(parts)) >= most // 2
-        units = np.unique(parts, return_inverse=True)[1] if several else np.arange(len(parts))
+        parts = np.unique([n for n, _ in self.spans], return_inverse=True)[1]
+        several = parts.max() + 1 >= most // 2
+        units = (parts if several else np.arange(len(parts)))[[s.span for s in self.segments]]
+        units = np.unique(units, return_inverse=True)[1]
         count = int(units.max()) + 1
         return units * min(count, most) // count
 
     def block_of_row(self, blocks: np.ndarray) -> np.ndarray:
-        """The block that each white row is of, (row and nv,), from those of segments."""
-        return np.repeat(
-            blocks, [(rows.stop - rows.start) * len(self.model_error) for _, rows in self.segments]
-        )
+        """The block that each white row is of, (row,), from those of segments."""
+        return np.repeat(blocks, [len(s) for s in self.segments])
 
     def log_determinants(self) -> np.ndarray:
         """Of what makes the rows of each segment white, (segment,): the log likelihood of rows is this less half of
         their white squares.
         """
         logs = [np.cumsum(np.log(np.diag(f))) for f in self._factors]
-        return np.array([sum(own[rows.stop - rows.start - 1] for own in logs) for _, rows in self.segments])
+        return np.array([logs[s.coordinate][len(s) - 1] for s in self.segments])
 
     def adapt(self, residual: Sequence[np.ndarray], slow_noise: np.ndarray) -> None:
         """Set `model_error` to what makes `residual` (row, nv) of each stretch most likely, with `slow_noise` (memory,
@@ -168,7 +184,7 @@ class Whitening:
         """Of each coordinate the segments of each length, (row, segment)."""
         found = []
         for i in range(len(self.model_error)):
-            own = [residual[part][rows, i] for part, rows in self.segments]
+            own = [residual[s.part][s.rows, i] for s in self.segments if s.coordinate == i]
             lengths = sorted({len(r) for r in own})
             found.append([np.stack([r for r in own if len(r) == count], axis=1) for count in lengths])
         return found
@@ -254,6 +270,29 @@ class Whitening:
         """Logarithm of the white acceleration that is as large as the sensors' white noise."""
         return float(np.log10(np.sqrt(self.noise[dof][0] / self.white[0])))
 
+    def _segments(self, reach: float) -> list[Segment]:
+        """The rows of each span in which a coordinate moves, no nearer than `reach`, s, to where it rests: its
+        acceleration jumps where it comes to rest or breaks away, and smoothing spreads the jump.
+        """
+        found, points = [], self.balance.points
+        moves = []
+        for n, averages in enumerate(self.averages):
+            own = points.part == n
+            time, rests = points.since[own], self.balance.at_rest[own][:, self.dofs]
+            ends = [time[averages.indices[a:b]][[0, -1]] for a, b in pairwise(averages.indptr)]
+            low, high = np.array(ends).reshape(-1, 2).T
+            counts = np.cumsum(np.vstack([np.zeros(len(self.dofs), dtype=int), rests]), axis=0)
+            until, since = np.searchsorted(time, high + reach), np.searchsorted(time, low - reach)
+            moves.append(counts[until] == counts[since])
+        for number, (n, rows) in enumerate(self.spans):
+            for i in range(len(self.dofs)):
+                edges = np.flatnonzero(np.diff(np.concatenate([[0], moves[n][rows, i], [0]]).astype(int)))
+                for a, b in zip(edges[::2], edges[1::2], strict=True):
+                    found.append(Segment(number, n, i, slice(rows.start + int(a), rows.start + int(b))))
+        if not found:
+            raise LogError("no joint moves for long enough in the log", cure="record longer motion")
+        return found
+
     def _averages(self, elapsed: np.ndarray, spacing: float) -> csr_array:
         """Weights (row, point) of overlapping splines, whole ones only: they sum to 1."""
         degree = self.settings.degree
@@ -289,10 +328,11 @@ class Whitening:
         found = []
         for source in balance.smoothed.sources:
             for dof in source.dofs:
+                number = int(np.searchsorted(self.dofs, dof))
                 for column, weight in zip(source.columns, source.shares(dof), strict=True):
                     series = balance.smoothed.series[column][longest]
                     responses = [series.response(some, time, derivative) for derivative in range(3)]
-                    found.append((dof, weight * series.sd * np.array(responses)))
+                    found.append((number, weight * series.sd * np.array(responses)))
         return some, found
 
     def _covariances(self) -> tuple[list[np.ndarray], list[np.ndarray], np.ndarray]:
@@ -300,9 +340,9 @@ class Whitening:
         (memory, lag), and by white accelerations, (lag,).
         """
         size, memories = self.size, self.settings.memories
-        stiffness, damping = self.balance.slopes()
-        noise = [np.zeros(size) for _ in range(self.balance.model.nv)]
-        slow = [np.zeros((len(memories), size)) for _ in range(self.balance.model.nv)]
+        stiffness, damping = (slopes[self.dofs] for slopes in self.balance.slopes())
+        noise = [np.zeros(size) for _ in self.dofs]
+        slow = [np.zeros((len(memories), size)) for _ in self.dofs]
         for dof, (position, velocity, acceleration) in self._responses:
             response = acceleration - damping[dof] * velocity - stiffness[dof] * position
             noise[dof] += _autocovariance(response, size)

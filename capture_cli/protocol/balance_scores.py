@@ -17,7 +17,6 @@ from capture_cli.protocol.fit import Fit
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.select.input_timing import InputTiming, input_timings
 from capture_cli.select.screening import Screening, declared_balance
-from capture_cli.sim.contacts import can_touch
 from capture_cli.tasks.base import Task
 
 
@@ -28,8 +27,8 @@ def screening_of(
     threads: int | None,
     on_step: Callable[[str, int, int], None],
 ) -> Screening | None:
-    """A screening of the candidates on the windows `fitted` (window,); None where the log gives no balance: positions
-    of some joint are not measured, bodies can touch, loops are closed, or actuators have states that no log shows.
+    """A screening of the candidates on the windows `fitted` (window,); None where the log gives no balance: a joint
+    that no sensor shows moves, loops are closed, actuators have states, or little is left between impacts.
     """
     smoothed = smoothed_log(prepared, fitted)
     if smoothed is None:
@@ -44,7 +43,7 @@ def screening_of(
 def smoothed_log(prepared: PreparedLog, windows: np.ndarray) -> SmoothedLog | None:
     """The log in some `windows` (window,), smoothed; None where it gives no balance."""
     model, own = prepared.task.model, prepared.windows
-    if can_touch(model) or model.neq or model.na:
+    if model.neq or model.na:
         return None
     within = np.zeros(len(prepared.log.time), dtype=bool)
     for first, count in zip(own.first[windows], own.samples[windows], strict=True):

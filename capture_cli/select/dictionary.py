@@ -20,7 +20,8 @@ class DictionarySettings:
     is taken; far_steps: of effects with a threshold, below which they do nothing. known: of its range, how large an
     amplitude may be beforehand, a standard deviation: ranges are guesses, but within some times. largest: acceleration
     by a step, over the largest that the model predicts: what is beyond it has run away. linear: of what an effect does,
-    by which a step and its reverse may differ to be one column.
+    by which a step and its reverse may differ to be one column. rounding: of the largest that the model predicts, below
+    which a column is none.
     """
 
     shapes: int = 6
@@ -31,6 +32,7 @@ class DictionarySettings:
     known: float = 3.0
     largest: float = 1e3
     linear: float = 0.05
+    rounding: float = 1e-10
 
 
 SETTINGS = DictionarySettings()
@@ -121,12 +123,13 @@ def atoms(
     if not owners:
         return
     changes = balance.of_effect(effect, np.array(values))
-    largest = settings.largest * np.abs(balance.null.predicted).max()
+    size = np.abs(balance.null.predicted).max()
+    largest, least = settings.largest * size, settings.rounding * size
     usable = [
         (atom, columns)
         for number, atom in enumerate(owners)
         if _can_be_compared(
-            columns := changes[number * len(amplitudes) : (number + 1) * len(amplitudes)], largest
+            columns := changes[number * len(amplitudes) : (number + 1) * len(amplitudes)], largest, least
         )
     ]
     for atom, columns in usable:
@@ -157,10 +160,10 @@ def _is_reverse(columns: Sequence[Accelerations], others: Sequence[Accelerations
     )
 
 
-def _can_be_compared(columns: Sequence[Accelerations], largest: float) -> bool:
+def _can_be_compared(columns: Sequence[Accelerations], largest: float, least: float) -> bool:
     """Whether an effect does anything, and no absurd acceleration."""
     sizes = [max(np.abs(c.predicted).max(), np.abs(c.measured).max()) for c in columns]
-    return bool(np.isfinite(sizes).all() and max(sizes) > 0 and max(sizes) <= largest)
+    return bool(np.isfinite(sizes).all() and max(sizes) > least and max(sizes) <= largest)
 
 
 def _repeating(balance, placed, amplitudes, settings) -> Iterator[tuple[Atom, list[Accelerations]]]:

@@ -1,0 +1,99 @@
+"""The force balance of machines that touch: what hits is left out, what rests presses as hard as keeps it there."""
+
+from __future__ import annotations
+
+from copy import copy
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+from balances import Made
+
+from capture_cli.errors import LogError
+from capture_cli.estimate.force_balance import ForceBalance
+from capture_cli.estimate.impacts import impacts
+from capture_cli.estimate.motion import SmoothedLog
+from capture_cli.protocol.balance_scores import log_of
+
+WALL_AT = 1.2 - 0.2 - 0.04  # m: its middle, half its width, and the radius of the puck
+CORNER = """<mujoco>
+  <worldbody>
+    <geom name="floor" type="plane" size="2 2 .1"/>
+    <geom name="wall" type="box" size=".1 1 .5" pos="1.1 0 0"/>
+    <body pos="0 0 .1"><joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 0 1"/><geom size=".1"/></body>
+  </worldbody>
+</mujoco>"""
+
+
+@pytest.fixture(scope="module")
+def puck():
+    return Made.of("puck", seed=3, episodes=6)
+
+
+def test_samples_at_the_wall_are_left_out_and_the_rest_is_kept(puck):
+    smoothed = puck.smoothed
+    kept = np.concatenate([np.arange(p.start, p.stop) for p in smoothed.parts])
+    x = log_of(puck.prepared).outputs[:, 0]
+    assert (x[kept] < WALL_AT).all()
+    assert (x > WALL_AT).any()
+    assert len(kept) > 0.8 * len(x)
+
+
+def test_what_presses_along_a_coordinate_that_is_measured_is_left_out_and_what_does_not_is_not():
+    model = mujoco.MjModel.from_xml_string(CORNER)
+    path = np.stack([np.linspace(0, 1, 101), np.zeros(101)], axis=1)
+    noise, still = np.array([1e-4, 0.0]), np.zeros_like(path)
+    found = impacts(model, path, noise, still)
+    # the wall, within four standard deviations; never the floor, which presses along what no sensor shows
+    assert np.array_equal(np.flatnonzero(found), np.flatnonzero(path[:, 0] + 0.1 > 1.0 - 4e-4))
+    assert impacts(model, path, np.full(2, 1e-4), still).all()
+    # what moves a tenth between samples may have been there
+    assert impacts(model, path, noise, np.full_like(path, 0.1)).sum() == found.sum() + 10
+
+
+def test_the_friction_of_a_table_is_found_without_a_simulation(puck):
+    screening = puck.screening([])
+    model = screening.fitted(screening.best())
+    assert model.point[0] == pytest.approx(puck.truth[0], rel=0.01)
+    assert puck.experiment.task.space.nominal[0] != pytest.approx(puck.truth[0], rel=0.2)
+
+
+def test_a_table_pushes_back_as_much_as_it_is_pressed(puck):
+    balance, mass = puck.balance, float(puck.experiment.task.model.body("puck").mass[0])
+    speed = np.hypot(*balance.state[1][:, :2].T)
+    slides = (speed > 0.2) & ~balance.at_rest.any(axis=1)
+    by_lift = balance.inverse_inertia[slides][:, :, 2] * mass
+    along = balance.state[1][slides] / speed[slides, None]
+    # lifted by its weight it feels no friction: a unit of lift takes mu of it away, and it stays where it is
+    assert np.allclose((by_lift * along).sum(axis=1), puck.truth[0], rtol=0.05)
+    assert np.abs(by_lift[:, 2]).max() < 1e-9
+
+
+def test_no_force_of_a_coordinate_that_rests_is_asked_of_the_log(puck):
+    white = puck.white([puck.balance.null])
+    assert puck.whitening.dofs.tolist() == [0, 1]
+    assert 0.8 < white.std() < 1.25
+
+
+def test_a_joint_that_no_sensor_shows_and_that_moves_leaves_no_balance():
+    made = Made.of("cart_pole", episodes=3)
+    task = made.experiment.task
+    own = SmoothedLog.of(log_of(made.prepared), task)
+    assert own.dofs.tolist() == [0, 1]
+    few = copy(task)
+    few.outputs = task.outputs[:1]
+    with pytest.raises(LogError, match="all joints that move"):
+        SmoothedLog.of(replace(log_of(made.prepared), outputs=log_of(made.prepared).outputs[:, :1]), few)
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_threads_do_not_change_a_bit(puck, threads):
+    one = ForceBalance(puck.smoothed, puck.truth, threads).null.predicted
+    assert np.array_equal(one, puck.balance.null.predicted)
+
+
+def test_effects_of_impacts_are_left_to_simulations(puck):
+    contacts = ("contact-friction@table", "contact-restitution@puck", "geom-scale@wall")
+    few = [p for p in puck.placed if p.name in contacts]
+    assert puck.screening(few).covered == {"contact-friction@table"}
