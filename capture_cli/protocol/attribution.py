@@ -39,6 +39,10 @@ ALSO_ENOUGH = "; but with it, too, no more is left than chance allows"  # of a r
 STEPS_AS_WELL = "{mine} does as well, and so do steps of this length"
 
 
+# What may be accepted, and candidates that did as well
+Choice = tuple[FittedSet, list[Candidate]]
+
+
 @dataclass
 class Accepted:
     """An effect in the model, candidates that did as well when it entered, and how it stands in the last model.
@@ -210,16 +214,27 @@ class Attribution:
     def _next(self, current: Fit) -> Fit | None:
         """The model with what is accepted next; None where nothing is: what the force balance puts first, then what
         simulations alone tell of and, before it is said that nothing explains the log, what the balance puts behind.
+
+        Where something is hit the balance has not seen all of the log: what it puts first stands only if it explains
+        the log, or if it is better than all that simulations tell of.
         """
         balance = None if self.exhausted else self._balance_round(current)
         if balance is None:
-            return self._by_simulation(current)
-        found = self._accepted(balance, current) or self._by_simulation(current)
-        if found is None and not (self.accepted or self.given):
-            balance.ask_others()
-            found = self._accepted(balance, current)
-        self.exhausted = balance.exhausted
-        return found
+            choice = self._by_simulation(current)
+        else:
+            choice = self._of_balance(balance)
+            if choice is None or not (balance.sees_all or self.models.is_explained(choice[0].fit)):
+                choice = self._better(choice, self._by_simulation(current))
+            if choice is None and not (self.accepted or self.given):
+                balance.ask_others()
+                choice = self._of_balance(balance)
+            self.exhausted = balance.exhausted
+        return None if choice is None else self._with(*choice, current)
+
+    def _better(self, one: Choice | None, other: Choice | None) -> Choice | None:
+        if one is None or other is None:
+            return one or other
+        return other if self.models.best_of([one[0], other[0]]) is other[0] else one
 
     def _balance_round(self, current: Fit) -> BalanceRound | None:
         screening = self.models.screening(self._step)
@@ -234,8 +249,8 @@ class Attribution:
             on_step=self._step,
         )
 
-    def _accepted(self, balance: BalanceRound, current: Fit) -> Fit | None:
-        """The model with what the balance found and simulations bear out; None where there is no such."""
+    def _of_balance(self, balance: BalanceRound) -> Choice | None:
+        """What the balance found and simulations bear out, with its rivals."""
         choice = balance.choose()
         if choice is None:
             return None
@@ -244,7 +259,7 @@ class Attribution:
                 candidate.why_rejected = (
                     "not asked: simulations alone tell of it, and the force balance found another"
                 )
-        return self._with(*choice, current)
+        return choice
 
     def _with(self, chosen: FittedSet, rivals: list[Candidate], current: Fit) -> Fit:
         """The model `chosen`, its effects accepted."""
@@ -255,16 +270,15 @@ class Attribution:
             self.accepted.append(Accepted(placed, candidate.score, rivals, None, share))
         return chosen.fit
 
-    def _by_simulation(self, current: Fit) -> Fit | None:
-        """The model with the effect that is accepted next; None where none is."""
+    def _by_simulation(self, current: Fit) -> Choice | None:
+        """The best of what simulations alone tell of, with its rivals."""
         screening = self.models.screening(self._step)
-        covered = frozenset() if screening is None else screening.covered
-        outside = [c for c in self._outside if c.name not in covered]
+        told = frozenset() if screening is None or screening.hits else screening.covered
+        outside = [c for c in self._outside if c.name not in told]
         if not outside:
             return None
         found = ForwardRound(self.models, current, outside, patient=not self.accepted, on_step=self._step)
-        choice = found.choose()
-        return None if choice is None else self._with(*choice, current)
+        return found.choose()
 
     # --- backward ---
 

@@ -70,6 +70,23 @@ def timings_of_inputs(prepared: PreparedLog, threads: int | None) -> tuple[Input
     return tuple(t for t, c in zip(found, task.inputs, strict=True) if c.linear is None)
 
 
+def balanced_point(
+    prepared: PreparedLog, windows: np.ndarray, point: np.ndarray, threads: int | None
+) -> np.ndarray | None:
+    """Values (parameter,) of the declared parameters that fill the balance of some `windows` (window,) best, from
+    `point` (parameter,) on; None where the log gives none.
+    """
+    if prepared.screening is not None:
+        return prepared.screening.balance.point
+    smoothed = smoothed_log(prepared, windows)
+    if smoothed is None:
+        return None
+    try:
+        return declared_balance(smoothed, point, threads)[0].point
+    except LogError:  # too short
+        return None
+
+
 def with_timings(task: Task, timings: Sequence[InputTiming]) -> Task:
     """The task with inputs that act as the log tells, and are held where it does not."""
     linear = {t.name: t.linear for t in timings}

@@ -13,6 +13,7 @@ from capture_cli.diagnosis.lack_of_fit import lack_of_fit
 from capture_cli.errors import OutOfTime
 from capture_cli.identifiers.intervals import intervals
 from capture_cli.protocol.attribution import MOST_EFFECTS, Attribution
+from capture_cli.protocol.balance_scores import balanced_point
 from capture_cli.protocol.candidates import Candidate
 from capture_cli.protocol.difference_step import difference_step
 from capture_cli.protocol.explanation import Explanation, Expression, JudgedModel
@@ -150,9 +151,13 @@ class _Protocol:
         self.prepared = prepared
         self.settings = settings
         self.on_step = on_step
-        self.fits = ModelFits(prepared, settings.threads, settings.kept)
-        self.fits.rollouts = rollouts
         self.parts = LogParts.of(prepared)
+        fitted = np.flatnonzero(self.parts.number == FIT)
+        self.balanced = balanced_point(prepared, fitted, prepared.task.space.nominal, settings.threads)
+        self.fits = ModelFits(
+            prepared, settings.threads, settings.kept, from_balance=self.balanced is not None
+        )
+        self.fits.rollouts = rollouts
 
     def declare(self, start: np.ndarray, offsets: np.ndarray | None = None) -> Fit:
         """The declared model, from `start` (parameter,) and other places, with windows begun at `offsets` (window,
@@ -162,7 +167,7 @@ class _Protocol:
         declared = self.fits.fit(
             self.parts.windows(FIT),
             [],
-            start,
+            start if offsets is not None else self._nearer(start),
             offsets=offsets,
             starts=own.starts,
             tolerance=EXACT,
@@ -171,6 +176,13 @@ class _Protocol:
         if declared is None:
             raise all_diverged(self.prepared.task)
         return declared
+
+    def _nearer(self, start: np.ndarray) -> np.ndarray:
+        """Of `start` (parameter,) and what fills the force balance best the one that is nearer to the log."""
+        if self.balanced is None or not len(start):
+            return start
+        points = np.stack([self.balanced, start])
+        return points[np.argmin(self.fits.errors(self.parts.windows(FIT), points))]
 
     def run(self, declared: Fit, *, last_time: bool = True) -> Explanation:
         """Attribute what `declared` leaves. last_time: if what was fitted is not explained then, look for an expression

@@ -29,10 +29,21 @@ FIT_ROUNDS = 60
 
 
 class ModelFits:
-    """Fits models of `prepared.task` plus effects, on one engine. kept: what an earlier run made of the same steps."""
+    """Fits models of `prepared.task` plus effects, on one engine. kept: what an earlier run made of the same steps.
 
-    def __init__(self, prepared: PreparedLog, threads: int | None, kept: Kept | None = None):
+    from_balance: whether the declared model begins where the force balance puts it, which has one minimum.
+    """
+
+    def __init__(
+        self,
+        prepared: PreparedLog,
+        threads: int | None,
+        kept: Kept | None = None,
+        *,
+        from_balance: bool = False,
+    ):
         self.prepared = prepared
+        self.from_balance = from_balance
         self.kept = kept
         self.engine = Engine(prepared.task.model, threads)
         self._elsewhere = 0
@@ -89,7 +100,7 @@ class ModelFits:
         fit = descend(start, offsets, starts=starts)
         carried = {e.name for e in offsets_with}
         tried = any(len(e.effect.states_tried) and e.name not in carried for e in effects)
-        if tried or (part.difference_step and not effects):
+        if tried or (part.difference_step and not effects and not self.from_balance):
             fit = unstuck(self, part, fit, rival, descend)
         return fit
 

@@ -99,7 +99,10 @@ class Addition:
 
 
 class Screening:
-    """Of `placed` effects in the balance of a smoothed log, from the `point` (parameter,) of its task."""
+    """Of `placed` effects in the balance of a smoothed log, from the `point` (parameter,) of its task.
+
+    hits: whether impacts were left out.
+    """
 
     def __init__(
         self,
@@ -112,7 +115,7 @@ class Screening:
         on_step: Callable[[str, int, int], None] = lambda *_: None,
     ):
         self.settings, self.placed = settings, placed
-        self.space = smoothed.task.space
+        self.space, self.hits = smoothed.task.space, smoothed.hits
         self.balance, self.whitening = declared_balance(smoothed, point, threads, settings)
         self.block = self.whitening.blocks(settings.blocks)
         self.target = self.whitening.rows([self.balance.null])
