@@ -25,6 +25,8 @@ import pytest  # noqa: E402
 from capture_cli import cli  # noqa: E402
 from capture_cli.extras import EXTRAS, missing  # noqa: E402
 from capture_cli.signals import ENDING  # noqa: E402
+from capture_cli.sim import model_file  # noqa: E402
+from capture_cli.stores.output import PLACED  # noqa: E402
 
 SLIDER_XML = """\
 <mujoco model="slider">
@@ -100,6 +102,15 @@ def signals_as_they_were():
     sys.unraisablehook = hook
     for number, handler in before.items():
         signal.signal(number, handler)
+    PLACED.clear()  # a run places a few outputs, and looks through all of them; the tests place thousands
+
+
+@pytest.fixture(autouse=True, scope="session")
+def models_are_compiled_here():
+    """Not in a copy of this process, which takes the longer the more it holds: test_model_file.py tests that."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(model_file, "CAN_LIMIT", False)
+        yield
 
 
 @pytest.fixture

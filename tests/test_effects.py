@@ -39,6 +39,7 @@ from capture_cli.tasks import load_task
 
 SLIDER = Path(__file__).parents[1] / "benchmarks" / "machines" / "slider" / "task.toml"
 
+PAGE = effects.markdown()
 # Effects that have a size; the others are there, or they are not.
 SIZED = [n for n in NAMES if placed(n)[0][1].parameters]
 
@@ -207,7 +208,7 @@ def test_a_finer_step_is_that_of_a_model_with_it(where, forced):
 
 def test_the_page_in_docs_is_the_one_made_from_the_effects():
     page = Path(__file__).parents[1] / "docs" / "effects.md"
-    assert page.read_text(encoding="utf-8") == effects.markdown()
+    assert page.read_text(encoding="utf-8") == PAGE
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -217,7 +218,7 @@ def test_states_are_said_in_the_docs(name):
         for state in effect.states:
             # "drive before", "held 2", "wound"
             assert state.split()[0 if state[-1].isdigit() else -1] in said
-    assert (f"| `{name}` | {said} |" in effects.markdown()) == bool(said)
+    assert (f"| `{name}` | {said} |" in PAGE) == bool(said)
 
 
 def test_shapes_are_spread_over_their_range_with_null_amplitudes():
@@ -930,7 +931,7 @@ def test_a_clock_drifts_from_the_start_of_the_episode(error):
 @pytest.mark.parametrize("name", [name for name in NAMES if effects.REGISTRY.get(name).place == "control"])
 def test_how_long_controls_are_remembered_is_said_in_the_docs(name):
     said = effects.REGISTRY.get(name).remembers
-    assert (f"| `{name}` | {said} |" in effects.markdown()) == bool(said)
+    assert (f"| `{name}` | {said} |" in PAGE) == bool(said)
     for _, effect in placed(name):
         followed = said == "all since the episode began"  # the log says them, and no lead of a window
         assert (effect.memory(effect.space.high[None]) > 0) == (bool(said) and not followed)

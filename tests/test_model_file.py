@@ -37,6 +37,12 @@ def edit(path: Path, old: str, new: str) -> None:
     path.write_text(text.replace(old, new))
 
 
+@pytest.fixture(autouse=True)
+def compiled_in_a_copy(monkeypatch):
+    """As users' are."""
+    monkeypatch.setattr(model_file, "CAN_LIMIT", limited_process.CAN_LIMIT)
+
+
 @pytest.fixture
 def model(tmp_path) -> Path:
     path = tmp_path / "model.xml"
