@@ -12,6 +12,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from coloured_noise import coloured
+from diagnosing import look_among
 from held_inputs import held_machine
 from hypothesis import given
 from hypothesis import strategies as st
@@ -59,6 +60,7 @@ from capture_cli.stores.estimate import Estimate
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.tasks import load_task
 
+ALIKE_LAGS = ("control-lag", "control-second-order-lag", "control-gain", "sensor-delay")
 SLIDER = Path(__file__).parents[1] / "benchmarks" / "machines" / "slider" / "task.toml"
 
 
@@ -753,7 +755,8 @@ def test_what_does_not_show_in_held_out_data_is_not_found(without, with_it, verd
     assert judged_as(*lacking, before, after, accepted) == verdict
 
 
-def test_lags_that_differ_are_told_apart_although_they_come_together(tmp_path):
+def test_lags_that_differ_are_told_apart_although_they_come_together(tmp_path, monkeypatch):
+    look_among(monkeypatch, *ALIKE_LAGS)
     task = str(held_machine(tmp_path / "arm", "arm", 0.004))
     record(
         task=task,

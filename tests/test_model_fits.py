@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from held_inputs import held_machine
 
 from capture_cli.diagnosis.folds import select_folds
 from capture_cli.effects import REGISTRY
@@ -28,21 +29,30 @@ from capture_cli.stages.record import record
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.tasks import load_task
 
-MACHINES = Path(__file__).parents[1] / "benchmarks" / "machines"
-SLIDER, CART_POLE = (MACHINES / name / "task.toml" for name in ("slider", "cart_pole"))
 
+def planted(
+    folder: Path,
+    effect: str,
+    *,
+    machine: str = "slider",
+    task: Path | None = None,
+    duration: float = 3.0,
+    timestep: float = 0.004,
+) -> tuple[PreparedLog, np.ndarray]:
+    """A log with `effect` in it, cut into windows, and the true parameters, those of the effect last.
 
-def planted(folder: Path, effect: str, seed: int = 0, task: Path = SLIDER) -> tuple[PreparedLog, np.ndarray]:
-    """A log with `effect` in it, cut into windows, and the true parameters, those of the effect last."""
+    Of a machine of the benchmarks, or of one's own: its `task`.
+    """
+    task = task or held_machine(folder / machine, machine, timestep)
     record(
         task=str(task),
         out=folder / "log.zarr",
         effects=[effect],
         noise=3e-4,
         episodes=4,
-        duration=3.0,
+        duration=duration,
         rate=250.0,
-        seed=seed,
+        seed=0,
     )
     truth = json.loads((folder / "log.truth.json").read_text(encoding="utf-8"))
     values = np.array([*truth["parameters"].values(), *truth["effects"].values()])
@@ -131,7 +141,10 @@ def test_what_the_logs_clock_shows_does_not_matter(tmp_path, began=1.7e9):
 
 def test_a_machine_driven_by_the_inputs_of_a_log_begins_with_it(tmp_path):
     prepared, _ = planted(tmp_path, "coulomb-friction@x=2")
-    options = {"task": str(SLIDER), "effects": ["control-fade@drive=-0.5", "periodic-disturbance@x.sine=20"]}
+    options = {
+        "task": str(prepared.task.path),
+        "effects": ["control-fade@drive=-0.5", "periodic-disturbance@x.sine=20"],
+    }
     recorded = []
     for began in (0.0, 1.7e9):
         (tmp_path / "clock.zarr").mkdir(exist_ok=True)
@@ -148,7 +161,7 @@ def test_a_machine_driven_by_the_inputs_of_a_log_begins_with_it(tmp_path):
 def test_a_window_of_a_late_sensor_begins_with_what_it_saw_before(tmp_path, sensor, delay):
     """Of a pole that swings at some 5 rad/s a fifth of a second ago was elsewhere."""
     prepared, truth = planted(
-        tmp_path, f"sensor-delay@{sensor}.delay={delay}".replace("@.", "."), task=CART_POLE
+        tmp_path, f"sensor-delay@{sensor}.delay={delay}".replace("@.", "."), machine="cart_pole"
     )
     effect = Placed("sensor-delay", REGISTRY.get("sensor-delay")(prepared.task.model, sensor))
     fit = ModelFits(prepared, 1).fit(prepared, [effect], truth, tolerance=EXACT)
@@ -161,7 +174,7 @@ def test_a_window_of_a_late_sensor_begins_with_what_it_saw_before(tmp_path, sens
 def test_a_window_of_a_sensor_with_a_clock_of_its_own_reads_what_was_or_comes(tmp_path, sensor, error):
     """At the end of an episode of three seconds it is ahead of the other one, or behind it, by 36 ms."""
     name = "sensor-own-clock"
-    prepared, truth = planted(tmp_path, f"{name}@{sensor}.error={error}", task=CART_POLE)
+    prepared, truth = planted(tmp_path, f"{name}@{sensor}.error={error}", machine="cart_pole")
     effect = Placed(name, REGISTRY.get(name)(prepared.task.model, sensor))
     fit = ModelFits(prepared, 1).fit(prepared, [effect], truth, tolerance=EXACT)
     assert fit.error < 1.05
@@ -193,7 +206,7 @@ def test_a_model_is_known_by_its_effects_in_the_order_of_its_parameters(tmp_path
 
 
 def test_windows_that_begin_on_the_wrong_side_of_a_wide_play_are_begun_elsewhere(tmp_path, monkeypatch):
-    prepared, truth = planted(tmp_path, "backlash@x.width=0.06")
+    prepared, truth = planted(tmp_path, "backlash@x.width=0.06", timestep=0.002)
     placed = [Placed("backlash", REGISTRY.get("backlash")(prepared.task.model, "x"))]
 
     def errors() -> tuple[float, float]:

@@ -12,7 +12,7 @@ from itertools import islice
 
 import numpy as np
 import pytest
-from diagnosing import diagnose
+from diagnosing import diagnose, look_among
 
 from benchmarks import MACHINES, ROOT, chain, planted
 from benchmarks._planted import asking
@@ -42,6 +42,15 @@ from capture_cli.errors import OptionError
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.tasks import load_task
 
+# what steps that are too long could be taken for
+BESIDE_STEPS = (
+    "viscous-damping",
+    "coulomb-friction",
+    "reflected-inertia",
+    "control-delay",
+    "control-lag",
+    "sensor-delay",
+)
 EPISODES = 4  # rather than twelve, for the time it takes
 FRICTION = Case(PLANTED, "slider", ("coulomb-friction@x",), 3.0, 0, episodes=EPISODES)
 CONSTANT = Case(PLANTED, "slider", ("constant-force@x",), 3.0, 0)
@@ -126,7 +135,8 @@ def test_an_effect_outside_the_catalogue_can_be_simulated_and_shows(name):
     assert np.abs(made.outputs([(effect, size)]) - made.outputs()).max() > 0
 
 
-def test_steps_that_are_too_long_are_found(tmp_path):
+def test_steps_that_are_too_long_are_found(tmp_path, monkeypatch):
+    look_among(monkeypatch, "finer-time-step", *BESIDE_STEPS)
     made = Experiment(MACHINE["arm"], np.random.default_rng(0), episodes=3)
     effect = REGISTRY.get("finer-time-step")(made.task.model, "quarter")
     made.log(made.outputs([(effect, np.zeros(0))])).write(tmp_path / "log.zarr")

@@ -8,7 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from coloured_noise import coloured
+from diagnosing import look_beside_slow
 from gimbal import gimbal
+from held_inputs import held_machine
 from scipy.spatial.transform import Rotation
 
 from capture_cli.protocol.prepare import prepare
@@ -24,13 +26,11 @@ NOISE, MEMORY = 1e-3, 8.0  # m; samples within which it is forgotten
 
 
 @pytest.fixture(scope="module", params=[(), ("coulomb-friction@x.friction=1.5",)], ids=["nothing", "coulomb"])
-def repeats(request, tmp_path_factory) -> tuple[Path, bool]:
-    """A log of two experiments on the slider, each run three times, and whether something is missing."""
+def repeats(request, tmp_path_factory) -> tuple[Path, str, bool]:
+    """A log of two experiments on the slider, each run three times, its task, and whether something is missing."""
     folder = tmp_path_factory.mktemp("repeats")
-    once = folder / "once.zarr"
-    record(
-        task=SLIDER, out=once, effects=list(request.param), noise=0.0, episodes=2, duration=2.5, rate=250.0
-    )
+    once, task = folder / "once.zarr", str(held_machine(folder / "slider", "slider", 0.004))
+    record(task=task, out=once, effects=list(request.param), noise=0.0, episodes=2, duration=2.5, rate=250.0)
     log = MeasuredLog.read(once)
     order = [number for number in range(2) for _ in range(3)]
     steps = np.concatenate([np.arange(len(log.time))[log.episodes[n]] for n in order])
@@ -45,12 +45,12 @@ def repeats(request, tmp_path_factory) -> tuple[Path, bool]:
         recording=np.zeros(len(order), dtype=int),
     )
     repeated.write(folder / "log.zarr")
-    return folder / "log.zarr", bool(request.param)
+    return folder / "log.zarr", task, bool(request.param)
 
 
 def test_coloured_noise_is_measured_through_the_simulator(repeats):
-    path, _ = repeats
-    task = load_task(SLIDER)
+    path, file, _ = repeats
+    task = load_task(file)
     before = prepare(MeasuredLog.read(path), task, window=None, test=None, seed=0)
     after, rollouts = with_noise_of_repeats(before, task.space.nominal, threads=1, seed=0)
     assert before.noise.source == after.noise.source == ("repeats",)
@@ -58,12 +58,13 @@ def test_coloured_noise_is_measured_through_the_simulator(repeats):
     assert before.noise.sd[0] < 0.85 * NOISE < after.noise.sd[0] < 1.05 * NOISE
 
 
-def test_coloured_noise_is_no_lack_of_fit(repeats, tmp_path):
-    path, missing = repeats
-    estimate = identify(real_log=path, task=SLIDER, out=tmp_path / "estimate", threads=1, quiet=True)
+def test_coloured_noise_is_no_lack_of_fit(repeats, tmp_path, without_pages, monkeypatch):
+    look_beside_slow(monkeypatch)
+    path, task, missing = repeats
+    estimate = identify(real_log=path, task=task, out=tmp_path / "estimate", threads=1, quiet=True)
     found = diagnose(
         real_log=path,
-        task=SLIDER,
+        task=task,
         estimate=tmp_path / "estimate",
         out=tmp_path / "diagnosis",
         threads=1,

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from diagnosing import look_among
+from held_inputs import hold
 from slow_sensors import regular, thinned, with_sparse
 
 from capture_cli.diagnosis.noise_floor import from_differences, white_noise
@@ -22,12 +24,20 @@ from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.tasks import load_task
 
 NOISE = 1e-3  # rad, of both joints
+LOOKED_FOR = (
+    "coulomb-friction",
+    "viscous-damping",
+    "stribeck-friction",
+    "load-dependent-friction",
+    "constant-force",
+)
+LOOKED_FOR += ("control-delay", "control-gain", "sensor-delay", "sensor-bias", "sensor-quantisation")
 FRICTION = 0.02  # N m, at an elbow that spins
 
 
 def whirling(folder: Path, *effects: str, noise: float = NOISE) -> tuple[Path, Path]:
     """A log of an arm whose forearm turns fast, seen by a camera of 25 Hz, and its task.toml."""
-    task = with_sparse(folder / "task", "arm", "q2")
+    task = hold(with_sparse(folder / "task", "arm", "q2"), 0.005)
     made = record(
         task=str(task),
         out=folder / "whole.zarr",
@@ -46,6 +56,7 @@ def whirling(folder: Path, *effects: str, noise: float = NOISE) -> tuple[Path, P
 
 def sliding(task: Path, folder: Path, *effects: str, episodes: int = 1) -> PreparedLog:
     """A log that is sampled often enough."""
+    hold(task, 0.005)
     options = {"amplitude": {"drive": 8}, "noise": 1e-3, "duration": 4, "rate": 100, "threads": 1}
     made = record(
         task=str(task), out=folder / "log.zarr", episodes=episodes, effects=list(effects), **options
@@ -75,7 +86,8 @@ def test_the_floor_of_a_slow_sensor_is_that_of_the_residual(tmp_path, without_pa
     assert 0.8 < found["error"]["test"]["normalized"] < 1.1
 
 
-def test_what_a_floor_too_high_would_hide_is_found(tmp_path, without_pages):
+def test_what_a_floor_too_high_would_hide_is_found(tmp_path, without_pages, monkeypatch):
+    look_among(monkeypatch, *LOOKED_FOR)
     log, task = whirling(tmp_path, f"coulomb-friction@elbow={FRICTION}")
     found = diagnose(real_log=log, task=str(task), out=tmp_path / "diagnosis", threads=1, quiet=True).document
     assert [e["name"] for e in found["effects"]] == ["coulomb-friction"]
@@ -126,7 +138,10 @@ def disturbed(log: MeasuredLog, share: float, size: float) -> MeasuredLog:
 
 
 @pytest.mark.parametrize(("share", "size"), [(0.01, 8.0), (0.03, 5.0)])
-def test_outliers_are_noise_and_nothing_that_a_model_lacks(share, size, slider_task, tmp_path, without_pages):
+def test_outliers_are_noise_and_nothing_that_a_model_lacks(
+    share, size, slider_task, tmp_path, without_pages, monkeypatch
+):
+    look_among(monkeypatch, *LOOKED_FOR)
     log = sliding(slider_task, tmp_path, episodes=5).log
     disturbed(log, share, size * 1e-3).write(tmp_path / "outliers.zarr")
     options = {"real_log": tmp_path / "outliers.zarr", "task": str(slider_task), "threads": 1}
@@ -140,8 +155,9 @@ def test_outliers_are_noise_and_nothing_that_a_model_lacks(share, size, slider_t
     assert diagnosis["verdict"] == "explained" and not diagnosis["effects"]
 
 
-def test_an_effect_is_found_before_outliers(slider_task, tmp_path, without_pages):
+def test_an_effect_is_found_before_outliers(slider_task, tmp_path, without_pages, monkeypatch):
     """While it is missing they cannot be told from what it does, and with it they are all that is left."""
+    look_among(monkeypatch, *LOOKED_FOR)
     log = sliding(slider_task, tmp_path, "coulomb-friction@x=0.5", episodes=5).log
     disturbed(log, 0.03, 5e-3).write(tmp_path / "outliers.zarr")
     found = diagnose(

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
+from diagnosing import look_among
+from held_inputs import held_machine
 from plain_loop import imported, looped
 
 from capture_cli.effects import REGISTRY
 from capture_cli.effects._scales import control_scale
-from capture_cli.protocol.candidates import Candidate, all_candidates
 from capture_cli.protocol.prepare import prepare
 from capture_cli.sim.engine import Starts
 from capture_cli.simulator import Simulator
@@ -25,8 +25,7 @@ from capture_cli.stores.estimate import Estimate
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.tasks import load_task
 
-SLIDER = Path(__file__).parents[1] / "benchmarks" / "machines" / "slider" / "task.toml"
-LOG = {"task": str(SLIDER), "noise": 5e-4, "episodes": 4, "duration": 1.5, "rate": 250, "threads": 1}
+LOG = {"noise": 5e-4, "episodes": 4, "duration": 1.0, "rate": 250, "threads": 1}
 
 
 @pytest.fixture(autouse=True)
@@ -34,16 +33,13 @@ def _without_pages(without_pages):
     """Curves are in the arrays."""
 
 
-def only(name: str, model) -> list[Candidate]:
-    return [c for c in all_candidates(model) if c.name == name]
-
-
 def diagnosed(folder: Path, name: str, values: list[str], monkeypatch) -> Diagnosis:
     """Of a log of the slider with the effect `name`, which is the only candidate, and is found."""
-    monkeypatch.setattr("capture_cli.protocol.attribution.all_candidates", partial(only, name))
+    look_among(monkeypatch, name.partition("@")[0])
     effects = [f"{name}{value}" for value in values]
-    record(out=folder / "log.zarr", effects=effects, **LOG)
-    options = {"task": str(SLIDER), "starts": 1, "quiet": True, "threads": 1}
+    task = str(held_machine(folder / "slider", "slider", 0.004))
+    record(task=task, out=folder / "log.zarr", effects=effects, **LOG)
+    options = {"task": task, "starts": 1, "quiet": True, "threads": 1}
     options |= {"most_effects": 1, "expression": False}
     diagnose(real_log=folder / "log.zarr", out=folder / "d", **options)
     found = Diagnosis.read(folder / "d")
@@ -126,7 +122,11 @@ def test_a_module_that_was_told_the_controls_before_a_window_shows_its_curves(
 
 def test_hidden_states_are_there_too(tmp_path, monkeypatch):
     found = diagnosed(tmp_path, "compliance@x", [".compliance=0.01", ".rotor=0.3"], monkeypatch)
-    (effect,), arrays, task = found.document["effects"], found.arrays, load_task(str(SLIDER))
+    (effect,), arrays, task = (
+        found.document["effects"],
+        found.arrays,
+        load_task(str(tmp_path / "slider" / "task.toml")),
+    )
     assert arrays["window/start_hidden"].shape[1] == len(effect["states"]) > 0
     windows = prepare(MeasuredLog.read(tmp_path / "log.zarr"), task, window=None, test=None, seed=0).windows
     simulator = Simulator(
@@ -142,8 +142,9 @@ def test_hidden_states_are_there_too(tmp_path, monkeypatch):
 
 
 def test_what_was_identified_shows_the_curves_of_the_estimate(tmp_path):
-    record(out=tmp_path / "log.zarr", **LOG)
-    identify(real_log=tmp_path / "log.zarr", task=str(SLIDER), out=tmp_path / "e", quiet=True, threads=1)
+    task = str(held_machine(tmp_path / "slider", "slider", 0.004))
+    record(task=task, out=tmp_path / "log.zarr", **LOG)
+    identify(real_log=tmp_path / "log.zarr", task=task, out=tmp_path / "e", quiet=True, threads=1)
     export(result=tmp_path / "e", out=tmp_path / "m.xml")
     arrays, log = Estimate.read(tmp_path / "e").arrays, MeasuredLog.read(tmp_path / "log.zarr")
     for window in range(len(arrays["window/first"])):

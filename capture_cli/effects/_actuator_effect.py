@@ -54,12 +54,15 @@ class ActuatorEffect(Effect):
         return control_scale(self.model, self.actuators[0])
 
     def drive(self, controls, values, timestep, **_):
-        controls = controls.copy()
         each = np.repeat(values, len(self.columns), axis=0)  # a row for every control of every simulation
         arrive = bound(self.kernel, self.coefficients(each), timestep)
-        for step in range(controls.shape[1]):
-            now = controls[:, step, self.columns]
-            controls[:, step, self.columns] = arrive(now.ravel()).reshape(now.shape)
+        sent = controls[:, :, self.columns].swapaxes(0, 1)
+        told = sent.reshape(len(sent), -1)  # (step, row)
+        arrived = np.empty_like(told)
+        for step, now in enumerate(told):
+            arrived[step] = arrive(now)
+        controls = controls.copy()
+        controls[:, :, self.columns] = arrived.reshape(sent.shape).swapaxes(0, 1)
         return controls
 
     def companion(self, name, values):
