@@ -142,7 +142,7 @@ def test_parameters_are_found_where_a_machine_hits_its_stops(xml, tmp_path, monk
     record(task=str(task), out=out, parameters=truth, noise=2e-4, episodes=3, duration=2.0, rate=125, seed=2)
     assert prepared(out, task).difference_step == pytest.approx(5e-2)
     found = identify(
-        real_log=out, task=str(task), out=tmp_path / "estimate", starts=2, quiet=True, threads=1
+        real_log=out, task=str(task), out=tmp_path / "estimate", starts=1, quiet=True, threads=1
     ).document
     values = {name: p["value"] for name, p in found["parameters"].items()}
     assert values == pytest.approx(truth, rel=0.03)

@@ -12,7 +12,7 @@ from benchmarks._kills.runs import RUNS, Run
 from benchmarks._kills.sameness import contents, differences
 from benchmarks.kills import kill_at_random
 
-QUICK = ["record", "identify"]
+QUICK = ["record", "import-log"]
 
 
 def test_killed_runs_leave_no_output_in_part_and_say_what_is_true():

@@ -10,10 +10,10 @@ import mujoco
 import numpy as np
 import pytest
 from begun_inside import begun_inside
-from diagnosing import diagnose
+from diagnosing import diagnose, look_beside_slow
+from held_inputs import MACHINES, held_machine
 from machines import away, build, run
 from plain_loop import looped
-from test_hysteretic_friction import SLIDER
 
 from capture_cli import effects
 from capture_cli.effects.companion import companion_module
@@ -26,8 +26,8 @@ from capture_cli.sim.engine import Engine, ModelFields, Starts
 from capture_cli.stages.record import record
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.tasks import load_task
+from capture_cli.tasks.base import Task
 
-PAN_TILT = SLIDER.parents[1] / "pan_tilt" / "task.toml"
 EMPS = Path(__file__).parents[1] / "docs" / "examples" / "emps" / "model.xml"
 EFFECT = "servo-integral@tilt"
 KI, LIMIT = 8.0, 0.02  # N m/(rad s), rad s: it is at its limit again and again
@@ -37,7 +37,7 @@ PLANTED = (f"{EFFECT}.ki={KI}", f"{EFFECT}.limit={LIMIT}")
 def recorded(folder: Path, *planted: str, duration: float = 4.0) -> tuple[MeasuredLog, np.ndarray]:
     """A log of the pan-tilt, and the true parameters, those of the effects last."""
     record(
-        task=str(PAN_TILT),
+        task=str(held_machine(folder / "pan_tilt", "pan_tilt", 0.004)),
         out=folder / "log.zarr",
         effects=planted,
         noise=1e-3,
@@ -61,18 +61,24 @@ def without(log: MeasuredLog, since: float, until: float) -> MeasuredLog:
     )
 
 
-def fitted(log: MeasuredLog, limited: bool = True):
+def pan_tilt(folder: Path) -> Task:
+    """The task of the logs that were recorded there."""
+    return load_task(str(folder / "pan_tilt" / "task.toml"))
+
+
+def fitted(log: MeasuredLog, task: Task, limited: bool = True):
     """The effect, a fit with it that begins at half of its size, and the prepared log."""
-    prepared = prepare(log, load_task(str(PAN_TILT)), window=None, test=None, seed=0)
+    prepared = prepare(log, task, window=None, test=None, seed=0)
     effect = next(c.placed for c in all_candidates(prepared) if c.name == EFFECT)
     limit = 1.5 * LIMIT if limited else effect.effect.space.high[1]
     begin = np.array([*prepared.task.space.nominal, KI / 2, limit])
     return effect, ModelFits(prepared, 1).fit(prepared, [effect], begin), prepared
 
 
-def test_an_integral_term_is_found_with_its_gain_and_its_limit(tmp_path):
+def test_an_integral_term_is_found_with_its_gain_and_its_limit(tmp_path, monkeypatch):
+    look_beside_slow(monkeypatch)
     log, _ = recorded(tmp_path, *PLANTED, duration=2.5)
-    document = diagnose(log, load_task(str(PAN_TILT)), seed=0)
+    document = diagnose(log, pan_tilt(tmp_path), seed=0)
     [found] = document["effects"]
     assert (found["name"], found["site"]) == ("servo-integral", "tilt")
     size = {name: p["value"] for name, p in found["parameters"].items()}
@@ -83,21 +89,21 @@ def test_an_integral_term_is_found_with_its_gain_and_its_limit(tmp_path):
 
 def test_nothing_is_found_where_servos_are_as_modelled(tmp_path):
     log, _ = recorded(tmp_path)
-    document = diagnose(log, load_task(str(PAN_TILT)), seed=0)
+    document = diagnose(log, pan_tilt(tmp_path), seed=0)
     assert document["verdict"] == "explained" and not document["effects"]
 
 
 @pytest.mark.parametrize("planted", [PLANTED, PLANTED[:1]], ids=["clamped", "unlimited"])
 def test_what_it_was_when_the_log_began_need_not_be_known(planted, tmp_path):
     log, _ = recorded(tmp_path, *planted)
-    _, fit, _ = fitted(without(log, 0.0, 1.1), limited=planted == PLANTED)
+    _, fit, _ = fitted(without(log, 0.0, 1.1), pan_tilt(tmp_path), limited=planted == PLANTED)
     assert fit.error < 1.1
     assert fit.point[-2] == pytest.approx(KI, rel=0.05)
 
 
 def test_what_it_was_after_a_gap_need_not_be_known(tmp_path):
     log, truth = recorded(tmp_path, *PLANTED, duration=3.0)
-    prepared = prepare(without(log, 0.9, 1.7), load_task(str(PAN_TILT)), window=None, test=None, seed=0)
+    prepared = prepare(without(log, 0.9, 1.7), pan_tilt(tmp_path), window=None, test=None, seed=0)
     effect = next(c.placed for c in all_candidates(prepared) if c.name == EFFECT)
     assert len(effect.effect.seen.stretches) == 2 * len(log.episodes)
     assert ModelFits(prepared, 1).fit(prepared, [effect], truth).error < 1.1
@@ -177,7 +183,7 @@ def only_candidate(prepared) -> Candidate:
 
 def test_what_was_before_a_window_is_followed_through_the_errors_measured(tmp_path):
     log, truth = recorded(tmp_path, *PLANTED)
-    placed, fit, prepared = fitted(log)
+    placed, fit, prepared = fitted(log, pan_tilt(tmp_path))
     assert fit.error < 1.1
     np.testing.assert_allclose(fit.point[-2:], [KI, LIMIT], rtol=0.05)
     placed.effect.integral = lambda *, first, **_: np.zeros(len(first))
@@ -186,7 +192,7 @@ def test_what_was_before_a_window_is_followed_through_the_errors_measured(tmp_pa
 
 def test_it_sits_at_position_servos_of_joints():
     sites = effects.REGISTRY.get("servo-integral").sites
-    assert sites(load_task(str(PAN_TILT)).model) == ["pan", "tilt"]
+    assert sites(load_task(str(MACHINES / "pan_tilt" / "task.toml")).model) == ["pan", "tilt"]
     assert sites(mujoco.MjModel.from_xml_path(str(EMPS))) == []
     others = """<velocity joint="x" kv="3"/><motor joint="x"/><position joint="x" kp="2" timeconst="0.1"/>
       <general joint="x" gainprm="5" biastype="affine" biasprm="0 -5 -1"/><intvelocity joint="x" kp="3"/>"""

@@ -11,7 +11,7 @@ from fuzz.kinds import KINDS
 from fuzz.workers import rows
 
 SECONDS = 40.0  # from the first input on, after which none is drawn; on a core of its own all are done then
-MOST, BATCH = 24, 3  # inputs that are drawn, and of one kind before the next comes
+MOST, BATCH = 9, 1  # inputs that are drawn, and of one kind before the next comes
 FEWEST_SEEDS = 10  # of each kind
 
 
