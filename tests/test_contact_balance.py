@@ -97,3 +97,10 @@ def test_effects_of_impacts_are_left_to_simulations(puck):
     contacts = ("contact-friction@table", "contact-restitution@puck", "geom-scale@wall")
     few = [p for p in puck.placed if p.name in contacts]
     assert puck.screening(few).covered == {"contact-friction@table"}
+
+
+def test_a_log_that_is_mostly_impacts_has_no_balance(puck):
+    log = log_of(puck.prepared)
+    at_wall = replace(log, outputs=np.where(np.arange(2)[None] == 0, np.maximum(log.outputs, 1.0), log.outputs))
+    with pytest.raises(LogError, match="impacts"):
+        SmoothedLog.of(at_wall, puck.experiment.task)

@@ -18,7 +18,7 @@ from capture_cli.simulator import Simulator
 
 WINDOW = 0.5  # s
 WINDOWS = 24  # spread over the log
-ROUNDS = 4
+ROUNDS = 12
 DIFFERENCE = 1e-4  # of a parameter's range
 # A start is read off some 15 samples: sd of position and of velocity (1/s), over the noise, with ten times the variance
 # as the window's own samples are among them.

@@ -22,6 +22,7 @@ from capture_cli.tasks.base import Task
 SCALAR = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 FINEST = 3.0  # points in the shortest time in which the smoothed motion turns: pi over its cut-off frequency
 MOST_POINTS = 12_000  # of all stretches
+LEAST_LEFT = 0.5  # of the steps, between impacts: of less the balance would judge what it has not seen
 FEWEST_TURNS = 12.0  # in a mean stretch: of what moves like a parabola a few accelerations are wanted, too
 NORMAL_MEDIAN = 0.6745  # of the size of what is normally distributed, in standard deviations
 THIRD_DIFFERENCE = 20.0  # variance of that of white noise, over the noise's
@@ -71,17 +72,23 @@ class SmoothedLog:
     def of(cls, log: Log, task: Task, within: np.ndarray | None = None) -> SmoothedLog:
         """The steps `within` (step,) of the log; all of them where None. Left out are those at which measured
         coordinates hit something, or what no sensor shows moves. Raises LogError where no stretch is left that is long
-        enough to be smoothed.
+        enough to be smoothed, or impacts leave little.
         """
         sources = _sources(task)
         within = np.ones(len(log.time), dtype=bool) if within is None else within
         outputs = _between_samples(log, {c for s in sources for c in s.columns})
-        hits = _hits(task.model, log, outputs, sources)
+        hits = _hits(task.model, log, outputs, sources) & within
         within = within & ~hits
         smoothed = cls._smoothed(log, task, within, sources)
         rest = smoothed._rest(outputs)
         if not rest.rests.all():
             smoothed = cls._smoothed(log, task, within & rest.rests, sources)
+        left = sum(p.stop - p.start for p in smoothed.parts) / (within.sum() + hits.sum())
+        if hits.any() and left < LEAST_LEFT:
+            raise LogError(
+                f"between impacts only {left:.0%} of the log is left",
+                cure="record motion without impacts, too",
+            )
         return replace(smoothed, resting=rest, hits=bool(hits.any()))
 
     @classmethod

@@ -122,6 +122,9 @@ class BalanceRound:
         """
         found = []
         for number, model in enumerate(sorted(models, key=_hidden_states)):
+            simpler = [s for s in found if len(s.fit.point) < len(model.start)]
+            if _hidden_states(model) and self._explained(simpler):
+                break  # with more parameters it could but do as well
             self.on_step("refit", number, len(models))
             found += self._fitted(model, smaller)
         if self._explained(found):

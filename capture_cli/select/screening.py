@@ -27,7 +27,8 @@ from capture_cli.select.regression import Sums, additions, predicted
 @dataclass(frozen=True)
 class ScreeningSettings:
     """blocks: that are left out in turn. polished: of the best additions, whose nonlinear parameters are fitted in the
-    balance. descents: of such a fit, where parameters are nonlinear, and straight where they are not. far: its longest
+    balance; more are, so many times as many at most, until as many predict better than the next one's columns.
+    descents: of such a fit, where parameters are nonlinear, and straight where they are not. far: its longest
     step, of a range; shortest: at which it is given up. difference: of a range, in differences of effects. at_once:
     atoms whose sums are in memory. at_end: of a range, within which a parameter is at its end. alike: cosine of
     responses beyond which effects do not differ. ran_away: of rows, beyond which what others add is lost in rounding.
@@ -35,6 +36,7 @@ class ScreeningSettings:
 
     blocks: int = 12
     polished: int = 8
+    most_polished: int = 3
     descents: int = 5
     straight: int = 2
     far: float = 0.3
@@ -164,15 +166,19 @@ class Screening:
         self.whitening.reset()  # what was asked before is not to matter
         model = self.fitted(self._judged(self._with_slow_noise(begin)))
         model = self._judged(self._with_slow_noise(model))
-        polished = []
-        screened = self._screened(model)
-        for addition in screened[:count]:
+        polished: list[Addition] = []
+        rest = self._screened(model)
+        tried = 0
+        # the columns of a nonlinear effect may promise more than it keeps
+        while rest and tried < count * self.settings.most_polished:
+            if sum(a.gain >= rest[0].gain for a in polished) >= count:
+                break
+            addition, *rest = rest
+            tried += 1
             more = self.fitted(addition.model)
             gain, error = more.gain(model)
-            if not np.isfinite(gain):
-                continue
-            polished.append(replace(addition, model=more, gain=gain, error=error))
-        rest = screened[count:]
+            if np.isfinite(gain):
+                polished.append(replace(addition, model=more, gain=gain, error=error))
         return model, sorted(polished, key=lambda a: -a.gain) + rest
 
     def screened(self, model: BalancedModel) -> list[Addition]:
