@@ -101,6 +101,8 @@ def test_effects_of_impacts_are_left_to_simulations(puck):
 
 def test_a_log_that_is_mostly_impacts_has_no_balance(puck):
     log = log_of(puck.prepared)
-    at_wall = replace(log, outputs=np.where(np.arange(2)[None] == 0, np.maximum(log.outputs, 1.0), log.outputs))
+    at_wall = replace(
+        log, outputs=np.where(np.arange(2)[None] == 0, np.maximum(log.outputs, 1.0), log.outputs)
+    )
     with pytest.raises(LogError, match="impacts"):
         SmoothedLog.of(at_wall, puck.experiment.task)

@@ -212,18 +212,16 @@ class Attribution:
         return [c for c in self.candidates if c.name not in inside]
 
     def _next(self, current: Fit) -> Fit | None:
-        """The model with what is accepted next; None where nothing is: what the force balance puts first, then what
-        simulations alone tell of and, before it is said that nothing explains the log, what the balance puts behind.
-
-        Where something is hit the balance has not seen all of the log: what it puts first stands only if it explains
-        the log, or if it is better than all that simulations tell of.
+        """The model with what is accepted next; None where nothing is: what the force balance puts first, or what
+        simulations alone tell of where that is better, and, before it is said that nothing explains the log, what the
+        balance puts behind. Simulations are not asked of what the balance explains.
         """
         balance = None if self.exhausted else self._balance_round(current)
         if balance is None:
             choice = self._by_simulation(current)
         else:
             choice = self._of_balance(balance)
-            if choice is None or not (balance.sees_all or self.models.is_explained(choice[0].fit)):
+            if choice is None or not self.models.is_explained(choice[0].fit):
                 choice = self._better(choice, self._by_simulation(current))
             if choice is None and not (self.accepted or self.given):
                 balance.ask_others()
@@ -271,7 +269,9 @@ class Attribution:
         return chosen.fit
 
     def _by_simulation(self, current: Fit) -> Choice | None:
-        """The best of what simulations alone tell of, with its rivals."""
+        """The best of what simulations alone tell of, with its rivals. Where something is hit that is everything: of
+        impacts the balance has seen nothing.
+        """
         screening = self.models.screening(self._step)
         told = frozenset() if screening is None or screening.hits else screening.covered
         outside = [c for c in self._outside if c.name not in told]

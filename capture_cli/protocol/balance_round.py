@@ -26,8 +26,8 @@ class BalanceRound:
     most: effects, or laws at all of their places, to add. on_step is told what is being tried, the number of it, and of
     how many.
 
-    sees_all: whether the balance has all of the log: no impacts. ranked: candidates that their scores speak for, best
-    first. exhausted: whether larger models were fitted, too, and none held.
+    ranked: candidates that their scores speak for, best first. exhausted: whether larger models were fitted, too, and
+    none held.
     """
 
     def __init__(
@@ -44,7 +44,6 @@ class BalanceRound:
         self.current = current
         self.on_step = on_step
         self.exhausted = False
-        self.sees_all = not screening.hits
         self.candidates = {c.name: c for c in candidates}
         score_in_balance(screening, current, candidates)
         self.ranked = by_score(candidates)

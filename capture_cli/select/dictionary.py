@@ -100,8 +100,8 @@ def atoms(
     effect = placed.effect
     space = effect.space
     amplitudes = tuple(i for i, n in enumerate(space.names) if n not in effect.shapes)
-    if not amplitudes:
-        return
+    if not amplitudes or (effect.place == "force" and effect.reported):
+        return  # of a force that moves its own sensors the reported motion is not the joint's
     if isinstance(effect, PeriodicForce):
         yield from _repeating(balance, placed, amplitudes, settings)
         return
