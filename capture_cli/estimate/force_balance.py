@@ -35,10 +35,21 @@ from capture_cli.estimate.resting import mass_matrix
 from capture_cli.sim.engine import APPLIED, ModelFields, World, silence_mujoco
 from capture_cli.sim.windows import LEAD
 
-STEP = 1e-3  # of a parameter's range, in differences
-TOUCHES = 1e-4  # of the model's extent: what is nearer touches, for a stiff contact chatters
-AT_REST = 3.0  # standard deviations of a velocity, below which it may be none
-RESTING = 2.0  # times half a period of the fastest motion that is smoothed: a turning point is shorter
+
+@dataclass(frozen=True)
+class BalanceSettings:
+    """step: of a parameter's range, in differences. touches: of the model's extent, nearer than which bodies touch, for
+    a stiff contact chatters. none: standard deviations of a velocity, below which it may be none. resting: half periods
+    of the fastest motion that is smoothed, for which it is then at rest: a turning point is shorter.
+    """
+
+    step: float = 1e-3
+    touches: float = 1e-4
+    none: float = 3.0
+    resting: float = 2.0
+
+
+SETTINGS = BalanceSettings()
 # A step works out a from the velocity that it begins with, and q(t+h) - 2 q(t) + q(t-h) is h^2 a(t): that velocity,
 # (q(t) - q(t-h)) / h, is the one at t - h / 2. What the integrator takes implicitly has the velocity at its end.
 _INTEGRATOR = mujoco.mjtIntegrator
@@ -115,8 +126,8 @@ class ForceBalance:
         self.model = copy(task.model)
         self.unshown = np.setdiff1d(np.arange(self.model.nv), smoothed.dofs)
         self.model.opt.disableflags |= int(_NO_STOPS if self.unshown.size else _DISABLE.mjDSBL_CONSTRAINT)
-        self.model.geom_margin[:] += TOUCHES / 2 * self.model.stat.extent
-        self.model.pair_margin[:] += TOUCHES * self.model.stat.extent
+        self.model.geom_margin[:] += SETTINGS.touches / 2 * self.model.stat.extent
+        self.model.pair_margin[:] += SETTINGS.touches * self.model.stat.extent
         self.points = Points.of(smoothed)
         self.numbers = self._numbers(np.zeros(len(task.outputs)))
         self.state = smoothed.states(self.numbers, self.points.step)
@@ -144,7 +155,7 @@ class ForceBalance:
     def of_parameter(self, index: int) -> Accelerations:
         """Derivative of the balance by a declared parameter, per its unit: the column of it."""
         space = self.smoothed.task.space
-        step = STEP * space.span[index]
+        step = SETTINGS.step * space.span[index]
         step = step if self.point[index] + step <= space.high[index] else -step
         moved = self.point.copy()
         moved[index] += step
@@ -187,7 +198,7 @@ class ForceBalance:
             places = int(self.model.jnt_qposadr[self.model.dof_jntid[dof]]), dof
             for which, place in enumerate(places):
                 state = [s.copy() for s in self.state]
-                step = STEP * max(float(state[which][:, place].std()), 1e-9)
+                step = SETTINGS.step * max(float(state[which][:, place].std()), 1e-9)
                 state[which][:, place] += step
                 moved = self._forces(state=tuple(state)).predicted - self.null.predicted
                 found[which, dof] = np.median(moved[:, dof]) / step
@@ -486,8 +497,8 @@ class ForceBalance:
     def _at_rest(self) -> np.ndarray:
         """Where a coordinate is at rest for longer than a turn of the motion takes, (point, nv)."""
         cutoff = max(s[0].cutoff for s in self.smoothed.series.values())
-        shortest = max(int(np.ceil(RESTING * np.pi / cutoff / self.interval)), 2)
-        slow = np.abs(self.state[1]) < AT_REST * self.speed_sd
+        shortest = max(int(np.ceil(SETTINGS.resting * np.pi / cutoff / self.interval)), 2)
+        slow = np.abs(self.state[1]) < SETTINGS.none * self.speed_sd
         found = np.zeros_like(slow)
         for own in self._own_points:
             for dof in range(self.model.nv):

@@ -7,12 +7,23 @@ contact whose normal moves a measured coordinate is a force that the log does no
 from __future__ import annotations
 
 from copy import copy
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 
-NEAR = 4.0  # standard deviations of a measured distance, within which bodies may touch
-NORMAL = 1e-3  # m, or m per rad: what a normal moves by a coordinate is more, or rounding
+
+@dataclass(frozen=True)
+class ImpactSettings:
+    """near: standard deviations of a measured distance, within which bodies may touch. normal: m, or m per rad, that a
+    coordinate moves along a normal, below which it does not.
+    """
+
+    near: float = 4.0
+    normal: float = 1e-3
+
+
+SETTINGS = ImpactSettings()
 
 
 def impacts(
@@ -27,7 +38,9 @@ def impacts(
     each may be from there before the next sample and the last one.
     """
     near = copy(model)
-    farthest = float(model.stat.extent) * (NEAR * sd.sum() + np.abs(travel).sum(axis=1).max(initial=0.0))
+    farthest = float(model.stat.extent) * (
+        SETTINGS.near * sd.sum() + np.abs(travel).sum(axis=1).max(initial=0.0)
+    )
     near.geom_margin[:] += farthest / 2  # margins of both geoms are added
     near.pair_margin[:] += farthest
     near.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
@@ -56,8 +69,8 @@ def _hits(model, data, sd: np.ndarray, travel: np.ndarray, farthest: float) -> b
             mujoco.mj_jac(model, data, jacobian, None, positions[k], int(model.geom_bodyid[geom]))
             along += sign * (frames[k, :3] @ jacobian)
         along[sd == 0] = 0.0
-        if np.abs(along).max() <= NORMAL:
+        if np.abs(along).max() <= SETTINGS.normal:
             asked.add(key)
-        elif room < NEAR * np.linalg.norm(along * sd) + np.abs(along) @ travel:
+        elif room < SETTINGS.near * np.linalg.norm(along * sd) + np.abs(along) @ travel:
             return True
     return False

@@ -20,14 +20,26 @@ from capture_cli.sim.windows import stretches
 from capture_cli.tasks.base import Task
 
 SCALAR = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
-FINEST = 3.0  # points in the shortest time in which the smoothed motion turns: pi over its cut-off frequency
-MOST_POINTS = 12_000  # of all stretches
-LEAST_LEFT = 0.5  # of the steps, between impacts: of less the balance would judge what it has not seen
-FEWEST_TURNS = 12.0  # in a mean stretch: of what moves like a parabola a few accelerations are wanted, too
 NORMAL_MEDIAN = 0.6745  # of the size of what is normally distributed, in standard deviations
 THIRD_DIFFERENCE = 20.0  # variance of that of white noise, over the noise's
 NOTHING = np.zeros(0, dtype=int)
 TINY = 1e-12  # m or rad: the noise of a coordinate that is measured without any
+
+
+@dataclass(frozen=True)
+class MotionSettings:
+    """finest: points in the shortest time in which the smoothed motion turns, pi over its cut-off frequency.
+    most_points: of all stretches. fewest_turns: in a mean stretch: of what moves like a parabola a few accelerations
+    are wanted, too. least_left: of the steps, between impacts: of less the balance would judge what it has not seen.
+    """
+
+    finest: float = 3.0
+    most_points: int = 12_000
+    fewest_turns: float = 12.0
+    least_left: float = 0.5
+
+
+SETTINGS = MotionSettings()
 
 
 @dataclass(frozen=True)
@@ -84,7 +96,7 @@ class SmoothedLog:
         if not rest.rests.all():
             smoothed = cls._smoothed(log, task, within & rest.rests, sources)
         left = sum(p.stop - p.start for p in smoothed.parts) / (within.sum() + hits.sum())
-        if hits.any() and left < LEAST_LEFT:
+        if hits.any() and left < SETTINGS.least_left:
             raise LogError(
                 f"between impacts only {left:.0%} of the log is left",
                 cure="record motion without impacts, too",
@@ -107,7 +119,7 @@ class SmoothedLog:
         count = sum(p.stop - p.start for p in parts)
         interval = min(float(np.median(np.diff(log.time[p]))) for p in parts)
         cutoff = max(s[0].cutoff for s in series.values())
-        every = max(int(np.pi / cutoff / FINEST / interval), -(-count // MOST_POINTS), 1)
+        every = max(int(np.pi / cutoff / SETTINGS.finest / interval), -(-count // SETTINGS.most_points), 1)
         begins = Resting(np.repeat(model_start(task.model)[None], len(log.time), axis=0), NOTHING, within)
         return cls(log, task, parts, sources, series, begins, every)
 
@@ -252,4 +264,4 @@ def _smoothed(log: Log, parts: Sequence[slice], column: int) -> list[Series]:
         own = log.sampled[part, column]
         times.append(log.time[part][own])
         values.append(log.outputs[part, column][own])
-    return smooth(times, values, FEWEST_TURNS)
+    return smooth(times, values, SETTINGS.fewest_turns)

@@ -16,9 +16,19 @@ from mujoco import batch
 from capture_cli.sim.engine import ModelFields, silence_mujoco
 from capture_cli.tasks.base import Task
 
-# Of the mean kinetic energy of the log, below which what is carried along rests, by its mean velocity over so long, s:
-# on a stiff contact it chatters. And so long before and after, s: what swings turns back.
-AT_REST, MEAN, LASTS = 1e-4, 0.05, 0.5
+
+@dataclass(frozen=True)
+class RestingSettings:
+    """energy: of the mean kinetic energy of the log, below which what is carried along rests. mean: s, over which its
+    velocity is taken, for on a stiff contact it chatters. lasts: s, before and after, for what swings turns back.
+    """
+
+    energy: float = 1e-4
+    mean: float = 0.05
+    lasts: float = 0.5
+
+
+SETTINGS = RestingSettings()
 
 
 @dataclass(frozen=True)
@@ -58,10 +68,12 @@ def resting(
         own, others = _mean_velocity(time[steps], path.positions), qvel[steps][:, shown]
         energy[steps] = _kinetic(own, path.inertia[:, ~shown][:, :, ~shown])
         known[steps] = _kinetic(others, path.inertia[:, shown][:, :, shown])
-    moves = energy > AT_REST * known.mean()
+    moves = energy > SETTINGS.energy * known.mean()
     for steps in episodes:
         when = time[steps][moves[steps]]
-        before, after = (np.searchsorted(when, time[steps] + late) for late in (-LASTS, LASTS))
+        before, after = (
+            np.searchsorted(when, time[steps] + late) for late in (-SETTINGS.lasts, SETTINGS.lasts)
+        )
         moves[steps] = after > before
     return Resting(qpos, at, ~moves)
 
@@ -109,7 +121,7 @@ def _carried(task, time, controls, qpos, qvel, episodes, shown, at) -> list[_Pat
 
 def _mean_velocity(time: np.ndarray, positions: np.ndarray) -> np.ndarray:
     """Of a path (sample, coordinate), about each sample."""
-    ends = np.clip(time[:, None] + np.array([-0.5, 0.5]) * MEAN, time[0], time[-1])
+    ends = np.clip(time[:, None] + np.array([-0.5, 0.5]) * SETTINGS.mean, time[0], time[-1])
     at = [np.stack([np.interp(e, time, own) for own in positions.T], axis=1) for e in ends.T]
     return (at[1] - at[0]) / np.maximum(np.diff(ends, axis=1), 1e-12)
 

@@ -23,10 +23,21 @@ from scipy.sparse import csr_array, vstack
 DEGREE = 5
 ORDER = 3  # of the derivative whose square is penalised; a polynomial below it costs nothing
 FEWEST = 2 * DEGREE  # samples of a series that can be smoothed
-# log10 of the smoothing parameter in units of the sample interval^(2 ORDER): from next to none to a parabola
-SEARCH = (-3.0, 15.0)
-AT_ONCE = 50  # sums that are filtered together: each reaches some knots, all reach many
-FAR = 20.0  # by how many powers of e what is left out has fallen
+
+
+@dataclass(frozen=True)
+class SmoothingSettings:
+    """search: log10 of the smoothing parameter, in units of the sample interval^(2 ORDER), from next to none to a
+    parabola. at_once: sums that are filtered together: each reaches some knots, all reach many. far: by how many powers
+    of e what is left out has fallen.
+    """
+
+    search: tuple[float, float] = (-3.0, 15.0)
+    at_once: int = 50
+    far: float = 20.0
+
+
+SETTINGS = SmoothingSettings()
 
 
 @dataclass(frozen=True)
@@ -66,7 +77,7 @@ class Series:
         """
         basis, weight, factor = self._filter(at)
         parts = [csr_array((0, len(at)))]
-        for own in np.array_split(np.arange(rows.shape[0]), -(-rows.shape[0] // AT_ONCE) or 1):
+        for own in np.array_split(np.arange(rows.shape[0]), -(-rows.shape[0] // SETTINGS.at_once) or 1):
             right = csr_array(basis.T @ rows[own].T)
             here = self._reached(right)
             solved = cho_solve_banded((factor[:, here], False), right[here].toarray(), check_finite=False)
@@ -104,7 +115,7 @@ class Series:
         if not used.size:
             return slice(0, 0)
         interval = (self.time[-1] - self.time[0]) / (len(self.time) - 1)
-        far = 4 * DEGREE + int(np.ceil(FAR * 2 / (self.cutoff * interval)))
+        far = 4 * DEGREE + int(np.ceil(SETTINGS.far * 2 / (self.cutoff * interval)))
         return slice(max(int(used[0]) - far, 0), int(used[-1]) + far + 1)
 
     def sd_of(self, derivative: int) -> float:
@@ -123,7 +134,7 @@ def smooth(
     """
     parts = [_Part.of(t, y) for t, y in zip(times, values, strict=True)]
     turns = np.pi * fewest_turns * len(times) / sum(len(t) for t in times)  # rad per sample
-    bounds = SEARCH[0], min(SEARCH[1], -2 * ORDER * float(np.log10(max(turns, 1e-3))))
+    bounds = SETTINGS.search[0], min(SETTINGS.search[1], -2 * ORDER * float(np.log10(max(turns, 1e-3))))
     found = minimize_scalar(
         lambda log: -_likelihood(parts, 10.0**log), bounds=bounds, method="bounded", options={"xatol": 0.05}
     )
