@@ -99,6 +99,7 @@ def test_every_module_has_a_row():
     assert {m.split(".")[0] for m in MODULES} <= set(ROW)
 
 
+@pytest.mark.smoke
 @pytest.mark.parametrize("module", MODULES)
 def test_imports_go_down_the_rows(module):
     folder = module.split(".")[0]
@@ -117,6 +118,7 @@ def test_the_protocol_knows_a_log_and_no_other_file(module):
     assert {m for m in imported(module) if m.startswith("stores")} <= {"stores.measured_log"}
 
 
+@pytest.mark.smoke
 @pytest.mark.parametrize("registry", registries(), ids=lambda r: r.package)
 def test_plug_ins_do_not_import_each_other(registry):
     folder = registry.package.removeprefix("capture_cli.")
@@ -126,6 +128,7 @@ def test_plug_ins_do_not_import_each_other(registry):
         assert not imported(plug_in) & (plug_ins - {plug_in}), plug_in
 
 
+@pytest.mark.smoke
 def test_there_are_plug_ins():
     assert {r.package for r in registries()} >= {"capture_cli.effects", "capture_cli.identifiers"}
 

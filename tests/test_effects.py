@@ -46,6 +46,7 @@ SIZED = [n for n in NAMES if placed(n)[0][1].parameters]
 # -- the contract, for every effect
 
 
+@pytest.mark.smoke
 @pytest.mark.parametrize("name", NAMES)
 def test_an_effect_says_what_it_is_and_where_it_sits(name):
     effect = effects.REGISTRY.get(name)
@@ -68,6 +69,7 @@ def test_an_effect_says_what_it_is_and_where_it_sits(name):
             assert parameter.unit and parameter.low <= parameter.nominal <= parameter.high
 
 
+@pytest.mark.smoke
 @pytest.mark.parametrize("name", SIZED)
 def test_at_null_it_is_exactly_the_plain_model_whatever_the_shapes(name):
     rng = np.random.default_rng(0)
@@ -79,6 +81,7 @@ def test_at_null_it_is_exactly_the_plain_model_whatever_the_shapes(name):
         assert np.array_equal(sensors, np.repeat(plain(where), 3, axis=0)), (where, effect.site)
 
 
+@pytest.mark.smoke
 @pytest.mark.parametrize("name", SIZED)
 def test_away_from_null_every_parameter_moves_outputs_somewhere(name):
     unmoved = {p.name for _, effect in placed(name) for p in effect.parameters}
@@ -96,6 +99,7 @@ def test_away_from_null_every_parameter_moves_outputs_somewhere(name):
     assert not unmoved
 
 
+@pytest.mark.smoke
 @pytest.mark.parametrize("name", NAMES)
 def test_at_its_bounds_the_simulation_stays_finite(name):
     for where, effect in placed(name):

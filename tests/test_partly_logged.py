@@ -8,6 +8,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from diagnosing import look_among
 from test_starts import GYROS
 
 from capture_cli.effects import REGISTRY
@@ -143,6 +144,7 @@ def test_an_attitude_is_logged_whole(craft):
 
 
 def test_an_effect_on_a_sensor_has_the_values_alone_that_were_logged(craft, tmp_path, monkeypatch):
+    look_among(monkeypatch, "sensor-bias", "sensor-drift", "sensor-scale", "constant-force", "gravity-tilt")
     monkeypatch.setattr(diagnose_stage, "_write_pages", lambda *_: None)
     log = imported(craft, recorded(craft, effects=["sensor-bias@gyro.z=0.1"]))
     options = dict(most_effects=1, starts=1, expression=False, threads=1, quiet=True)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from held_inputs import held_machine
 from machines import machine
 
 from capture_cli.effects.base import Recordings
@@ -24,7 +25,6 @@ from capture_cli.stages.record import record
 from capture_cli.stores.measured_log import MeasuredLog
 from capture_cli.tasks import load_task
 
-SLIDER = Path(__file__).parents[1] / "benchmarks" / "machines" / "slider" / "task.toml"
 EFFECT = "periodic-disturbance@x"
 SIZE, FREQUENCY = 1.5, 2.29
 DAY = 86_411.0
@@ -40,6 +40,12 @@ def few_candidates(monkeypatch):
     )
 
 
+def task_in(folder: Path) -> Path:
+    """The slider's task there."""
+    task = folder / "slider" / "task.toml"
+    return task if task.exists() else held_machine(task.parent, "slider", 0.004)
+
+
 def recorded(
     folder: Path, turns: float, *, began: float = 0.0, size: float = SIZE, more: Sequence[str] = (), **options
 ) -> MeasuredLog:
@@ -48,7 +54,7 @@ def recorded(
     planted = {"sine": size * np.cos(ahead), "cosine": size * np.sin(ahead), "frequency": FREQUENCY}
     path = folder / f"{turns:.6f}.zarr"
     log = record(
-        task=str(SLIDER),
+        task=str(task_in(folder)),
         out=path,
         effects=[*(f"{EFFECT}.{name}={value}" for name, value in planted.items()), *more],
         noise=5e-4,
@@ -59,10 +65,10 @@ def recorded(
 
 
 def ready(logs: Sequence[MeasuredLog], test: str | None = "none", window: float | None = None) -> PreparedLog:
-    log = logs[0]
+    log, task = logs[0], load_task(str(task_in(logs[0].path.parent)))
     for other in logs[1:]:
         log = log.followed_by(other)
-    return prepare(log, load_task(str(SLIDER)), window=window, test=test, seed=0)
+    return prepare(log, task, window=window, test=test, seed=0)
 
 
 def diagnosed(prepared: PreparedLog) -> dict:

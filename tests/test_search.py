@@ -36,6 +36,7 @@ def brackets(path: np.ndarray, target: np.ndarray):
     return lower, upper
 
 
+@pytest.mark.smoke
 @pytest.mark.parametrize("name", REGISTRY.names())
 def test_from_source_to_target_inside_the_bounds(name):
     source, target, uniform = draws()
@@ -46,6 +47,7 @@ def test_from_source_to_target_inside_the_bounds(name):
     assert np.all((path >= LOW) & (path <= HIGH))
 
 
+@pytest.mark.smoke
 @pytest.mark.parametrize("name", REGISTRY.names())
 def test_any_share_of_the_pairs_walks_the_same_way(name):
     source, target, uniform = draws()

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from diagnosing import diagnose
+from diagnosing import diagnose, look_among
 from machines import ARM, build, machine, run
 
 from capture_cli import effects
@@ -18,7 +18,16 @@ PAN_TILT = Path(__file__).parents[1] / "benchmarks" / "machines" / "pan_tilt" / 
 Crosstalk = effects.REGISTRY.get("sensor-crosstalk")
 
 
-def test_the_current_of_the_other_motor_is_found_in_an_encoder(tmp_path):
+def test_the_current_of_the_other_motor_is_found_in_an_encoder(tmp_path, monkeypatch):
+    look_among(
+        monkeypatch,
+        "sensor-crosstalk",
+        "sensor-scale",
+        "sensor-bias",
+        "sensor-delay",
+        "control-gain",
+        "cogging",
+    )
     task = load_task(str(PAN_TILT))
     [site] = [s for s in Crosstalk.sites(task.model) if s.startswith("pan+")]
     record(

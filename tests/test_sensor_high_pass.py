@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from diagnosing import diagnose
+from diagnosing import diagnose, look_among
 from machines import build
 from scipy.signal import bilinear, lfilter, lsim
 
@@ -164,6 +164,21 @@ def recorded(folder: Path, *effects: str, **replaced: str) -> tuple[MeasuredLog,
         seed=3,
     )
     return MeasuredLog.read(folder / "log.zarr"), load_task(str(folder / "task.toml"))
+
+
+@pytest.fixture(autouse=True)
+def few_candidates(monkeypatch):
+    """What it could be taken for."""
+    others = (
+        "sensor-bias",
+        "sensor-drift",
+        "sensor-scale",
+        "sensor-low-pass",
+        "sensor-delay",
+        "constant-force",
+        "payload",
+    )
+    look_among(monkeypatch, "sensor-high-pass", *others)
 
 
 def rate_found(log: MeasuredLog, task: MjcfFile) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 from unittest import mock
 
@@ -421,10 +422,17 @@ def test_too_few_histories(tmp_path):
         train_sysid(histories=store, out=tmp_path / "c", **TINY)
 
 
+@pytest.fixture(scope="module")
+def learned(small, tmp_path_factory) -> Path:
+    out = tmp_path_factory.mktemp("learned") / "c"
+    train_sysid(histories=small, out=out, **TINY)
+    return out
+
+
 @pytest.fixture
-def checkpoint(small, tmp_path) -> Path:
-    train_sysid(histories=small, out=tmp_path / "c", **TINY)
-    return tmp_path / "c"
+def checkpoint(learned, tmp_path) -> Path:
+    """A copy, which may be damaged."""
+    return shutil.copytree(learned, tmp_path / "c")
 
 
 def changed(**parts) -> Signature:

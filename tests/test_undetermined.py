@@ -19,7 +19,7 @@ from capture_cli.stages import identify as stage
 from capture_cli.stages.record import record
 from capture_cli.stages.undetermined_document import undetermined_of
 
-SERVO = """<mujoco><option timestep="0.002" gravity="0 0 {gravity}" integrator="implicitfast"/>
+SERVO = """<mujoco><option timestep="0.005" gravity="0 0 {gravity}" integrator="implicitfast"/>
 <worldbody><body name="link">
 <joint name="pan" axis="0 1 0" damping="0.5" armature="0.02" frictionloss="0.1"/>
 <inertial pos=".1 0 0" mass="{mass}" diaginertia="1e-4 1e-4 1e-4"/></body></worldbody>
@@ -32,7 +32,7 @@ parameters.kp = { set = "actuator:pan:kp", low = 1.0, high = 60.0, unit = "N m/r
 parameters.armature = { set = "joint:pan:armature", low = 0.001, high = 0.2, unit = "kg m^2" }
 parameters.damping = { set = "joint:pan:damping", low = 0.01, high = 5.0, unit = "N m s/rad" }
 parameters.friction = { set = "joint:pan:frictionloss", low = 0.0, high = 2.0, unit = "N m" }
-inputs.pan = { column = "cmd", unit = "rad" }
+inputs.pan = { column = "cmd", unit = "rad", interpolate = "hold" }
 outputs.pan = { column = "pos", unit = "rad" }
 log = { time = "t", window = 0.5 }
 """

@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from begun_inside import begun_inside
-from diagnosing import diagnose
+from diagnosing import diagnose, look_among
+from held_inputs import held_machine
 from hypothesis import given
 from hypothesis import strategies as st
 from machines import build
-from test_hysteretic_friction import RIG, SLIDER
+from test_hysteretic_friction import RIG
 
 from capture_cli.effects._followed_log import measured_stretches
 from capture_cli.effects.viscoelastic_spring import MaxwellElement, ViscoelasticSpring, followed
@@ -26,7 +27,7 @@ STIFFNESS, RELAXATION = 120.0, 0.3  # N/m, s
 def recorded(folder: Path, *planted: str) -> MeasuredLog:
     """A log of the slider."""
     record(
-        task=str(SLIDER),
+        task=str(held_machine(folder / "slider", "slider", 0.004)),
         out=folder / "log.zarr",
         effects=planted,
         noise=3e-4,
@@ -38,9 +39,17 @@ def recorded(folder: Path, *planted: str) -> MeasuredLog:
     return MeasuredLog.read(folder / "log.zarr")
 
 
-def test_a_spring_that_relaxes_is_found_with_its_stiffness_and_its_time(tmp_path):
+def test_a_spring_that_relaxes_is_found_with_its_stiffness_and_its_time(tmp_path, monkeypatch):
+    others = (
+        "linear-stiffness",
+        "viscous-damping",
+        "hysteretic-friction",
+        "coulomb-friction",
+        "sensor-delay",
+    )
+    look_among(monkeypatch, EFFECT.partition("@")[0], *others)
     log = recorded(tmp_path, f"{EFFECT}.stiffness={STIFFNESS}", f"{EFFECT}.relaxation={RELAXATION}")
-    document = diagnose(log, load_task(str(SLIDER)), seed=0)
+    document = diagnose(log, load_task(str(tmp_path / "slider" / "task.toml")), seed=0)
     assert [f"{e['name']}@{e['site']}" for e in document["effects"]] == [EFFECT]
     size = {name: p["value"] for name, p in document["effects"][0]["parameters"].items()}
     assert size == pytest.approx({"stiffness": STIFFNESS, "relaxation": RELAXATION}, rel=0.1)
