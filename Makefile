@@ -1,4 +1,4 @@
-# make demo | make test | make pipeline | make install: each sets up what it needs; nothing is installed outside .venv
+# make demo | make test | make smoke | make pipeline | make install: each sets up what it needs; nothing is installed outside .venv
 # (and .venv-core, which make test-core has for itself). make demo and make install need the core alone; make test and
 # what else works on the project need every extra, too. An environment that has them all keeps them.
 SUPPORTED := import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))
@@ -7,12 +7,13 @@ PYTHON ?= $(shell for p in python3.12 python3.11 python3.13 python3 python; do \
 VENV := .venv
 BIN := $(VENV)/bin
 CORE := .venv-core
+SMOKE = $(shell grep -l "mark\.smoke" tests/test_*.py)
 VERSIONS := pyproject.toml $(wildcard constraints/*.txt)
 ALL := constraints/all.txt --editable '.[all,dev]'
 # modules are compiled when they are imported: all of them at once would be half of the time, and 130 MB
 PIP := -m pip install --quiet --disable-pip-version-check --no-compile --constraint
 
-.PHONY: install dev demo test test-core test-wheel pipeline lint bench docs clean
+.PHONY: install dev demo test smoke test-core test-wheel pipeline lint bench docs clean
 
 install: $(VENV)/installed
 dev: $(VENV)/installed-all
@@ -51,6 +52,10 @@ demo: install
 # no test may be left out here for want of an extra
 test: dev
 	CAPTURE_ALL_EXTRAS=1 $(BIN)/python -m pytest -q -n 2
+
+# half a minute, to be run first: every command once on tiny inputs, and what all plug-ins promise
+smoke: dev
+	CAPTURE_ALL_EXTRAS=1 $(BIN)/python -m pytest -q -n 2 -m smoke $(SMOKE)
 
 # without the extras, with numpy 2: all that the core can do, or TESTS="tests/test_cli.py ..." alone
 test-core: $(CORE)/installed

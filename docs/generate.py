@@ -39,7 +39,7 @@ CAPTIONS = {
     ".gitignore": "what is not kept",
     "CHANGELOG.md": "what changed, by version",
     "LICENSE": "MIT",
-    "Makefile": "make demo, test, test-core, pipeline, install, lint, bench, docs: each sets up what it needs",
+    "Makefile": "make demo, smoke, test, test-core, pipeline, install, lint, bench, docs: each sets up what it needs",
     "README.md": "this page",
     "SECURITY.md": "what a file from a stranger can and cannot do, how that is tested, how to report",
     "constraints/all.txt": "with robosuite, which pins numpy below 2",

@@ -83,6 +83,7 @@ def test_the_same_seed_gives_the_same_walk(walked, name):
     assert np.array_equal(again.estimates, walked(name)[0].estimates)
 
 
+@pytest.mark.smoke
 @pytest.mark.parametrize("name", PLAIN)
 def test_asking_twice_asks_the_same(name):
     start = SIGNATURE.space.from_unit(np.full((2, 2), 0.3))
@@ -145,6 +146,7 @@ def test_an_identifier_of_logs_needs_a_simulator_in_rounds():
         round_identifier("least-squares")(SIGNATURE, SIGNATURE.space.nominal[None])
 
 
+@pytest.mark.smoke
 def test_identifiers_by_name():
     assert {"capture", "expert-distillation", "tunenet", "posterior", "compass"} <= set(REGISTRY.names())
     assert "intervals" not in REGISTRY.names()
