@@ -1,6 +1,6 @@
-# make demo | make test | make smoke | make pipeline | make install: each sets up what it needs; nothing is installed outside .venv
-# (and .venv-core, which make test-core has for itself). make demo and make install need the core alone; make test and
-# what else works on the project need every extra, too. An environment that has them all keeps them.
+# make demo | make smoke | make test | make pipeline | make install: each sets up what it needs; nothing is installed
+# outside .venv (and .venv-core, which make test-core has for itself). make demo and make install need the core alone;
+# make test and what else works on the project need every extra, too. An environment that has them all keeps them.
 SUPPORTED := import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))
 PYTHON ?= $(shell for p in python3.12 python3.11 python3.13 python3 python; do \
 	$$p -c '$(SUPPORTED)' >/dev/null 2>&1 && echo $$p && break; done)
@@ -51,7 +51,7 @@ demo: install
 
 # no test may be left out here for want of an extra
 test: dev
-	CAPTURE_ALL_EXTRAS=1 $(BIN)/python -m pytest -q -n 2
+	CAPTURE_ALL_EXTRAS=1 $(BIN)/python -m pytest -q -n 2 --dist loadscope
 
 # half a minute, to be run first: every command once on tiny inputs, and what all plug-ins promise
 smoke: dev

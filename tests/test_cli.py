@@ -15,6 +15,7 @@ import mujoco
 import numpy as np
 import pytest
 import typer
+from fuzz.forked_run import CAN_RUN, run
 
 from capture_cli.app import app
 from capture_cli.commands._config import _read_config
@@ -22,6 +23,7 @@ from capture_cli.errors import OptionError
 from capture_cli.protocol.prepare import prepare
 from capture_cli.simulator import Simulator
 from capture_cli.stages import identify as stage
+from capture_cli.stores import output
 from capture_cli.stores.estimate import Estimate
 from capture_cli.stores.histories import HistoriesWriter
 from capture_cli.stores.measured_log import MeasuredLog
@@ -524,27 +526,21 @@ def test_a_config_that_is_missing(capture, log):
 # --- runs that do not end ---
 
 
-KILLED = """
-import os, signal, sys
-from capture_cli import cli
-from capture_cli.stages import identify
-from capture_cli.stores import output
-
 def die(*_):
     os.kill(os.getpid(), signal.SIGKILL)
 
-setattr({where}, die)
-cli.main()
-"""
 
-
+@pytest.mark.skipif(not CAN_RUN, reason="processes are copied on Linux alone")
 @pytest.mark.parametrize(
-    "where", ['identify, "_write_pages"', 'output, "_sync"', 'output, "_move_into_place"']
+    ("module", "name"), [(stage, "_write_pages"), (output, "_sync"), (output, "_move_into_place")]
 )
-def test_a_run_killed_while_it_writes(tmp_path, log, capture, without_pages, where):
-    program = (sys.executable, "-c", KILLED.format(where=where))
-    run = start(tmp_path, *identify(log, "--out", "e", "--quiet"), program=program)
-    assert run.wait() == -signal.SIGKILL
+def test_a_run_killed_while_it_writes(
+    tmp_path, tmp_path_factory, log, capture, without_pages, monkeypatch, module, name
+):
+    arguments = [*map(str, identify(log, "--out", "e", "--quiet"))]
+    with monkeypatch.context() as patch:
+        patch.setattr(module, name, die)
+        assert run(arguments, tmp_path, tmp_path_factory.mktemp("temporary")).code == -signal.SIGKILL
     assert not (tmp_path / "e").exists()
     assert [p.name[:11] for p in tmp_path.iterdir()] == [".e.partial-"]
     assert capture(*identify(log, "--out", "e"))[0] == 0

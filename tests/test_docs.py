@@ -275,7 +275,7 @@ def test_no_path_of_this_machine():
 # --- the tutorial, followed to the letter ---
 
 
-def test_the_tutorial_works(tmp_path, monkeypatch):
+def test_the_tutorial_works(tmp_path, monkeypatch, without_pages):
     tutorial = ROOT / "docs" / "tutorial.md"
     text = tutorial.read_text(encoding="utf-8")
     for language, file in (("xml", "model.xml"), ("toml", "task.toml")):
@@ -290,7 +290,7 @@ def test_the_tutorial_works(tmp_path, monkeypatch):
             out=tmp_path / f"{day}.zarr",
             parameters=truth,
             noise=0.002,
-            duration=12.0,
+            duration=8.0,
             rate=200,
             amplitude={"motor": 1.2},
             seed=seed,
@@ -366,7 +366,7 @@ def test_a_shipped_log_is_what_its_readme_says(tmp_path, monkeypatch, log):
     assert not any(word.split("@")[0].split(".")[0] in t for word in hidden for t in text)
 
 
-def test_identify_needs_nothing_but_the_shipped_log(tmp_path, monkeypatch):
+def test_identify_needs_nothing_but_the_shipped_log(tmp_path, monkeypatch, without_pages):
     monkeypatch.chdir(tmp_path)
     log = str(ROOT / "datasets" / "air_hockey.zarr")
     result = CliRunner().invoke(app, ["identify", "--real-log", log, "--json", "--threads", "2"])

@@ -22,7 +22,7 @@ from capture_cli.stages.kept_steps import STEPS, StepFiles
 from capture_cli.stages.record import record
 from capture_cli.stores.output import unfinished
 
-FEW = ("coulomb-friction", "cubic-stiffness", "viscous-friction", "compliance")  # the last has states
+FEW = ("coulomb-friction", "cubic-stiffness", "viscous-damping", "control-lag")  # the last has a state
 PLANTED = ["coulomb-friction@x.friction=1.5", "cubic-stiffness@x.stiffness=200"]
 
 

@@ -121,7 +121,7 @@ def test_a_module_that_was_told_the_controls_before_a_window_shows_its_curves(
 
 
 def test_hidden_states_are_there_too(tmp_path, monkeypatch):
-    found = diagnosed(tmp_path, "compliance@x", [".compliance=0.01", ".rotor=0.3"], monkeypatch)
+    found = diagnosed(tmp_path, "sensor-low-pass@q", ["=0.05"], monkeypatch)
     (effect,), arrays, task = (
         found.document["effects"],
         found.arrays,

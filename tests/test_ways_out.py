@@ -104,7 +104,7 @@ def test_a_descent_goes_on_from_where_windows_alone_lead(tmp_path, without_pages
     (tmp_path / "model.xml").write_text(MODEL)
     (tmp_path / "task.toml").write_text(TASK)
     task = str(tmp_path / "task.toml")
-    files = [balanced(tmp_path / f"{seed}.csv", seed, 6.0) for seed in (1, 2)]
+    files = [balanced(tmp_path / f"{seed}.csv", seed, 4.0) for seed in (1, 2)]
     import_log(files=files, task=task, out=tmp_path / "log.zarr")
     document = identify(
         real_log=tmp_path / "log.zarr", task=task, out=tmp_path / "e", starts=1, threads=1, quiet=True
