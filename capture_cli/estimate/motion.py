@@ -22,7 +22,6 @@ from capture_cli.tasks.base import Task
 SCALAR = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 NORMAL_MEDIAN = 0.6745  # of the size of what is normally distributed, in standard deviations
 THIRD_DIFFERENCE = 20.0  # variance of that of white noise, over the noise's
-NOTHING = np.zeros(0, dtype=int)
 TINY = 1e-12  # m or rad: the noise of a coordinate that is measured without any
 
 
@@ -60,9 +59,8 @@ class SmoothedLog:
     """The outputs that positions follow from, each smoothed in every stretch between gaps.
 
     parts: the steps of the log in each stretch; sources: where each coordinate comes from; series[output][part].
-    resting: what no sensor shows, at rest wherever there is a stretch. hits: whether steps were left out at which
-    something is hit. every: a point of evaluation is every so many
-    samples.
+    resting: what no sensor shows, at rest wherever there is a stretch. every: a point of evaluation is every so many
+    samples. hits: whether steps were left out at which something is hit.
     """
 
     log: Log
@@ -120,7 +118,7 @@ class SmoothedLog:
         interval = min(float(np.median(np.diff(log.time[p]))) for p in parts)
         cutoff = max(s[0].cutoff for s in series.values())
         every = max(int(np.pi / cutoff / SETTINGS.finest / interval), -(-count // SETTINGS.most_points), 1)
-        begins = Resting(np.repeat(model_start(task.model)[None], len(log.time), axis=0), NOTHING, within)
+        begins = Resting(np.repeat(model_start(task.model)[None], len(log.time), axis=0), within)
         return cls(log, task, parts, sources, series, begins, every)
 
     def _rest(self, outputs: np.ndarray) -> Resting:

@@ -33,12 +33,9 @@ SETTINGS = RestingSettings()
 
 @dataclass(frozen=True)
 class Resting:
-    """Coordinates that no sensor shows. qpos (step, nq): positions of all, the measured ones as they were reported; at
-    (coordinate,): which of those are carried along. rests (step,): where they do.
-    """
+    """qpos (step, nq): positions, with those that no sensor shows carried along. rests (step,): where these rest."""
 
     qpos: np.ndarray
-    at: np.ndarray
     rests: np.ndarray
 
 
@@ -57,7 +54,7 @@ def resting(
     model = task.model
     at = model.jnt_qposadr[model.dof_jntid[~shown]]
     if not at.size:
-        return Resting(qpos, at, np.ones(len(time), dtype=bool))
+        return Resting(qpos, np.ones(len(time), dtype=bool))
     silence_mujoco()
     qpos = qpos.copy()
     energy, known = np.zeros(len(time)), np.zeros(len(time))
@@ -75,7 +72,7 @@ def resting(
             np.searchsorted(when, time[steps] + late) for late in (-SETTINGS.lasts, SETTINGS.lasts)
         )
         moves[steps] = after > before
-    return Resting(qpos, at, ~moves)
+    return Resting(qpos, ~moves)
 
 
 @dataclass(frozen=True)
