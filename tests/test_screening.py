@@ -202,3 +202,21 @@ def test_as_good_is_what_is_near_or_not_surely_worse():
     level = Level.of([best, near, unsure, worse], 40.0, BeamSettings())
     assert level.as_good == [best, near, unsure] and level.others == [worse]
     assert Level.of([best, near], 1.0, BeamSettings(least=1.0)).others == [near]
+
+
+@pytest.mark.parametrize("length", [1.0, 1e9, 1e14])
+def test_columns_that_are_the_same_share_what_they_explain_however_long_they_are(length):
+    rng = np.random.default_rng(0)
+    column, block = rng.standard_normal(60), np.repeat(np.arange(6), 10)
+    twins = length * np.stack([column, column], axis=1)
+    parts = [np.flatnonzero(block == b) for b in range(6)]
+    target = column + 0.1 * rng.standard_normal(60)
+    base = Sums.of(target, np.zeros((60, 0)), block)
+    found = additions(
+        base,
+        np.zeros((6, 0, 1, 2)),
+        np.array([[twins[p].T @ twins[p]] for p in parts]),
+        np.array([[twins[p].T @ target[p]] for p in parts]),
+    )
+    assert (length * found.coefficients[0]).sum() == pytest.approx(1.0, abs=0.05)
+    assert found.mean[0] > 50

@@ -14,7 +14,7 @@ import numpy as np
 
 from capture_cli.estimate.force_balance import ForceBalance
 from capture_cli.estimate.whitening import Whitening
-from capture_cli.select.regression import Sums, predicted
+from capture_cli.select.regression import Sums, predicted, with_prior
 
 
 @dataclass(frozen=True)
@@ -105,6 +105,6 @@ def _adapt(whitening: Whitening, target: Sequence[np.ndarray], columns: Sequence
     """Let the model's own error be as large as makes what it leaves most likely."""
     slope = np.concatenate(whitening.whitened(columns))
     left = np.concatenate(whitening.whitened(target))[:, 0]
-    step = np.linalg.solve(slope.T @ slope + np.eye(slope.shape[1]), -slope.T @ left)
+    step = np.linalg.solve(with_prior(slope.T @ slope), -slope.T @ left)
     left = [t[..., 0] + c @ step for t, c in zip(target, columns, strict=True)]
     whitening.adapt(left, whitening.slow_noise_of(left))

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+ROUNDING = 1e-12  # of a column's square: some times what double precision loses of it
+
 
 @dataclass(frozen=True)
 class Gain:
@@ -76,10 +78,20 @@ def predicted(base: Sums) -> np.ndarray:
     errors = np.empty(len(base.count))
     for b in range(len(base.count)):
         keep = np.arange(len(base.count)) != b
-        gram = base.gram[keep].sum(axis=0) + np.eye(base.pull.shape[1])
+        gram = with_prior(base.gram[keep].sum(axis=0))
         own = np.linalg.solve(gram, base.pull[keep].sum(axis=0))
         errors[b] = base.target[b] - 2 * own @ base.pull[b] + own @ base.gram[b] @ own
     return np.maximum(errors, 1e-300)
+
+
+def with_prior(gram: np.ndarray) -> np.ndarray:
+    """Products of columns (..., column, column) with the prior of their coefficients, 1 about 0; of columns that are so
+    long that 1 is lost in rounding, with as much as is not.
+    """
+    own = np.arange(gram.shape[-1])
+    found = np.array(gram, dtype=float)
+    found[..., own, own] += 1 + ROUNDING * found[..., own, own]
+    return found
 
 
 def _solved(
@@ -90,9 +102,9 @@ def _solved(
     own_gram, own_pull = base.gram[keep].sum(axis=0), base.pull[keep].sum(axis=0)
     across, gram, pull = across[keep].sum(axis=0), gram[keep].sum(axis=0), pull[keep].sum(axis=0)
     size, (models, added) = len(own_pull), pull.shape
-    inverse = np.linalg.inv(own_gram + np.eye(size))
+    inverse = np.linalg.inv(with_prior(own_gram))
     through = (inverse @ across.reshape(size, models * added)).reshape(size, models, added)
-    left = gram + np.eye(added) - np.einsum("ima,imc->mac", across, through)
+    left = with_prior(gram) - np.einsum("ima,imc->mac", across, through)
     pulled = pull - np.einsum("ima,i->ma", through, own_pull)
     coefficients = np.linalg.solve(left, pulled[..., None])[..., 0]
     first = (inverse @ own_pull)[None] - np.einsum("ima,ma->mi", through, coefficients)

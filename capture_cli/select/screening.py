@@ -21,7 +21,7 @@ from capture_cli.estimate.motion import SmoothedLog
 from capture_cli.estimate.whitening import Whitening
 from capture_cli.select.dictionary import SETTINGS as DICTIONARY
 from capture_cli.select.dictionary import Atom, atoms
-from capture_cli.select.regression import Sums, additions, predicted
+from capture_cli.select.regression import Sums, additions, predicted, with_prior
 
 
 @dataclass(frozen=True)
@@ -451,7 +451,7 @@ def _without(apart: np.ndarray, *rows: np.ndarray) -> list[np.ndarray]:
 
 def _solved(columns: np.ndarray, target: np.ndarray) -> np.ndarray:
     """Coefficients (column,) of least squares with a prior of 1 about 0."""
-    return np.linalg.solve(columns.T @ columns + np.eye(columns.shape[1]), columns.T @ target)
+    return np.linalg.solve(with_prior(columns.T @ columns), columns.T @ target)
 
 
 def _step(slope, target, here, low, high, far) -> np.ndarray:
