@@ -49,7 +49,13 @@ Test = Annotated[
 ]
 Window = Annotated[float | None, typer.Option("--window", help="Seconds between restarts of the state.")]
 Starts = Annotated[
-    int, typer.Option("--starts", min=1, max=MOST_STARTS, help="Descents from different places.")
+    int,
+    typer.Option(
+        "--starts",
+        min=1,
+        max=MOST_STARTS,
+        help="Descents from different places; of diagnose one, where a force balance says where.",
+    ),
 ]
 Result = Annotated[Path, typer.Argument(help="Estimate or diagnosis directory.")]
 CheckpointOut = Annotated[Path, typer.Option("--out", help="Checkpoint directory to write.")]

@@ -41,9 +41,9 @@ OnStep = Callable[[str, int, int, Sequence[str]], None]
 
 @dataclass(frozen=True)
 class Settings:
-    """starts: of the declared model's fit. most_effects: to add. expression: to look for a formula of what is left.
-    kept: what an earlier run made of the same steps. deadline: s, of time.monotonic, when the search ends with the best
-    so far.
+    """starts: of the declared model's fit, where no force balance says where to begin. most_effects: to add.
+    expression: to look for a formula of what is left. kept: what an earlier run made of the same steps. deadline: s, of
+    time.monotonic, when the search ends with the best so far.
     """
 
     starts: int = 3
@@ -169,7 +169,7 @@ class _Protocol:
             [],
             start if offsets is not None else self._nearer(start),
             offsets=offsets,
-            starts=own.starts,
+            starts=own.starts if self.balanced is None else 1,
             tolerance=EXACT,
             seed=own.seed,
         )
