@@ -39,6 +39,7 @@ DECLARED = {
     "ball": ("option:density", 1.5),
 }
 EXACT = 1e-9
+MOST_MACHINES = 3  # beyond which an effect is exported on every other one
 loaded = cache(load_task)  # by every export, and here once
 
 
@@ -171,8 +172,10 @@ def found_at(*names: str, where: str, part: float = 0.4) -> Found:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_exported_it_gives_the_same_trajectory(name, tasks, records, tmp_path):
-    first_sites = {where: effect for where, effect in reversed(placed(name))}
-    for number, (where, built) in enumerate(first_sites.items()):
+    first_sites = list({where: effect for where, effect in reversed(placed(name))}.items())
+    if len(first_sites) > MOST_MACHINES:
+        first_sites = first_sites[::2]
+    for number, (where, built) in enumerate(first_sites):
         effect = type(built)(loaded(str(tasks[where])).model, built.site)  # no body of which is `simple`
         found = {Placed(name, effect).name: (effect, away(effect, 0.4))}
         (records[where] / "diagnosis.json").write_text(json.dumps(document(tasks[where], found)))

@@ -164,8 +164,7 @@ def _filled(log: MeasuredLog, episode: slice) -> tuple[np.ndarray, np.ndarray, n
     return np.interp(steps, EVERY * np.arange(len(time)), time), inputs[steps // EVERY], between
 
 
-@pytest.mark.parametrize("choose", [regular, jittered])
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize(("choose", "seed"), [(regular, 0), (jittered, 1)])
 def test_parameters_are_recovered_by_a_slow_camera(tmp_path, without_pages, choose, seed):
     log, task, truth = cart_pole(tmp_path, choose, seed)
     found = identify_stage.identify(
