@@ -9,10 +9,10 @@ from types import SimpleNamespace
 import mujoco
 import numpy as np
 import pytest
-from balances import Made
+from balances import COVERED, Made
 
 from capture_cli.protocol import balance_scores
-from capture_cli.protocol.balance_scores import screening_of
+from capture_cli.protocol.balance_scores import balanced_point, screening_of
 
 LOOP = """
 <mujoco><option timestep="0.002"/><default><geom contype="0" conaffinity="0"/></default>
@@ -97,3 +97,11 @@ def test_it_says_at_which_candidate_it_is(made):
 
 def test_too_short_a_log_gives_no_balance(made):
     assert screening_of(made.prepared, np.arange(1), [], 1, lambda *_: None) is None
+
+
+@pytest.mark.parametrize("machine", COVERED)
+def test_the_balance_says_where_a_fit_begins(machine):
+    own = Made.of(machine, seed=1)
+    space, windows = own.experiment.task.space, np.arange(len(own.prepared.windows))
+    found = balanced_point(own.prepared, windows, space.low, 1)
+    assert np.abs((found - own.truth) / space.span).max() < 0.1

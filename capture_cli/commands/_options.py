@@ -54,7 +54,7 @@ Starts = Annotated[
         "--starts",
         min=1,
         max=MOST_STARTS,
-        help="Descents from different places; of diagnose one, where a force balance says where.",
+        help="Descents from different places; one, where a force balance says where.",
     ),
 ]
 Result = Annotated[Path, typer.Argument(help="Estimate or diagnosis directory.")]

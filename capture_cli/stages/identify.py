@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from capture_cli.identifiers.least_squares import LeastSquares
+from capture_cli.protocol.balance_scores import balanced_point
 from capture_cli.protocol.log_checks import check_parameters_move_outputs
 from capture_cli.protocol.misread_channels import misread_channels
 from capture_cli.protocol.model_fits import ModelFits
@@ -187,13 +188,18 @@ class _Search:
         if before is not None:
             start, fitted = before.best.parameters, prepared.part(~prepared.split.is_test)
             offsets = fitted.offsets_from(before.part, before.best.offsets)
+        fits, starts = ModelFits(prepared, self.threads), self.starts
+        if self.earlier is not None:
+            starts = 1
+        elif before is None and self.chosen.method is LeastSquares:
+            start, starts = self._from_balance(fits, start)
         found = by_physics(
-            ModelFits(prepared, self.threads),
+            fits,
             start,
             self.progress,
             offsets=offsets,
             method=self.chosen.method,
-            starts=self.starts if self.earlier is None else 1,
+            starts=starts,
             rounds=ROUNDS if self.rounds is None else self.rounds,
             seed=self.seed,
         )
@@ -207,6 +213,17 @@ class _Search:
         found = unstuck(found, self.progress, seed=self.seed)
         self.progress.doing("looking where all parameters show")
         return from_where_all_show(found, self.progress, seed=self.seed)
+
+    def _from_balance(self, fits: ModelFits, start: np.ndarray) -> tuple[np.ndarray, int]:
+        """Where the fit begins, and how many descents: one, where the log gives a force balance, from what fills it
+        best or from `start` (parameter,), whichever is nearer to the log.
+        """
+        fitted = ~fits.prepared.split.is_test
+        balanced = balanced_point(fits.prepared, np.flatnonzero(fitted), start, self.threads)
+        if balanced is None or not len(start):
+            return start, self.starts
+        points = np.stack([balanced, start])
+        return points[np.argmin(fits.errors(fits.prepared.part(fitted), points))], 1
 
 
 def _step(number: int) -> str:
