@@ -16,8 +16,10 @@ from capture_cli.protocol.candidates import Candidate
 from capture_cli.protocol.fit import Fit
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.select.input_timing import InputTiming, input_timings
-from capture_cli.select.screening import Screening, declared_balance
+from capture_cli.select.screening import Screening, declared_balance, parameters_sd
 from capture_cli.tasks.base import Task
+
+DETERMINED = 0.1  # of a parameter's range: a standard deviation, below which the balance determines it
 
 
 def screening_of(
@@ -74,17 +76,22 @@ def balanced_point(
     prepared: PreparedLog, windows: np.ndarray, point: np.ndarray, threads: int | None
 ) -> np.ndarray | None:
     """Values (parameter,) of the declared parameters that fill the balance of some `windows` (window,) best, from
-    `point` (parameter,) on; None where the log gives none.
+    `point` (parameter,) on; None where the log gives none, or where it leaves one of them open: along a ridge it would
+    begin anywhere.
     """
-    if prepared.screening is not None:
-        return prepared.screening.balance.point
-    smoothed = smoothed_log(prepared, windows)
-    if smoothed is None:
-        return None
-    try:
-        return declared_balance(smoothed, point, threads)[0].point
-    except LogError:  # too short
-        return None
+    known = prepared.screening
+    if known is not None:
+        balance, whitening = known.balance, known.whitening
+    else:
+        smoothed = smoothed_log(prepared, windows)
+        if smoothed is None:
+            return None
+        try:
+            balance, whitening = declared_balance(smoothed, point, threads)
+        except LogError:  # too short
+            return None
+    doubt = parameters_sd(balance, whitening)
+    return balance.point if doubt.max(initial=0.0) < DETERMINED else None
 
 
 def with_timings(task: Task, timings: Sequence[InputTiming]) -> Task:

@@ -436,6 +436,15 @@ def declared_balance(
     return balance, whitening.at(balance)
 
 
+def parameters_sd(balance: ForceBalance, whitening: Whitening) -> np.ndarray:
+    """How well a balance determines each declared parameter, by the noise of the sensors, in its range (parameter,)."""
+    whitening = copy(whitening)
+    whitening.reset()
+    rows = whitening.rows(_by_parameter(balance))
+    white = np.concatenate(whitening.whitened(rows)) * balance.smoothed.task.space.span
+    return np.sqrt(np.diag(np.linalg.inv(with_prior(white.T @ white))))
+
+
 def _by_parameter(balance: ForceBalance) -> list[Accelerations]:
     return [balance.of_parameter(i) for i in range(len(balance.point))]
 
