@@ -27,7 +27,7 @@ from capture_cli.protocol.forward_round import RIVALS, ForwardRound, Scores, by_
 from capture_cli.protocol.model_comparison import TIED, WORSE, FittedSet, ModelComparison
 from capture_cli.protocol.model_fits import ModelFits
 from capture_cli.protocol.part_fit import PartFit
-from capture_cli.protocol.plausibility import implausible
+from capture_cli.protocol.plausibility import MATERIAL, implausible
 
 MOST_EFFECTS = 6
 # Of what the declared model leaves above the noise floor: one that takes less is minor. A model that is wrong in a way
@@ -214,20 +214,23 @@ class Attribution:
     def _next(self, current: Fit) -> Fit | None:
         """The model with what is accepted next; None where nothing is: what the force balance puts first, or what
         simulations alone tell of where that is better, and, before it is said that nothing explains the log, what the
-        balance puts behind. Simulations are not asked of what the balance explains.
+        balance puts behind. Simulations are not asked where the balance leaves too little for another to matter.
         """
         balance = None if self.exhausted else self._balance_round(current)
         if balance is None:
             choice = self._by_simulation(current)
         else:
             choice = self._of_balance(balance)
-            if choice is None or not self.models.is_explained(choice[0].fit):
+            if choice is None or self._leaves_much(choice[0].fit, current):
                 choice = self._better(choice, self._by_simulation(current))
             if choice is None and not (self.accepted or self.given):
                 balance.ask_others()
                 choice = self._of_balance(balance)
             self.exhausted = balance.exhausted
         return None if choice is None else self._with(*choice, current)
+
+    def _leaves_much(self, fit: Fit, current: Fit) -> bool:
+        return not self.models.is_explained(fit) and fit.excess > MATERIAL * current.excess
 
     def _better(self, one: Choice | None, other: Choice | None) -> Choice | None:
         if one is None or other is None:
