@@ -53,7 +53,7 @@ demo: install
 test: dev
 	CAPTURE_ALL_EXTRAS=1 $(BIN)/python -m pytest -q -n 2 --dist loadscope
 
-# half a minute, to be run first: every command once on tiny inputs, and what all plug-ins promise
+# a minute, to be run first: every command once on tiny inputs, and what all plug-ins promise
 smoke: dev
 	CAPTURE_ALL_EXTRAS=1 $(BIN)/python -m pytest -q -n 2 -m smoke $(SMOKE)
 
