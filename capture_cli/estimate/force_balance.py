@@ -210,14 +210,17 @@ class ForceBalance:
         """Change of the balance where fields of the model are written; not a number where other bodies would touch, or
         where these say how bodies hit, of which nothing is left in the balance.
         """
-        fields = ModelFields(self.model, 1)
-        write(fields)
         written = self._worked_out(write=write)
         change = written.forces - self.null
-        hits = self.smoothed.hits and any(name in _OF_IMPACTS for name in fields.values)
+        hits = self.smoothed.hits and self._writes_impacts(write)
         if not hits and np.array_equal(written.contacts, self._null.contacts):
             return change
         return Accelerations(change.measured, np.full_like(change.predicted, np.nan))
+
+    def _writes_impacts(self, write: Callable) -> bool:
+        fields = ModelFields(self.model, 1)
+        write(fields)
+        return any(name in _OF_IMPACTS for name in fields.values)
 
     def _numbers(self, late: np.ndarray) -> np.ndarray:
         """Outputs with slope and curvature, (point, 3, output), each `late` s after (..., output)."""
@@ -465,7 +468,9 @@ class ForceBalance:
         applied = applied - model.dof_frictionloss * self._sign(state[1])
         felt = self._holding(_felt(model, inertia))
         free = np.linalg.solve(felt, np.where(self.at_rest, state[2], applied)[..., None])[..., 0]
-        pushed = np.linalg.solve(felt, np.where(self.at_rest, 0.0, push)[..., None])[..., 0]
+        pushed = np.zeros_like(free)
+        if self.unshown.size:
+            pushed = np.linalg.solve(felt, np.where(self.at_rest, 0.0, push)[..., None])[..., 0]
         forces = Accelerations(state[2], self._resting(free, pushed))
         return _WorkedOut(forces, applied, free, pushed, contacts.copy())
 

@@ -91,7 +91,7 @@ class SmoothedLog:
         within = within & ~hits
         smoothed = cls._smoothed(log, task, within, sources)
         rest = smoothed._rest(outputs)
-        if not rest.rests.all():
+        if not rest.rests[within].all():
             smoothed = cls._smoothed(log, task, within & rest.rests, sources)
         left = sum(p.stop - p.start for p in smoothed.parts) / (within.sum() + hits.sum())
         if hits.any() and left < SETTINGS.least_left:

@@ -16,10 +16,9 @@ from capture_cli.protocol.candidates import Candidate
 from capture_cli.protocol.fit import Fit
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.select.input_timing import InputTiming, input_timings
+from capture_cli.select.screening import SETTINGS as SCREENING
 from capture_cli.select.screening import Screening, declared_balance, parameters_sd
 from capture_cli.tasks.base import Task
-
-DETERMINED = 0.1  # of a parameter's range: a standard deviation, below which the balance determines it
 
 
 def screening_of(
@@ -91,7 +90,7 @@ def balanced_point(
         except LogError:  # too short
             return None
     doubt = parameters_sd(balance, whitening)
-    return balance.point if doubt.max(initial=0.0) < DETERMINED else None
+    return balance.point if doubt.max(initial=0.0) < SCREENING.determined else None
 
 
 def with_timings(task: Task, timings: Sequence[InputTiming]) -> Task:

@@ -181,8 +181,7 @@ class _Protocol:
         """Of `start` (parameter,) and what fills the force balance best the one that is nearer to the log."""
         if self.balanced is None or not len(start):
             return start
-        points = np.stack([self.balanced, start])
-        return points[np.argmin(self.fits.errors(self.parts.windows(FIT), points))]
+        return self.fits.nearest(self.parts.windows(FIT), np.stack([self.balanced, start]))
 
     def run(self, declared: Fit, *, last_time: bool = True) -> Explanation:
         """Attribute what `declared` leaves. last_time: if what was fitted is not explained then, look for an expression

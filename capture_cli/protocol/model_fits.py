@@ -225,6 +225,10 @@ class ModelFits:
         square = np.square(evidence.residual(outputs)).sum(axis=(1, 2)) / evidence.count
         return np.where(diverged.any(axis=1) | ~np.isfinite(square), np.inf, np.sqrt(square))
 
+    def nearest(self, part: PreparedLog, points: np.ndarray) -> np.ndarray:
+        """Of points (candidate, parameter) of the task the one with the smallest error."""
+        return points[np.argmin(self.errors(part, points))]
+
     def objectives(self, part: PreparedLog, fit: Fit, on: PartFit, points: np.ndarray) -> np.ndarray:
         """The objective (point,) of the fit's model at points (point, parameter); inf where one diverged.
 

@@ -32,6 +32,7 @@ class ScreeningSettings:
     step, of a range; shortest: at which it is given up. difference: of a range, in differences of effects. at_once:
     atoms whose sums are in memory. at_end: of a range, within which a parameter is at its end. alike: cosine of
     responses beyond which effects do not differ. ran_away: of rows, beyond which what others add is lost in rounding.
+    determined: of a declared parameter's range, a standard deviation below which the balance determines it.
     """
 
     blocks: int = 12
@@ -46,6 +47,7 @@ class ScreeningSettings:
     at_end: float = 1e-6
     alike: float = 0.98
     ran_away: float = 1e15
+    determined: float = 0.1
 
 
 SETTINGS = ScreeningSettings()

@@ -222,8 +222,7 @@ class _Search:
         balanced = balanced_point(fits.prepared, np.flatnonzero(fitted), start, self.threads)
         if balanced is None or not len(start):
             return start, self.starts
-        points = np.stack([balanced, start])
-        return points[np.argmin(fits.errors(fits.prepared.part(fitted), points))], 1
+        return fits.nearest(fits.prepared.part(fitted), np.stack([balanced, start])), 1
 
 
 def _step(number: int) -> str:
