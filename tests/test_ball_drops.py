@@ -51,5 +51,6 @@ def test_the_drag_of_a_tennis_ball_is_linear_or_quadratic(found, monkeypatch):
     assert names & QUADRATIC
 
 
-def test_nothing_is_found_where_two_drops_show_nothing(found):
-    assert found("bowling_ball") == []
+@pytest.mark.parametrize("ball", ["bowling_ball", "baseball"])
+def test_nothing_is_found_where_two_drops_show_nothing(found, ball):
+    assert found(ball) == []
