@@ -7,7 +7,6 @@ import importlib
 import inspect
 import json
 import pkgutil
-import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -19,7 +18,6 @@ from typing import get_args, get_origin, get_type_hints
 from typer.models import ArgumentInfo, OptionInfo
 
 ROOT = Path(__file__).resolve().parents[1]
-NOT_LISTED = {"runs"}  # is one line of the tree
 NOT_KEPT = (
     ".git",
     ".venv*",
@@ -33,56 +31,20 @@ NOT_KEPT = (
 
 BAR = "\\|"  # in a table
 PAIRS = 10_000  # what `python -m benchmarks` takes where no --pairs is given
-# Captions of what has no docstring, and is no machine; a folder named here is one line of the tree.
+# Captions for the tree of README.md, of what has no docstring.
 CAPTIONS = {
-    ".ci/run": "what continuous integration runs: the core alone, lint, tests and the pipeline of docs/",
-    ".gitignore": "what is not kept",
     "CHANGELOG.md": "what changed, by version",
     "LICENSE": "MIT",
-    "Makefile": "make demo, smoke, test, test-core, pipeline, install, lint, bench, docs: each sets up what it needs",
+    "Makefile": "every task of a developer; each sets up what it needs",
     "README.md": "this page",
     "SECURITY.md": "what a file from a stranger can and cannot do, how that is tested, how to report",
-    "constraints/all.txt": "with robosuite, which pins numpy below 2",
-    "constraints/core.txt": "without: numpy 2",
-    "constraints/packages.txt": "every other package",
     "pyproject.toml": "the package, its dependencies, the settings of pytest and ruff",
-    "capture_cli/effects/_example_machine.xml": "the machine whose ranges docs/effects.md shows",
-    "capture_cli/tasks/air_hockey.xml": "its table, puck and mallet as an MJCF",
-    "capture_cli/reports/page.css": "how report.html looks",
-    "capture_cli/reports/page.js": "what report.html does: zoom, legends, theme",
-    "capture_cli/tasks/scooping.xml": "the model of object scooping",
-    "capture_cli/worlds/scooping_scene.xml": "what the scene of object scooping has beyond that model",
-    "datasets/README.md": "how the logs shipped here were made",
-    "datasets/air_hockey.truth.json": "what that log was made with",
-    "datasets/air_hockey.zarr": "ten strokes on a table that leans, which the task air-hockey knows nothing of",
-    "tests/installed_wheel.sh": "what is committed, as a wheel in an empty environment without extras",
-    "docs/benchmarks.md": "figures measured, each with its command",
-    "docs/commands.md": "every command and option",
-    "docs/concepts.md": "windows, starts, noise floor, intervals, verdicts, and their limits",
-    "docs/diagnosis.md": "how a missing effect is found, what it found on real machines, and its limits",
-    "docs/method.md": "how effects are scored in the force balance of a log, with formulas",
-    "docs/effects.md": "every effect, where it sits and its parameters",
-    "docs/findings.md": "what was found out on the way, with dates; failures too",
-    "docs/images": "the pictures of these pages",
-    "docs/online.md": "the loop with a machine: propose, run, append, take up",
-    "docs/online_loop.sh": "that loop as a script, with a simulated machine",
-    "docs/pipeline.sh": "every stage once, by shell, in minutes",
-    "docs/in-context.md": "identifiers that learn from histories: rounds, the transformer, its uncertainty, training",
-    "docs/schemas.md": "every file format, array by array and key by key",
-    "docs/task-file.md": "every key of a task.toml, and everything a parameter can set",
-    "docs/worlds.md": "robosuite scenes that stand in for a real machine",
-    "docs/tree.md": "every file, with a caption",
-    "docs/tutorial.md": "your own machine, from a CSV to an identified MJCF",
-}
-# Captions of folders that are no package, in the short tree of README.md.
-FOLDERS = {
-    "benchmarks/machines": "the machines of the planted-effect benchmark, each an MJCF with its task.toml",
     "constraints": "the exact versions that are installed",
     "datasets": "two logs with an effect that their models lack, and how they were made",
     "docs": "these pages, and what writes those that come from the code (generate.py)",
     "docs/examples": "task files of machines that were measured by others",
     "runs": "what is shipped ready-made, with provenance: policies, identifiers, results of the benchmarks",
-    "tests": "one file for each thing that is tested; `make test` runs them all",
+    "tests": "one file for each thing that is tested",
 }
 
 
@@ -597,7 +559,7 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str]]] = {
 }
 
 
-# --- the table of task-file.md, and the trees of README.md and tree.md ---
+# --- the table of task-file.md, and the tree of README.md ---
 
 
 def targets() -> str:
@@ -613,57 +575,43 @@ def targets() -> str:
     return "\n".join(lines)
 
 
-def tree() -> str:
-    """The page of every file of the project, with its caption."""
-    lines = []
-    shown: set[Path] = set()
-    for path, caption in _captioned():
-        for folder in reversed(path.parents[:-1]):
-            if folder not in shown:
-                shown.add(folder)
-                lines.append(f"{'  ' * (len(folder.parts) - 1)}{folder.name}/")
-        lines.append(_line(path, caption))
-    return "\n".join([_TREE.strip(), "", "```", *lines, "```", ""])
-
-
-_TREE = """
-# What is where
-
-Every file with the first line of its docstring (written by `make docs`).
-[README.md](../README.md#what-is-where) has the folders alone.
-"""
-
-
 def folders() -> str:
-    """The files beside README.md, and the folders, with their captions."""
-    files = {path: caption for path, caption in _captioned() if len(path.parts) == 1}
-    within = {folder for path, _ in _captioned() for folder in path.parents[:-1] if len(folder.parts) < 3}
-    packages = {path: _folder_caption(path) for path in {*within, Path("runs")} - {Path(".ci")}}
-    shown = sorted((files | packages).items(), key=lambda item: _place(item[0]))
-    return "\n".join(["```", *(_line(path, caption) for path, caption in shown), "```"])
+    """The files beside README.md and the folders, each with a caption."""
+    files, within = set(), set()
+    for path in kept_files(ROOT):
+        if len(path.parts) == 1:
+            files.add(path)
+        else:
+            within |= {Path(path.parts[0]), Path(*path.parts[:-1][:2])}
+    lines = [(path, _caption(path)) for path in [*sorted(files), *sorted(within)] if _is_listed(path)]
+    return "\n".join(["```", *(_line(path, caption) for path, caption in lines), "```"])
 
 
-def _folder_caption(folder: Path) -> str:
-    if folder.as_posix() in FOLDERS:
-        return FOLDERS[folder.as_posix()]
-    return _caption(folder / "__init__.py")
+def _is_listed(path: Path) -> bool:
+    """Of folders in folders, those of the package and those with a caption in CAPTIONS."""
+    if path.name.startswith("."):
+        return False
+    is_package = path.parts[0] == "capture_cli" and (ROOT / path / "__init__.py").is_file()
+    return len(path.parts) == 1 or is_package or path.as_posix() in CAPTIONS
 
 
 def _line(path: Path, caption: str) -> str:
     indent = "  " * (len(path.parts) - 1)
     name = path.name + ("/" if (ROOT / path).is_dir() else "")
-    return f"{indent}{name:<{max(1, 34 - len(indent))}}  {caption}"
+    return f"{indent}{name:<{18 - len(indent)}} {caption}"
 
 
-def _captioned() -> list[tuple[Path, str]]:
-    """(path, caption) of every line of the tree, folders before files."""
-    found: dict[Path, str] = {}
-    for path in kept_files(ROOT):
-        if NOT_LISTED & set(path.parts):
-            continue
-        folded = next((p for p in [*reversed(path.parents), path] if _is_one_line(p)), path)
-        found[folded] = _caption(folded)
-    return sorted(found.items(), key=lambda item: _place(item[0]))
+def _caption(path: Path) -> str:
+    """The first sentence of what `path` is for."""
+    if path.as_posix() in CAPTIONS:
+        return CAPTIONS[path.as_posix()]
+    module = ROOT / path / "__init__.py"
+    text = ast.get_docstring(ast.parse(module.read_text(encoding="utf-8"))) if module.is_file() else None
+    if not text:
+        raise ValueError(
+            f"{path} has no caption: give it a docstring, or a line in CAPTIONS of docs/generate.py"
+        )
+    return text.splitlines()[0].split(". ")[0].rstrip(".")
 
 
 def kept_files(folder: Path) -> list[Path]:
@@ -684,40 +632,6 @@ def kept_files(folder: Path) -> list[Path]:
     return [
         path for path in found if not any(fnmatch(part, kept) for part in path.parts for kept in NOT_KEPT)
     ]
-
-
-def _place(path: Path) -> list[tuple[bool, str]]:
-    """Sorts files before folders, and each by name."""
-    parts = [(True, part) for part in path.parts]
-    return [*parts[:-1], ((ROOT / path).is_dir(), path.name)]
-
-
-def _is_one_line(path: Path) -> bool:
-    """Whether a folder is shown as a whole: it has a caption, or it is a machine (a model and a task)."""
-    return path.as_posix() in CAPTIONS or (ROOT / path / "task.toml").is_file()
-
-
-def _caption(path: Path) -> str:
-    if path.as_posix() in CAPTIONS:
-        return CAPTIONS[path.as_posix()]
-    caption = None
-    if path.suffix == ".md":
-        caption = (ROOT / path).read_text(encoding="utf-8").removeprefix("# ")
-    elif path.suffix == ".py":
-        caption = ast.get_docstring(ast.parse((ROOT / path).read_text(encoding="utf-8")))
-    elif path.suffix == ".html":  # a template: the first sentence of its comment
-        comment = re.search(r"{#(.*?)#}", (ROOT / path).read_text(encoding="utf-8"), re.DOTALL)
-        caption = comment and " ".join(comment.group(1).split()).split(". ")[0]
-    elif (ROOT / path / "model.xml").is_file():
-        comment = re.search(
-            r"<!--(.*?)-->", (ROOT / path / "model.xml").read_text(encoding="utf-8"), re.DOTALL
-        )
-        caption = comment and " ".join(comment.group(1).split()).split(". ")[0]
-    if not caption:
-        raise ValueError(
-            f"{path} has no caption: give it a docstring, or a line in CAPTIONS of docs/generate.py"
-        )
-    return caption.splitlines()[0].rstrip(".")
 
 
 # --- figures measured ---
@@ -880,7 +794,6 @@ PAGES: dict[str, Callable[[], str]] = {
     "docs/commands.md": commands,
     "docs/schemas.md": schemas,
     "docs/effects.md": _effects,
-    "docs/tree.md": tree,
 }
 PARTS: dict[str, dict[str, Callable[[], str]]] = {
     "docs/task-file.md": {"targets": targets},
