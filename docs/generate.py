@@ -42,6 +42,7 @@ CAPTIONS = {
     "constraints": "the exact versions that are installed",
     "datasets": "two logs with an effect that their models lack, and how they were made",
     "docs": "these pages, and what writes those that come from the code (generate.py)",
+    "docs/dev": "for developers: findings",
     "docs/examples": "task files of machines that were measured by others",
     "runs": "what is shipped ready-made, with provenance: policies, identifiers, results of the benchmarks",
     "tests": "one file for each thing that is tested",

@@ -140,7 +140,7 @@ def test_identify_recovers_the_planted_parameters(recorded, tmp_path, without_pa
         span = space.span[space.names.index(name)]
         assert abs(value - made.truth["parameters"][name]) < 0.06 * span, (
             name
-        )  # hits are rough: docs/findings.md
+        )  # hits are rough: docs/dev/findings.md
     assert found.document["error"]["fit"]["normalized"] < 1.1
 
 

@@ -116,7 +116,7 @@ def inputs_at(
 
     Of one that changes inside a step it is the mean over the step; of an interpolated one what it is at the step's
     beginning, not in its middle: a step kicks velocities and then moves positions with the new ones, which is leapfrog
-    with kicks at `times`, and positions are right to the second order (docs/findings.md).
+    with kicks at `times`, and positions are right to the second order (docs/dev/findings.md).
 
     sums_from: the sample that the sums begin at from which means are worked out; None for the first that is needed. Its
     choice shows in the last digit: part of a tape is as it is in the whole only where both have the same.
