@@ -9,11 +9,12 @@ import json
 import pkgutil
 import subprocess
 import sys
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Mapping
 from datetime import datetime
 from fnmatch import fnmatch
 from pathlib import Path
-from typing import get_args, get_origin, get_type_hints
+from typing import NamedTuple, get_args, get_origin, get_type_hints
 
 from typer.models import ArgumentInfo, OptionInfo
 
@@ -30,6 +31,8 @@ NOT_KEPT = (
 )
 
 BAR = "\\|"  # in a table
+COMMON = 5  # commands: an option that so many have is described once
+_OPTIONS = ("| option | what it is | default |", "|---|---|---|")
 PAIRS = 10_000  # what `python -m benchmarks` takes where no --pairs is given
 # Captions for the tree of README.md, of what has no docstring.
 CAPTIONS = {
@@ -73,26 +76,34 @@ def with_parts(page: str, parts: dict[str, Callable[[], str]]) -> str:
 
 
 def commands() -> str:
-    """Every command with its options, from the signatures in capture_cli/commands."""
+    """Every command with its options, from the signatures in capture_cli/commands; those of many commands once."""
     from capture_cli.app import app
 
-    lines = [_COMMANDS.strip(), ""]
-    for command in app.registered_commands:
-        lines += _command(command.name, command.callback)
+    callbacks = {command.name: command.callback for command in app.registered_commands}
+    options = {name: _options(callback) for name, callback in callbacks.items()}
+    often = Counter(row for rows in options.values() for row in rows)
+    common = [row for row, count in often.items() if count >= COMMON]
+    lines = [_COMMANDS.strip(), "", *_OPTIONS, *common, ""]
+    for name, callback in callbacks.items():
+        lines += _command(name, callback, options[name], common)
     return "\n".join(lines)
 
 
-def _command(name: str, callback: Callable) -> list[str]:
+def _command(name: str, callback: Callable, options: list[str], common: list[str]) -> list[str]:
     summary, _, example = inspect.getdoc(callback).partition("Example:")
     lines = [f"## capture {name}", "", " ".join(summary.split()), ""]
     if example:
         lines += ["```sh", " ".join(example.split()), "```", ""]
-    lines += ["| option | what it is | default |", "|---|---|---|"]
+    lines += [*_OPTIONS, *(row for row in options if row not in common)]
+    shared = ", ".join(row.split(" | ")[0].removeprefix("| ") for row in options if row in common)
+    return [*lines, "", f"Common options: {shared}.", ""]
+
+
+def _options(callback: Callable) -> list[str]:
+    """A row for each option of a command."""
     kinds = get_type_hints(callback, include_extras=True)
-    for parameter in inspect.signature(callback).parameters.values():
-        kind, option = get_args(kinds[parameter.name])
-        lines.append(_option(kind, option, parameter))
-    return [*lines, ""]
+    parameters = inspect.signature(callback).parameters.values()
+    return [_option(*get_args(kinds[parameter.name]), parameter) for parameter in parameters]
 
 
 def _option(kind, option, parameter: inspect.Parameter) -> str:
@@ -138,10 +149,10 @@ def schemas() -> str:
         module = importlib.import_module(f"capture_cli.stores.{info.name}")
         for schema in (v for v in vars(module).values() if isinstance(v, Schema)):
             lines += [schema.markdown(), "", f"Of another version: {schema.cure_for_other_version}.", ""]
-    lines += ["## JSON documents", ""]
-    for name, (text, keys) in DOCUMENTS.items():
+    lines += ["## JSON documents", "", _JSON.strip(), ""]
+    for name, (text, keys) in {**DOCUMENTS, **PARTS_OF_DOCUMENTS}.items():
         lines += [f"### {name}", "", text, "", "| key | meaning |", "|---|---|"]
-        lines += [f"| `{key}` | {meaning} |" for key, meaning in keys.items()]
+        lines += [f"| {_alternatives(key)} | {_meaning(meaning)} |" for key, meaning in keys.items()]
         lines.append("")
     return "\n".join([*lines, *_limits()])
 
@@ -172,6 +183,30 @@ def _limits() -> list[str]:
     }
     lines = [_LIMITS.strip(), "", "| of | what is read |", "|---|---|"]
     return [*lines, *(f"| {of} | {what} |" for of, what in rows.items()), ""]
+
+
+def _alternatives(key: str) -> str:
+    return ", ".join(f"`{k}`" for k in key.split(", "))
+
+
+def _meaning(meaning: str | Part) -> str:
+    if isinstance(meaning, str):
+        return meaning
+    return f"[{meaning.name}](#{meaning.name})" + (f": {meaning.note}" if meaning.note else "")
+
+
+def documented(name: str) -> set[str]:
+    """Every key of a document of DOCUMENTS, those of its parts too."""
+    return _spelled_out(DOCUMENTS[name][1])
+
+
+def _spelled_out(keys: Mapping[str, str | Part]) -> set[str]:
+    found = set()
+    for several, meaning in keys.items():
+        for key in several.split(", "):
+            inside = _spelled_out(PARTS_OF_DOCUMENTS[meaning.name][1]) if isinstance(meaning, Part) else ()
+            found |= {f"{key}.{k}" for k in inside} or {key}
+    return found
 
 
 def keys_of(document: object, names: dict[str, str], path: str = "") -> set[str]:
@@ -236,208 +271,199 @@ NAMES = {  # tables whose keys are names that the user chose
     },
 }
 
-_ERROR = {
-    "rmse.OUTPUT": "root mean square of measured minus simulated, in the output's unit; null: it has no sample there",
-    "mae.OUTPUT": "mean of its absolute value, in the output's unit; null likewise",
-    "normalized": "RMSE over the noise floor, root mean square over all samples (1: only noise is left)",
+
+class Part(NamedTuple):
+    """A part that several documents have, by its name in PARTS_OF_DOCUMENTS. note: which one it is here."""
+
+    name: str
+    note: str = ""
+
+
+_FLOORS = (
+    "declared, repeats, differences, residual, outliers or resolution ([concepts](concepts.md#noise-floor))"
+)
+_LOG = {
+    "log.path, log.sha256": "the log, as it was named, and the hash of its files",
 }
-_UNDETERMINED = (
-    "list of what the log leaves open of the parameters, whatever the verdict: {combination (by how much each "
-    "changes, of its range, over the first's), sd_over_range, known (nothing, of one parameter; ratios, product or "
+_NOISE_FLOOR = {
+    "noise_floor.OUTPUT": "standard deviation of the output's noise",
+    "noise_floor_source.OUTPUT": _FLOORS,
+}
+_ROLLOUTS = {
+    "rollouts.measured, rollouts.simulated": "episodes of the log, and windows simulated in all",
+}
+_NOTES = {
+    "undetermined": "list of what the log leaves open, whatever the verdict: {combination (change of each parameter "
+    "in its range, over the first's), sd_over_range, known (nothing, of one parameter; ratios, product or "
     "combination, of several), scaled (names of those that are known but for a factor), factor (null, or [from, to] "
-    "what these can be scaled by together; of a product the second by the inverse), ends (null, or of each parameter "
-    "two values: all that come first are as good as all that come second), text}"
-)
-_PREDICTION = {
-    "runs": "how many simulations, from as many initial states",
-    "longest": "s, that the longest of them takes",
-    "models.MODEL.rmse.OUTPUT": "root mean square of measured minus simulated, in the output's unit; null: it has no "
-    "sample there, or a run diverged; MODEL: nominal (as declared), identified, or diagnosed (with the effects)",
-    "models.MODEL.over_floor.OUTPUT": "that over the output's noise floor; null likewise",
-    "models.MODEL.normalized": "RMSE over the noise floor, root mean square over all samples; null: a run diverged",
-    "models.MODEL.diverged": "how many runs diverged",
+    "of it; of a product the second by its inverse), ends (null, or two values of each parameter: all first ones are "
+    "as good as all second ones), text}",
+    "held_out": "null, or {parameters, error, text} of a fit to the whole log, where held-out data shows what the "
+    "fit leaves open",
+    "beyond_fitted": "null, or how held-out data differs where the model fails there: {output, unit, fitted [low, "
+    "high], reached, share (of the squared error, that of windows beyond the fitted range), text}",
+    "impossible_inertia": "bodies whose estimated inertia no body has: {body, moments (kg m^2), text}",
+    "time_step": "null, or the model's time step in the estimate: {finer (s), parameters (about where they would be "
+    "at such steps), text}",
+    "time_stamps": "null, or by how much stamps seem off at random: {outputs (of each sd (s) and share (of its "
+    "noise's variance)), explained (share of what is beyond chance; 1: all; null: nothing is beyond), text}",
+    "input_timing": "null, or how inputs act between rows where the task does not say: {inputs (of each interpolate, "
+    "hold or linear; gain in predictive log likelihood; error, its standard error), text}",
 }
-_PREDICTIONS = {
-    **{
-        f"prediction.{part}.{key}": f"{meaning}; {which}"
-        for part, which in (("fit", "what was fitted"), ("test", "what was held out (null: nothing was)"))
-        for key, meaning in (
-            (
-                "horizons[].horizon",
-                "s, for how long each run predicts; null: each whole episode, or what is of that part",
-            ),
-            *((f"horizons[].{k}", v) for k, v in _PREDICTION.items()),
-            ("left_out", "list of sentences: which horizons are left out, and why"),
-            *(
-                (f"recordings.RECORDING.{k}", f"{v}; whole episodes of one recording")
-                for k, v in _PREDICTION.items()
-            ),
-        )
-    },
+_DOCUMENT = {"version, task": "1, and the name of the task"}
+PARTS_OF_DOCUMENTS: dict[str, tuple[str, dict[str, str | Part]]] = {
+    "parameter": (
+        "An estimate of one parameter.",
+        {
+            "value": "the estimate, in `unit`",
+            "unit": "its unit",
+            "low, high": "bounds",
+            "sd": "standard deviation of the estimate",
+            "ci95[]": "95 % interval, cut to the bounds",
+            "at_bound": "whether the estimate is within 1e-4 of the range, and within 3 `sd`, of a bound",
+            "identifiable": "whether the log determines it",
+            "limits": "null, or what the log excludes although it does not determine it: {at_least, at_most}, null "
+            "on an open side",
+        },
+    ),
+    "error": (
+        "Measured minus simulated, over windows.",
+        {
+            "rmse.OUTPUT": "root mean square, in the output's unit; null: it has no sample there",
+            "mae.OUTPUT": "mean of the absolute value, likewise",
+            "normalized": "RMSE over the noise floor, root mean square over all samples (1: only noise is left)",
+        },
+    ),
+    "lack": (
+        "Whether an error is beyond chance.",
+        {
+            "normalized": "error of the fit over the noise floor, degrees of freedom allowed for",
+            "threshold": "what chance allows",
+            "autocorrelation_time": "of the residual, in samples",
+            "outputs.OUTPUT, output_thresholds.OUTPUT": "the same of one output, and what chance allows",
+            "lacking": "whether all outputs together or one of them are beyond",
+        },
+    ),
+    "horizons": (
+        "Open-loop error of one part of the log.",
+        {
+            "horizons[].horizon": "s that each run predicts; null: whole episodes",
+            "horizons[]": Part("runs"),
+            "left_out": "list of sentences: which horizons are left out, and why",
+            "recordings.RECORDING": Part("runs", "whole episodes of one recording"),
+        },
+    ),
+    "runs": (
+        "Open-loop simulations. MODEL: nominal (as declared), identified, or diagnosed (with the effects).",
+        {
+            "runs": "how many, from as many initial states",
+            "longest": "s, that the longest takes",
+            "models.MODEL.rmse.OUTPUT": "root mean square of measured minus simulated, in the output's unit; null: "
+            "no sample, or a run diverged",
+            "models.MODEL.over_floor.OUTPUT": "that over the noise floor; null likewise",
+            "models.MODEL.normalized": "RMSE over the noise floor, root mean square over all samples; null: a run "
+            "diverged",
+            "models.MODEL.diverged": "how many runs diverged",
+        },
+    ),
 }
-_PARAMETER = {
-    "value": "the estimate, in `unit`",
-    "unit": "its unit",
-    "low": "lower bound",
-    "high": "upper bound",
-    "sd": "standard deviation of the estimate",
-    "ci95[]": "95 % interval, cut to the bounds",
-    "at_bound": "whether the estimate lies at a bound: within 1e-4 of the range of it, and within 3 `sd`",
-    "identifiable": "whether the log determines it",
-    "limits": "null, or what the log says of it although it does not determine it: {at_least, at_most}, null where it "
-    "excludes nothing on that side",
-}
-_HELD_OUT = (
-    "null, or where a fit to the whole log has the parameters, if what was held out shows what the fit leaves open: "
-    "{parameters, error, text}"
-)
-_BEYOND_FITTED = (
-    "null, or how what was held out differs, where the model does not hold there: {output, unit, fitted [low, high], "
-    "reached, share (of the squared error, that of windows that leave the fitted range), text}"
-)
-_IMPOSSIBLE = "bodies whose estimated inertia no body has: {body, moments (kg m^2), text}"
-_TIME_STEP = (
-    "null, or what the model's time step is in what was found: {finer (s), parameters (where they would be, about, in "
-    "such steps), text}"
-)
-_TIME_STAMPS = (
-    "null, or by how much stamps seem off at random: {outputs (of each sd (s) and share (of its noise's variance)), "
-    "explained (share of what is beyond chance; 1: with that nothing is; null: nothing is without), text}"
-)
-_INPUT_TIMING = (
-    "null, or how inputs act between rows where the task does not say: {inputs (of each interpolate, hold or linear; "
-    "gain of that reading in predictive log likelihood; error, its standard error), text}"
-)
-_FLOOR_SOURCE = "declared, repeats, differences, residual, outliers or resolution (docs/concepts.md)"
-_LACK = {
-    "normalized": "error of the fit over the noise floor, degrees of freedom allowed for",
-    "threshold": "what chance allows",
-    "autocorrelation_time": "of the residual, in samples",
-    "outputs.OUTPUT": "the error of one output over its noise floor, likewise",
-    "output_thresholds.OUTPUT": "what chance allows of it",
-    "lacking": "whether all outputs together or one of them are beyond",
-}
-DOCUMENTS: dict[str, tuple[str, dict[str, str]]] = {
+DOCUMENTS: dict[str, tuple[str, dict[str, str | Part]]] = {
     "estimate.json": (
         "What `capture identify` found; also what its `--json` prints.",
         {
             "format": '"capture/estimate"',
-            "version": "1",
-            "task": "name of the task",
-            "log.path": "the log, as it was named",
-            "log.sha256": "hash of its files",
+            **_DOCUMENT,
+            **_LOG,
             "log.input_peaks.INPUT": "how far from 0 each input went, in its unit: `capture propose` drives no further",
             "identifier": "who searched: least-squares, cma-es, or the learned one that proposed",
-            **{f"parameters.NAME.{k}": v for k, v in _PARAMETER.items()},
-            **{f"error.fit.{k}": f"{v}; windows that were fitted" for k, v in _ERROR.items()},
-            **{f"error.test.{k}": f"{v}; windows held out" for k, v in _ERROR.items()},
-            **_PREDICTIONS,
-            "noise_floor.OUTPUT": "standard deviation of the output's noise",
-            "noise_floor_source.OUTPUT": _FLOOR_SOURCE,
+            "parameters.NAME": Part("parameter"),
+            "error.fit": Part("error", "windows that were fitted"),
+            "error.test": Part("error", "windows held out"),
+            "prediction.fit": Part("horizons", "what was fitted"),
+            "prediction.test": Part("horizons", "what was held out; null: nothing was"),
+            **_NOISE_FLOOR,
             "verdict": "explained, unexplained or not-identifiable",
             "summary": "the verdict in one sentence",
-            "diverged_windows": "in how many windows the simulation runs away at the estimate",
-            **{f"lack_of_fit.{k}": v for k, v in _LACK.items()},
-            "undetermined": _UNDETERMINED,
-            "held_out": _HELD_OUT,
-            "beyond_fitted": _BEYOND_FITTED,
-            "impossible_inertia": _IMPOSSIBLE,
+            "diverged_windows": "in how many windows the simulation diverges at the estimate",
+            "lack_of_fit": Part("lack"),
+            **_NOTES,
             "unmeasured_joints": "list of joints whose position at the start of a window nothing says",
             "open_loops": "{equality constraint: by how much it stays open, m or rad, where joints are as measured}",
-            "time_step": _TIME_STEP,
-            "time_stamps": _TIME_STAMPS,
-            "input_timing": _INPUT_TIMING,
             "correlation[][]": "of the estimates, (parameter, parameter)",
             "recordings": "null, or how the recordings agree: {names, agree, parameters, text}",
             "split.how": "how windows were divided into fit and test, in words",
-            "split.fit_windows": "how many were fitted",
-            "split.test_windows": "how many were held out",
-            "rollouts.measured": "episodes of the log",
-            "rollouts.simulated": "windows simulated in all",
+            "split.fit_windows, split.test_windows": "how many were fitted, and held out",
+            **_ROLLOUTS,
             "rounds[].parameters.NAME": "estimate after each round over the episodes, then best point of the fit",
             "rounds[].error": "its error over the noise floor",
             "misread": "null, or channels whose sign, unit or column leaves what no physics would: {readings (any of "
-            "which would do: {kind, channels, factor, columns (to read them from; null where their own)}), "
-            "before, after (share of the motion that a fit leaves), text}",
+            "which would do: {kind, channels, factor, columns (to read them from; null: their own)}), before, after "
+            "(share of the motion that a fit leaves), text}",
             "cut_short": "null, or after how many rounds the search was stopped before it came to rest",
-            "in_context": "null, or what a learned identifier's rounds over the episodes gave: {checkpoint, sha256, "
-            "rounds, episodes, proposal, proposal_sd, share_beyond (of the training histories that lie as far out), "
-            "in_family, contradicted (by the fit), fallback (to a fit with the starts freed), text}",
-            "next_command": "the command to run next, with ESTIMATE in the place of the folder that this file lies in; "
-            "null where there is none, as where only what was held out is not explained (`diagnose` finds what is "
-            "missing in what was fitted), and where columns have to be checked first, as where a channel is `misread`",
+            "in_context": "null, or the rounds of a learned identifier: {checkpoint, sha256, rounds, episodes, "
+            "proposal, proposal_sd, share_beyond (of the training histories that lie as far out), in_family, "
+            "contradicted (by the fit), fallback (to freed initial states), text}",
+            "next_command": "the command to run next, with ESTIMATE for this folder; null: none, as where only "
+            "held-out data is not explained, or a channel is `misread`",
         },
     ),
     "diagnosis.json": (
         "What `capture diagnose` found; also what its `--json` prints.",
         {
             "format": '"capture/diagnosis"',
-            "version": "1",
-            "task": "name of the task",
-            "log.path": "the log, as it was named",
-            "log.sha256": "hash of its files",
+            **_DOCUMENT,
+            **_LOG,
             "log.first_time": "s, its first time, since which expressions count theirs",
             "verdict": "explained, effect-found, tied or unexplained",
             "summary": "the verdict in one sentence",
-            "effects[].name": "an effect that the model lacks, in the order in which they were accepted",
-            "effects[].site": 'where it sits; "" where it concerns the model as a whole',
+            "effects[].name": "an effect that the model lacks, in the order of acceptance",
+            "effects[].site": 'where it sits; "": the model as a whole',
             "effects[].summary": "what it is",
-            "effects[].law": "what its parameters do, as in effects.md",
-            **{f"effects[].parameters.NAME.{k}": v for k, v in _PARAMETER.items()},
+            "effects[].law": "what its parameters do",
+            "effects[].parameters.NAME": Part("parameter"),
             "effects[].states": "list of what it keeps that no sensor shows, as `window/start_hidden` has it",
-            "effects[].first_time": "s, by the log's clock, since which it counts its time: when a recording began",
-            "effects[].p_value": "that null fits the log as well, times the number of candidates and shapes tried",
+            "effects[].first_time": "s, by the log's clock, since which it counts its time",
+            "effects[].p_value": "that null fits the log as well, times the candidates and nonlinear values tried",
             "effects[].p_select": "that other data is not explained better; one-sided, paired; null if nothing judges",
             "effects[].tied_with": "list of EFFECT@SITE that this log cannot tell from it",
-            **{f"parameters.NAME.{k}": f"{v}; with the effects in" for k, v in _PARAMETER.items()},
+            "parameters.NAME": Part("parameter", "with the effects in"),
             "stages[].model": '"declared", then "+ EFFECT@SITE" for each effect',
-            **{f"stages[].fit.{k}": f"{v}; windows that were fitted" for k, v in _ERROR.items()},
-            **{
-                f"stages[].select.{k}": f"{v}; windows that chose, by fits that did not see them (null: none did)"
-                for k, v in _ERROR.items()
-            },
-            **{f"stages[].test.{k}": f"{v}; windows held out (null: none were)" for k, v in _ERROR.items()},
-            **{f"before.test.{k}": f"{v}; the declared model, refitted, held out" for k, v in _ERROR.items()},
-            **{f"after.test.{k}": f"{v}; with the effects, held out" for k, v in _ERROR.items()},
-            **_PREDICTIONS,
-            "noise_floor.OUTPUT": "standard deviation of the output's noise",
-            "noise_floor_source.OUTPUT": _FLOOR_SOURCE,
-            **{f"lack_of_fit.before.{k}": f"{v}; declared model" for k, v in _LACK.items()},
-            **{f"lack_of_fit.after.{k}": f"{v}; with the effects" for k, v in _LACK.items()},
-            "undetermined": _UNDETERMINED,
-            "held_out": _HELD_OUT,
-            "beyond_fitted": _BEYOND_FITTED,
-            "impossible_inertia": _IMPOSSIBLE,
-            "time_step": _TIME_STEP,
-            "time_stamps": _TIME_STAMPS,
-            "input_timing": _INPUT_TIMING,
+            "stages[].fit": Part("error", "windows that were fitted"),
+            "stages[].select": Part(
+                "error", "windows that chose, by fits that did not see them; null: none did"
+            ),
+            "stages[].test": Part("error", "windows held out; null: none were"),
+            "before.test": Part("error", "the declared model, refitted, held out"),
+            "after.test": Part("error", "with the effects, held out"),
+            "prediction.fit": Part("horizons", "what was fitted"),
+            "prediction.test": Part("horizons", "what was held out; null: nothing was"),
+            **_NOISE_FLOOR,
+            "lack_of_fit.before": Part("lack", "declared model"),
+            "lack_of_fit.after": Part("lack", "with the effects"),
+            ", ".join(_NOTES): "as in estimate.json",
             "out_of_time": "null, or that --time-limit ended the search, in words",
-            "absorbed.NAME.before": "a declared parameter without the effects, for which it had been standing in",
-            "absorbed.NAME.after": "with them",
+            "absorbed.NAME.before, absorbed.NAME.after": "a declared parameter without and with the effects, for "
+            "which it had been standing in",
             "absorbed.NAME.unit": "its unit",
             "absorbed.NAME.shift_in_sd": "the difference over the standard deviation of `after`",
-            "candidates[].effect": "an effect that was tried, accepted ones first, then by score",
-            "candidates[].site": "where",
-            "candidates[].score": "expected decrease of the objective over the variance left; null where not scored",
+            "candidates[].effect, candidates[].site": "an effect that was tried, and where; accepted ones first, "
+            "then by score",
+            "candidates[].score": "expected decrease of the objective over the variance left; null: not scored",
             "candidates[].refit_select_error": "fitted jointly: error over the noise floor where judged, or null",
             "candidates[].why_rejected": "null where it was accepted or nothing was tried",
             "localisation[].output": "the output whose residual acceleration is meant",
-            "localisation[].against": "what it is drawn against",
-            "localisation[].unit": "the unit of that",
+            "localisation[].against, localisation[].unit": "what it is drawn against, and the unit of that",
             "localisation[].share": "of the variance of the residual acceleration that it accounts for, declared model",
             "split.how": "how windows were divided, in words",
-            "split.fit_windows": "how many were fitted",
-            "split.select_windows": "how many chose among effects (0: cross-validation on those fitted)",
-            "split.test_windows": "how many were held out",
-            "rollouts.measured": "episodes of the log",
-            "rollouts.simulated": "windows simulated in all",
-            "next_experiment": "null, or what would separate a tie: {band_hz, peaks, duration_s, seed, "
-            "separation, is_near, predicted, text, beyond_log}; seed: of the phases, as `capture propose` drives them; "
-            "is_near, predicted: whether and how all stays near what the log shows, as in [online.md](online.md); "
-            "beyond_log: null, or likewise what separates most of all, wherever it takes the machine",
-            "expression": "null, or, where effects left something of what was fitted, the formula of the force that is "
-            "missing: {text, terms: [{site, coefficient, sd, unit}], values, select, test}; values: {NAME: value} of "
-            "every parameter of the model with it, effects' and terms' by NAME@SITE.PARAMETER",
+            "split.fit_windows, split.select_windows, split.test_windows": "how many were fitted, chose among "
+            "effects (0: cross-validation on those fitted), and were held out",
+            **_ROLLOUTS,
+            "next_experiment": "null, or what would separate a tie: {band_hz, peaks, duration_s, seed (of the "
+            "phases), separation, is_near, predicted (as in [online](online.md)), text, beyond_log (null, or "
+            "likewise what separates most, wherever it takes the machine)}",
+            "expression": "null, or the formula of a force that effects leave: {text, terms: [{site, coefficient, "
+            "sd, unit}], values ({NAME: value} of every parameter with it, of effects and terms by "
+            "NAME@SITE.PARAMETER), select, test}",
         },
     ),
     "identifier.json": (
@@ -455,8 +481,7 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str]]] = {
             "result.steps": "steps made",
             "result.best_step": "whose weights these are",
             "result.validation_loss": "loss there, on pairs held out",
-            "result.pairs.trained": "histories trained on",
-            "result.pairs.held_out": "histories held out",
+            "result.pairs.trained, result.pairs.held_out": "histories trained on, and held out",
             "result.mean_absolute_error.NAME": "of the answer, over the range, on pairs that chose nothing",
             "result.error_by_round[]": "likewise, after so many rounds of a window",
             "result.coverage.NAME": "share of the truths that the 95 % intervals cover",
@@ -470,17 +495,13 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str]]] = {
             "version": "1",
             "policy": "what was trained: sac",
             "task": "name of the task",
-            "parameters[]": "names of the parameters that the policy knows",
-            "actions[]": "names of the components of its actions",
-            "bounds.parameters[][]": "low and high of each parameter",
-            "bounds.actions[][]": "and of each component of an action",
+            "parameters[], actions[]": "names of the parameters that the policy knows, and of its actions' components",
+            "bounds.parameters[][], bounds.actions[][]": "low and high of each parameter, and component of an action",
             "settings.layers": "layers of the network",
             "training.NAME": "how it was trained: episodes (steps), how many at once (envs), entropy, seed",
             "result.episodes": "how many parameter sets it was judged on, all unseen",
-            "result.reward": "its mean reward there",
-            "result.success": "share of them in which it succeeded",
-            "result.random.reward": "the same of the random policy",
-            "result.random.success": "and its successes",
+            "result.reward, result.random.reward": "mean reward there, and that of the random policy",
+            "result.success, result.random.success": "share of them in which it succeeded, and the random policy",
         },
     ),
     "evaluation.json": (
@@ -488,8 +509,7 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str]]] = {
         "With `--suite` there is one of these in a folder for each comparison, and suite.json holds them all.",
         {
             "format": '"capture/evaluation"',
-            "version": "1",
-            "task": "name of the task",
+            **_DOCUMENT,
             "noise": "kind of noise in what identifiers were told was measured",
             "policy": "who chose the actions",
             "pairs": "pairs of a source and a hidden target, in each seed",
@@ -530,8 +550,7 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str]]] = {
         "What `capture record` made a log with, in a file of its own beside the log.",
         {
             "format": '"capture/truth"',
-            "version": "1",
-            "task": "name of the task",
+            **_DOCUMENT,
             "world": "what stood in for the machine: plant or robosuite",
             "parameters.NAME": "the parameters",
             "effects.EFFECT@SITE.PARAMETER": "the effects",
@@ -546,8 +565,7 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str]]] = {
             "version": "1",
             "command": "the command",
             "options.OPTION": "its options, as resolved",
-            "inputs.INPUT.path": "each file it read",
-            "inputs.INPUT.sha256": "and its hash",
+            "inputs.INPUT.path, inputs.INPUT.sha256": "each file it read, and its hash",
             "capture": "version of capture",
             "code": "sha256 of its sources: two checkouts of one version may differ",
             "python": "version of Python",
@@ -746,22 +764,24 @@ _COMMANDS = """
 
 This page is made from the command line itself (`make docs`).
 
-stdout carries results only: tables, or with `--json` exactly one JSON document. Progress and messages go to stderr.
-Progress is a bar on a terminal; elsewhere a line comes after a second, and another every ten: what is
-being done, of how much, and the time left where it follows from what is done. `--quiet` leaves it out.
-Every option can also stand in a TOML file given by `--config`, by its name (`starts = 5`): at its top for any command,
-in a table named after a command (`[identify]`) for that one, which goes before. An output appears whole or not at all,
-and nothing is overwritten without `--force`.
-`--debug`, anywhere on the line, adds a traceback to an error.
+- **stdout** has results only: tables, or exactly one JSON document with `--json`. **stderr** has progress and messages.
+- **Progress** is a bar on a terminal. Elsewhere a line comes after a second, and one every ten.
+- **Outputs** appear whole or not at all. Nothing is overwritten without `--force`.
+- **`--config FILE`** is a TOML file with options by name (`starts = 5`): at its top for every command, in a table named
+  after a command (`[identify]`) for that one, which goes before.
+- **`--debug`**, anywhere on the line, adds a traceback to an error.
 
 | exit code | meaning |
 |---|---|
 | 0 | done |
 | 1 | a fault of `capture` |
-| 2 | something you can mend: the message says what was found, what was expected, where, and the cure |
-| 2 | of `inspect`, too, when a finding is an error; `import-log`, which has written its log, ends with 0 |
+| 2 | you can mend it: the message says what was found, what was expected, where, and the cure |
 | 3 | it ran, and the verdict is one that `--fail-on` names |
 | 130, 143 | Ctrl-C (SIGINT) or SIGTERM ended it: the message says what is kept, and how to go on |
+
+`inspect` ends with 2 where a finding is an error; `import-log` with 0 once its log is written.
+
+## Common options
 """
 
 _LIMITS = """
@@ -771,17 +791,20 @@ Files come from others, and are read as such. What goes beyond this ends with ex
 anything of it is unpacked or simulated.
 """
 
+_JSON = """
+NAME, OUTPUT, INPUT and the like stand for names of yours. A key that is a link has the keys of that [part](#parameter).
+"""
+
 _SCHEMAS = """
 # File formats
 
-This page is made from the tables that write and check the files (`make docs`). Stores are Zarr v3 groups (measured
-logs are read from v2 as well); numbers are in SI units; a version that the program does not read is refused with the
-command that mends it. Axes are named: arrays that share an axis have the same length along it.
-
-A measured log is `NAME.zarr`. An estimate is a folder: `estimate.json`, the curves in `estimate.zarr`, `report.html`,
-figures, and `provenance.json`.
+This page is made from the tables that write and check the files (`make docs`). A measured log is `NAME.zarr`. An
+estimate is a folder: `estimate.json`, the curves in `estimate.zarr`, `report.html`, figures, and `provenance.json`.
 
 ## Stores
+
+Stores are Zarr v3 groups; measured logs are read from v2 as well. Numbers are in SI units. Arrays that share an axis
+have the same length along it. A version that the program does not read is refused with the command that mends it.
 """
 
 

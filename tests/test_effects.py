@@ -222,7 +222,8 @@ def test_states_are_said_in_the_docs(name):
         for state in effect.states:
             # "drive before", "held 2", "wound"
             assert state.split()[0 if state[-1].isdigit() else -1] in said
-    assert (f"| `{name}` | {said} |" in PAGE) == bool(said)
+    row = next((row for row in PAGE.splitlines() if said and row.endswith(f" | {said} |")), "")
+    assert (f"`{name}`" in row) == bool(said)
 
 
 def test_shapes_are_spread_over_their_range_with_null_amplitudes():

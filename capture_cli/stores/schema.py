@@ -173,13 +173,12 @@ class Schema:
 
     def markdown(self) -> str:
         """The schema as the tables of docs/schemas.md."""
-        lines = [f"### {self.format}, version {self.version}", "", "| array | axes | type | unit | meaning |"]
-        lines.append("|---|---|---|---|---|")
+        lines = [f"### {self.format}, version {self.version}", "", "| array | axes | type, unit | meaning |"]
+        lines.append("|---|---|---|---|")
         for a in self.arrays:
             optional = " (optional)" if a.optional else ""
-            lines.append(
-                f"| `{a.path}`{optional} | {', '.join(a.dims)} | {a.dtype} | {a.unit} | {a.meaning} |"
-            )
+            unit = "" if a.unit == "-" else f", {a.unit}"
+            lines.append(f"| `{a.path}`{optional} | {', '.join(a.dims)} | {a.dtype}{unit} | {a.meaning} |")
         lines += ["", "| attribute | meaning |", "|---|---|"]
         lines += [f"| `{name}` | {meaning} |" for name, meaning in self.attributes.items()]
         return "\n".join(lines)
