@@ -279,9 +279,7 @@ class Part(NamedTuple):
     note: str = ""
 
 
-_FLOORS = (
-    "declared, repeats, differences, residual, outliers or resolution ([concepts](concepts.md#noise-floor))"
-)
+_FLOORS = "declared, repeats, differences, residual, outliers or resolution ([method](method.md#noise-floor))"
 _LOG = {
     "log.path, log.sha256": "the log, as it was named, and the hash of its files",
 }

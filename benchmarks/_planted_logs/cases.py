@@ -45,7 +45,7 @@ SHIFTED = 6.0
 # Joints along which nothing can be seen.
 UNSEEN = {"puck": ("z",)}
 NO_SIZE = ("finer-time-step",)  # that could be fitted to a magnitude
-NOISE = ("sensor-quantisation",)  # coarse steps raise the noise floor: nothing is missing (docs/concepts.md)
+NOISE = ("sensor-quantisation",)  # coarse steps raise the noise floor: nothing is missing (docs/method.md)
 SHAPE_SHARE = (0.3, 0.7)  # of a shape's range: where it is drawn from
 
 

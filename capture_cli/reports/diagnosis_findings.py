@@ -234,7 +234,7 @@ def left_over(document: Mapping[str, Any]) -> str:
 
 def starts_hide(document: Mapping[str, Any]) -> bool:
     """Whether the declared model leaves far less of what was fitted than of what judged it, from the same recordings:
-    the starts of windows make up for what is missing (docs/concepts.md, Starts).
+    the starts of windows make up for what is missing (docs/method.md, Initial states).
     """
     declared = document["stages"][0]
     return (

@@ -151,7 +151,7 @@ def unmeasured(document: Mapping[str, Any]) -> list[str]:
     return [
         f"No output gives the position of {', '.join(joints)}: windows begin where a simulation of the whole episode "
         "takes it, from the model's own start. If it is somewhere else, no effect explains the log. Measure it by a "
-        "sensor that gives it (docs/concepts.md, Starts), or give the model the keyframe in which episodes begin."
+        "sensor that gives it (docs/method.md, Initial states), or give the model the keyframe in which episodes begin."
     ]
 
 
