@@ -45,7 +45,7 @@ CAPTIONS = {
     "constraints": "the exact versions that are installed",
     "datasets": "two logs with an effect that their models lack, and how they were made",
     "docs": "these pages, and what writes those that come from the code (generate.py)",
-    "docs/dev": "for developers: findings",
+    "docs/dev": "for developers: findings, benchmarks",
     "docs/examples": "task files of machines that were measured by others",
     "runs": "what is shipped ready-made, with provenance: policies, identifiers, results of the benchmarks",
     "tests": "one file for each thing that is tested",
@@ -661,11 +661,11 @@ def measured() -> str:
         made, machine = document["provenance"], document["machine"]
         day = datetime.fromisoformat(made["began"]).strftime("%-d %B %Y")
         lines += [f"### {name}", "", "```sh", _measured_by(name, document), "```", ""]
-        lines += ["| figure | measured | target | |", "|---|---|---|---|"]
+        lines += ["| figure | measured | target |", "|---|---|---|"]
         for figure in document["figures"]:
-            met = {None: "", True: "met", False: "**not met**"}[figure["met"]]
-            indent = "&emsp;" * figure["name"].startswith(" ")
-            lines.append(f"| {indent}{figure['name'].strip()} | {_number(figure)} | {_aim(figure)} | {met} |")
+            met = {None: "", True: "", False: " **(not met)**"}[figure["met"]]
+            indent = "- " * figure["name"].startswith(" ")
+            lines.append(f"| {indent}{figure['name'].strip()} | {_number(figure)} | {_aim(figure)}{met} |")
         lines += [
             "",
             f"{day}; capture {made['capture']}, MuJoCo {made['packages']['mujoco']}, Python {made['python']}; "
@@ -673,24 +673,6 @@ def measured() -> str:
             "",
         ]
     return "\n".join(lines).rstrip()
-
-
-def headlines() -> str:
-    """The figures in runs/benchmarks that have a target; of those with the same target, the worst."""
-    lines = ["| what | measured | target | command |", "|---|---|---|---|"]
-    for name, document in _results().items():
-        groups: dict[str, list[dict]] = {}
-        for figure in document["figures"]:
-            if figure["target"] is not None:
-                groups.setdefault(str(figure["target"]), []).append(figure)
-        for figures in groups.values():
-            high = figures[0]["target"][1]
-            values = [f["value"] for f in figures]
-            worst = figures[values.index(min(values) if high is None else max(values))]
-            of = f" (the worst of {len(figures)})" if len(figures) > 1 else ""
-            command = _measured_by(name, document)
-            lines.append(f"| {worst['name']}{of} | {_number(worst)} | {_aim(worst)} | `{command}` |")
-    return "\n".join(lines)
 
 
 def _measured_by(name: str, document: dict) -> str:
@@ -819,8 +801,8 @@ PAGES: dict[str, Callable[[], str]] = {
 }
 PARTS: dict[str, dict[str, Callable[[], str]]] = {
     "docs/task-file.md": {"targets": targets},
-    "docs/benchmarks.md": {"figures": measured},
-    "README.md": {"found": found, "figures": headlines, "tree": folders},
+    "docs/dev/benchmarks.md": {"figures": measured},
+    "README.md": {"found": found, "tree": folders},
 }
 
 if __name__ == "__main__":

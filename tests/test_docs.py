@@ -178,8 +178,10 @@ def test_every_key_of_a_document_is_documented_and_no_other(written, document):
 
 
 def commands_of(page: Path) -> list[str]:
-    """Lines of the shell blocks of a page, continued lines joined, comments left out."""
+    """Lines of the shell blocks of a page, or of a script, continued lines joined, comments left out."""
     text = page.read_text(encoding="utf-8")
+    if page.suffix == ".sh":
+        return [line for line in text.replace("\\\n", " ").splitlines() if line.startswith("capture ")]
     blocks = re.findall(r"^```sh\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
     lines = "\n".join(blocks).replace("\\\n", " ").splitlines()
     prose = re.sub(r"^```.*?^```", "", text, flags=re.MULTILINE | re.DOTALL)
@@ -188,7 +190,10 @@ def commands_of(page: Path) -> list[str]:
 
 
 def shown() -> list:
-    return [pytest.param(c, id=f"{name(p)}: {c[:60]}") for p in PAGES for c in dict.fromkeys(commands_of(p))]
+    showing = [*PAGES, ROOT / "docs" / "evaluations.sh"]
+    return [
+        pytest.param(c, id=f"{name(p)}: {c[:60]}") for p in showing for c in dict.fromkeys(commands_of(p))
+    ]
 
 
 @pytest.mark.parametrize("command", shown())

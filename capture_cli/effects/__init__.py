@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from itertools import accumulate
 from pathlib import Path
@@ -89,19 +90,20 @@ def _row(entry: Entry) -> str:
         f"`{p.name}`{'*' if p.name in entry.shapes else ''}{f' {p.unit}' * (p.unit != '1')}"
         for p in entry.parameters
     )
+    where = entry.where.replace("every hinge and slide joint", "joints")
     exported = "" if entry.exported_as else " Not exported."
-    return f"| `{entry.name}` | {_law(entry)}{exported} | {', '.join(parameters)} | {entry.where} |"
+    return f"| `{entry.name}` | {_law(entry)}{exported} | {', '.join(parameters)} | {where} |"
 
 
 def _law(entry: Entry) -> str:
-    """As many paragraphs of its law as name all of its parameters; the first where none do."""
-    first, *more = entry.law.split("\n\n")
+    """As many sentences of its law as name all of its parameters; the first where none do."""
+    first, *more = re.split(r"(?<=[.:;]) (?=[A-Z`-])", " ".join(entry.law.split()))
     for text in accumulate([first, *more], "{} {}".format):
         if all(f"`{p.name}`" in text for p in entry.parameters):
             break
     else:
         text = first
-    return " ".join(text.split()).replace("|", "\\|")
+    return text.rstrip(":;").replace("|", "\\|")
 
 
 _PLACES = {
@@ -118,9 +120,9 @@ _PAGE = """# Effects
 What a model may lack. `capture effects NAME --task task.toml` prints the whole law of one, and its sites, units and
 ranges in your model.
 
-- **Site.** A joint, tendon, body, geom, actuator or sensor, or the model as a whole: `coulomb-friction@elbow`, with
-  the parameter `coulomb-friction@elbow.friction`; `gravity-tilt.tilt_x` of the whole. An object without a name is
-  `#N`, from 0. `backlash@knee+angle`: the sensor `angle` is the motor's encoder.
+- **Site.** A joint (hinge or slide), tendon, body, geom, actuator or sensor, or the model as a whole:
+  `coulomb-friction@elbow`, with the parameter `coulomb-friction@elbow.friction`; `gravity-tilt.tilt_x` of the whole.
+  An object without a name is `#N`, from 0. `backlash@knee+angle`: the sensor `angle` is the motor's encoder.
 - **Null.** At the null of its parameters (0, or the end of the range for limits) the simulation is bit by bit that of
   the model without the effect.
 - **Nonlinear parameters** (*) say what the effect looks like: a period, a position. They mean nothing while the

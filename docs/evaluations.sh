@@ -1,10 +1,8 @@
-# The evaluations, run again
+#!/bin/sh
+# The commands behind docs/evaluation.md: runs/evaluation, made again. Run those that you need.
+set -eu
 
-The commands behind [evaluation](../evaluation.md). Versions and options are in the `provenance.json` beside every result.
-
-Air hockey: the main table, then fits, COMPASS and noise on the same pairs.
-
-```sh
+# Air hockey: the main table, then fits, COMPASS and noise on the same pairs.
 capture gen-histories --task air-hockey --policy runs/policies/air-hockey --pairs 8192 --seed 1 --out randomized-binary.zarr
 capture gen-histories --task air-hockey --policy runs/policies/air-hockey --search scattered --pairs 1536 --seed 2 --out scattered.zarr
 capture train-sysid --histories randomized-binary.zarr --identifier capture --width 64 --steps 5000 --batch 128 --out runs/sysid/air-hockey/capture
@@ -16,11 +14,8 @@ capture eval-sim2sim --task air-hockey --policy runs/policies/air-hockey --ident
 capture eval-sim2sim --task air-hockey --policy runs/policies/air-hockey --noise scale --identifier domain-randomization --identifier runs/sysid/air-hockey/expert-distillation --identifier runs/sysid/air-hockey/tunenet --identifier runs/sysid/air-hockey/capture --identifier runs/sysid/air-hockey/capture-refined --seeds 1 --rounds 20 --out runs/evaluation/air-hockey-noise
 capture eval-sim2sim --task air-hockey --policy runs/policies/air-hockey --identifier least-squares --identifier runs/sysid/air-hockey/capture-refined --seeds 1 --rounds 5 --out runs/evaluation/air-hockey-fits
 capture eval-sim2sim --task air-hockey --policy runs/policies/air-hockey --identifier cma-es --identifier runs/sysid/air-hockey/capture-refined --seeds 1 --rounds 3 --out runs/evaluation/air-hockey-cma
-```
 
-Searches, k and L, each from 1536 histories; their checkpoints are not shipped.
-
-```sh
+# Searches, k and L, each from 1536 histories; their checkpoints are not shipped.
 capture gen-histories --task air-hockey --policy runs/policies/air-hockey --search randomized-binary --pairs 1536 --seed 1 --out ablations/randomized-binary.zarr
 capture gen-histories --task air-hockey --policy runs/policies/air-hockey --search linear-interpolation --pairs 1536 --seed 1 --out ablations/linear-interpolation.zarr
 capture gen-histories --task air-hockey --policy runs/policies/air-hockey --search binary --pairs 1536 --seed 1 --out ablations/binary.zarr
@@ -37,19 +32,13 @@ capture train-sysid --histories ablations/randomized-binary.zarr --identifier ca
 capture train-sysid --histories ablations/randomized-binary.zarr --identifier capture --width 64 --steps 2000 --batch 128 --out ablations/air-hockey/k6 --window 6
 capture eval-sim2sim --task air-hockey --policy runs/policies/air-hockey --identifier domain-randomization --identifier ablations/air-hockey/linear-interpolation --identifier ablations/air-hockey/binary --identifier ablations/air-hockey/randomized-binary --rounds 20 --out runs/evaluation/air-hockey-search
 capture eval-sim2sim --suite paper --cell air-hockey-L --cell air-hockey-k --identifier ablations --policy runs/policies --seeds 1 --rounds 20 --out runs/evaluation/air-hockey-ablations
-```
 
-Trained with the noise:
-
-```sh
+# Trained with the noise:
 capture gen-histories --task air-hockey --policy runs/policies/air-hockey --noise scale --pairs 8192 --seed 1 --out noisy.zarr
 capture train-sysid --histories noisy.zarr --identifier capture --width 64 --steps 5000 --batch 128 --out noisy/capture
 capture eval-sim2sim --task air-hockey --policy runs/policies/air-hockey --noise scale --identifier domain-randomization --identifier noisy/capture --seeds 1 --rounds 20 --out runs/evaluation/air-hockey-noise-trained
-```
 
-Scooping: COMPASS, and the observation that is not monotonic.
-
-```sh
+# Scooping: COMPASS, and the observation that is not monotonic.
 capture eval-sim2sim --task scooping --policy runs/policies/scooping --identifier compass --rounds 10 --out runs/evaluation/scooping-compass
 capture train-policy --task scooping-distance --steps 6000 --evaluations 6 --out distance/policy
 capture gen-histories --task scooping-distance --policy distance/policy --pairs 4096 --seed 1 --out distance/histories.zarr
@@ -58,4 +47,3 @@ capture train-sysid --histories distance/histories.zarr --identifier expert-dist
 capture train-sysid --histories distance/histories.zarr --identifier tunenet --width 32 --layers 2 --heads 2 --steps 600 --batch 128 --out distance/sysid/tunenet
 capture train-sysid --histories distance/histories.zarr --identifier capture-refined --width 32 --layers 2 --heads 2 --steps 1000 --batch 128 --out distance/sysid/capture-refined
 capture eval-sim2sim --task scooping-distance --policy distance/policy --identifier domain-randomization --identifier distance/sysid/expert-distillation --identifier distance/sysid/tunenet --identifier distance/sysid/capture --identifier posterior=distance/sysid/capture-refined --identifier distance/sysid/capture-refined --out runs/evaluation/scooping-distance
-```
