@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from benchmarks.base import ROOT, Benchmark
-from capture_cli.registry import Registry
+from capture_cli.common.registry import Registry
 
 MACHINES = Path(__file__).with_name("machines")
 EMPS = ROOT / "docs" / "examples" / "emps"

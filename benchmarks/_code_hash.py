@@ -9,7 +9,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGES = ("capture_cli", "benchmarks")
-PICTURES = "capture_cli.reports"  # what is drawn of a figure does not change it
+PICTURES = "capture_cli.report"  # what is drawn of a figure does not change it
 
 
 def code_hash(modules: Iterable[str], folders: Iterable[str] = ()) -> str:

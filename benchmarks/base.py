@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from capture_cli.stores.provenance import Provenance, write_json
+from capture_cli.store.provenance import Provenance, write_json
 
 ROOT = Path(__file__).resolve().parents[1]
 

@@ -13,14 +13,14 @@ import numpy as np
 
 from benchmarks import ROOT
 from benchmarks.base import Benchmark, Figure, Result
+from capture_cli.context.checkpoints.identifier_checkpoint import load_identifier
+from capture_cli.context.checkpoints.policy_checkpoint import load_policy
 from capture_cli.identifiers.rounds import Rounds, finite
-from capture_cli.simulator import Simulator
-from capture_cli.stages.chosen_identifier import shipped_for
-from capture_cli.stages.identifier_checkpoint import load_identifier
-from capture_cli.stages.in_context import OUTSIDE
-from capture_cli.stages.policy_checkpoint import load_policy
-from capture_cli.tasks import load_task
-from capture_cli.tasks.base import ActionTask
+from capture_cli.model.tasks import load_task
+from capture_cli.model.tasks.base import ActionTask
+from capture_cli.simulate.simulator import Simulator
+from capture_cli.stages.identification.chosen_identifier import shipped_for
+from capture_cli.stages.identification.in_context import OUTSIDE
 
 EPISODES, SEED = 8, 20
 NOISE = {"air-hockey": 5e-4, "scooping": 0.0}  # m; of a label

@@ -22,8 +22,8 @@ from mujoco import rollout
 
 from benchmarks._speeds import interleaved
 from benchmarks.base import Benchmark, Figure, Result
+from capture_cli.model.tasks import load_task
 from capture_cli.stages.gen_histories import ROUNDS, gen_histories
-from capture_cli.tasks import load_task
 
 TASKS = {"air-hockey": 48, "scooping": 384}  # pairs per repeat: some seconds
 REPEATS, EPISODES, CONTROL_STEPS = 5, 200, 60
@@ -128,7 +128,7 @@ class _Bare:
 def _robosuite_stepper(task: str) -> Callable[[], float] | None:
     """Steps the robosuite scene of `task`; None where there is none."""
     try:
-        world = importlib.import_module(f"capture_cli.worlds.{task.replace('-', '_')}")
+        world = importlib.import_module(f"capture_cli.context.worlds.{task.replace('-', '_')}")
     except ModuleNotFoundError:
         return None
     environment = world.gymnasium_environment(

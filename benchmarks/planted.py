@@ -26,7 +26,7 @@ from benchmarks._planted_logs.dresses import DRESSES, PLAIN
 from benchmarks._planted_logs.machines import MACHINE
 from benchmarks.base import Benchmark, Figure, Result
 from capture_cli.errors import CaptureError, OptionError
-from capture_cli.stores.provenance import Provenance, write_json
+from capture_cli.store.provenance import Provenance, write_json
 
 COUNTS = {PLANTED: 300, NOTHING: 200, PAIR: 60, WEAK: 60, UNKNOWN: 30, LEFT: 12}
 COUNTS_OF_A_DRESS = {PLANTED: 100, NOTHING: 100}

@@ -13,12 +13,12 @@ import numpy as np
 
 from benchmarks import ROOT
 from benchmarks.base import Benchmark, Figure, Result
-from capture_cli.policies import REGISTRY
-from capture_cli.policies._evaluation import evaluate
-from capture_cli.policies.base import Policy
-from capture_cli.simulator import Simulator
-from capture_cli.stages.policy_checkpoint import load_policy
-from capture_cli.tasks import load_task
+from capture_cli.context.checkpoints.policy_checkpoint import load_policy
+from capture_cli.context.policies import REGISTRY
+from capture_cli.context.policies._evaluation import evaluate
+from capture_cli.context.policies.base import Policy
+from capture_cli.model.tasks import load_task
+from capture_cli.simulate.simulator import Simulator
 
 POLICIES = ROOT / "runs" / "policies"
 EPISODES, PAIRS, SEEDS = 500, 100, (0, 1, 2)

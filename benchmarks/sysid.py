@@ -29,13 +29,13 @@ from benchmarks.base import Benchmark, Figure, Result
 from capture_cli.errors import OptionError
 from capture_cli.identifiers.base import Evidence, Trial, run
 from capture_cli.identifiers.least_squares import LeastSquares
+from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model.tasks import load_task
 from capture_cli.protocol.prepare import prepare
 from capture_cli.protocol.prepared_log import PreparedLog
-from capture_cli.simulator import Simulator
+from capture_cli.simulate.simulator import Simulator
 from capture_cli.stages.import_log import import_log
 from capture_cli.stages.record import record
-from capture_cli.stores.measured_log import MeasuredLog
-from capture_cli.tasks import load_task
 
 OURS = "capture"
 BACKENDS = ("mujoco", "scipy", "scipy_parallel_fd")  # the first is the default

@@ -21,7 +21,7 @@ import mujoco
 import numpy as np
 
 from capture_cli.autocorrelation import autocorrelation_time
-from capture_cli.parameters import ParameterSpace
+from capture_cli.model.parameters import ParameterSpace
 
 SHARPER = 0.1  # of the step of one-sided differences: central ones, of parameters that are confounded
 # Of the prior sd, within the limits below; the latter where bodies touch, and short differences are jumps

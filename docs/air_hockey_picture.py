@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 from PIL import Image
 
-from capture_cli.worlds.air_hockey import TableAirHockey, strike
+from capture_cli.context.worlds.air_hockey import TableAirHockey, strike
 
 PICTURE = Path(__file__).with_name("images") / "air_hockey.png"
 WIDTH, HEIGHT = 720, 480

@@ -76,8 +76,8 @@ def with_parts(page: str, parts: dict[str, Callable[[], str]]) -> str:
 
 
 def commands() -> str:
-    """Every command with its options, from the signatures in capture_cli/commands; those of many commands once."""
-    from capture_cli.app import app
+    """Every command with its options, from the signatures in capture_cli/cli; those of many commands once."""
+    from capture_cli.cli.app import app
 
     callbacks = {command.name: command.callback for command in app.registered_commands}
     options = {name: _options(callback) for name, callback in callbacks.items()}
@@ -141,12 +141,13 @@ def _default(default: object) -> str:
 
 def schemas() -> str:
     """Every store's arrays and attributes, and every key of the JSON documents."""
-    from capture_cli import stores
-    from capture_cli.stores.schema import Schema
+    from capture_cli import log, store
+    from capture_cli.store.schema import Schema
 
     lines = [_SCHEMAS.strip(), ""]
-    for info in sorted(pkgutil.iter_modules(stores.__path__), key=lambda m: m.name):
-        module = importlib.import_module(f"capture_cli.stores.{info.name}")
+    found = [(m.name, package) for package in (log, store) for m in pkgutil.iter_modules(package.__path__)]
+    for name, package in sorted(found, key=lambda f: f[0]):
+        module = importlib.import_module(f"{package.__name__}.{name}")
         for schema in (v for v in vars(module).values() if isinstance(v, Schema)):
             lines += [schema.markdown(), "", f"Of another version: {schema.cure_for_other_version}.", ""]
     lines += ["## JSON documents", "", _JSON.strip(), ""]
@@ -159,9 +160,9 @@ def schemas() -> str:
 
 def _limits() -> list[str]:
     """What is refused of files, whoever wrote them."""
-    from capture_cli import documents
-    from capture_cli.stages import source_files
-    from capture_cli.stores import array_metadata, zarr_store
+    from capture_cli.common import documents
+    from capture_cli.log.readers import source_files
+    from capture_cli.store import array_metadata, zarr_store
 
     known = array_metadata.CODECS
     codecs = (f"version {n}: {', '.join(f'`{name}`' for name in known[n])}" for n in (3, 2))
@@ -720,7 +721,7 @@ def found() -> str:
 
 
 def _effects_of(diagnosis: dict) -> str:
-    from capture_cli.reports.diagnosis_findings import placed
+    from capture_cli.report.diagnosis_findings import placed
 
     return ", ".join(
         f"`{placed(e)}`" + (f" (or {', '.join(e['tied_with'])})" if e["tied_with"] else "")
@@ -730,7 +731,7 @@ def _effects_of(diagnosis: dict) -> str:
 
 def _before_and_after(diagnosis: dict) -> str:
     """Of the output that was worst by its noise floor."""
-    from capture_cli.reports.quantities import scaled_unit, significant
+    from capture_cli.common.quantities import scaled_unit, significant
 
     before, after = (diagnosis[k]["test"]["rmse"] for k in ("before", "after"))
     output = max(before, key=lambda name: before[name] / diagnosis["noise_floor"][name])

@@ -7,7 +7,7 @@ from pathlib import Path
 import mujoco
 from PIL import Image
 
-from capture_cli.worlds.scooping import ObjectScooping, lift
+from capture_cli.context.worlds.scooping import ObjectScooping, lift
 
 PICTURE = Path(__file__).with_name("images") / "scooping.png"
 WIDTH, HEIGHT = 720, 480

@@ -22,11 +22,11 @@ if COMPILED:  # in workers it is not set any more, and they have the folder of t
 
 import pytest  # noqa: E402
 
-from capture_cli import cli  # noqa: E402
-from capture_cli.extras import EXTRAS, missing  # noqa: E402
-from capture_cli.signals import ENDING  # noqa: E402
+from capture_cli.cli import main  # noqa: E402
+from capture_cli.common.extras import EXTRAS, missing  # noqa: E402
+from capture_cli.common.signals import ENDING  # noqa: E402
 from capture_cli.sim import model_file  # noqa: E402
-from capture_cli.stores.output import PLACED  # noqa: E402
+from capture_cli.store.output import PLACED  # noqa: E402
 
 SLIDER_XML = """\
 <mujoco model="slider">
@@ -142,7 +142,7 @@ def capture(capsys, monkeypatch, tmp_path):
         monkeypatch.setattr(sys, "argv", ["capture", *map(str, arguments)])
         capsys.readouterr()
         try:
-            cli.main()
+            main()
             code = 0
         except SystemExit as ended:
             code = ended.code or 0

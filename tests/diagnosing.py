@@ -7,13 +7,13 @@ from typing import Any
 
 import pytest
 
+from capture_cli.common.progress import Progress
+from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model.tasks.base import Task
 from capture_cli.protocol.candidates import Candidate, all_candidates
 from capture_cli.protocol.explain import Settings
 from capture_cli.protocol.prepare import prepare
 from capture_cli.stages.diagnose import diagnose_prepared
-from capture_cli.stages.progress import Progress
-from capture_cli.stores.measured_log import MeasuredLog
-from capture_cli.tasks.base import Task
 
 
 def diagnose(log: MeasuredLog, task: Task, seed: int) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from capture_cli.stores.measured_log import MeasuredLog
+from capture_cli.log.measured_log import MeasuredLog
 
 
 def episodes_of(log: MeasuredLog, keep: Sequence[int]) -> MeasuredLog:

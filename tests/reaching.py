@@ -5,9 +5,9 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from capture_cli.parameters import Parameter, ParameterSpace
+from capture_cli.model.parameters import Parameter, ParameterSpace
+from capture_cli.model.tasks.base import ActionTask, Channel, Episodes, Feature, LogColumns
 from capture_cli.sim.engine import Starts
-from capture_cli.tasks.base import ActionTask, Channel, Episodes, Feature, LogColumns
 
 XML = """\
 <mujoco>

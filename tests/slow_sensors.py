@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from capture_cli.stores.measured_log import MeasuredLog
+from capture_cli.log.measured_log import MeasuredLog
 
 MACHINES = Path(__file__).parents[1] / "benchmarks" / "machines"
 EVERY = 4  # steps of the log, from one sample of the slow sensor to the next

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from capture_cli.model.tasks import load_task
+from capture_cli.model.tasks.air_hockey import TARGET, TARGET_RADIUS, AirHockey
 from capture_cli.sim.engine import Engine, ModelFields, Starts
 from capture_cli.sim.targets import restitution
-from capture_cli.simulator import Simulator
-from capture_cli.tasks import load_task
-from capture_cli.tasks.air_hockey import TARGET, TARGET_RADIUS, AirHockey
+from capture_cli.simulate.simulator import Simulator
 
 TASK = AirHockey(far_wall=True)
 IMPEDANCE = 0.95  # of a contact of walls and mallet, once the puck is in

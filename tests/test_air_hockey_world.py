@@ -11,11 +11,11 @@ pytest.importorskip("gymnasium", reason="needs the extra robosuite")
 import gymnasium
 import robosuite
 
+from capture_cli.context.worlds import air_hockey
 from capture_cli.effects import REGISTRY
 from capture_cli.errors import OptionError
 from capture_cli.sim.engine import Engine, ModelFields
 from capture_cli.stages.record import record
-from capture_cli.worlds import air_hockey
 
 PLANT = air_hockey.AirHockey()
 # each strikes another wall; the last one only the far wall

@@ -12,7 +12,7 @@ from held_inputs import held_machine
 
 from capture_cli.effects.placed import Placed
 from capture_cli.linearization import Evidence
-from capture_cli.parameters import Parameter, ParameterSpace
+from capture_cli.model.parameters import Parameter, ParameterSpace
 from capture_cli.protocol import attribution, balance_round, model_comparison
 from capture_cli.protocol.attribution import Accepted, Attribution
 from capture_cli.protocol.candidates import Candidate

@@ -11,7 +11,7 @@ import benchmarks.coverage as coverage
 from benchmarks import EMPS, MACHINES, REGISTRY, _lines
 from benchmarks._share import share
 from benchmarks.base import Benchmark, Figure, Result, measure
-from capture_cli.tasks import load_task
+from capture_cli.model.tasks import load_task
 
 
 def test_every_benchmark_is_found_and_says_what_it_measures():

@@ -13,8 +13,8 @@ from capture_cli.identifiers._learned import Prediction
 from capture_cli.identifiers._refinement import _corrected
 from capture_cli.identifiers.capture_refined import CaptureRefined
 from capture_cli.identifiers.rounds import Signature, run_rounds
-from capture_cli.parameters import Parameter, ParameterSpace
-from capture_cli.tasks.base import Feature
+from capture_cli.model.parameters import Parameter, ParameterSpace
+from capture_cli.model.tasks.base import Feature
 
 PAIRS = 8
 LABELLED = Signature(

@@ -17,18 +17,18 @@ import pytest
 import typer
 from fuzz.forked_run import CAN_RUN, run
 
-from capture_cli.app import app
-from capture_cli.commands._config import _read_config
+from capture_cli.cli._config import _read_config
+from capture_cli.cli.app import app
 from capture_cli.errors import OptionError
+from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model.tasks import load_task
 from capture_cli.protocol.prepare import prepare
-from capture_cli.simulator import Simulator
+from capture_cli.simulate.simulator import Simulator
 from capture_cli.stages import identify as stage
-from capture_cli.stores import output
-from capture_cli.stores.estimate import Estimate
-from capture_cli.stores.histories import HistoriesWriter
-from capture_cli.stores.measured_log import MeasuredLog
-from capture_cli.stores.output import PROVENANCE
-from capture_cli.tasks import load_task
+from capture_cli.store import output
+from capture_cli.store.estimate import Estimate
+from capture_cli.store.histories import HistoriesWriter
+from capture_cli.store.output import PROVENANCE
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 MACHINES = REPOSITORY / "benchmarks" / "machines"
@@ -550,8 +550,8 @@ def test_a_run_killed_while_it_writes(
 FITTING_FOR_EVER = """
 import signal, sys, time
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs start with it ignored
-from capture_cli import cli
-from capture_cli.stages import estimation
+from capture_cli.cli import main
+from capture_cli.stages.identification import estimation
 
 def run(*_):
     print("fitting", file=sys.stderr, flush=True)
@@ -559,7 +559,7 @@ def run(*_):
         time.sleep(0.01)
 
 estimation.run = run
-cli.main()
+main()
 """
 
 

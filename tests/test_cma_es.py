@@ -7,7 +7,7 @@ import pytest
 
 from capture_cli.identifiers.cma_es import CmaEs
 from capture_cli.linearization import Evidence
-from capture_cli.parameters import Parameter, ParameterSpace
+from capture_cli.model.parameters import Parameter, ParameterSpace
 
 WINDOWS, STEPS = 6, 60
 NOISE, START_SD = 1e-2, 0.3

@@ -19,6 +19,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from scipy.stats import ttest_1samp
 
+from capture_cli.common.progress import Progress
 from capture_cli.diagnosis.acceptance import (
     bic_gain,
     block_squares,
@@ -36,7 +37,9 @@ from capture_cli.errors import LogError, OptionError, OutputError
 from capture_cli.identifiers.base import Best
 from capture_cli.identifiers.intervals import intervals
 from capture_cli.linearization import Evidence, Linearization
-from capture_cli.parameters import Parameter, ParameterSpace
+from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model.parameters import Parameter, ParameterSpace
+from capture_cli.model.tasks import load_task
 from capture_cli.protocol.attribution import MOST_EFFECTS
 from capture_cli.protocol.candidates import REFITTED, all_candidates, worth_a_refit
 from capture_cli.protocol.explain import Settings, starts_found
@@ -49,16 +52,13 @@ from capture_cli.protocol.part_fit import PartFit
 from capture_cli.protocol.plausibility import MATERIAL, slight
 from capture_cli.protocol.prepare import prepare
 from capture_cli.protocol.residual_curves import residual_curves
-from capture_cli.reports.diagnosis_findings import summary
+from capture_cli.report.diagnosis_findings import summary
 from capture_cli.stages import diagnose as diagnose_stage
 from capture_cli.stages.diagnose import diagnose, diagnose_prepared
 from capture_cli.stages.identify import identify
 from capture_cli.stages.kept_steps import StepFiles
-from capture_cli.stages.progress import Progress
 from capture_cli.stages.record import record
-from capture_cli.stores.estimate import Estimate
-from capture_cli.stores.measured_log import MeasuredLog
-from capture_cli.tasks import load_task
+from capture_cli.store.estimate import Estimate
 
 ALIKE_LAGS = ("control-lag", "control-second-order-lag", "control-gain", "sensor-delay")
 SLIDER = Path(__file__).parents[1] / "benchmarks" / "machines" / "slider" / "task.toml"

@@ -14,12 +14,12 @@ from html_page import Page
 from matplotlib.image import imread
 from rich.console import Console
 
-from capture_cli.reports import diagnosis_findings as findings
-from capture_cli.reports import diagnosis_plots
-from capture_cli.reports.diagnosis_figures import write_figures
-from capture_cli.reports.diagnosis_page import render
-from capture_cli.reports.terminal import print_diagnosis
-from capture_cli.stores.diagnosis import FORMAT, VERSION, Diagnosis
+from capture_cli.report import diagnosis_findings as findings
+from capture_cli.report import diagnosis_plots
+from capture_cli.report.diagnosis_figures import write_figures
+from capture_cli.report.diagnosis_page import render
+from capture_cli.report.terminal import print_diagnosis
+from capture_cli.store.diagnosis import FORMAT, VERSION, Diagnosis
 
 OUTPUTS = {"q": ("m", 2e-5), "qd": ("m/s", 4e-3)}
 ONE = {"q": OUTPUTS["q"]}
@@ -295,7 +295,7 @@ def test_traces_find_their_curves(record):
 def test_colours_have_names_in_the_style_sheet(record):
     _, page = record
     named = set(re.findall(r'"(--[a-z-]+)"', json.dumps(page.data["plots"])))
-    style = files("capture_cli.reports").joinpath("page.css").read_text(encoding="utf-8")
+    style = files("capture_cli.report").joinpath("templates", "page.css").read_text(encoding="utf-8")
     assert {name for name in named if f"{name}:" not in style} == set()
 
 

@@ -12,13 +12,13 @@ from benchmarks import MACHINES as BENCHMARKS
 from capture_cli.identifiers.base import Best
 from capture_cli.identifiers.intervals import intervals, unit_covariance
 from capture_cli.linearization import UNSEEN, Linearization
+from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model.tasks import load_task
 from capture_cli.protocol.model_fits import ModelFits
 from capture_cli.protocol.prepare import prepare
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.stages.identify import identify
 from capture_cli.stages.record import record
-from capture_cli.stores.measured_log import MeasuredLog
-from capture_cli.tasks import load_task
 
 TRAY_XML = """
 <mujoco model="tray">

@@ -17,17 +17,17 @@ from toy_rounds import write
 from typer.testing import CliRunner
 
 from benchmarks import REGISTRY as BENCHMARKS
-from capture_cli.app import app
+from capture_cli.cli.app import app
+from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model.tasks import load_task
 from capture_cli.protocol.candidates import Candidate, all_candidates
 from capture_cli.stages.diagnose import diagnose
-from capture_cli.stages.evaluation_run import evaluate
+from capture_cli.stages.evaluation.evaluation_run import evaluate
 from capture_cli.stages.gen_histories import gen_histories
 from capture_cli.stages.identify import identify
 from capture_cli.stages.record import record
 from capture_cli.stages.train_policy import train_policy
 from capture_cli.stages.train_sysid import train_sysid
-from capture_cli.stores.measured_log import MeasuredLog
-from capture_cli.tasks import load_task
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted(
@@ -326,7 +326,7 @@ def test_the_task_of_the_reference_page_is_the_demo_and_loads(tmp_path):
 
 def test_every_key_of_the_task_file_is_documented():
     page = (ROOT / "docs" / "task-file.md").read_text(encoding="utf-8")
-    source = (ROOT / "capture_cli" / "tasks" / "mjcf_file.py").read_text(encoding="utf-8")
+    source = (ROOT / "capture_cli" / "model" / "tasks" / "mjcf_file.py").read_text(encoding="utf-8")
     keys = {
         key for text in re.findall(r"_known\(\w+, \{(.*?)\}", source) for key in re.findall(r'"(\w+)"', text)
     }

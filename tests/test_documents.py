@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from capture_cli.documents import (
+from capture_cli.common.documents import (
     DEEPEST,
     LARGEST_TOML,
     MOST_PARTS,
@@ -20,7 +20,7 @@ from capture_cli.documents import (
     read_toml,
 )
 from capture_cli.errors import LONGEST, OptionError, StoreError, TaskError, shortened
-from capture_cli.stages.log_findings import finding
+from capture_cli.log.checks.log_findings import finding
 
 DEEP = "[" * 100_000
 OTHER_FAULTS = {  # of a value: as TOML and JSON write it, and what the message has
@@ -254,7 +254,7 @@ def test_a_provenance_that_cannot_be_read_is_a_warning(capture, tmp_path, shippe
 def test_weights_that_no_training_makes_are_refused(capture, tmp_path, shipped):
     import numpy as np
 
-    from capture_cli.stores.tensors import read_arrays, save_arrays
+    from capture_cli.store.tensors import read_arrays, save_arrays
 
     arrays, _ = read_arrays(shipped / "policy.safetensors", "none")
     for name, change, named in (

@@ -29,13 +29,13 @@ from capture_cli import effects
 from capture_cli.effects._joint_force import inertia_felt
 from capture_cli.effects.base import GLOBAL, PLACES, Driven, Effect, JointMotion, Recordings, Reports
 from capture_cli.errors import ModelError
+from capture_cli.model.tasks import load_task
 from capture_cli.sim import engine as engine_module
 from capture_cli.sim.engine import Engine, ModelFields, Starts
 from capture_cli.sim.input_tapes import KeptTapes
 from capture_cli.sim.starts import model_starts
 from capture_cli.sim.windows import LEAD, cut
-from capture_cli.simulator import Simulator
-from capture_cli.tasks import load_task
+from capture_cli.simulate.simulator import Simulator
 
 SLIDER = Path(__file__).parents[1] / "benchmarks" / "machines" / "slider" / "task.toml"
 

@@ -10,25 +10,25 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from capture_cli.app import app
+from capture_cli.cli.app import app
+from capture_cli.context.checkpoints.checkpoint_hash import checkpoint_hash
+from capture_cli.context.evaluation.evaluated_identifier import PAPER
+from capture_cli.context.evaluation.evaluation_summary import ours_among, paired_comparison
+from capture_cli.context.evaluation.sim2sim import Sim2Sim
+from capture_cli.context.policies.random import Random
 from capture_cli.errors import CaptureError, OptionError, OutputError, StoreError, TaskError
 from capture_cli.identifiers import round_identifier
-from capture_cli.policies.random import Random
-from capture_cli.reports import paper_numbers
-from capture_cli.reports.evaluation_tables import markdown, print_evaluation, tables
-from capture_cli.stages import evaluation_run
-from capture_cli.stages.checkpoint_hash import checkpoint_hash
+from capture_cli.model.tasks import load_task
+from capture_cli.report import paper_numbers
+from capture_cli.report.evaluation_tables import markdown, print_evaluation, tables
 from capture_cli.stages.eval_sim2sim import eval_sim2sim
-from capture_cli.stages.evaluated_identifier import PAPER
-from capture_cli.stages.evaluation_run import evaluate
-from capture_cli.stages.evaluation_suite import SUITES, _members, _why_not, evaluate_suite
+from capture_cli.stages.evaluation import evaluation_run
+from capture_cli.stages.evaluation.evaluation_run import evaluate
+from capture_cli.stages.evaluation.evaluation_suite import SUITES, _members, _why_not, evaluate_suite
 from capture_cli.stages.gen_histories import gen_histories
-from capture_cli.stages.paired_comparison import ours_among, paired_comparison
-from capture_cli.stages.sim2sim import Sim2Sim
 from capture_cli.stages.train_sysid import train_sysid
-from capture_cli.stores.evaluation import Evaluation
-from capture_cli.stores.output import sha256
-from capture_cli.tasks import load_task
+from capture_cli.store.evaluation import Evaluation
+from capture_cli.store.output import sha256
 
 SMALL = {"task": "scooping", "pairs": 6, "seeds": 2, "rounds": 4, "threads": 1}
 
@@ -67,7 +67,7 @@ def checkpoint(folder: Path, name: str, identifier: str, **of_histories) -> Path
 @pytest.fixture(autouse=True)
 def one_is_drawn(monkeypatch, evaluated):
     """The figures of `evaluated`, and of no other."""
-    monkeypatch.setattr("capture_cli.reports.evaluation_figures.write_figures", lambda *_: None)
+    monkeypatch.setattr("capture_cli.report.evaluation_figures.write_figures", lambda *_: None)
 
 
 def test_the_arrays_are_what_the_document_sums_up(evaluated):
@@ -106,7 +106,7 @@ def test_a_trajectory_difference_is_that_of_the_estimate():
     _, target = draw.ends()
     for number in range(4):
         actions = draw.policy.act(arrays["estimates"][:, number], uniform[:, number])
-        from capture_cli.simulator import Simulator
+        from capture_cli.simulate.simulator import Simulator
 
         simulator = Simulator(task, threads=1)
         simulated, _ = simulator.trajectories(arrays["estimates"][:, number], actions)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from capture_cli.evenly_spread import evenly_spread
+from capture_cli.common.evenly_spread import evenly_spread
 
 
 @pytest.mark.parametrize("count", [1, 2, 15, 16, 17, 1000])

@@ -12,16 +12,16 @@ from hypothesis import strategies as st
 
 from capture_cli.diagnosis.noise_floor import NoiseFloor
 from capture_cli.linearization import Evidence, Linearization
-from capture_cli.parameters import Parameter, ParameterSpace
+from capture_cli.model.parameters import Parameter, ParameterSpace
+from capture_cli.model.tasks import load_task
 from capture_cli.protocol.expected_information import LARGEST_STEP, Axes, Sensitivities, information
 from capture_cli.sim.starts import model_starts
-from capture_cli.stages.drive import Drive
+from capture_cli.stages.excitation.drive import Drive
+from capture_cli.stages.excitation.planned_episodes import Known, planned
 from capture_cli.stages.identify import identify
 from capture_cli.stages.import_log import import_log
-from capture_cli.stages.planned_episodes import Known, planned
 from capture_cli.stages.propose import propose
 from capture_cli.stages.record import record
-from capture_cli.tasks import load_task
 
 SPACE = ParameterSpace([Parameter(n, "1", 0.0, 2.0, 0.5) for n in "abc"])
 SWING_XML = """\

@@ -21,13 +21,13 @@ from capture_cli.effects.base import Effect
 from capture_cli.effects.companion import companion_module
 from capture_cli.effects.placed import Placed
 from capture_cli.errors import ModelError, OutputError, StoreError
+from capture_cli.model.tasks import load_task
 from capture_cli.sim.windows import MOST_DRIFT, cut
-from capture_cli.simulator import Simulator
+from capture_cli.simulate.simulator import Simulator
 from capture_cli.stages.effect_option import parse_effects
 from capture_cli.stages.export import Exported, export
-from capture_cli.stores.diagnosis import FORMAT, VERSION, Diagnosis
-from capture_cli.stores.provenance import Provenance
-from capture_cli.tasks import load_task
+from capture_cli.store.diagnosis import FORMAT, VERSION, Diagnosis
+from capture_cli.store.provenance import Provenance
 
 # One parameter that a machine declares, and the value that was identified.
 DECLARED = {

@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 from test_architecture import MODULES
 
-from capture_cli import extras
+from capture_cli.common import extras
+from capture_cli.common.extras import EXTRAS, missing, require
 from capture_cli.errors import OptionError
-from capture_cli.extras import EXTRAS, missing, require
 
 ROOT = Path(__file__).resolve().parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
@@ -35,13 +35,13 @@ sys.meta_path[sys.meta_path.index(PathFinder)] = WithoutExtras
 NOT_OF_THE_CORE = {
     "identifiers._training",
     "identifiers._transformer",
-    "policies._episode_env",
-    "policies._sac_training",
-    "worlds._gymnasium",
-    "worlds._robosuite",
-    "worlds._scene",
-    "worlds.air_hockey",
-    "worlds.scooping",
+    "context.policies._episode_env",
+    "context.policies._sac_training",
+    "context.worlds._gymnasium",
+    "context.worlds._robosuite",
+    "context.worlds._scene",
+    "context.worlds.air_hockey",
+    "context.worlds.scooping",
 }
 NEEDS = {  # commands, and the package that is missing first; no file that they name exists
     "train-policy": ("train-policy --task nowhere.toml --out o", "learn", "train-policy needs torch"),
@@ -113,7 +113,7 @@ def test_who_needs_an_extra_says_so_before_any_work(name, tmp_path):
 def test_every_help_is_there_without_extras(tmp_path):
     program = """
 from typer.testing import CliRunner
-from capture_cli.app import app
+from capture_cli.cli.app import app
 names = [c.name for c in app.registered_commands]
 for arguments in ([], *([name] for name in names)):
     result = CliRunner().invoke(app, [*arguments, "--help"], catch_exceptions=False)

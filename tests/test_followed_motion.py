@@ -8,13 +8,13 @@ import mujoco
 import numpy as np
 import pytest
 
+from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model.tasks import load_task
 from capture_cli.protocol import log_starts
 from capture_cli.protocol.nominal_motion import nominal_motion
 from capture_cli.protocol.prepare import prepare
 from capture_cli.sim.coordinate_sources import measured_states
 from capture_cli.stages.import_log import import_log
-from capture_cli.stores.measured_log import MeasuredLog
-from capture_cli.tasks import load_task
 
 BALANCING = """<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody><body name="cart">
 <joint name="x" type="slide" axis="1 0 0" damping="0.5"/><geom type="box" size=".1 .1 .05" mass="1"/>

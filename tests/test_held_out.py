@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from capture_cli.protocol.beyond_fitted import beyond_fitted
-from capture_cli.reports import findings
+from capture_cli.report import findings
 from capture_cli.stages import identify as stage
 from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.identify import identify
 from capture_cli.stages.import_log import import_log
 from capture_cli.stages.inspect import inspect
 from capture_cli.stages.record import record
-from capture_cli.stores import output
+from capture_cli.store import output
 
 SLIDER = Path(__file__).resolve().parents[1] / "benchmarks" / "machines" / "slider" / "task.toml"
 

@@ -10,13 +10,13 @@ import pytest
 from slow_sensors import MACHINES, with_sparse
 
 from capture_cli.errors import LogError
-from capture_cli.stages.held_outputs import rows_per_sample, sample_rate, without_repeats
+from capture_cli.log.checks.held_outputs import rows_per_sample, sample_rate, without_repeats
+from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model.tasks import load_task
 from capture_cli.stages.identify import identify
 from capture_cli.stages.import_log import import_log
 from capture_cli.stages.inspect import inspect
 from capture_cli.stages.record import record
-from capture_cli.stores.measured_log import MeasuredLog
-from capture_cli.tasks import load_task
 
 STEPS, ROWS = 1200, 4
 EPISODES = [slice(0, 500), slice(500, STEPS)]

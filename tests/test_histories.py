@@ -17,25 +17,26 @@ import pytest
 import zarr
 from typer.testing import CliRunner
 
-from capture_cli.app import app
+from capture_cli.cli.app import app
+from capture_cli.context.checkpoints import policy_checkpoint
+from capture_cli.context.checkpoints.checkpoint_hash import checkpoint_hash
+from capture_cli.context.checkpoints.policy_checkpoint import load_policy, save_policy
+from capture_cli.context.histories import history_recipe
+from capture_cli.context.histories.action_library import tape_task
+from capture_cli.context.histories.history_recipe import Recipe
+from capture_cli.context.histories.moving_parameters import check_parameters_move_trajectories
+from capture_cli.context.policies.base import Policy
+from capture_cli.context.policies.random import Random
+from capture_cli.context.search import REGISTRY as SEARCHES
 from capture_cli.errors import FitError, OptionError, OutputError, StoreError, TaskError
-from capture_cli.policies.base import Policy
-from capture_cli.policies.random import Random
-from capture_cli.search import REGISTRY as SEARCHES
-from capture_cli.simulator import Simulator
-from capture_cli.stages import history_recipe, policy_checkpoint
-from capture_cli.stages.checkpoint_hash import checkpoint_hash
+from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model.tasks import load_task
+from capture_cli.simulate.simulator import Simulator
 from capture_cli.stages.gen_histories import gen_histories
-from capture_cli.stages.history_recipe import Recipe
 from capture_cli.stages.inspect import inspect
-from capture_cli.stages.moving_parameters import check_parameters_move_trajectories
-from capture_cli.stages.policy_checkpoint import load_policy, save_policy
 from capture_cli.stages.record import record
-from capture_cli.stages.tapes import tape_task
-from capture_cli.stores.histories import DATA, Histories, HistoriesWriter
-from capture_cli.stores.measured_log import MeasuredLog
-from capture_cli.stores.output import sha256, unfinished
-from capture_cli.tasks import load_task
+from capture_cli.store.histories import DATA, Histories, HistoriesWriter
+from capture_cli.store.output import sha256, unfinished
 
 TAPES = {"points": 5, "window": 0.1, "amplitude": {"drive": 3.0}}
 SMALL = {"pairs": 40, "rounds": 4, "shard_pairs": 16, **TAPES}

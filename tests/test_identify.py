@@ -16,17 +16,17 @@ from held_inputs import hold
 from capture_cli.errors import FitError, LogError, OptionError
 from capture_cli.identifiers import REGISTRY
 from capture_cli.identifiers.least_squares import LeastSquares
-from capture_cli.parameters import Parameter, ParameterSpace
-from capture_cli.reports import diagnosis_findings, findings
+from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model.parameters import Parameter, ParameterSpace
+from capture_cli.report import diagnosis_findings, findings
 from capture_cli.stages import diagnose as diagnose_stage
 from capture_cli.stages import identify as stage
-from capture_cli.stages.chosen_identifier import ChosenIdentifier
-from capture_cli.stages.estimate_document import Report, _agreement
+from capture_cli.stages.documents.estimate_document import Report, _agreement
+from capture_cli.stages.identification.chosen_identifier import ChosenIdentifier
 from capture_cli.stages.record import record
-from capture_cli.stores import output
-from capture_cli.stores.estimate import Estimate
-from capture_cli.stores.measured_log import MeasuredLog
-from capture_cli.stores.output import sha256
+from capture_cli.store import output
+from capture_cli.store.estimate import Estimate
+from capture_cli.store.output import sha256
 
 MACHINES = Path(__file__).resolve().parents[1] / "benchmarks" / "machines"
 SLIDER = MACHINES / "slider" / "task.toml"

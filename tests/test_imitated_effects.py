@@ -11,7 +11,7 @@ import pytest
 from capture_cli.effects import REGISTRY
 from capture_cli.effects.placed import Placed
 from capture_cli.linearization import Evidence, Linearization
-from capture_cli.parameters import Parameter, ParameterSpace
+from capture_cli.model.parameters import Parameter, ParameterSpace
 from capture_cli.protocol.candidates import Candidate, score_at_null
 
 STEPS = 2000

@@ -14,14 +14,14 @@ from hypothesis import strategies as st
 from pyarrow import parquet
 
 from capture_cli.errors import CaptureError, LogError, OutputError
+from capture_cli.log.measured_log import LARGEST, MeasuredLog
+from capture_cli.log.readers.source_files import open_source
+from capture_cli.model.tasks import load_task
 from capture_cli.protocol.log_checks import check_fits
 from capture_cli.stages import import_log as stage
 from capture_cli.stages.import_log import import_log
 from capture_cli.stages.inspect import inspect
 from capture_cli.stages.record import record
-from capture_cli.stages.source_files import open_source
-from capture_cli.stores.measured_log import LARGEST, MeasuredLog
-from capture_cli.tasks import load_task
 
 HEADER = "t_s,u_N,q_m"
 ROWS = [f"{0.1 * i:.1f},{math.sin(i):.6f},{0.01 * i:.3f}" for i in range(12)]

@@ -79,7 +79,7 @@ def test_numpy_and_torch_agree(tokens, residual, parameters, features, layers, h
 
 def test_a_checkpoint_is_read_without_torch():
     code = (
-        "import sys; import capture_cli.stages.identifier_checkpoint, capture_cli.identifiers._learned; "
+        "import sys; import capture_cli.context.checkpoints.identifier_checkpoint, capture_cli.identifiers._learned; "
         "import capture_cli.identifiers.capture, capture_cli.identifiers.posterior; "
         "sys.exit('torch' in sys.modules)"
     )

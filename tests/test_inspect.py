@@ -16,15 +16,15 @@ import toy_rounds
 from episodes_of import episodes_of
 from rich.console import Console
 
+from capture_cli.context.checkpoints.training_state import save_state
 from capture_cli.errors import StoreError, TaskError
-from capture_cli.reports.inspection import render
+from capture_cli.log.checks.log_health import channel, excitation, quantisation, spikes, timing
+from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.report.inspection import render
 from capture_cli.stages.import_log import import_log
 from capture_cli.stages.inspect import inspect
-from capture_cli.stages.log_health import channel, excitation, quantisation, spikes, timing
-from capture_cli.stages.training_state import save_state
-from capture_cli.stores.measured_log import MeasuredLog
-from capture_cli.stores.output import unfinished
-from capture_cli.stores.provenance import Provenance, write_json
+from capture_cli.store.output import unfinished
+from capture_cli.store.provenance import Provenance, write_json
 
 STEPS, RATE = 1000, 100.0
 REPOSITORY = Path(__file__).resolve().parents[1]

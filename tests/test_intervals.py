@@ -7,7 +7,7 @@ import pytest
 
 from capture_cli.identifiers.intervals import Intervals, unit_covariance
 from capture_cli.linearization import Evidence, Linearization
-from capture_cli.parameters import Parameter, ParameterSpace
+from capture_cli.model.parameters import Parameter, ParameterSpace
 
 
 @pytest.mark.parametrize("level", [False, True], ids=["tumbling", "level"])

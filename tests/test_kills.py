@@ -23,7 +23,7 @@ def test_killed_runs_leave_no_output_in_part_and_say_what_is_true():
 
 
 def test_every_command_is_killed():
-    from capture_cli.app import _COMMANDS
+    from capture_cli.cli.app import _COMMANDS
 
     assert {run.arguments[0] for run in RUNS.values()} == set(_COMMANDS)
 

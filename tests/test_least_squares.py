@@ -8,7 +8,7 @@ import pytest
 from capture_cli.identifiers.base import run
 from capture_cli.identifiers.least_squares import LeastSquares
 from capture_cli.linearization import Evidence, Trial
-from capture_cli.parameters import Parameter, ParameterSpace
+from capture_cli.model.parameters import Parameter, ParameterSpace
 
 ROUNDS = 60
 GAIN = 0.002  # of the first error, in each round

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from capture_cli.errors import OutputError
-from capture_cli.stores.output import PROVENANCE, new_directory, new_file, resumable_directory
-from capture_cli.stores.writer_lock import only_writer
-from capture_cli.tasks import load_task
+from capture_cli.model.tasks import load_task
+from capture_cli.store.output import PROVENANCE, new_directory, new_file, resumable_directory
+from capture_cli.store.writer_lock import only_writer
 
 PRECIOUS = "years of work"
 resumable = partial(resumable_directory, kept=lambda folder: "all of it is kept")

@@ -15,7 +15,7 @@ import test_reports
 from browser import in_chromium, opened
 from html_page import Page
 
-from capture_cli.reports import diagnosis_page, estimate_page
+from capture_cli.report import diagnosis_page, estimate_page
 
 # What a browser would run, were it not text. It leaves a trace where it does.
 RUN = "document.documentElement.dataset.ran=1"
@@ -65,7 +65,7 @@ CASES += [(kind, "full", markup) for kind in PAGES for markup in MARKUP]
 
 def test_every_page_is_tried():
     """A template that extends page.html is a page."""
-    folder = files("capture_cli.reports")
+    folder = files("capture_cli.report") / "templates"
     found = {
         Path(f.name).stem
         for f in folder.iterdir()
@@ -103,8 +103,9 @@ def test_the_policy_allows_the_two_scripts_of_the_page_and_no_other():
 
 
 def test_no_template_turns_the_escaping_off():
-    folder = files("capture_cli.reports")
-    texts = {f.name: f.read_text(encoding="utf-8") for f in folder.iterdir() if f.is_file()}
+    folder = files("capture_cli.report")
+    own = (f for place in (folder, folder / "templates") for f in place.iterdir() if f.is_file())
+    texts = {f.name: f.read_text(encoding="utf-8") for f in own}
     assert not [n for n, t in texts.items() if n.endswith(".html") and re.search(r"\|\s*safe|autoescape", t)]
     marked = {n: t.count("Markup(") for n, t in texts.items() if n.endswith(".py") and "Markup(" in t}
     assert marked == {"page.py": 2}, "of its own style and scripts, and of plotly.js"

@@ -10,6 +10,9 @@ import numpy as np
 import pytest
 from held_inputs import held_machine
 
+from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model.tasks import load_task
+from capture_cli.model.tasks.base import Channel
 from capture_cli.protocol.misread_channels import (
     FACTORS,
     MOST_PAIRS,
@@ -23,15 +26,12 @@ from capture_cli.protocol.misread_channels import (
     misread_channels,
 )
 from capture_cli.protocol.prepare import prepare
-from capture_cli.reports.findings import suspicions
+from capture_cli.report.findings import suspicions
 from capture_cli.sim.engine import Engine
 from capture_cli.stages import identify as stage
 from capture_cli.stages.inspect import inspect
 from capture_cli.stages.record import record
-from capture_cli.stores import output
-from capture_cli.stores.measured_log import MeasuredLog
-from capture_cli.tasks import load_task
-from capture_cli.tasks.base import Channel
+from capture_cli.store import output
 
 NOISE = {"slider": 5e-4, "arm": 1e-3}
 

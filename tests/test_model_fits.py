@@ -16,6 +16,8 @@ from capture_cli.effects._transmission import TransmissionEffect
 from capture_cli.effects.base import Effect
 from capture_cli.effects.placed import Placed
 from capture_cli.identifiers.intervals import unit_covariance
+from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model.tasks import load_task
 from capture_cli.protocol.fit import EXACT, Fit
 from capture_cli.protocol.minima import RETURNED, minima
 from capture_cli.protocol.model_comparison import ModelComparison
@@ -24,10 +26,8 @@ from capture_cli.protocol.part_fit import PartFit
 from capture_cli.protocol.prepare import prepare
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.sim.windows import LEAD
-from capture_cli.simulator import Simulator
+from capture_cli.simulate.simulator import Simulator
 from capture_cli.stages.record import record
-from capture_cli.stores.measured_log import MeasuredLog
-from capture_cli.tasks import load_task
 
 
 def planted(

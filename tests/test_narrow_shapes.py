@@ -16,6 +16,7 @@ from capture_cli.diagnosis.score import score
 from capture_cli.effects import REGISTRY
 from capture_cli.effects._periodic_force import PeriodicForce
 from capture_cli.effects.placed import Placed
+from capture_cli.model.tasks import load_task
 from capture_cli.protocol.attribution import Attribution
 from capture_cli.protocol.candidates import Candidate
 from capture_cli.protocol.model_fits import ModelFits
@@ -23,7 +24,6 @@ from capture_cli.protocol.narrow_shapes import NarrowShapes, _peaks
 from capture_cli.protocol.prepare import prepare
 from capture_cli.sim.engine import Engine, Starts
 from capture_cli.stages.record import record
-from capture_cli.tasks import load_task
 
 SLIDER = Path(__file__).parents[1] / "benchmarks" / "machines" / "slider" / "task.toml"
 PERIODIC = [name for name, effect in REGISTRY.items() if issubclass(effect, PeriodicForce)]

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from capture_cli.context.observation_noise import NOISES, apply, check
 from capture_cli.errors import OptionError
-from capture_cli.observation_noise import NOISES, apply, check
 
 PAIRS, ROUNDS = 40, 31
 

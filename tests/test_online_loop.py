@@ -12,16 +12,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from capture_cli import cli
+from capture_cli.cli import main
 from capture_cli.errors import LogError, OptionError, OutputError, StoreError
+from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.stages.diagnose import diagnose
-from capture_cli.stages.earlier_estimate import EarlierEstimate
 from capture_cli.stages.identify import identify
 from capture_cli.stages.import_log import import_log
 from capture_cli.stages.propose import propose
 from capture_cli.stages.record import record
-from capture_cli.stores.estimate import Estimate
-from capture_cli.stores.measured_log import MeasuredLog
+from capture_cli.stages.recorded.earlier_estimate import EarlierEstimate
+from capture_cli.store.estimate import Estimate
 
 DOCS = Path(__file__).parents[1] / "docs"
 WITHOUT_PAGES = """
@@ -125,7 +125,7 @@ def test_a_proposal_as_a_csv_is_in_the_columns_and_units_of_the_log(
         sys, "argv", ["capture", "propose", str(tmp_path / "e"), "--csv", str(tmp_path / "p.csv")]
     )
     with pytest.raises(SystemExit, match=r"^0$"):
-        cli.main()
+        main()
     proposal = json.loads(capsys.readouterr().out)
     head, *rows = (tmp_path / "p.csv").read_text().splitlines()
     assert head == 't_s,"drive [mN], set"'

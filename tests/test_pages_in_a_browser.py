@@ -9,7 +9,7 @@ import test_diagnosis_page
 import test_reports
 from browser import in_chromium, opened
 
-from capture_cli.reports import diagnosis_page, estimate_page
+from capture_cli.report import diagnosis_page, estimate_page
 
 PAGES = {
     "estimate_page": (estimate_page, test_reports),

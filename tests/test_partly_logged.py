@@ -13,14 +13,14 @@ from test_starts import GYROS
 
 from capture_cli.effects import REGISTRY
 from capture_cli.errors import TaskError
+from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model.tasks import load_task
 from capture_cli.sim.coordinate_sources import sources_of
 from capture_cli.stages import diagnose as diagnose_stage
 from capture_cli.stages import identify as identify_stage
 from capture_cli.stages.export import export
 from capture_cli.stages.import_log import import_log
 from capture_cli.stages.record import record
-from capture_cli.stores.measured_log import MeasuredLog
-from capture_cli.tasks import load_task
 
 # Pushed and turned on a level plane, with nothing below it: only x, y and the rate of turning are logged.
 CRAFT = """

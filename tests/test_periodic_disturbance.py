@@ -11,8 +11,11 @@ import pytest
 from held_inputs import held_machine
 from machines import machine
 
+from capture_cli.common.progress import Progress
 from capture_cli.effects.base import Recordings
 from capture_cli.effects.periodic_disturbance import PeriodicDisturbance
+from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model.tasks import load_task
 from capture_cli.protocol import attribution
 from capture_cli.protocol.candidates import all_candidates
 from capture_cli.protocol.explain import Settings
@@ -20,10 +23,7 @@ from capture_cli.protocol.prepare import prepare
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.sim.engine import Engine, Starts
 from capture_cli.stages.diagnose import diagnose_prepared
-from capture_cli.stages.progress import Progress
 from capture_cli.stages.record import record
-from capture_cli.stores.measured_log import MeasuredLog
-from capture_cli.tasks import load_task
 
 EFFECT = "periodic-disturbance@x"
 SIZE, FREQUENCY = 1.5, 2.29

@@ -39,8 +39,8 @@ from benchmarks._planted_logs.outside import OUTSIDE
 from benchmarks._share import share
 from capture_cli.effects import REGISTRY
 from capture_cli.errors import OptionError
-from capture_cli.stores.measured_log import MeasuredLog
-from capture_cli.tasks import load_task
+from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model.tasks import load_task
 
 # what steps that are too long could be taken for
 BESIDE_STEPS = (

@@ -16,17 +16,17 @@ from hypothesis import strategies as st
 from reaching import Reaching
 from safetensors.numpy import load_file, save_file
 
+from capture_cli.context.checkpoints.policy_checkpoint import load_policy
+from capture_cli.context.policies import REGISTRY
+from capture_cli.context.policies._evaluation import judge
+from capture_cli.context.policies.sac import BLOCK, Sac
 from capture_cli.errors import FitError, OptionError, OutputError, StoreError
-from capture_cli.policies import REGISTRY
-from capture_cli.policies._evaluation import judge
-from capture_cli.policies.sac import BLOCK, Sac
-from capture_cli.simulator import Simulator
+from capture_cli.model.tasks.air_hockey import AirHockey
+from capture_cli.simulate.simulator import Simulator
 from capture_cli.stages import train_policy as stage
 from capture_cli.stages.gen_histories import gen_histories
-from capture_cli.stages.policy_checkpoint import load_policy
-from capture_cli.stores.histories import Histories
-from capture_cli.stores.output import unfinished
-from capture_cli.tasks.air_hockey import AirHockey
+from capture_cli.store.histories import Histories
+from capture_cli.store.output import unfinished
 
 ROOT = Path(__file__).resolve().parents[1]
 TINY = {"task": "reaching", "steps": 1200, "envs": 50, "evaluations": 6, "width": 16, "batch": 64}
@@ -79,7 +79,7 @@ def test_an_action_does_not_depend_on_the_company(seed, count, data):
 def test_the_actor_is_the_one_that_was_trained():
     import torch
 
-    from capture_cli.policies.base import TrainingSettings
+    from capture_cli.context.policies.base import TrainingSettings
 
     task = AirHockey()
     sizes = {"steps": 8, "envs": 4, "updates": 1, "batch": 4, "width": 16, "layers": 2}
@@ -151,7 +151,7 @@ def test_an_episode_that_diverges_is_worth_no_more_than_the_worst():
 
 @pytest.mark.usefixtures("learn")
 def test_the_environments_give_the_rewards_of_the_simulator():
-    from capture_cli.policies._episode_env import EpisodeVecEnv
+    from capture_cli.context.policies._episode_env import EpisodeVecEnv
 
     task = AirHockey()
     env = EpisodeVecEnv(Simulator(task, threads=1), 5, seed=3)
@@ -251,7 +251,7 @@ def test_going_on_with_another_training_is_refused(tmp_path, monkeypatch):
 
 def _interrupt(patch: pytest.MonkeyPatch, after: int) -> None:
     """Training is interrupted in the batch that follows so many."""
-    from capture_cli.policies._sac_training import SacTrainer
+    from capture_cli.context.policies._sac_training import SacTrainer
 
     train, count = SacTrainer.train, iter(range(1000))
 

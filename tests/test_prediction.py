@@ -11,16 +11,16 @@ import numpy as np
 import pytest
 
 from capture_cli.effects.placed import Placed
+from capture_cli.model.tasks import load_task
 from capture_cli.protocol.candidates import all_candidates
 from capture_cli.protocol.model_fits import ModelFits
 from capture_cli.protocol.prediction import HORIZONS, PredictingModel, prediction_errors
 from capture_cli.protocol.prepare import prepare
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.stages import identify as stage
+from capture_cli.stages.documents.prediction_document import prediction_of
 from capture_cli.stages.import_log import import_log
-from capture_cli.stages.prediction_document import prediction_of
 from capture_cli.stages.record import record
-from capture_cli.tasks import load_task
 
 CART_POLE = Path(__file__).resolve().parents[1] / "benchmarks" / "machines" / "cart_pole"
 TRUTH = {"mass": 1.4, "damping": 3.0}

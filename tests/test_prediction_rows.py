@@ -9,9 +9,9 @@ from rich.console import Console
 from test_diagnosis_page import make as make_diagnosis
 from test_reports import make as make_estimate
 
-from capture_cli.reports import diagnosis_page, estimate_page
-from capture_cli.reports.prediction import for_terminal, predictions
-from capture_cli.reports.terminal import print_diagnosis, print_estimate
+from capture_cli.report import diagnosis_page, estimate_page
+from capture_cli.report.prediction import for_terminal, predictions
+from capture_cli.report.terminal import print_diagnosis, print_estimate
 
 OUTPUTS = [{"name": "elbow", "unit": "rad"}, {"name": "reach", "unit": "m"}]
 

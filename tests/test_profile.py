@@ -9,15 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from capture_cli import cli
+from capture_cli.cli import main
+from capture_cli.common.quantities import significant
 from capture_cli.identifiers._profile import CLOSE, hanging, profile
 from capture_cli.identifiers.intervals import intervals
 from capture_cli.linearization import Evidence, Linearization, Trial, columns
-from capture_cli.parameters import Parameter, ParameterSpace
-from capture_cli.reports import findings
-from capture_cli.reports.quantities import significant
+from capture_cli.model.parameters import Parameter, ParameterSpace
+from capture_cli.report import findings
 from capture_cli.stages.record import record
-from capture_cli.stores.estimate import Estimate
+from capture_cli.store.estimate import Estimate
 
 NOISE, STEPS = 0.01, 400
 TIME = np.linspace(0, 1, STEPS)
@@ -219,7 +219,7 @@ def test_a_puck_that_never_slips_is_said_to_grip_at_least_so_well(tmp_path, monk
     arguments = ["identify", "--real-log", log, "--task", task, "--out", out, "--threads", "1"]
     monkeypatch.setattr(sys, "argv", ["capture", *arguments])
     with contextlib.suppress(SystemExit):
-        cli.main()
+        main()
     document = Estimate.read(Path(out)).document
     assert document["verdict"] == "not-identifiable"
     assert document["parameters"]["mass"]["limits"] is None

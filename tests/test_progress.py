@@ -9,15 +9,15 @@ from pathlib import Path
 
 import pytest
 
+from capture_cli.common import progress as module
+from capture_cli.common.progress import Progress
 from capture_cli.errors import Interrupted
+from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.protocol.explain import Settings
 from capture_cli.stages import diagnose as diagnose_stage
 from capture_cli.stages import identify as identify_stage
-from capture_cli.stages import progress as module
 from capture_cli.stages.log_to_fit import LogToFit
-from capture_cli.stages.progress import Progress
 from capture_cli.stages.record import record
-from capture_cli.stores.measured_log import MeasuredLog
 
 SLIDER = Path(__file__).parents[1] / "benchmarks" / "machines" / "slider" / "task.toml"
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from capture_cli.multisine import multisine
 from capture_cli.sim.range_ends import largest_of, piled_up_from
+from capture_cli.simulate.multisine import multisine
 
 TIME = 0.004 * np.arange(3000)
 MOVED = np.concatenate(

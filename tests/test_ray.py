@@ -8,8 +8,8 @@ import pytest
 
 from capture_cli.errors import OptionError
 from capture_cli.stages.gen_histories import gen_histories
-from capture_cli.stores.histories import Histories
-from capture_cli.stores.output import sha256, unfinished
+from capture_cli.store.histories import Histories
+from capture_cli.store.output import sha256, unfinished
 
 SMALL = {
     "rounds": 4,

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from capture_cli.stages import identify as stage
-from capture_cli.stages.estimate_document import Report
+from capture_cli.stages.documents.estimate_document import Report
 from capture_cli.stages.import_log import import_log
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "docs" / "examples"

@@ -8,17 +8,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from capture_cli.common.extras import missing
 from capture_cli.errors import LogError, OptionError
-from capture_cli.extras import missing
+from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model.tasks import load_task
 from capture_cli.protocol.log_starts import as_acted, begins_as_acted
 from capture_cli.protocol.prepare import prepare
-from capture_cli.simulator import Simulator
-from capture_cli.stages.drive import ACTION_RATE
+from capture_cli.simulate.simulator import Simulator
+from capture_cli.stages.excitation.drive import ACTION_RATE
 from capture_cli.stages.identify import identify
 from capture_cli.stages.import_log import import_log
 from capture_cli.stages.record import record
-from capture_cli.stores.measured_log import MeasuredLog
-from capture_cli.tasks import load_task
 
 ROOT = Path(__file__).resolve().parents[1]
 

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from capture_cli.context.histories.action_library import tape_task
 from capture_cli.errors import CaptureError, OptionError
-from capture_cli.multisine import BAND, from_rest, multisine, multisine_tape, peak
+from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model.tasks import load_task
+from capture_cli.simulate.multisine import BAND, from_rest, multisine, multisine_tape, peak
 from capture_cli.stages.record import record
-from capture_cli.stages.tapes import tape_task
-from capture_cli.stores.measured_log import MeasuredLog
-from capture_cli.tasks import load_task
 
 
 @pytest.fixture

@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 
 from capture_cli.errors import LogError, OptionError, OutputError, StoreError
+from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model.tasks import load_task
 from capture_cli.protocol.log_checks import all_diverged
 from capture_cli.stages import diagnose as diagnose_stage
 from capture_cli.stages import identify as identify_stage
@@ -20,10 +22,8 @@ from capture_cli.stages.gen_histories import gen_histories
 from capture_cli.stages.import_log import import_log
 from capture_cli.stages.propose import propose
 from capture_cli.stages.record import record
-from capture_cli.stages.recorded_task import recorded_task
-from capture_cli.stores.measured_log import MeasuredLog
-from capture_cli.stores.output import sha256
-from capture_cli.tasks import load_task
+from capture_cli.stages.recorded.recorded_task import recorded_task
+from capture_cli.store.output import sha256
 
 SLIDER = Path(__file__).parents[1] / "benchmarks" / "machines" / "slider"
 

@@ -13,13 +13,13 @@ from gimbal import gimbal
 from held_inputs import held_machine
 from scipy.spatial.transform import Rotation
 
+from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model.tasks import load_task
 from capture_cli.protocol.prepare import prepare
 from capture_cli.protocol.repeated_noise import with_noise_of_repeats
 from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.identify import identify
 from capture_cli.stages.record import record
-from capture_cli.stores.measured_log import MeasuredLog
-from capture_cli.tasks import load_task
 
 SLIDER = str(Path(__file__).parents[1] / "benchmarks" / "machines" / "slider" / "task.toml")
 NOISE, MEMORY = 1e-3, 8.0  # m; samples within which it is forgotten

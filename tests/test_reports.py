@@ -17,21 +17,21 @@ from html_page import Page
 from matplotlib.image import imread
 from rich.console import Console
 
-from capture_cli.reports.curve_plots import MOST_POINTS, curve_views
-from capture_cli.reports.curves import Curves, autocorrelation, thin
-from capture_cli.reports.estimate_page import render
-from capture_cli.reports.figure_parts import new_figure, save
-from capture_cli.reports.figures import _convergence, write_figures
-from capture_cli.reports.findings import (
+from capture_cli.common.quantities import MISSING, bound, scaled_unit, significant, to_precision_of
+from capture_cli.report.curve_plots import MOST_POINTS, curve_views
+from capture_cli.report.curves import Curves, autocorrelation, thin
+from capture_cli.report.estimate_page import render
+from capture_cli.report.figure_parts import new_figure, save
+from capture_cli.report.figures import _convergence, write_figures
+from capture_cli.report.findings import (
     UNTRUSTED,
     correlation,
     notes,
     output_errors,
     suspicions,
 )
-from capture_cli.reports.quantities import MISSING, bound, scaled_unit, significant, to_precision_of
-from capture_cli.reports.terminal import print_estimate
-from capture_cli.stores.estimate import Estimate
+from capture_cli.report.terminal import print_estimate
+from capture_cli.store.estimate import Estimate
 
 PARAMETERS = {
     "mass": ("kg", 50.0, 150.0, 95.108, 0.131),
@@ -721,8 +721,8 @@ def test_imports_stay_light():
     """`capture identify` must not wait for pyplot, plotly's figure classes or pandas."""
     program = (
         "import sys;"
-        "import capture_cli.reports.estimate_page, capture_cli.reports.figures, capture_cli.reports.terminal;"
-        "from capture_cli.reports.page import page;"
+        "import capture_cli.report.estimate_page, capture_cli.report.figures, capture_cli.report.terminal;"
+        "from capture_cli.report.page import page;"
         "page('page.html', plots={}, curves=None, document={'task': ''}, badge='');"
         "print([m for m in ('matplotlib.pyplot', 'plotly.graph_objs', 'pandas') if m in sys.modules])"
     )

@@ -12,6 +12,8 @@ from held_inputs import hold
 from slow_sensors import regular, thinned, with_sparse
 
 from capture_cli.diagnosis.noise_floor import from_differences, white_noise
+from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model.tasks import load_task
 from capture_cli.protocol.fit import Fit
 from capture_cli.protocol.model_fits import ModelFits
 from capture_cli.protocol.prepare import prepare
@@ -20,8 +22,6 @@ from capture_cli.protocol.residual_noise import _of_outliers, with_noise_of_resi
 from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.identify import identify
 from capture_cli.stages.record import record
-from capture_cli.stores.measured_log import MeasuredLog
-from capture_cli.tasks import load_task
 
 NOISE = 1e-3  # rad, of both joints
 LOOKED_FOR = (

@@ -20,7 +20,7 @@ from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.inspect import inspect
 from capture_cli.stages.kept_steps import STEPS, StepFiles
 from capture_cli.stages.record import record
-from capture_cli.stores.output import unfinished
+from capture_cli.store.output import unfinished
 
 FEW = ("coulomb-friction", "cubic-stiffness", "viscous-damping", "control-lag")  # the last has a state
 PLANTED = ["coulomb-friction@x.friction=1.5", "cubic-stiffness@x.stiffness=200"]
@@ -157,7 +157,7 @@ def test_another_run_is_refused(asked, whole, tmp_path):
 
 def test_other_code_is_refused(asked, tmp_path, monkeypatch):
     interrupted(tmp_path / "d", asked, after=1)
-    monkeypatch.setattr("capture_cli.stores.provenance.code_hash", lambda: "0" * 64)
+    monkeypatch.setattr("capture_cli.store.provenance.code_hash", lambda: "0" * 64)
     with pytest.raises(OptionError, match=r"begun otherwise: code was \w{12}, now 000000000000\n"):
         diagnose(out=tmp_path / "d", resume=True, **asked)
 

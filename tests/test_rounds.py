@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from toy_rounds import SIGNATURE, draw_actions, histories, simulate, trajectories
 
+from capture_cli.common.extras import missing
 from capture_cli.errors import OptionError
-from capture_cli.extras import missing
 from capture_cli.identifiers import REGISTRY, log_identifier, round_identifier
 from capture_cli.identifiers.base import Identifier
 from capture_cli.identifiers.compass import Compass

@@ -14,20 +14,20 @@ from episodes_of import episodes_of
 from toy_rounds import SIGNATURE, histories, write
 
 from benchmarks.family import Logs
+from capture_cli.context.checkpoints.identifier_checkpoint import load_identifier
+from capture_cli.context.histories.action_library import log_tapes
 from capture_cli.errors import FitError, LogError, OptionError, StoreError
 from capture_cli.identifiers._family import Family
 from capture_cli.identifiers._normalisation import Normalisation
 from capture_cli.identifiers.rounds import Rounds
+from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model.tasks import load_task
 from capture_cli.protocol.prepare import prepare
 from capture_cli.stages.gen_histories import gen_histories
-from capture_cli.stages.identifier_checkpoint import load_identifier
 from capture_cli.stages.identify import identify
 from capture_cli.stages.record import record
-from capture_cli.stages.tapes import log_tapes
 from capture_cli.stages.train_sysid import train_sysid
-from capture_cli.stores.estimate import HISTORY, Estimate
-from capture_cli.stores.measured_log import MeasuredLog
-from capture_cli.tasks import load_task
+from capture_cli.store.estimate import HISTORY, Estimate
 
 pytestmark = pytest.mark.usefixtures("without_pages")
 TINY = {"width": 16, "layers": 1, "heads": 2, "steps": 150, "batch": 32, "warmup": 10}

@@ -11,7 +11,7 @@ from scipy.stats import binom, truncnorm
 from capture_cli.identifiers._sampled_posterior import AWAY, is_rough, sampled_posterior
 from capture_cli.identifiers.intervals import intervals, unit_covariance
 from capture_cli.linearization import Evidence, Linearization, Trial, columns
-from capture_cli.parameters import Parameter, ParameterSpace
+from capture_cli.model.parameters import Parameter, ParameterSpace
 
 STEPS = 400
 NOISE = 0.01

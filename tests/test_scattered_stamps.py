@@ -10,7 +10,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from capture_cli.protocol.scattered_stamps import _settled
-from capture_cli.reports import findings
+from capture_cli.report import findings
 from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.identify import identify
 from capture_cli.stages.inspect import inspect

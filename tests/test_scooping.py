@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from capture_cli.simulator import Simulator
-from capture_cli.tasks import load_task
+from capture_cli.model.tasks import load_task
+from capture_cli.simulate.simulator import Simulator
 
 IN_REACH = st.floats(-1.0, 1.0)
 LABEL_CHANGES = 0.0494  # half-lengths

@@ -11,10 +11,10 @@ pytest.importorskip("gymnasium", reason="needs the extra robosuite")
 import gymnasium
 import robosuite
 
+from capture_cli.context.worlds import _robosuite, scooping
 from capture_cli.errors import OptionError
+from capture_cli.model.tasks import load_task
 from capture_cli.sim.engine import Engine, ModelFields
-from capture_cli.tasks import load_task
-from capture_cli.worlds import _robosuite, scooping
 
 CASES = [(0.0, 0.0), (0.5, 0.3), (1.0, 0.8), (-0.4, 0.7), (-1.0, -1.0)]  # com, scoop point
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import beta, kstest
 
-from capture_cli.search import REGISTRY
+from capture_cli.context.search import REGISTRY
 
 PAIRS, ROUNDS = 10_000, 7
 LOW, HIGH = np.array([0.03, -15.0, -1.0]), np.array([0.07, -3.0, 1.0])

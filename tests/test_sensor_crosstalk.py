@@ -10,9 +10,9 @@ from diagnosing import diagnose, look_among
 from machines import ARM, build, machine, run
 
 from capture_cli import effects
+from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model.tasks import load_task
 from capture_cli.stages.record import record
-from capture_cli.stores.measured_log import MeasuredLog
-from capture_cli.tasks import load_task
 
 PAN_TILT = Path(__file__).parents[1] / "benchmarks" / "machines" / "pan_tilt" / "task.toml"
 Crosstalk = effects.REGISTRY.get("sensor-crosstalk")

@@ -13,10 +13,10 @@ from scipy.signal import bilinear, lfilter, lsim
 
 from capture_cli.effects.base import Reports
 from capture_cli.effects.sensor_high_pass import SensorHighPass, high_passed, integrated
+from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model.tasks import load_task
+from capture_cli.model.tasks.mjcf_file import MjcfFile
 from capture_cli.stages.record import record
-from capture_cli.stores.measured_log import MeasuredLog
-from capture_cli.tasks import load_task
-from capture_cli.tasks.mjcf_file import MjcfFile
 
 TABLE = """
 <mujoco model="table">

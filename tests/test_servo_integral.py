@@ -18,15 +18,15 @@ from plain_loop import looped
 from capture_cli import effects
 from capture_cli.effects.companion import companion_module
 from capture_cli.effects.servo_integral import IntegralTerm, ServoIntegral
+from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model.tasks import load_task
+from capture_cli.model.tasks.base import Task
 from capture_cli.protocol.candidates import Candidate, all_candidates, score_at_null
 from capture_cli.protocol.model_fits import ModelFits
 from capture_cli.protocol.narrow_shapes import NarrowShapes
 from capture_cli.protocol.prepare import prepare
 from capture_cli.sim.engine import Engine, ModelFields, Starts
 from capture_cli.stages.record import record
-from capture_cli.stores.measured_log import MeasuredLog
-from capture_cli.tasks import load_task
-from capture_cli.tasks.base import Task
 
 EMPS = Path(__file__).parents[1] / "docs" / "examples" / "emps" / "model.xml"
 EFFECT = "servo-integral@tilt"

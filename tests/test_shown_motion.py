@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from capture_cli import cli
+from capture_cli.cli import main
+from capture_cli.model.tasks import load_task
+from capture_cli.model.tasks.base import Task
 from capture_cli.protocol.shown_motion import MARGIN, STOP_GIVES, Quantities, ShownMotion
 from capture_cli.stages.identify import identify
 from capture_cli.stages.propose import propose
 from capture_cli.stages.record import record
-from capture_cli.tasks import load_task
-from capture_cli.tasks.base import Task
 
 SD = 1e-3  # m, of the noise
 
@@ -163,7 +163,7 @@ def test_the_ranges_are_printed_beside_what_the_log_shows(light, tmp_path, capsy
     words = ["capture", "propose", str(light), "--beyond-log", "--out", str(tmp_path / "p.json")]
     monkeypatch.setattr(sys, "argv", words)
     with pytest.raises(SystemExit, match=r"^0$"):
-        cli.main()
+        main()
     said = capsys.readouterr().err.splitlines()
     assert said[1] == "predicted of the identified model, open loop, and in the log:"
     assert [line.split()[0] for line in said[2:]] == ["q", "rate"]

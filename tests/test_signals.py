@@ -15,9 +15,9 @@ from pathlib import Path
 import pytest
 from zarr.storage import LocalStore
 
-from capture_cli.signals import heed_signals, uninterrupted
+from capture_cli.common.signals import heed_signals, uninterrupted
 from capture_cli.stages import import_log as stage
-from capture_cli.stores.histories import HistoriesWriter
+from capture_cli.store.histories import HistoriesWriter
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(REPOSITORY)}
@@ -164,7 +164,7 @@ def test_histories_on_a_full_disk_say_what_is_kept(capture, monkeypatch, tmp_pat
 OTHERWISE = """
 import ctypes, os, signal, sys, time
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs start with it ignored
-from capture_cli import app
+from capture_cli.cli import app
 from capture_cli.cli import main
 
 def from_c(_):

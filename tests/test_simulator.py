@@ -9,14 +9,14 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from capture_cli.context.histories.action_library import tape_task
 from capture_cli.effects import REGISTRY
 from capture_cli.effects.base import GLOBAL
 from capture_cli.effects.placed import Placed
+from capture_cli.model.tasks import load_task
 from capture_cli.sim.starts import model_starts
 from capture_cli.sim.windows import Windows, cut
-from capture_cli.simulator import Simulator
-from capture_cli.stages.tapes import tape_task
-from capture_cli.tasks import load_task
+from capture_cli.simulate.simulator import Simulator
 
 
 def cut_windows(task) -> Windows:
@@ -67,7 +67,7 @@ def test_tapes_that_are_larger_than_what_is_run_at_a_time(slider, monkeypatch):
     delay = Placed("control-delay", REGISTRY.get("control-delay")(task.model, "drive"))
     points = np.array([[1.0, 2.0, 0.01], [2.0, 2.0, 0.02]])
     whole = Simulator(task, [delay], threads=1).simulate(windows, starts, points).outputs
-    monkeypatch.setattr("capture_cli.simulator.TAPE_BYTES", 1)
+    monkeypatch.setattr("capture_cli.simulate.simulator.TAPE_BYTES", 1)
     one_by_one = Simulator(task, [delay], threads=1).simulate(windows, starts, points).outputs
     np.testing.assert_array_equal(one_by_one, whole)
 
@@ -80,7 +80,7 @@ def test_outputs_that_are_larger_than_what_is_run_at_a_time(slider, name, monkey
     if name:
         points = np.hstack([points, np.repeat(effects[0].effect.space.high[None] / 2, 3, axis=0)])
     whole = Simulator(task, effects, threads=1).simulate(windows, starts, points).outputs
-    monkeypatch.setattr("capture_cli.simulator.SENSOR_BYTES", 1)
+    monkeypatch.setattr("capture_cli.simulate.simulator.SENSOR_BYTES", 1)
     one_by_one = Simulator(task, effects, threads=1).simulate(windows, starts, points).outputs
     np.testing.assert_array_equal(one_by_one, whole)
 
@@ -118,7 +118,7 @@ def test_episodes_are_the_same_however_many_are_simulated_at_once(slider, monkey
     parameters = task.space.from_unit(generator.random((10, len(task.space))))
     actions = task.draw_actions(generator.random((10, len(task.actions))))
     at_once, diverged = Simulator(task, threads=1).trajectories(parameters, actions)
-    monkeypatch.setattr("capture_cli.simulator.EPISODES", 4)
+    monkeypatch.setattr("capture_cli.simulate.simulator.EPISODES", 4)
     simulator = Simulator(task, threads=1)
     trajectories, in_parts = simulator.trajectories(parameters, actions)
     np.testing.assert_array_equal(trajectories, at_once)

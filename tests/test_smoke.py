@@ -11,8 +11,8 @@ import pytest
 from diagnosing import look_among
 from held_inputs import held_machine
 
-from capture_cli.app import _COMMANDS
-from capture_cli.stores.measured_log import MeasuredLog
+from capture_cli.cli.app import _COMMANDS
+from capture_cli.log.measured_log import MeasuredLog
 
 pytestmark = pytest.mark.smoke
 

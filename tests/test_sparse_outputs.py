@@ -14,22 +14,22 @@ import pytest
 from held_inputs import hold
 from slow_sensors import EVERY, MACHINES, jittered, regular, thinned, with_sparse
 
-from capture_cli import cli
 from capture_cli.autocorrelation import autocorrelation_time, autocovariance
+from capture_cli.cli import main
+from capture_cli.context.histories.action_library import tape_task
 from capture_cli.diagnosis.acceptance import correlation_samples, correlation_steps
 from capture_cli.diagnosis.noise_floor import noise_floor
 from capture_cli.errors import LogError
+from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model.tasks import load_task
 from capture_cli.protocol.prepare import prepare
-from capture_cli.reports.curves import Curves
+from capture_cli.report.curves import Curves
 from capture_cli.stages import diagnose as diagnose_stage
 from capture_cli.stages import identify as identify_stage
 from capture_cli.stages.import_log import import_log
 from capture_cli.stages.inspect import inspect
 from capture_cli.stages.record import record
-from capture_cli.stages.tapes import tape_task
-from capture_cli.stores.estimate import Estimate
-from capture_cli.stores.measured_log import MeasuredLog
-from capture_cli.tasks import load_task
+from capture_cli.store.estimate import Estimate
 
 
 def cart_pole(folder: Path, choose, seed: int, **options) -> tuple[Path, Path, dict]:
@@ -365,7 +365,7 @@ def test_an_output_that_was_never_held_out_has_no_error_there(tmp_path, capsys, 
     def capture(*arguments) -> None:
         monkeypatch.setattr(sys, "argv", ["capture", *map(str, arguments)])
         with contextlib.suppress(SystemExit):
-            cli.main()
+            main()
 
     log, task = half_blind(tmp_path)
     options = ["--real-log", log, "--task", task, "--threads", "1"]

@@ -13,17 +13,17 @@ from plain_loop import imported, looped
 
 from capture_cli.effects import REGISTRY
 from capture_cli.effects._scales import control_scale
+from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model.tasks import load_task
 from capture_cli.protocol.prepare import prepare
 from capture_cli.sim.engine import Starts
-from capture_cli.simulator import Simulator
+from capture_cli.simulate.simulator import Simulator
 from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.export import export
 from capture_cli.stages.identify import identify
 from capture_cli.stages.record import record
-from capture_cli.stores.diagnosis import Diagnosis
-from capture_cli.stores.estimate import Estimate
-from capture_cli.stores.measured_log import MeasuredLog
-from capture_cli.tasks import load_task
+from capture_cli.store.diagnosis import Diagnosis
+from capture_cli.store.estimate import Estimate
 
 LOG = {"noise": 5e-4, "episodes": 4, "duration": 1.0, "rate": 250, "threads": 1}
 

@@ -22,17 +22,17 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from toy_rounds import histories, write
 
+from capture_cli.context.checkpoints.identifier_checkpoint import load_identifier
+from capture_cli.context.checkpoints.policy_checkpoint import read_policy
 from capture_cli.errors import CaptureError, Interrupted, LogError, OutputError, StoreError
-from capture_cli.stages.chosen_identifier import SHIPPED
-from capture_cli.stages.identifier_checkpoint import load_identifier
+from capture_cli.log.measured_log import SCHEMA, MeasuredLog
+from capture_cli.stages.identification.chosen_identifier import SHIPPED
 from capture_cli.stages.import_log import import_log
-from capture_cli.stages.policy_checkpoint import read_policy
-from capture_cli.stores import output
-from capture_cli.stores.document_shape import BOUNDS, COUNT, NUMBER, POSITIVE, TEXT, check_shape, or_none
-from capture_cli.stores.evaluation import Evaluation
-from capture_cli.stores.histories import Histories
-from capture_cli.stores.measured_log import SCHEMA, MeasuredLog
-from capture_cli.stores.output import (
+from capture_cli.store import output
+from capture_cli.store.document_shape import BOUNDS, COUNT, NUMBER, POSITIVE, TEXT, check_shape, or_none
+from capture_cli.store.evaluation import Evaluation
+from capture_cli.store.histories import Histories
+from capture_cli.store.output import (
     PROVENANCE,
     new_directory,
     new_file,
@@ -41,9 +41,9 @@ from capture_cli.stores.output import (
     resumable_directory,
     sha256,
 )
-from capture_cli.stores.result import read_result
-from capture_cli.stores.schema import ArraySpec, Schema
-from capture_cli.stores.tensors import save_arrays
+from capture_cli.store.result import read_result
+from capture_cli.store.schema import ArraySpec, Schema
+from capture_cli.store.tensors import save_arrays
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 
@@ -385,7 +385,7 @@ def test_a_failure_leaves_nothing_and_what_was_there(tmp_path, new, error):
 HOLDING = """
 import sys, time
 from pathlib import Path
-from capture_cli.stores.output import resumable_directory
+from capture_cli.store.output import resumable_directory
 
 with resumable_directory(Path(sys.argv[1]), kept=str):
     print("writing", flush=True)
@@ -571,10 +571,10 @@ def test_refuse_existing_lets_a_new_path_pass(tmp_path):
 # where a run is killed: the function at whose call the process kills itself
 KILLED_AT = {
     "while arrays are written": "zarr.Group.create_array",
-    "before provenance": "capture_cli.stores.provenance.Provenance.write",
+    "before provenance": "capture_cli.store.provenance.Provenance.write",
     "while it is synced": "os.fsync",
-    "before it is moved": "capture_cli.stores.output._move_into_place",
-    "when it is in its place": "capture_cli.stores.output._sync_parent",
+    "before it is moved": "capture_cli.store.output._move_into_place",
+    "when it is in its place": "capture_cli.store.output._sync_parent",
 }
 KILLED_RUN = """
 import os, pkgutil, signal, sys

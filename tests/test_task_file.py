@@ -11,10 +11,10 @@ import pytest
 
 from capture_cli.effects.com_shift import ComShift
 from capture_cli.errors import CaptureError, ModelError, TaskError
+from capture_cli.log.checks.wide_bounds import wide_bounds
+from capture_cli.model.tasks import load_task
 from capture_cli.sim.engine import Engine, ModelFields, Starts
 from capture_cli.sim.mjcf import to_mjcf
-from capture_cli.stages.wide_bounds import wide_bounds
-from capture_cli.tasks import load_task
 
 MODEL = """
 <mujoco>

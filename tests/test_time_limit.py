@@ -9,10 +9,10 @@ from held_inputs import held_machine
 from capture_cli.errors import CaptureError
 from capture_cli.protocol.attribution import Attribution
 from capture_cli.protocol.explain import Settings
-from capture_cli.reports.diagnosis_findings import notes
+from capture_cli.report.diagnosis_findings import notes
 from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.record import record
-from capture_cli.stores.diagnosis import Diagnosis
+from capture_cli.store.diagnosis import Diagnosis
 
 ASKED = {"starts": 1, "threads": 1, "quiet": True, "expression": False}
 PLANTED = ["coulomb-friction@x=1.5", "sensor-bias@q=0.05"]

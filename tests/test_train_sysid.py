@@ -20,7 +20,8 @@ from safetensors.numpy import load_file, save_file
 from toy_rounds import SIGNATURE, draw_actions, histories, simulate, trajectories, write
 from typer.testing import CliRunner
 
-from capture_cli.app import app
+from capture_cli.cli.app import app
+from capture_cli.context.checkpoints.identifier_checkpoint import load_identifier, save_identifier
 from capture_cli.errors import FitError, OptionError, OutputError, StoreError
 from capture_cli.identifiers import REGISTRY, _batches
 from capture_cli.identifiers._batches import Batches, Place, windows
@@ -28,12 +29,11 @@ from capture_cli.identifiers._learned import LearnedIdentifier
 from capture_cli.identifiers._training import Device, Settings, Trainer
 from capture_cli.identifiers._transformer import Architecture
 from capture_cli.identifiers.rounds import Signature, run_rounds
-from capture_cli.parameters import Parameter, ParameterSpace
+from capture_cli.model.parameters import Parameter, ParameterSpace
 from capture_cli.stages import train_sysid as stage
-from capture_cli.stages.identifier_checkpoint import load_identifier, save_identifier
 from capture_cli.stages.train_sysid import signature_of, train_sysid
-from capture_cli.stores.histories import Histories
-from capture_cli.stores.output import unfinished
+from capture_cli.store.histories import Histories
+from capture_cli.store.output import unfinished
 
 # those that are what was trained, and no more
 LEARNED = [n for n, c in REGISTRY.items() if issubclass(c, LearnedIdentifier) and not c.simulates]

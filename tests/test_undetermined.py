@@ -14,10 +14,10 @@ from capture_cli.identifiers.undetermined import (
     is_confounded,
     undetermined,
 )
-from capture_cli.parameters import Parameter, ParameterSpace
+from capture_cli.model.parameters import Parameter, ParameterSpace
 from capture_cli.stages import identify as stage
+from capture_cli.stages.documents.undetermined_document import undetermined_of
 from capture_cli.stages.record import record
-from capture_cli.stages.undetermined_document import undetermined_of
 
 SERVO = """<mujoco><option timestep="0.005" gravity="0 0 {gravity}" integrator="implicitfast"/>
 <worldbody><body name="link">
@@ -95,7 +95,7 @@ def test_of_a_servo_that_gravity_loads_all_is_known(identified):
 
 def test_ratios_are_told_under_another_verdict(identified, monkeypatch):
     """What is missing makes no verdict of what is known."""
-    monkeypatch.setattr("capture_cli.stages.estimate_document._verdict", lambda *_: "unexplained")
+    monkeypatch.setattr("capture_cli.stages.documents.estimate_document._verdict", lambda *_: "unexplained")
     document = identified(mass=1e-3, gravity=0.0)
     assert document["verdict"] == "unexplained"
     assert [u["known"] for u in document["undetermined"]] == [RATIOS]

@@ -16,9 +16,9 @@ from test_hysteretic_friction import RIG
 
 from capture_cli.effects._followed_log import measured_stretches
 from capture_cli.effects.viscoelastic_spring import MaxwellElement, ViscoelasticSpring, followed
+from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model.tasks import load_task
 from capture_cli.stages.record import record
-from capture_cli.stores.measured_log import MeasuredLog
-from capture_cli.tasks import load_task
 
 EFFECT = "viscoelastic-spring@x"
 STIFFNESS, RELAXATION = 120.0, 0.3  # N/m, s

@@ -8,7 +8,7 @@ import pytest
 from capture_cli.identifiers import _window_starts
 from capture_cli.identifiers._window_starts import fit_starts
 from capture_cli.linearization import Evidence
-from capture_cli.parameters import ParameterSpace
+from capture_cli.model.parameters import ParameterSpace
 
 WINDOWS, STEPS = 5, 20
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from capture_cli.identifiers.rounds import Rounds, Signature
-from capture_cli.parameters import Parameter, ParameterSpace
-from capture_cli.stores.histories import HistoriesWriter
-from capture_cli.tasks.base import Feature
+from capture_cli.model.parameters import Parameter, ParameterSpace
+from capture_cli.model.tasks.base import Feature
+from capture_cli.store.histories import HistoriesWriter
 
 SIGNATURE = Signature(
     "toy",

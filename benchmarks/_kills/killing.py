@@ -13,7 +13,7 @@ from pathlib import Path
 
 from benchmarks._kills.runs import Run
 from benchmarks._kills.sameness import contents, differences
-from capture_cli.stores.output import UNFINISHED
+from capture_cli.store.output import UNFINISHED
 
 PATIENCE = 120.0  # s that a run may go on after its signal
 BEGINS = 0.7  # s after which the program has begun, and a signal has its message, on a machine that is busy

@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks import MACHINES
-from capture_cli.stages.evaluation_run import PARTS
+from capture_cli.context.checkpoints.training_state import STATE
+from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.stages.evaluation.evaluation_run import PARTS
 from capture_cli.stages.kept_steps import STEPS
-from capture_cli.stages.training_state import STATE
-from capture_cli.stores.histories import HistoriesWriter, shard_rows
-from capture_cli.stores.measured_log import MeasuredLog
+from capture_cli.store.histories import HistoriesWriter, shard_rows
 
 SLIDER = MACHINES / "slider"
 INPUTS = "../inputs"  # from the folder that a run is made in

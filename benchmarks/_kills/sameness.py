@@ -8,7 +8,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from capture_cli.stores.output import PROVENANCE
+from capture_cli.store.output import PROVENANCE
 
 TIMES = {"began", "seconds"}  # keys of documents
 

@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import Any
 
 from capture_cli.errors import CaptureError
-from capture_cli.stores.measured_log import MeasuredLog
-from capture_cli.tasks.base import Task
+from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model.tasks.base import Task
 
 ONE_THREAD = {name: "1" for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")}
 LONGEST = 3600.0  # s: a diagnosis that takes longer has failed

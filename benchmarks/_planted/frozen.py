@@ -10,7 +10,7 @@ from pathlib import Path
 
 from benchmarks._code_hash import code_hash
 from capture_cli.errors import OptionError
-from capture_cli.stores.provenance import write_json
+from capture_cli.store.provenance import write_json
 
 NAME = "frozen.json"
 

@@ -32,8 +32,8 @@ from capture_cli.effects import REGISTRY
 from capture_cli.effects.base import Effect
 from capture_cli.effects.placed import placed_name
 from capture_cli.errors import CaptureError
-from capture_cli.stores.measured_log import MeasuredLog
-from capture_cli.tasks.base import Task
+from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model.tasks.base import Task
 
 PLANTED, PAIR, NOTHING, WEAK, UNKNOWN, LEFT = "planted", "pair", "nothing", "weak", "outside", "left-out"
 KINDS = (PLANTED, PAIR, NOTHING, WEAK, UNKNOWN, LEFT)

@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from capture_cli.stores.measured_log import MeasuredLog
-from capture_cli.tasks.base import Task
+from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model.tasks.base import Task
 
 PLAIN, NO_WINDOW, HALF, QUARTER, FILTERED = "plain", "no-window", "half-rate", "quarter-rate", "filtered"
 CUTOFF = 1 / 8  # of the sampling rate

@@ -10,13 +10,13 @@ import numpy as np
 
 from benchmarks import MACHINES
 from capture_cli.effects.base import Effect
-from capture_cli.multisine import multisine
+from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model.tasks import load_task
+from capture_cli.model.tasks.base import Task
 from capture_cli.sim.engine import Starts
 from capture_cli.sim.windows import cut
-from capture_cli.simulator import Simulator
-from capture_cli.stores.measured_log import MeasuredLog
-from capture_cli.tasks import load_task
-from capture_cli.tasks.base import Task
+from capture_cli.simulate.multisine import multisine
+from capture_cli.simulate.simulator import Simulator
 
 EPISODES, DURATION, RATE = 12, 3.0, 250.0
 BAND = (0.1, 3.0)  # Hz

@@ -14,7 +14,7 @@ import numpy as np
 from benchmarks._planted_logs.machines import Experiment
 from capture_cli.sim.engine import Starts
 from capture_cli.sim.windows import Windows
-from capture_cli.simulator import Simulator
+from capture_cli.simulate.simulator import Simulator
 
 WINDOW = 0.5  # s
 WINDOWS = 24  # spread over the log

@@ -18,7 +18,7 @@ from capture_cli.effects._kernel import Companion, number
 from capture_cli.effects._scales import HINGE, SLIDE, characteristic_force, characteristic_speed, travel
 from capture_cli.effects.base import Effect
 from capture_cli.effects.placed import Placed
-from capture_cli.parameters import Parameter
+from capture_cli.model.parameters import Parameter
 from capture_cli.sim.engine import World
 from capture_cli.sim.object_names import object_name
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from capture_cli.effects._joint_effect import JointEffect
 from capture_cli.linearization import Linearization
-from capture_cli.parameters import Parameter
+from capture_cli.model.parameters import Parameter
 from capture_cli.sim.engine import Force, World
 
 NAME = "pulses"

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from capture_cli.linearization import Linearization, held_step
-from capture_cli.parameters import AT_BOUND
+from capture_cli.model.parameters import AT_BOUND
 
 STEP = 0.3  # of each parameter's range: how far the linear step may go
 

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import mujoco
 
+from capture_cli.common.registry import Registry
 from capture_cli.effects.base import PLACES, Effect
-from capture_cli.parameters import Parameter
-from capture_cli.registry import Registry
+from capture_cli.model.parameters import Parameter
 
 REGISTRY: Registry[Effect] = Registry(
     "capture_cli.effects", "Effect", "effect", not_listed=("companion", "placed")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from capture_cli.parameters import Parameter
+from capture_cli.model.parameters import Parameter
 
 TIME_CONSTANT = Parameter("time_constant", "s", 0.5, 100.0, 10.0)
 

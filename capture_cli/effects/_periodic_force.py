@@ -6,7 +6,7 @@ import numpy as np
 
 from capture_cli.effects._joint_force import JointForce
 from capture_cli.effects._kernel import inputs
-from capture_cli.parameters import Parameter
+from capture_cli.model.parameters import Parameter
 
 FASTEST = 20.0  # Hz
 PEAKS = 2.0  # shapes per width of a peak: over a span T the peaks of a spectrum are 1 / T wide

@@ -22,7 +22,7 @@ from capture_cli.effects._scales import (
     travel,
 )
 from capture_cli.effects.base import GLOBAL, Effect
-from capture_cli.parameters import Parameter
+from capture_cli.model.parameters import Parameter
 from capture_cli.sim.object_names import object_name
 from capture_cli.sim.quaternion_signs import QUATERNIONS, is_quaternion
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from capture_cli.effects._turning_axes import axes_that_show, reach
 from capture_cli.effects.base import Effect
-from capture_cli.parameters import Parameter
+from capture_cli.model.parameters import Parameter
 
 
 class Shift(Effect):

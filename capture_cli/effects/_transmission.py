@@ -16,7 +16,7 @@ from capture_cli.effects._kernel import INDENT, Companion, kept, number
 from capture_cli.effects._scales import driven_joint, driven_joints, free_inertia
 from capture_cli.effects._two_mass import MOST_SHARE
 from capture_cli.effects.base import GLOBAL, spread
-from capture_cli.parameters import Parameter
+from capture_cli.model.parameters import Parameter
 from capture_cli.sim.engine import World
 from capture_cli.sim.object_names import object_name
 

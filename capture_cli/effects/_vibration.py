@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from capture_cli.effects.base import Effect, spread
-from capture_cli.parameters import Parameter
+from capture_cli.model.parameters import Parameter
 
 SLOWEST, FASTEST = 0.3, 20.0  # Hz
 # Swings within a window, at least: with how it begins free, less of one imitates any force that changes slowly.

@@ -9,7 +9,7 @@ from capture_cli.effects._limited import UNLIMITED
 from capture_cli.effects._places import site_id
 from capture_cli.effects._scales import actuator_force_scale, actuator_force_unit
 from capture_cli.effects.base import GLOBAL, Effect
-from capture_cli.parameters import Parameter
+from capture_cli.model.parameters import Parameter
 from capture_cli.sim.object_names import object_name
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from capture_cli.effects._scales import characteristic_force
 from capture_cli.effects._transmission import TransmissionEffect
 from capture_cli.effects._two_mass import TwoMass
-from capture_cli.parameters import Parameter
+from capture_cli.model.parameters import Parameter
 
 # How far a stop gives at most under the force that the joint commonly sees, over the widest play
 SOFTEST = 0.1

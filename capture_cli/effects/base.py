@@ -25,7 +25,7 @@ import numpy as np
 
 from capture_cli.effects._kernel import Companion
 from capture_cli.errors import ModelError, did_you_mean
-from capture_cli.parameters import Parameter, ParameterSpace
+from capture_cli.model.parameters import Parameter, ParameterSpace
 from capture_cli.sim.engine import Force, ModelFields
 
 PLACES = ("model", "force", "control", "measurement")

@@ -12,7 +12,7 @@ from capture_cli.effects._kernel import Companion, call, kept
 from capture_cli.effects._scales import driven_joints, moving_bodies
 from capture_cli.effects._vibration import Vibration, VibrationEffect
 from capture_cli.effects.base import GLOBAL
-from capture_cli.parameters import Parameter
+from capture_cli.model.parameters import Parameter
 from capture_cli.sim.engine import World
 
 AXES = ("x", "y", "z")

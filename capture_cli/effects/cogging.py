@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from capture_cli.effects._periodic_force import AlongPosition
-from capture_cli.parameters import Parameter
+from capture_cli.model.parameters import Parameter
 
 
 class Cogging(AlongPosition):

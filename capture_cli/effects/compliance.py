@@ -7,7 +7,7 @@ import numpy as np
 from capture_cli.effects._scales import characteristic_force
 from capture_cli.effects._transmission import TransmissionEffect
 from capture_cli.effects._two_mass import TwoMass
-from capture_cli.parameters import Parameter
+from capture_cli.model.parameters import Parameter
 
 SLOWEST = 2 * np.pi * 2.0  # rad/s: a drive softer than 2 Hz is not a model error but another machine
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from capture_cli.effects._contacts import ContactEffect
 from capture_cli.effects.base import raised
-from capture_cli.parameters import Parameter
+from capture_cli.model.parameters import Parameter
 
 
 class ContactFriction(ContactEffect):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from capture_cli.effects._contacts import ContactEffect
-from capture_cli.parameters import Parameter
+from capture_cli.model.parameters import Parameter
 
 DAMPING = 1  # the second number of solref: damping ratio, or minus damping where it is in direct form
 

@@ -9,7 +9,7 @@ from capture_cli.effects._elapsed import Elapsed
 from capture_cli.effects._fade import TIME_CONSTANT, grown
 from capture_cli.effects._kernel import Companion, call
 from capture_cli.effects._places import reference
-from capture_cli.parameters import Parameter
+from capture_cli.model.parameters import Parameter
 
 
 class ControlFade(ActuatorEffect):

@@ -8,7 +8,7 @@ from scipy.signal import lfilter
 from capture_cli.effects._actuator_effect import ActuatorEffect, without_target
 from capture_cli.effects._fade import TIME_CONSTANT
 from capture_cli.effects.base import Driven, Recordings
-from capture_cli.parameters import Parameter
+from capture_cli.model.parameters import Parameter
 
 # Of a control as large as the largest, held for ever; motors are rated for a fraction of that, and a fifth of it is
 # a twenty-fifth of the heat

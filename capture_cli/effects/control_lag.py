@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from capture_cli.effects._actuator_effect import ControlTimeEffect
 from capture_cli.effects._lag import Lag
-from capture_cli.parameters import Parameter
+from capture_cli.model.parameters import Parameter
 
 FORGOTTEN = 20.0  # time constants, after which 2e-9 of a deviation is left
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from capture_cli.effects._actuator_effect import UNIT, ActuatorEffect, without_target
-from capture_cli.parameters import Parameter
+from capture_cli.model.parameters import Parameter
 
 # Of what the largest control gives: at the ends of the range it arrives half as large, or 1.4 times
 LEAST, MOST = -0.5, 3.0

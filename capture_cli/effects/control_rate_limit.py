@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from capture_cli.effects._actuator_effect import UNIT, RememberingEffect
-from capture_cli.parameters import Parameter
+from capture_cli.model.parameters import Parameter
 
 SLOWEST = 2.0  # s, from nothing to a full control
 FULL_CHANGE = 2.0  # full controls, from one end to the other

@@ -6,7 +6,7 @@ import numpy as np
 
 from capture_cli.effects._actuator_effect import ActuatorEffect
 from capture_cli.effects._places import site_id
-from capture_cli.parameters import Parameter
+from capture_cli.model.parameters import Parameter
 
 
 def reversed_gain(control, *, change):

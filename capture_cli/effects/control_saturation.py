@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from capture_cli.effects._actuator_effect import UNIT, ActuatorEffect
 from capture_cli.effects._limited import saturated, unlimited_at
-from capture_cli.parameters import Parameter
+from capture_cli.model.parameters import Parameter
 
 
 class ControlSaturation(ActuatorEffect):

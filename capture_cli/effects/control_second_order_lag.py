@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from capture_cli.effects._actuator_effect import ControlTimeEffect
-from capture_cli.parameters import Parameter
+from capture_cli.model.parameters import Parameter
 from capture_cli.sim.windows import LEAD
 
 FORGOTTEN = 12.0  # times over which a deviation falls by e: 6e-6 of it is left

@@ -10,7 +10,7 @@ from capture_cli.effects._kernel import OWN_STEP, Companion, bound, call
 from capture_cli.effects._lag import Lag
 from capture_cli.effects._scales import control_scale
 from capture_cli.effects.base import GLOBAL
-from capture_cli.parameters import Parameter
+from capture_cli.model.parameters import Parameter
 
 LARGEST = 0.6  # of a control, where all are the largest that they commonly are
 FORGOTTEN = 8.0  # time constants, after which 3e-4 of a load is left in the voltage

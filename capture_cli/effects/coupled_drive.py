@@ -10,7 +10,7 @@ from capture_cli.effects._neighbours import joint_before
 from capture_cli.effects._places import reference
 from capture_cli.effects._scales import HINGE, characteristic_force, driven_joints
 from capture_cli.effects.base import GLOBAL
-from capture_cli.parameters import Parameter
+from capture_cli.model.parameters import Parameter
 from capture_cli.sim.object_names import object_name
 
 MOST = 1.5  # pulleys of joints that follow each other are about as large

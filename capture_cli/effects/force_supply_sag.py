@@ -12,7 +12,7 @@ from capture_cli.effects._linear_actuators import SCALED, linear_actuators
 from capture_cli.effects._places import reference
 from capture_cli.effects._scales import actuator_force_scale, actuator_force_unit
 from capture_cli.effects.base import GLOBAL, Effect
-from capture_cli.parameters import Parameter
+from capture_cli.model.parameters import Parameter
 from capture_cli.sim.object_names import object_name
 
 # Over the load at which all give the most that they commonly do; that of a servo is a guess, and mostly far too much

@@ -10,7 +10,7 @@ from capture_cli.effects._joint_effect import JointEffect
 from capture_cli.effects._joint_force import DAMPING, FRICTION
 from capture_cli.effects._kernel import Companion, call
 from capture_cli.effects._places import reference
-from capture_cli.parameters import Parameter
+from capture_cli.model.parameters import Parameter
 
 
 class FrictionFade(JointEffect):

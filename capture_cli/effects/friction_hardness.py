@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from capture_cli.effects._joint_effect import JointEffect
-from capture_cli.parameters import Parameter
+from capture_cli.model.parameters import Parameter
 
 MOST = 3.0  # decades: then the impedance is near the 0.9999 that MuJoCo allows
 

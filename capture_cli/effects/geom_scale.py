@@ -7,7 +7,7 @@ import numpy as np
 
 from capture_cli.effects._places import site_id
 from capture_cli.effects.base import GLOBAL, Effect
-from capture_cli.parameters import Parameter
+from capture_cli.model.parameters import Parameter
 from capture_cli.sim.contacts import touching_pairs
 from capture_cli.sim.object_names import object_name
 

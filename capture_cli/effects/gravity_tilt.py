@@ -7,7 +7,7 @@ import numpy as np
 
 from capture_cli.effects._rotation import rotate
 from capture_cli.effects.base import GLOBAL, Effect
-from capture_cli.parameters import Parameter
+from capture_cli.model.parameters import Parameter
 
 AXES = "xyz"
 

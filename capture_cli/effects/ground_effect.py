@@ -9,7 +9,7 @@ from capture_cli.effects._kernel import Companion, call
 from capture_cli.effects._places import reference
 from capture_cli.effects._scales import box_edges
 from capture_cli.effects.base import GLOBAL, Effect
-from capture_cli.parameters import Parameter
+from capture_cli.model.parameters import Parameter
 from capture_cli.sim.engine import World
 from capture_cli.sim.object_names import object_name
 

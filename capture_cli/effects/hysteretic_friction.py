@@ -7,7 +7,7 @@ import numpy as np
 from capture_cli.effects._followed_force import FollowedForce
 from capture_cli.effects._joint_force import ForceOfKernel
 from capture_cli.effects._scales import STIFFEST, free_inertia
-from capture_cli.parameters import Parameter
+from capture_cli.model.parameters import Parameter
 from capture_cli.sim.turning_points import WaysBefore
 
 TURNED = 4.0  # times the noise of what measures the joint: less is no way back

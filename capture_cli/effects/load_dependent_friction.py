@@ -6,7 +6,7 @@ import numpy as np
 
 from capture_cli.effects._joint_force import FRICTION, JointForce
 from capture_cli.effects._scales import driven_joints
-from capture_cli.parameters import Parameter
+from capture_cli.model.parameters import Parameter
 from capture_cli.sim.object_names import object_name
 
 

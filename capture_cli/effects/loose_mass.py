@@ -8,7 +8,7 @@ from capture_cli.effects._joint_force import ForceOfKernel, JointForce
 from capture_cli.effects._scales import characteristic_force, free_inertia
 from capture_cli.effects._two_mass import MOST_SHARE
 from capture_cli.effects._vibration import Vibration, VibrationEffect
-from capture_cli.parameters import Parameter
+from capture_cli.model.parameters import Parameter
 
 MOST = 0.8  # of what the joint moves
 

@@ -10,7 +10,7 @@ from capture_cli.effects._places import reference, site_id
 from capture_cli.effects._rotation import body_vectors
 from capture_cli.effects._scales import FREE
 from capture_cli.effects.base import GLOBAL, Effect
-from capture_cli.parameters import Parameter
+from capture_cli.model.parameters import Parameter
 from capture_cli.sim.engine import World
 from capture_cli.sim.object_names import object_name
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from capture_cli.effects._scales import box_edges, moving_bodies
 from capture_cli.effects.base import GLOBAL, Effect, raised
-from capture_cli.parameters import Parameter
+from capture_cli.model.parameters import Parameter
 
 
 class MediumDensity(Effect):

@@ -10,7 +10,7 @@ from capture_cli.effects._places import site_id
 from capture_cli.effects._scales import moving_bodies
 from capture_cli.effects._turning_axes import axes_that_show, reach, turning_joints
 from capture_cli.effects.base import GLOBAL, Effect
-from capture_cli.parameters import Parameter
+from capture_cli.model.parameters import Parameter
 from capture_cli.sim.object_names import object_name
 
 FARTHEST = 3.0  # times the distance of the centre of mass; the end of a rod is at 2

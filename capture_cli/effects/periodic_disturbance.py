@@ -9,7 +9,7 @@ import numpy as np
 from capture_cli.effects._joint_force import ForceOfKernel
 from capture_cli.effects._periodic_force import SHAPE_STEP, PeriodicForce
 from capture_cli.effects.base import Recordings
-from capture_cli.parameters import Parameter
+from capture_cli.model.parameters import Parameter
 
 FEWEST_PERIODS = 2.0
 PHASES = 8  # that are tried: from the best of them a descent need turn no further than a sixteenth

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from capture_cli.effects._joint_effect import SpringEffect
 from capture_cli.effects._side_by_side import side_by_side
-from capture_cli.parameters import Parameter
+from capture_cli.model.parameters import Parameter
 
 FARTHEST = 2.0  # of the joint's travel: where a spring that only ever pulls one way is at rest
 PUSHES = 0.2  # of the stiffest spring: the most that one pushes away from where it rests

@@ -5,7 +5,7 @@ from __future__ import annotations
 from capture_cli.effects._clock import off_clock, on_time
 from capture_cli.effects._sensor_effect import TimeEffect
 from capture_cli.effects.base import GLOBAL
-from capture_cli.parameters import Parameter
+from capture_cli.model.parameters import Parameter
 from capture_cli.sim.windows import LEAD, MOST_DRIFT
 
 

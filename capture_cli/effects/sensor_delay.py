@@ -7,7 +7,7 @@ import numpy as np
 from capture_cli.effects._actuator_effect import CONTROL_BEFORE, controls_before, single_control_actuators
 from capture_cli.effects._places import site_id
 from capture_cli.effects._sensor_effect import TimeEffect
-from capture_cli.parameters import Parameter
+from capture_cli.model.parameters import Parameter
 from capture_cli.sim.reported_motion import MOST_LATE
 from capture_cli.sim.windows import at_times
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from capture_cli.effects._scales import HINGE
 from capture_cli.effects._sensor_effect import SensorEffect
-from capture_cli.parameters import Parameter
+from capture_cli.model.parameters import Parameter
 from capture_cli.sim.object_names import object_name
 
 LARGEST = 0.05  # rad, of each amplitude: the reading still grows with the angle where all four are as large

@@ -12,7 +12,7 @@ from capture_cli.effects._rotation import LARGEST_TURN, rotate, rotate_quaternio
 from capture_cli.effects._scales import SLIDE
 from capture_cli.effects._sensor_effect import SensorEffect, quantity
 from capture_cli.effects.base import GLOBAL
-from capture_cli.parameters import Parameter
+from capture_cli.model.parameters import Parameter
 from capture_cli.sim.object_names import object_name
 from capture_cli.sim.quaternion_signs import is_quaternion
 

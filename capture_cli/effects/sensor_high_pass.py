@@ -7,7 +7,7 @@ import numpy as np
 from capture_cli.effects._followed_log import measured_stretches
 from capture_cli.effects._sensor_effect import SensorEffect, quantity
 from capture_cli.effects.base import Reports
-from capture_cli.parameters import Parameter
+from capture_cli.model.parameters import Parameter
 from capture_cli.sim.object_names import object_name
 
 UNITS = ("N", "N m", "m/s^2")  # what sensors that are coupled so commonly measure

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from capture_cli.effects._sensor_effect import TimeEffect
-from capture_cli.parameters import Parameter
+from capture_cli.model.parameters import Parameter
 
 
 def low_passed(series, *, time_constant, timestep, ahead=0.0):

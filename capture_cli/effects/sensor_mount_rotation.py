@@ -16,7 +16,7 @@ from capture_cli.effects._sensor_effect import (
     quantity,
 )
 from capture_cli.effects.base import GLOBAL
-from capture_cli.parameters import Parameter
+from capture_cli.model.parameters import Parameter
 from capture_cli.sim.object_names import object_name
 from capture_cli.sim.quaternion_signs import is_quaternion
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from capture_cli.effects._places import site_id
 from capture_cli.effects._sensor_effect import NumberEffect, quantity
-from capture_cli.parameters import Parameter
+from capture_cli.model.parameters import Parameter
 
 MOST = 0.1  # of the largest number, that each power adds there: the reading still grows, by half as much at least
 LEAST_SLOPE = 0.25  # of the reading: where it grows less it is not undone

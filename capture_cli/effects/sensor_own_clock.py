@@ -9,7 +9,7 @@ from capture_cli.effects._clock import off_clock, on_time
 from capture_cli.effects._places import site_id
 from capture_cli.effects._sensor_effect import SensorEffect, columns_of, columns_source, devices
 from capture_cli.effects.base import GLOBAL
-from capture_cli.parameters import Parameter
+from capture_cli.model.parameters import Parameter
 from capture_cli.sim.object_names import object_name
 from capture_cli.sim.reported_motion import MOST_LATE
 from capture_cli.sim.windows import MOST_DRIFT

@@ -8,7 +8,7 @@ import numpy as np
 from capture_cli.effects._limited import saturated, unlimited_at
 from capture_cli.effects._places import site_id
 from capture_cli.effects._sensor_effect import NumberEffect, quantity
-from capture_cli.parameters import Parameter
+from capture_cli.model.parameters import Parameter
 from capture_cli.sim.range_ends import largest_of, piled_up_from
 
 UNITS = ("m/s", "rad/s", "m/s^2", "N", "N m", "T")  # what sensors measure that have a range

@@ -14,7 +14,7 @@ from capture_cli.effects._kernel import Companion, call
 from capture_cli.effects._places import reference, site_id
 from capture_cli.effects._scales import POSITION_ERROR, driven_joint
 from capture_cli.effects.base import GLOBAL
-from capture_cli.parameters import Parameter
+from capture_cli.model.parameters import Parameter
 from capture_cli.sim.engine import World
 from capture_cli.sim.object_names import object_name
 from capture_cli.sim.turning_points import REMEMBERED, WaysBefore

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from capture_cli.effects._joint_effect import SpringEffect
-from capture_cli.parameters import Parameter
+from capture_cli.model.parameters import Parameter
 
 
 class SpringPreload(SpringEffect):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from capture_cli.effects._joint_force import FRICTION, JointForce
-from capture_cli.parameters import Parameter
+from capture_cli.model.parameters import Parameter
 
 
 def stribeck(qvel, *, breakaway, speed):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from capture_cli.effects._side_by_side import side_by_side
 from capture_cli.effects._tendon_effect import TendonEffect
-from capture_cli.parameters import Parameter
+from capture_cli.model.parameters import Parameter
 
 STIFFEST = 5.0  # times what is characteristic of the tendon, over half of how far its length goes
 FARTHEST = 2.0  # of that half, beyond what is reached: where a spring that only ever pulls one way is at rest

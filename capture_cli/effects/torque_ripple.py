@@ -9,7 +9,7 @@ from capture_cli.effects._linear_actuators import SCALED, OnJoint
 from capture_cli.effects._periodic_force import AlongPosition
 from capture_cli.effects._places import reference, site_id
 from capture_cli.effects.base import GLOBAL
-from capture_cli.parameters import Parameter
+from capture_cli.model.parameters import Parameter
 
 MOST = 0.7  # of each amplitude: both together stay below 1, where the force would change its sign
 

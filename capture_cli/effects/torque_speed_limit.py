@@ -11,7 +11,7 @@ from capture_cli.effects._limited import UNLIMITED, unlimited_at
 from capture_cli.effects._linear_actuators import OnJoint
 from capture_cli.effects._places import reference, site_id
 from capture_cli.effects._scales import actuator_force_scale, actuator_force_unit
-from capture_cli.parameters import Parameter
+from capture_cli.model.parameters import Parameter
 
 LARGEST = 4.0  # stall force, over what the actuator is commonly asked for
 SLOWEST, FASTEST = 0.3, 5.0  # speed without load, over the largest that is commonly seen

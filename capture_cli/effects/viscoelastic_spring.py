@@ -12,7 +12,7 @@ from capture_cli.effects._followed_force import FollowedForce
 from capture_cli.effects._followed_log import measured_stretches
 from capture_cli.effects._joint_force import ForceOfKernel
 from capture_cli.effects._scales import STIFFEST, free_inertia
-from capture_cli.parameters import Parameter
+from capture_cli.model.parameters import Parameter
 
 QUICKEST = 4.0  # steps of the log, or of the model, that relaxing takes: what is quicker is a damper
 SLOWEST = 0.5  # of the longest episode: what is slower is an elastic spring

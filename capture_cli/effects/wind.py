@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from capture_cli.effects._scales import moving_bodies
 from capture_cli.effects.base import GLOBAL, Effect
-from capture_cli.parameters import Parameter
+from capture_cli.model.parameters import Parameter
 
 STORM = 20.0  # m/s
 

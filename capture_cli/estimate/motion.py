@@ -13,11 +13,11 @@ from capture_cli.errors import LogError
 from capture_cli.estimate.impacts import impacts
 from capture_cli.estimate.resting import Resting, model_start, resting
 from capture_cli.estimate.smoothing import FEWEST, Series, smooth
+from capture_cli.model.tasks.base import Task
 from capture_cli.sim.contacts import can_touch
 from capture_cli.sim.coordinate_sources import Source, sources_of
 from capture_cli.sim.object_names import object_name
 from capture_cli.sim.windows import stretches
-from capture_cli.tasks.base import Task
 
 SCALAR = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 NORMAL_MEDIAN = 0.6745  # of the size of what is normally distributed, in standard deviations

@@ -13,8 +13,8 @@ import mujoco
 import numpy as np
 from mujoco import batch
 
+from capture_cli.model.tasks.base import Task
 from capture_cli.sim.engine import ModelFields, silence_mujoco
-from capture_cli.tasks.base import Task
 
 
 @dataclass(frozen=True)

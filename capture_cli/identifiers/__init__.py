@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from capture_cli.common.registry import Registry
 from capture_cli.errors import OptionError
 from capture_cli.identifiers.base import AskTell, Identifier
 from capture_cli.identifiers.refitted import refitted
 from capture_cli.identifiers.rounds import RoundIdentifier
-from capture_cli.registry import Registry
 
 REGISTRY: Registry[AskTell] = Registry(
     "capture_cli.identifiers",

@@ -13,12 +13,12 @@ from typing import Any
 
 import numpy as np
 
+from capture_cli.common.named_arrays import by_part, check_shapes
 from capture_cli.identifiers._architecture import Architecture
 from capture_cli.identifiers._family import QUANTILES, Family
 from capture_cli.identifiers._inference import answer
 from capture_cli.identifiers._normalisation import Normalisation
 from capture_cli.identifiers.rounds import RoundIdentifier, Rounds, Signature
-from capture_cli.named_arrays import by_part, check_shapes
 
 # arrays that numbers are divided or multiplied by
 ABOVE_ZERO = ("normalisation.spread", "normalisation.residual_spread", "calibration.factor")

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from capture_cli.common.named_arrays import by_part
 from capture_cli.errors import FitError
 from capture_cli.identifiers._batches import Batches, Place, Read, windows
 from capture_cli.identifiers._family import Family
@@ -28,7 +29,6 @@ from capture_cli.identifiers._transformer import (
     squared_error,
 )
 from capture_cli.identifiers.rounds import Rounds, Signature
-from capture_cli.named_arrays import by_part
 
 CLIP = 1.0  # norm of the gradient
 SPREAD_WEIGHT = 0.01  # of its likelihood beside the squared error

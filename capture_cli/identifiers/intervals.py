@@ -26,7 +26,7 @@ from capture_cli.autocorrelation import (
 )
 from capture_cli.identifiers._sampled_posterior import SampledPosterior
 from capture_cli.linearization import Linearization
-from capture_cli.parameters import AT_BOUND, ParameterSpace
+from capture_cli.model.parameters import AT_BOUND, ParameterSpace
 
 # Posterior sd beyond this share of the range: the 95 % interval spans two thirds of what was known before.
 UNDETERMINED_SD = 1 / 6

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from capture_cli.identifiers.base import AskTell
-from capture_cli.parameters import Parameter, ParameterSpace
-from capture_cli.tasks.base import ActionTask, Feature
+from capture_cli.model.parameters import Parameter, ParameterSpace
+from capture_cli.model.tasks.base import ActionTask, Feature
 
 # (parameters (simulation, parameter), actions (simulation, action)) -> trajectories (simulation, point, feature),
 # diverged (simulation,): `Simulator.trajectories`

@@ -18,7 +18,7 @@ from functools import cached_property
 import numpy as np
 
 from capture_cli.identifiers.intervals import UNDETERMINED_SD, Intervals
-from capture_cli.parameters import ParameterSpace
+from capture_cli.model.parameters import ParameterSpace
 
 CONFOUNDED = 0.99  # correlation beyond which two parameters are known together only
 MATTERS = 0.05  # of two values at least: what confounding leaves open; with less both are known well enough

@@ -12,13 +12,13 @@ import numpy as np
 from capture_cli.diagnosis.score import Score
 from capture_cli.errors import LogError
 from capture_cli.estimate.motion import Log, SmoothedLog
+from capture_cli.model.tasks.base import Task
 from capture_cli.protocol.candidates import Candidate
 from capture_cli.protocol.fit import Fit
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.select.input_timing import InputTiming, input_timings
 from capture_cli.select.screening import SETTINGS as SCREENING
 from capture_cli.select.screening import Screening, declared_balance, parameters_sd
-from capture_cli.tasks.base import Task
 
 
 def screening_of(

@@ -9,13 +9,13 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 
+from capture_cli.common.evenly_spread import evenly_spread
 from capture_cli.diagnosis.acceptance import Support
 from capture_cli.diagnosis.folds import select_folds
 from capture_cli.diagnosis.score import STEP, Score, score, similarity
 from capture_cli.effects import REGISTRY
 from capture_cli.effects.base import Driven, Effect, JointMotion, Recordings, Reports
 from capture_cli.effects.placed import Placed
-from capture_cli.evenly_spread import evenly_spread
 from capture_cli.linearization import Linearization
 from capture_cli.protocol.fit import Fit
 from capture_cli.protocol.log_windows import clock

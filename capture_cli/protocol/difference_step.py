@@ -13,13 +13,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from capture_cli.evenly_spread import evenly_spread
+from capture_cli.common.evenly_spread import evenly_spread
 from capture_cli.identifiers.base import Trial
 from capture_cli.linearization import ROUGH_START_STEP, Linearization, columns
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.sim.contacts import can_hit
 from capture_cli.sim.engine import Engine
-from capture_cli.simulator import Simulator
+from capture_cli.simulate.simulator import Simulator
 
 STEPS = (1e-4, 1e-3, 1e-2, 5e-2)  # shares of a parameter's range
 AGREE = 0.3  # of a slope, that one over the next step may differ by

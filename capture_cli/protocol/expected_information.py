@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from capture_cli.linearization import Linearization, Trial, columns
-from capture_cli.parameters import ParameterSpace
+from capture_cli.model.parameters import ParameterSpace
 from capture_cli.protocol.prepared_log import PreparedLog
-from capture_cli.simulator import Simulator
+from capture_cli.simulate.simulator import Simulator
 
 LARGEST_STEP = 0.3  # of the range: how far from the estimate it is looked, where more is open
 

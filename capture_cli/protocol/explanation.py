@@ -18,7 +18,7 @@ from capture_cli.protocol.log_parts import FIT, TEST, LogParts
 from capture_cli.protocol.part_fit import PartFit
 from capture_cli.protocol.scattered_stamps import ScatteredStamps, scattered_stamps
 from capture_cli.protocol.time_step import ShorterStep
-from capture_cli.simulator import Begun, Motion
+from capture_cli.simulate.simulator import Begun, Motion
 
 
 @dataclass(frozen=True)

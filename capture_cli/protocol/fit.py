@@ -11,7 +11,7 @@ import numpy as np
 from capture_cli.effects.placed import Placed
 from capture_cli.identifiers.least_squares import HOPELESS
 from capture_cli.linearization import Linearization
-from capture_cli.parameters import ParameterSpace
+from capture_cli.model.parameters import ParameterSpace
 
 TOLERANCE = 0.1  # of the objective over k: a third of a standard error is enough to compare models by
 EXACT = 3e-3  # for what is reported

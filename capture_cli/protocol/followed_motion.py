@@ -11,13 +11,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model.tasks.base import Task
 from capture_cli.protocol.log_windows import clock
 from capture_cli.sim.coordinate_sources import measured_states
 from capture_cli.sim.engine import Engine, ModelFields, Rollouts, Starts
 from capture_cli.sim.starts import estimate_starts, model_starts
 from capture_cli.sim.windows import Windows
-from capture_cli.stores.measured_log import MeasuredLog
-from capture_cli.tasks.base import Task
 
 EVERY = 0.05  # s, after which measured coordinates are set anew
 MOST_TIMES = 1000  # in an episode

@@ -10,6 +10,7 @@ import numpy as np
 
 from capture_cli.diagnosis.acceptance import bic_gain
 from capture_cli.diagnosis.lack_of_fit import lack_of_fit
+from capture_cli.model.tasks.base import Task
 from capture_cli.protocol.balance_scores import screening_of
 from capture_cli.protocol.candidates import Candidate
 from capture_cli.protocol.fit import Fit
@@ -20,7 +21,6 @@ from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.select.beam import BeamSettings, grown
 from capture_cli.select.input_timing import SETTINGS, InputTiming, is_surely_better, sum_and_error
 from capture_cli.select.screening import BalancedModel, Screening
-from capture_cli.tasks.base import Task
 
 NARROW = BeamSettings(width=2, branches=2)
 

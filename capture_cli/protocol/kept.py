@@ -17,7 +17,7 @@ import numpy as np
 from capture_cli.diagnosis.score import Score
 from capture_cli.effects.placed import Placed
 from capture_cli.linearization import Linearization
-from capture_cli.parameters import ParameterSpace
+from capture_cli.model.parameters import ParameterSpace
 from capture_cli.protocol.fit import Fit
 from capture_cli.protocol.part_fit import PartFit
 from capture_cli.protocol.prepared_log import PreparedLog

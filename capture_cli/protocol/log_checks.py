@@ -7,18 +7,18 @@ from typing import Any
 
 import numpy as np
 
+from capture_cli.common.evenly_spread import evenly_spread
 from capture_cli.errors import FitError, LogError, ModelError, OptionError
-from capture_cli.evenly_spread import evenly_spread
 from capture_cli.identifiers.base import Trial
+from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model.tasks.base import Channel, Task
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.sim.coordinate_sources import unmeasured_joints
 from capture_cli.sim.engine import Engine
 from capture_cli.sim.shorter_window import set_shorter
 from capture_cli.sim.step_length import unsuitable_step
 from capture_cli.sim.windows import FEWEST_IN_WINDOW, SHORTEST_EPISODE, usual_interval
-from capture_cli.simulator import Simulator
-from capture_cli.stores.measured_log import MeasuredLog
-from capture_cli.tasks.base import Channel, Task
+from capture_cli.simulate.simulator import Simulator
 
 MOVES_SHARE = 0.05  # of the range: the step with which a parameter must move some output
 MOVED_AT_FIRST = 16  # windows, evenly spread

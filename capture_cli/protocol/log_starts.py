@@ -8,8 +8,10 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
+from capture_cli.common.evenly_spread import evenly_spread
 from capture_cli.diagnosis.noise_floor import NoiseFloor
-from capture_cli.evenly_spread import evenly_spread
+from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model.tasks.base import ActionTask, Task
 from capture_cli.protocol.followed_motion import followed_motion
 from capture_cli.protocol.log_windows import clock, cut_log
 from capture_cli.protocol.nominal_motion import nominal_motion
@@ -26,9 +28,7 @@ from capture_cli.sim.starts import (
     with_known,
 )
 from capture_cli.sim.windows import Windows
-from capture_cli.simulator import Simulator
-from capture_cli.stores.measured_log import MeasuredLog
-from capture_cli.tasks.base import ActionTask, Task
+from capture_cli.simulate.simulator import Simulator
 
 JUDGED = 40  # windows, evenly spread, that tell which of several ways to read starts is nearer to the log
 AGREES = 1e-3  # p of the first samples of episodes below which they do not begin where their actions say

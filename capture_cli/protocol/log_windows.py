@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model.tasks.base import Task
 from capture_cli.sim.windows import Spans, Windows, at_spans, cut
-from capture_cli.stores.measured_log import MeasuredLog
-from capture_cli.tasks.base import Task
 
 
 def clock(log: MeasuredLog) -> np.ndarray:

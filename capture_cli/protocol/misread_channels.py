@@ -8,13 +8,13 @@ from itertools import combinations
 
 import numpy as np
 
+from capture_cli.common.evenly_spread import evenly_spread
 from capture_cli.errors import CaptureError
-from capture_cli.evenly_spread import evenly_spread
+from capture_cli.model.tasks.base import Channel
 from capture_cli.protocol.model_fits import ModelFits
 from capture_cli.protocol.prepare import prepare
 from capture_cli.protocol.prepared_log import PreparedLog, attitudes
 from capture_cli.sim.quaternion_order import W_FIRST, W_LAST, order_in_names
-from capture_cli.tasks.base import Channel
 
 FACTORS = {  # by which a channel may have to be multiplied
     -1.0: "times -1",

@@ -16,14 +16,14 @@ from capture_cli.identifiers.intervals import unit_covariance
 from capture_cli.identifiers.least_squares import HOPELESS, LONG_PATIENCE, PATIENCE, LeastSquares
 from capture_cli.identifiers.undetermined import is_confounded
 from capture_cli.linearization import Linearization, best_trials, columns, trial_objectives
-from capture_cli.parameters import ParameterSpace
+from capture_cli.model.parameters import ParameterSpace
 from capture_cli.protocol.fit import TOLERANCE, Fit
 from capture_cli.protocol.kept import Kept, kept_fit, kept_part
 from capture_cli.protocol.part_fit import PartFit
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.protocol.ways_out import unstuck
 from capture_cli.sim.engine import Engine
-from capture_cli.simulator import Begun, Motion, Simulator
+from capture_cli.simulate.simulator import Begun, Motion, Simulator
 
 FIT_ROUNDS = 60
 

@@ -13,7 +13,7 @@ from capture_cli.effects.placed import Placed
 from capture_cli.protocol.fit import Fit
 from capture_cli.protocol.model_fits import ModelFits
 from capture_cli.protocol.prepared_log import PreparedLog
-from capture_cli.simulator import Motion
+from capture_cli.simulate.simulator import Motion
 
 PEAKS = 3  # values that are simulated
 MOST = 16384  # values that are judged: in a log of over 400 s the peaks of fast forces can fall between them

@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from capture_cli.multisine import multisine_tape
+from capture_cli.model.tasks.base import Task
 from capture_cli.protocol.fit import Fit
 from capture_cli.protocol.model_fits import ModelFits
 from capture_cli.protocol.shown_motion import Predicted, ShownMotion
 from capture_cli.sim.starts import model_starts
 from capture_cli.sim.windows import Windows, cut
-from capture_cli.simulator import Simulator
-from capture_cli.tasks.base import Task
+from capture_cli.simulate.multisine import multisine_tape
+from capture_cli.simulate.simulator import Simulator
 
 BANDS = ((0.1, 0.5), (0.5, 3.0), (3.0, 10.0))  # Hz
 SHARES = tuple(0.5**k for k in range(8))  # of the largest input in the log

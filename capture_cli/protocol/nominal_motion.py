@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from capture_cli.model.tasks.base import Task
 from capture_cli.sim.engine import Engine, ModelFields, Rollouts, Starts
 from capture_cli.sim.starts import model_starts
-from capture_cli.tasks.base import Task
 
 
 def nominal_motion(

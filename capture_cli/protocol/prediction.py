@@ -15,9 +15,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from capture_cli.common.evenly_spread import evenly_spread
 from capture_cli.diagnosis.split import Split
 from capture_cli.effects.placed import Placed
-from capture_cli.evenly_spread import evenly_spread
 from capture_cli.identifiers.base import Trial
 from capture_cli.protocol.log_starts import log_starts, readable
 from capture_cli.protocol.log_windows import clock, windows_at

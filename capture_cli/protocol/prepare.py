@@ -9,6 +9,8 @@ import numpy as np
 
 from capture_cli.diagnosis.noise_floor import NoiseFloor, noise_floor
 from capture_cli.diagnosis.split import EarlierSplit, split_windows
+from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model.tasks.base import Task
 from capture_cli.protocol.balance_scores import timings_of_inputs, with_timings
 from capture_cli.protocol.difference_step import difference_step
 from capture_cli.protocol.log_checks import (
@@ -22,8 +24,6 @@ from capture_cli.protocol.log_starts import log_starts
 from capture_cli.protocol.log_windows import cut_log
 from capture_cli.protocol.prepared_log import PreparedLog, attitudes
 from capture_cli.sim.quaternion_signs import continuous
-from capture_cli.stores.measured_log import MeasuredLog
-from capture_cli.tasks.base import Task
 
 REPEATED_SAMPLES = (16, 100)  # half a window within these: over how long repeats are compared
 

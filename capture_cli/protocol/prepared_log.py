@@ -11,15 +11,15 @@ from capture_cli.diagnosis.noise_floor import NoiseFloor
 from capture_cli.diagnosis.split import Split
 from capture_cli.identifiers.base import Evidence, Trial
 from capture_cli.linearization import ROUGH_START_STEP, START_STEP
+from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model.tasks.base import Task
 from capture_cli.select.input_timing import InputTiming
 from capture_cli.select.screening import Screening
 from capture_cli.sim.quaternion_signs import aligned, quaternion_columns
 from capture_cli.sim.reported_motion import MOST_LATE
 from capture_cli.sim.starts import StartEstimate, offsets_between, shift
 from capture_cli.sim.windows import Windows
-from capture_cli.simulator import Begun, Simulator
-from capture_cli.stores.measured_log import MeasuredLog
-from capture_cli.tasks.base import Task
+from capture_cli.simulate.simulator import Begun, Simulator
 
 
 @dataclass(frozen=True)

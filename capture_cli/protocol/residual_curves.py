@@ -9,9 +9,9 @@ import numpy as np
 
 from capture_cli.autocorrelation import in_order, own_samples
 from capture_cli.diagnosis.localisation import Curve, accelerations, curve, largest_around
+from capture_cli.model.tasks.base import Channel
 from capture_cli.protocol.part_fit import PartFit
 from capture_cli.protocol.prepared_log import PreparedLog
-from capture_cli.tasks.base import Channel
 
 
 @dataclass(frozen=True)

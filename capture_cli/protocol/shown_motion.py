@@ -14,9 +14,9 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from capture_cli.model.tasks.base import Task
 from capture_cli.sim.object_names import object_name
 from capture_cli.sim.quaternion_signs import is_quaternion
-from capture_cli.tasks.base import Task
 
 MARGIN = 0.5  # of the span that the log shows: what is no further beyond either end of it is near
 NOISE = 3.0  # sd, on top of that: of an output that stood still

@@ -14,11 +14,11 @@ from capture_cli.effects import REGISTRY
 from capture_cli.effects.placed import Placed
 from capture_cli.identifiers.intervals import Intervals
 from capture_cli.linearization import Linearization
+from capture_cli.model.tasks.base import ActionTask
 from capture_cli.protocol.candidates import thinned
 from capture_cli.protocol.fit import AS_GOOD, Fit
 from capture_cli.protocol.model_fits import ModelFits
 from capture_cli.protocol.prepared_log import PreparedLog
-from capture_cli.tasks.base import ActionTask
 
 FINER = "finer-time-step"
 MATERIAL = 0.003  # of a value, or of its range where that is larger by ten times: less is nobody's concern

@@ -10,7 +10,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from capture_cli.documents import resolved
+from capture_cli.common.documents import resolved
 from capture_cli.errors import ModelError
 from capture_cli.sim.assets import name_from, name_in_full
 from capture_cli.sim.engine import ModelFields, model_field

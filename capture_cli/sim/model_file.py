@@ -12,7 +12,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from capture_cli.documents import open_file
+from capture_cli.common.documents import open_file
 from capture_cli.errors import ModelError
 from capture_cli.sim.engine import silence_mujoco
 from capture_cli.sim.limited_process import CAN_LIMIT, Exceeded, limited

@@ -1,1 +1,5 @@
-"""What you run: one file = one command, and what several commands share. Only stages join files and algorithms."""
+"""What a command does: files in, files out. One command = one module, and what several commands share.
+
+In: paths and options. Out: a result folder or store, written whole, and its document. Only stages join files and
+algorithms; algorithms take arrays and return arrays. Commands do not import each other.
+"""

@@ -12,9 +12,9 @@ from capture_cli.effects import REGISTRY
 from capture_cli.effects.base import GLOBAL, Effect
 from capture_cli.effects.placed import Placed
 from capture_cli.errors import OptionError, did_you_mean
-from capture_cli.parameters import Parameter
+from capture_cli.model.parameters import Parameter
+from capture_cli.model.tasks.base import Task
 from capture_cli.sim.engine import ModelFields
-from capture_cli.tasks.base import Task
 
 # what stands after @ is a site, or a site and a parameter: names in a model may have dots and more in them
 _EFFECT = re.compile(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from capture_cli.effects import REGISTRY, Entry, catalogue
-from capture_cli.tasks import load_task
+from capture_cli.model.tasks import load_task
 
 
 def describe(task: str | None, name: str | None = None) -> dict[str, Any]:

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from capture_cli.errors import OptionError
-from capture_cli.stages.evaluation_run import evaluate
-from capture_cli.stages.evaluation_suite import evaluate_suite
+from capture_cli.stages.evaluation.evaluation_run import evaluate
+from capture_cli.stages.evaluation.evaluation_suite import evaluate_suite
 
 
 def eval_sim2sim(

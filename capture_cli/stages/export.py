@@ -15,16 +15,16 @@ from capture_cli.diagnosis.expression import expression_terms
 from capture_cli.effects.companion import MADE_BY_EXPORT, companion_module
 from capture_cli.effects.placed import placed_name
 from capture_cli.errors import OptionError, OutputError, StoreError
-from capture_cli.parameters import Parameter, ParameterSpace
+from capture_cli.model.parameters import Parameter, ParameterSpace
+from capture_cli.model.tasks.base import Task
 from capture_cli.sim.engine import ModelFields
 from capture_cli.sim.mjcf import to_mjcf
-from capture_cli.stages.recorded_effects import WithValues, declared_values, recorded_effects
-from capture_cli.stages.recorded_task import load_recorded, task_inputs
-from capture_cli.stores.diagnosis import Diagnosis
-from capture_cli.stores.estimate import Estimate
-from capture_cli.stores.output import New, new_outputs, refuse_existing, refuse_inputs, refuse_misnamed
-from capture_cli.stores.result import check_bounds, is_within, read_provenance
-from capture_cli.tasks.base import Task
+from capture_cli.stages.recorded.recorded_effects import WithValues, declared_values, recorded_effects
+from capture_cli.stages.recorded.recorded_task import load_recorded, task_inputs
+from capture_cli.store.diagnosis import Diagnosis
+from capture_cli.store.estimate import Estimate
+from capture_cli.store.output import New, new_outputs, refuse_existing, refuse_inputs, refuse_misnamed
+from capture_cli.store.result import check_bounds, is_within, read_provenance
 
 MADE_BY = {"capture/estimate": "identify", "capture/diagnosis": "diagnose"}
 

@@ -12,28 +12,28 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from capture_cli import observation_noise
+from capture_cli.common.extras import require
+from capture_cli.common.progress import Progress
+from capture_cli.context import observation_noise
+from capture_cli.context.checkpoints.checkpoint_hash import checkpoint_hash
+from capture_cli.context.checkpoints.policy_checkpoint import SETTINGS, load_policy
+from capture_cli.context.histories.action_library import tape_task
+from capture_cli.context.histories.history_recipe import Recipe
+from capture_cli.context.histories.moving_parameters import check_parameters_move_trajectories
+from capture_cli.context.histories.resumed_histories import is_complete, place, shards_to_make
+from capture_cli.context.observation_noise import standard_deviations
+from capture_cli.context.search import REGISTRY as SEARCHES
+from capture_cli.context.search.base import ALPHA, Search
 from capture_cli.errors import OptionError, did_you_mean
-from capture_cli.extras import require
-from capture_cli.parameters import ParameterSpace
-from capture_cli.search import REGISTRY as SEARCHES
-from capture_cli.search.base import ALPHA, Search
-from capture_cli.stages.checkpoint_hash import checkpoint_hash
-from capture_cli.stages.history_recipe import Recipe
-from capture_cli.stages.model_hash import model_hash
-from capture_cli.stages.moving_parameters import check_parameters_move_trajectories
-from capture_cli.stages.policy_checkpoint import SETTINGS, load_policy
-from capture_cli.stages.progress import Progress
-from capture_cli.stages.recorded_task import task_inputs
-from capture_cli.stages.resumed_histories import is_complete, place, shards_to_make
-from capture_cli.stages.tapes import tape_task
-from capture_cli.stages.white_noise import standard_deviations
-from capture_cli.stores.histories import SHARD_PAIRS, HistoriesWriter, is_url, shard_rows
-from capture_cli.stores.output import refuse_inputs
-from capture_cli.stores.provenance import Provenance
-from capture_cli.tasks import load_task
-from capture_cli.tasks.base import ActionTask, Task
-from capture_cli.tasks.tape_task import TapeTask
+from capture_cli.model.model_hash import model_hash
+from capture_cli.model.parameters import ParameterSpace
+from capture_cli.model.tasks import load_task
+from capture_cli.model.tasks.base import ActionTask, Task
+from capture_cli.model.tasks.sequence_task import TapeTask
+from capture_cli.stages.recorded.recorded_task import task_inputs
+from capture_cli.store.histories import SHARD_PAIRS, HistoriesWriter, is_url, shard_rows
+from capture_cli.store.output import refuse_inputs
+from capture_cli.store.provenance import Provenance
 
 ROUNDS = 7  # L of the paper
 EXECUTORS = ("local", "ray")
@@ -210,7 +210,7 @@ def _shard_maker(executor: str, address: str | None) -> Iterator[Callable[..., I
     if executor == "local":
         yield _make_here
         return
-    from capture_cli.stages.ray_cluster import ray_cluster
+    from capture_cli.context.histories.ray_cluster import ray_cluster
 
     with ray_cluster(address) as make:
         yield make

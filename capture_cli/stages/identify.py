@@ -12,7 +12,10 @@ from typing import Any
 
 import numpy as np
 
+from capture_cli.common.progress import Progress
 from capture_cli.identifiers.least_squares import LeastSquares
+from capture_cli.log.checks.wide_bounds import warn_of_wide_bounds
+from capture_cli.model.tasks.base import ActionTask
 from capture_cli.protocol.balance_scores import balanced_point
 from capture_cli.protocol.log_checks import check_parameters_move_outputs
 from capture_cli.protocol.misread_channels import misread_channels
@@ -20,11 +23,10 @@ from capture_cli.protocol.model_fits import ModelFits
 from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.protocol.repeated_noise import with_noise_of_repeats
 from capture_cli.protocol.residual_noise import with_noise_of_residual
-from capture_cli.reports.findings import STAMPS_ALONE, THIS_ESTIMATE, behind, is_fit_explained, suspicions
-from capture_cli.stages.chosen_identifier import ChosenIdentifier, choose_identifier
-from capture_cli.stages.earlier_estimate import EarlierEstimate
-from capture_cli.stages.estimate_document import Report, unexplained
-from capture_cli.stages.estimation import (
+from capture_cli.report.findings import STAMPS_ALONE, THIS_ESTIMATE, behind, is_fit_explained, suspicions
+from capture_cli.stages.documents.estimate_document import Report, unexplained
+from capture_cli.stages.identification.chosen_identifier import ChosenIdentifier, choose_identifier
+from capture_cli.stages.identification.estimation import (
     ROUNDS,
     Found,
     by_physics,
@@ -36,16 +38,14 @@ from capture_cli.stages.estimation import (
     with_profile,
 )
 from capture_cli.stages.log_to_fit import LogToFit, read_log
-from capture_cli.stages.progress import Progress
-from capture_cli.stages.recorded_task import find_task
-from capture_cli.stages.wide_bounds import warn_of_wide_bounds
-from capture_cli.stores.estimate import Estimate
-from capture_cli.stores.output import new_directory, refuse_existing
-from capture_cli.stores.provenance import Provenance
-from capture_cli.tasks.base import ActionTask
+from capture_cli.stages.recorded.earlier_estimate import EarlierEstimate
+from capture_cli.stages.recorded.recorded_task import find_task
+from capture_cli.store.estimate import Estimate
+from capture_cli.store.output import new_directory, refuse_existing
+from capture_cli.store.provenance import Provenance
 
 STEPS = 5  # the log, checks, the fit, what is left open about it, errors
-NEEDED_LAST = ("scipy.special", "capture_cli.reports.figures")
+NEEDED_LAST = ("scipy.special", "capture_cli.report.figures")
 
 
 def identify(
@@ -270,8 +270,8 @@ def _import_meanwhile(modules: Sequence[str]) -> None:
 
 
 def _write_pages(estimate: Estimate, folder: Path, provenance: Provenance) -> None:
-    from capture_cli.reports.estimate_page import render
-    from capture_cli.reports.figures import write_figures
+    from capture_cli.report.estimate_page import render
+    from capture_cli.report.figures import write_figures
 
     (folder / "report.html").write_text(render(estimate, provenance.document()), encoding="utf-8")
     write_figures(estimate, folder)

@@ -11,33 +11,33 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from capture_cli.documents import read_json
+from capture_cli.common.documents import read_json
 from capture_cli.errors import CaptureError, StoreError
+from capture_cli.log.checks.equal_episodes import equal_episodes
+from capture_cli.log.checks.even_times import scatter
+from capture_cli.log.checks.held_outputs import rows_per_sample, sample_rate, slices_within
+from capture_cli.log.checks.log_findings import finding, log_findings, task_findings
+from capture_cli.log.checks.log_health import channel, excitation, quantisation, sampling, spikes, timing
+from capture_cli.log.checks.wide_bounds import wide_bounds
+from capture_cli.log.measured_log import LARGEST, MeasuredLog
+from capture_cli.log.measured_log import SCHEMA as LOG_SCHEMA
+from capture_cli.model.tasks import load_task
+from capture_cli.model.tasks.base import Task
 from capture_cli.sim.windows import usual_interval
-from capture_cli.stages.equal_episodes import equal_episodes
-from capture_cli.stages.even_times import scatter
-from capture_cli.stages.file_header import read_header
-from capture_cli.stages.held_outputs import rows_per_sample, sample_rate, slices_within
-from capture_cli.stages.log_findings import finding, log_findings, task_findings
-from capture_cli.stages.log_health import channel, excitation, quantisation, sampling, spikes, timing
-from capture_cli.stages.proposal_inspection import inspect_proposal
-from capture_cli.stages.recorded_task import find_task
-from capture_cli.stages.result_inspection import OF_PROVENANCE, RESULTS, inspect_result
-from capture_cli.stages.unfinished_inspection import inspect_unfinished, is_unfinished
-from capture_cli.stages.wide_bounds import wide_bounds
-from capture_cli.stores.diagnosis import Diagnosis
-from capture_cli.stores.document_shape import OBJECT, check_shape
-from capture_cli.stores.estimate import Estimate
-from capture_cli.stores.evaluation import Evaluation
-from capture_cli.stores.histories import SCHEMA as HISTORIES_SCHEMA
-from capture_cli.stores.histories import Histories
-from capture_cli.stores.measured_log import LARGEST, MeasuredLog
-from capture_cli.stores.measured_log import SCHEMA as LOG_SCHEMA
-from capture_cli.stores.output import PROVENANCE, unfinished
-from capture_cli.stores.proposal import FORMAT as PROPOSAL
-from capture_cli.stores.zarr_store import ZarrStore
-from capture_cli.tasks import load_task
-from capture_cli.tasks.base import Task
+from capture_cli.stages.inspection.file_header import read_header
+from capture_cli.stages.inspection.proposal_inspection import inspect_proposal
+from capture_cli.stages.inspection.result_inspection import OF_PROVENANCE, RESULTS, inspect_result
+from capture_cli.stages.inspection.unfinished_inspection import inspect_unfinished, is_unfinished
+from capture_cli.stages.recorded.recorded_task import find_task
+from capture_cli.store.diagnosis import Diagnosis
+from capture_cli.store.document_shape import OBJECT, check_shape
+from capture_cli.store.estimate import Estimate
+from capture_cli.store.evaluation import Evaluation
+from capture_cli.store.histories import SCHEMA as HISTORIES_SCHEMA
+from capture_cli.store.histories import Histories
+from capture_cli.store.output import PROVENANCE, unfinished
+from capture_cli.store.proposal import FORMAT as PROPOSAL
+from capture_cli.store.zarr_store import ZarrStore
 
 FORMAT = "capture/inspection"
 VERSION = 1

@@ -12,14 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from capture_cli.documents import parse_json, read_json
+from capture_cli.common.documents import parse_json, read_json
+from capture_cli.context.checkpoints.training_state import check_recipe
 from capture_cli.errors import FitError, StoreError
 from capture_cli.protocol.kept import Kept, Values
-from capture_cli.stages.training_state import check_recipe
-from capture_cli.stores.document_shape import OBJECT, check_shape
-from capture_cli.stores.output import resumable_directory
-from capture_cli.stores.provenance import write_json
-from capture_cli.stores.tensors import read_arrays, save_arrays
+from capture_cli.store.document_shape import OBJECT, check_shape
+from capture_cli.store.output import resumable_directory
+from capture_cli.store.provenance import write_json
+from capture_cli.store.tensors import read_arrays, save_arrays
 
 STEPS, RECIPE, NEW_RECIPE = "steps", "steps.json", "steps.json.new"  # of a run that is not complete
 MOST = 2e9  # bytes, of all steps: of a log of a million rows one takes hundreds of megabytes

@@ -7,15 +7,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from capture_cli.common.progress import Progress
 from capture_cli.diagnosis.split import EarlierSplit
+from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model.tasks.base import Task
 from capture_cli.protocol.prepare import prepare
 from capture_cli.protocol.prepared_log import PreparedLog
-from capture_cli.stages.progress import Progress
-from capture_cli.stages.recorded_task import named, task_inputs
-from capture_cli.stores.measured_log import MeasuredLog
-from capture_cli.stores.output import refuse_inputs
-from capture_cli.stores.provenance import Provenance
-from capture_cli.tasks.base import Task
+from capture_cli.stages.recorded.recorded_task import named, task_inputs
+from capture_cli.store.output import refuse_inputs
+from capture_cli.store.provenance import Provenance
 
 
 def read_log(command: str, path: Path, max_log_size: int | None, *, quiet: bool) -> MeasuredLog:

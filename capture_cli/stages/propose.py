@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from capture_cli.context.checkpoints.policy_checkpoint import load_policy
 from capture_cli.errors import OptionError
-from capture_cli.multisine import BAND, check_above_zero, check_amplitude, multisine_tape, peak, peaks
+from capture_cli.model.tasks.base import ActionTask, Task
 from capture_cli.protocol.expected_information import Axes, information, sensitivities
 from capture_cli.protocol.next_experiment import (
     BANDS,
@@ -21,21 +22,27 @@ from capture_cli.protocol.next_experiment import (
 )
 from capture_cli.protocol.shown_motion import ShownMotion
 from capture_cli.sim.starts import model_starts
-from capture_cli.simulator import Simulator
-from capture_cli.stages.drive import Drive, acted
-from capture_cli.stages.planned_episodes import Known, planned
-from capture_cli.stages.policy_checkpoint import load_policy
-from capture_cli.stages.proposed_machine import is_diagnosis, proposed_machine
-from capture_cli.stages.recorded_effects import recorded_effects, recorded_values
-from capture_cli.stages.recorded_log import recorded_log
-from capture_cli.stages.recorded_task import task_inputs
-from capture_cli.stores.diagnosis import EXPERIMENT, Diagnosis
-from capture_cli.stores.document_shape import NUMBER, check_shape, or_none
-from capture_cli.stores.estimate import Estimate
-from capture_cli.stores.output import PROVENANCE, refuse_inputs
-from capture_cli.stores.proposal import FORMAT, VERSION
-from capture_cli.stores.result import read_provenance
-from capture_cli.tasks.base import ActionTask, Task
+from capture_cli.simulate.multisine import (
+    BAND,
+    check_above_zero,
+    check_amplitude,
+    multisine_tape,
+    peak,
+    peaks,
+)
+from capture_cli.simulate.simulator import Simulator
+from capture_cli.stages.excitation.drive import Drive, acted
+from capture_cli.stages.excitation.planned_episodes import Known, planned
+from capture_cli.stages.recorded.proposed_machine import is_diagnosis, proposed_machine
+from capture_cli.stages.recorded.recorded_effects import recorded_effects, recorded_values
+from capture_cli.stages.recorded.recorded_log import recorded_log
+from capture_cli.stages.recorded.recorded_task import task_inputs
+from capture_cli.store.diagnosis import EXPERIMENT, Diagnosis
+from capture_cli.store.document_shape import NUMBER, check_shape, or_none
+from capture_cli.store.estimate import Estimate
+from capture_cli.store.output import PROVENANCE, refuse_inputs
+from capture_cli.store.proposal import FORMAT, VERSION
+from capture_cli.store.result import read_provenance
 
 CANDIDATES = 48  # actions that are compared
 STRONGEST = 2  # of a band: multisines whose information is compared

@@ -11,27 +11,27 @@ from typing import Any
 import numpy as np
 from mujoco.batch import SimulationError
 
-from capture_cli.documents import resolved
+from capture_cli.common.documents import resolved
+from capture_cli.common.extras import require
+from capture_cli.context.observation_noise import standard_deviations
 from capture_cli.errors import FitError, OptionError, did_you_mean
-from capture_cli.extras import require
-from capture_cli.multisine import BAND
-from capture_cli.parameters import ParameterSpace
+from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model.parameters import ParameterSpace
+from capture_cli.model.tasks import load_task
+from capture_cli.model.tasks.base import ActionTask, Task
 from capture_cli.sim.windows import cut
-from capture_cli.simulator import Simulator
-from capture_cli.stages.drive import Drive, DriveOptions, drive
+from capture_cli.simulate.multisine import BAND
+from capture_cli.simulate.simulator import Simulator
 from capture_cli.stages.effect_option import (
     beyond_range,
     parse_effects,
     refuse_negative,
     refuse_without_effect,
 )
-from capture_cli.stages.recorded_task import task_inputs
-from capture_cli.stages.white_noise import standard_deviations
-from capture_cli.stores.measured_log import MeasuredLog
-from capture_cli.stores.output import New, new_outputs, refuse_existing, refuse_inputs, refuse_misnamed
-from capture_cli.stores.provenance import Provenance, write_json
-from capture_cli.tasks import load_task
-from capture_cli.tasks.base import ActionTask, Task
+from capture_cli.stages.excitation.drive import Drive, DriveOptions, drive
+from capture_cli.stages.recorded.recorded_task import task_inputs
+from capture_cli.store.output import New, new_outputs, refuse_existing, refuse_inputs, refuse_misnamed
+from capture_cli.store.provenance import Provenance, write_json
 
 WORLDS = ("plant", "robosuite")
 TRUTH = ("parameters", "effects")  # options that a log's provenance keeps to itself
@@ -208,7 +208,7 @@ def _in_scene(world: str, machine: Task, point: np.ndarray, driven: Drive) -> tu
     """
     if world not in WORLDS:
         raise OptionError(f"unknown --world {world!r}", cure=did_you_mean(world, WORLDS))
-    module = f"capture_cli.worlds.{machine.name.replace('-', '_')}"
+    module = f"capture_cli.context.worlds.{machine.name.replace('-', '_')}"
     if not isinstance(machine, ActionTask) or importlib.util.find_spec(module) is None:
         raise OptionError(f"there is no robosuite scene of {machine.name!r}", cure="record --world plant")
     scene = importlib.import_module(module)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from capture_cli.stages.wide_bounds import warn_of_wide_bounds
-from capture_cli.tasks import REGISTRY, load_task
-from capture_cli.tasks.base import Task
+from capture_cli.log.checks.wide_bounds import warn_of_wide_bounds
+from capture_cli.model.tasks import REGISTRY, load_task
+from capture_cli.model.tasks.base import Task
 
 
 def describe(task: str | None) -> dict[str, Any]:

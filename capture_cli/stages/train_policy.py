@@ -10,16 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from capture_cli.errors import OptionError
-from capture_cli.extras import require
-from capture_cli.policies import REGISTRY
-from capture_cli.policies._evaluation import evaluate
-from capture_cli.policies.base import Policy, Trainer, TrainingSettings
-from capture_cli.simulator import Simulator
-from capture_cli.stages.policy_checkpoint import read_policy, save_policy
-from capture_cli.stages.progress import Progress
-from capture_cli.stages.torch_device import torch_device
-from capture_cli.stages.training_state import (
+from capture_cli.common.extras import require
+from capture_cli.common.progress import Progress
+from capture_cli.context.checkpoints.policy_checkpoint import read_policy, save_policy
+from capture_cli.context.checkpoints.training_state import (
     OF_STATE,
     check_recipe,
     kept,
@@ -27,10 +21,16 @@ from capture_cli.stages.training_state import (
     save_state,
     write_metrics,
 )
-from capture_cli.stores.output import is_complete, resumable_directory, unfinished
-from capture_cli.stores.provenance import Provenance
-from capture_cli.tasks import load_task
-from capture_cli.tasks.base import ActionTask
+from capture_cli.context.policies import REGISTRY
+from capture_cli.context.policies._evaluation import evaluate
+from capture_cli.context.policies.base import Policy, Trainer, TrainingSettings
+from capture_cli.context.torch_device import torch_device
+from capture_cli.errors import OptionError
+from capture_cli.model.tasks import load_task
+from capture_cli.model.tasks.base import ActionTask
+from capture_cli.simulate.simulator import Simulator
+from capture_cli.store.output import is_complete, resumable_directory, unfinished
+from capture_cli.store.provenance import Provenance
 
 EVALUATED = 200  # parameter sets of the evaluation curve, the same ones every time
 UNSEEN = 500  # others, that the finished policy is judged on, and the random one
@@ -223,6 +223,6 @@ class _Run:
 
 
 def _write_figure(metrics: list[dict[str, Any]], result: Mapping[str, Any], folder: Path) -> None:
-    from capture_cli.reports.policy_training import write_figure
+    from capture_cli.report.training import write_policy_figure
 
-    write_figure(metrics, result, folder)
+    write_policy_figure(metrics, result, folder)

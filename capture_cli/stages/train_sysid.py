@@ -11,15 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from capture_cli.errors import OptionError, StoreError, did_you_mean
-from capture_cli.extras import require
-from capture_cli.identifiers import REGISTRY, round_identifier
-from capture_cli.identifiers.rounds import Rounds, Signature
-from capture_cli.parameters import Parameter, ParameterSpace
-from capture_cli.stages.identifier_checkpoint import read_document, save_identifier
-from capture_cli.stages.progress import Progress
-from capture_cli.stages.torch_device import torch_device
-from capture_cli.stages.training_state import (
+from capture_cli.common.extras import require
+from capture_cli.common.progress import Progress
+from capture_cli.context.checkpoints.identifier_checkpoint import read_document, save_identifier
+from capture_cli.context.checkpoints.training_state import (
     OF_STATE,
     check_recipe,
     kept,
@@ -27,10 +22,15 @@ from capture_cli.stages.training_state import (
     save_state,
     write_metrics,
 )
-from capture_cli.stores.histories import SCHEMA, Histories, is_url
-from capture_cli.stores.output import is_complete, refuse_inputs, resumable_directory, unfinished
-from capture_cli.stores.provenance import Provenance
-from capture_cli.tasks.base import Feature
+from capture_cli.context.torch_device import torch_device
+from capture_cli.errors import OptionError, StoreError, did_you_mean
+from capture_cli.identifiers import REGISTRY, round_identifier
+from capture_cli.identifiers.rounds import Rounds, Signature
+from capture_cli.model.parameters import Parameter, ParameterSpace
+from capture_cli.model.tasks.base import Feature
+from capture_cli.store.histories import SCHEMA, Histories, is_url
+from capture_cli.store.output import is_complete, refuse_inputs, resumable_directory, unfinished
+from capture_cli.store.provenance import Provenance
 
 if TYPE_CHECKING:
     from capture_cli.identifiers._learned import LearnedIdentifier
@@ -276,6 +276,6 @@ def _finish(trainer: Trainer, recipe: Mapping[str, Any], folder: Path) -> dict[s
 
 
 def _write_figure(trainer: Trainer, folder: Path) -> None:
-    from capture_cli.reports.training import write_figure
+    from capture_cli.report.training import write_identifier_figure
 
-    write_figure(trainer.metrics, trainer.best["step"], trainer.kind.likelihood, folder)
+    write_identifier_figure(trainer.metrics, trainer.best["step"], trainer.kind.likelihood, folder)

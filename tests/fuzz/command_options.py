@@ -276,7 +276,7 @@ def seeds(inputs: Path) -> list[Case]:
 @cache
 def options(command: str) -> tuple[tuple[str, str, int], ...]:
     """(name, kind, how many values) of each option of a command. kind: "flag", "whole", "number" or "text"."""
-    from capture_cli.app import _COMMANDS
+    from capture_cli.cli.app import _COMMANDS
 
     found = []
     for hint in get_type_hints(_COMMANDS[command], include_extras=True).values():

@@ -45,7 +45,19 @@ WARM = (
     "matplotlib.backends.backend_agg",
     "plotly.graph_objects",
 )
-FOLDERS = ("commands", "stages", "stores", "sim", "protocol", "reports", "tasks", "effects", "diagnosis")
+ROOMS = (
+    "cli",
+    "stages",
+    "store",
+    "log",
+    "sim",
+    "protocol",
+    "report",
+    "model",
+    "simulate",
+    "effects",
+    "diagnosis",
+)
 SLOW_IMPORTS = (
     "training",
     "train_",
@@ -75,11 +87,11 @@ def warm_up() -> None:
     os.environ.setdefault("MUJOCO_GL", "disable")
     for name in WARM:
         importlib.import_module(name)
-    for folder in FOLDERS:
-        package = importlib.import_module(f"capture_cli.{folder}")
-        for module in pkgutil.iter_modules(package.__path__):
+    for room in ROOMS:
+        package = importlib.import_module(f"capture_cli.{room}")
+        for module in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
             if not any(word in module.name for word in SLOW_IMPORTS):
-                importlib.import_module(f"{package.__name__}.{module.name}")
+                importlib.import_module(module.name)
     _build_commands()
     gc.collect()
     gc.freeze()  # it stays where it is: copies share it
@@ -89,7 +101,7 @@ def _build_commands() -> None:
     """Once, rather than in every copy: it takes as long as a short command."""
     import typer.main
 
-    from capture_cli.app import app
+    from capture_cli.cli.app import app
 
     built = typer.main.get_command(app)
     typer.main.get_command = lambda _: built
@@ -182,11 +194,11 @@ def _be_capture(
 
 
 def _main(arguments: Sequence[str]) -> int:
-    from capture_cli import cli
+    from capture_cli.cli import main
 
     sys.argv = ["capture", *arguments]
     try:
-        cli.main()
+        main()
     except SystemExit as ended:
         return ended.code or 0
     return 0

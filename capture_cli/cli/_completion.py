@@ -1,0 +1,41 @@
+"""What the shell offers for the values of options; where none of it fits, the shell goes on with names of files."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+Completion = Callable[[str], list[str]]
+
+
+def words(*offered: str) -> Completion:
+    """Those of a few words that begin as what was typed."""
+    return _beginning(lambda: offered)
+
+
+def plug_ins(package: str) -> Completion:
+    """Names of the registry of `package`, which is imported when a user asks for them."""
+    return _beginning(lambda: importlib.import_module(package).REGISTRY.names())
+
+
+def tasks(incomplete: str) -> list[str]:
+    """Built-in tasks, and the TOML files of the folder."""
+    from capture_cli.model.tasks import REGISTRY
+
+    files = sorted(p.name for p in Path().glob("*.toml") if p.name != "pyproject.toml")
+    return _beginning(lambda: [*REGISTRY.names(), *files])(incomplete)
+
+
+def _beginning(offered: Callable[[], Iterable[str]]) -> Completion:
+    """The completion that gives what of `offered` begins as what was typed."""
+
+    def complete(incomplete: str) -> list[str]:
+        return [name for name in offered() if name.startswith(incomplete)]
+
+    return complete
+
+
+effects = plug_ins("capture_cli.effects")
+identifiers = plug_ins("capture_cli.identifiers")
+searches = plug_ins("capture_cli.context.search")

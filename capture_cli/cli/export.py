@@ -1,0 +1,44 @@
+"""`capture export`: its options, and what it prints."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from capture_cli.cli._config import Config
+from capture_cli.cli._options import Force, Json, OptionalTask, Quiet, Result
+from capture_cli.cli._results import print_json
+
+
+def export(
+    result: Result,
+    out: Annotated[Path, typer.Option("--out", help="MJCF file to write.")],
+    task: OptionalTask = None,
+    force: Force = False,
+    json_: Json = False,
+    quiet: Quiet = False,
+    config: Config = None,
+) -> None:
+    """Write the model with its identified values and effects as an MJCF that MuJoCo loads.
+
+    Effects for which MuJoCo has no feature, and terms of a formula, go to a Python module beside it, STEM_effects.py.
+
+    Example: capture export run.estimate --out identified.xml
+    """
+    from capture_cli.stages.export import export as stage
+
+    written = stage(result=result, out=out, task=task, force=force)
+    if written.verdict in ("unexplained", "not-identifiable") and not quiet:
+        print(f"warning: {result} is {written.verdict!r}. {written.summary}", file=sys.stderr)
+    if json_:
+        beside = {"companion": str(written.companion)} if written.companion else {}
+        print_json({"model": str(written.model), **beside})
+    elif not quiet:
+        print(f"{out}: written; load it with mujoco.MjModel.from_xml_path({str(out)!r})")
+        if written.companion:
+            print(
+                f"{written.companion}: written; it applies {', '.join(written.effects)} (see its first lines)"
+            )

@@ -1,1 +1,0 @@
-"""The command line of each stage: one file = one command. Options in, one stage call, results out; no logic."""

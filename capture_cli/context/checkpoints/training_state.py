@@ -1,0 +1,98 @@
+"""What a training writes as it goes: its metrics, and the state that an interrupted one goes on from.
+
+A state is counters, arrays and what was being trained, in one safetensors file; metrics are a line of JSON each.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from capture_cli.common.documents import parse_json
+from capture_cli.errors import OptionError, StoreError
+from capture_cli.store.document_shape import OBJECT, check_shape
+from capture_cli.store.tensors import read_arrays, save_arrays
+
+STATE = "state.safetensors"
+NEW_STATE = f"{STATE}.new"  # while it is written
+OF_STATE = (STATE, NEW_STATE)  # not of a training that is complete
+METRICS = "metrics.jsonl"
+
+
+def write_metrics(folder: Path, metrics: Iterable[Mapping[str, Any]]) -> None:
+    """Put the metrics of every evaluation so far into `folder`."""
+    lines = (json.dumps(m, allow_nan=False) + "\n" for m in metrics)
+    (folder / METRICS).write_text("".join(lines), encoding="utf-8")
+
+
+def save_state(
+    folder: Path, counters: Mapping[str, Any], arrays: Mapping[str, np.ndarray], recipe: Mapping[str, Any]
+) -> None:
+    """Put the state into `folder` in place of the last one. recipe: all that two runs that do alike have in common."""
+    beside = folder / NEW_STATE
+    save_arrays(beside, arrays, {"counters": json.dumps(counters), "recipe": json.dumps(recipe)})
+    beside.replace(folder / STATE)
+
+
+def load_state(
+    folder: Path, recipe: Mapping[str, Any]
+) -> tuple[dict[str, Any], dict[str, np.ndarray]] | None:
+    """Counters and arrays from `folder`; None where there is no state.
+
+    Raises StoreError for a damaged one, OptionError for one of a run with another recipe.
+    """
+    state = read_state(folder)
+    if state is None:
+        return None
+    begun, counters, arrays = state
+    check_recipe(begun, recipe)
+    return counters, arrays
+
+
+def read_state(folder: Path) -> tuple[dict[str, Any], dict[str, Any], dict[str, np.ndarray]] | None:
+    """Recipe, counters and arrays from `folder`, whatever training it is of; None where there is no state.
+
+    Raises StoreError for a damaged one.
+    """
+    path, cure = folder / STATE, "begin anew with --force"
+    if not path.is_file():
+        return None
+    arrays, metadata = read_arrays(path, cure)
+    recipe, counters = (_parsed(metadata, part, path, cure) for part in ("recipe", "counters"))
+    return recipe, counters, arrays
+
+
+def _parsed(metadata: Mapping[str, str], part: str, path: Path, cure: str) -> dict[str, Any]:
+    """One of the objects in the metadata of the state at `path`. Raises StoreError where there is none."""
+    where = f"{path}: {part}"
+    found = parse_json(metadata.get(part, "null"), where, StoreError, cure=cure, any_numbers=True)
+    check_shape(found, OBJECT, where, cure)
+    return found
+
+
+def kept(folder: Path) -> str:
+    """What an interrupted training can go on from, in words; "" before the first evaluation."""
+    return "what was learned up to the last evaluation is kept" if (folder / STATE).is_file() else ""
+
+
+def check_recipe(begun: Mapping[str, Any], recipe: Mapping[str, Any]) -> None:
+    """Raise OptionError where a run that goes on, or is complete, was `begun` with another recipe."""
+    wanted = json.loads(json.dumps(recipe))
+    if begun != wanted:
+        raise OptionError(
+            f"--resume: the run was begun otherwise: {'; '.join(_differences(begun, wanted))}",
+            cure="give the options it was begun with, or begin anew with --force",
+        )
+
+
+def _differences(before: Any, now: Any, path: str = "") -> list[str]:
+    if isinstance(before, dict) and isinstance(now, dict):
+        keys = sorted(before.keys() | now.keys())
+        return [
+            line for k in keys for line in _differences(before.get(k), now.get(k), f"{path}.{k}".lstrip("."))
+        ]
+    return [] if before == now else [f"{path} was {before}, now {now}"]

@@ -1,0 +1,112 @@
+"""What one evaluation is asked to do, checked before any work."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from capture_cli.context import observation_noise
+from capture_cli.context.checkpoints.checkpoint_hash import checkpoint_hash
+from capture_cli.context.checkpoints.policy_checkpoint import SETTINGS, load_policy
+from capture_cli.context.evaluation.evaluated_identifier import Evaluated, load_evaluated, require_extras
+from capture_cli.context.evaluation.sim2sim import Sim2Sim
+from capture_cli.errors import OptionError, TaskError
+from capture_cli.identifiers.rounds import Signature
+from capture_cli.model.tasks import load_task
+from capture_cli.model.tasks.base import ActionTask
+
+
+@dataclass(frozen=True)
+class EvaluationPlan:
+    """Identifiers, and draws of the pairs that each of them meets. attributes: of the evaluation store.
+
+    inputs: the checkpoints that are read.
+    """
+
+    evaluated: list[Evaluated]
+    draws: list[Sim2Sim]
+    attributes: dict[str, Any]
+    inputs: list[Path]
+
+    @property
+    def task(self) -> ActionTask:
+        return self.draws[0].task
+
+    @property
+    def recipe(self) -> dict[str, Any]:
+        """What tells this evaluation from others, JSON-able."""
+        first = self.draws[0]
+        return {"pairs": first.pairs, "seeds": len(self.draws), "rounds": first.rounds, **self.attributes}
+
+    def parts(self) -> list[tuple[str, Evaluated, Sim2Sim]]:
+        """Every identifier with every draw, and the name of the folder that its result is kept in."""
+        return [(f"{k}-{draw.number}", e, draw) for k, e in enumerate(self.evaluated) for draw in self.draws]
+
+
+def evaluation_plan(
+    *,
+    task: str | None,
+    identifiers: Sequence[str],
+    policy: str,
+    pairs: int,
+    seeds: int,
+    rounds: int,
+    noise: str,
+    seed: int,
+    threads: int | None,
+    known_noise: bool = False,
+    spelled_out: Sequence[str] = (),
+) -> EvaluationPlan:
+    """The plan of `evaluate` for these options. spelled_out: as `load_evaluated` takes it. Raises CaptureError."""
+    require_extras(identifiers)
+    _check(pairs, seeds, rounds)
+    machine = _action_task(task)
+    observation_noise.check(noise, [f.name for f in machine.features])
+    chosen = load_policy(policy, machine)
+    evaluated = load_evaluated(identifiers, Signature.of(machine), spelled_out)
+    if known_noise:
+        observation_noise.error_rate(noise)
+    draws = [
+        Sim2Sim(machine, chosen, pairs, rounds, noise, seed, number, threads, known_noise)
+        for number in range(seeds)
+    ]
+    noise = f"{noise} (known)" if known_noise else noise
+    inputs = [e.path for e in evaluated if e.path is not None]
+    inputs += [Path(policy)] if (Path(policy) / SETTINGS).is_file() else []
+    return EvaluationPlan(evaluated, draws, _attributes(machine, policy, noise, seed, evaluated), inputs)
+
+
+def _check(pairs: int, seeds: int, rounds: int) -> None:
+    for option, value in (("--pairs", pairs), ("--seeds", seeds), ("--rounds", rounds)):
+        if value < 1:
+            raise OptionError(f"{option} {value}", cure="give at least 1")
+
+
+def _action_task(name: str | None) -> ActionTask:
+    if name is None:
+        raise OptionError("no --task", cure="name one, or run all with --suite paper")
+    machine = load_task(name)
+    if not isinstance(machine, ActionTask):
+        raise TaskError(
+            f"{name} has no actions of its own, which a round chooses",
+            cure="give a built-in task (`capture tasks` lists them); a machine's own log is for `capture identify`",
+        )
+    return machine
+
+
+def _attributes(task: ActionTask, policy: str, noise: str, seed: int, evaluated: list[Evaluated]) -> dict:
+    checkpoint = (Path(policy) / SETTINGS).is_file()
+    return {
+        "task": task.name,
+        "parameters": [{k: getattr(p, k) for k in ("name", "unit", "low", "high")} for p in task.space],
+        "features": [{"name": f.name, "unit": f.unit, "scale": f.scale} for f in task.features],
+        "identifiers": [{"label": e.label, **e.facts} for e in evaluated],
+        "policy": {
+            "name": Path(policy).name if checkpoint else policy,
+            "sha256": checkpoint_hash(policy) if checkpoint else None,
+        },
+        "noise": noise,
+        "seed": seed,
+    }

@@ -1,0 +1,72 @@
+"""About how long an evaluation takes, before it begins."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from capture_cli.context.evaluation.evaluated_identifier import Evaluated
+from capture_cli.context.evaluation.sim2sim import Sim2Sim
+from capture_cli.simulate.simulator import Simulator
+
+PROBED = 64  # episodes, simulated to see how many a second there are
+PROBED_PAIRS, PROBED_ROUNDS = 2, 5  # of identifiers that simulate by themselves
+SMALLEST_PLANNED = 50  # pairs in all, from which on it is said how long it will take
+
+
+@dataclass(frozen=True)
+class Expected:
+    """Rollouts that are to be simulated, and seconds that they take here and now."""
+
+    rollouts: float = 0.0
+    seconds: float = 0.0
+
+    def __add__(self, other: Expected) -> Expected:
+        return Expected(self.rollouts + other.rollouts, self.seconds + other.seconds)
+
+    def __str__(self) -> str:
+        return f"about {self.rollouts:.3g} rollouts, {_duration(self.seconds)}"
+
+
+def expected(todo: Iterable[tuple[Evaluated, Sim2Sim]]) -> Expected | None:
+    """Of the parts `todo`, all of one task; None for so few pairs that looking would take longer than doing.
+
+    What identifiers simulate by themselves is seen on a few pairs and rounds, and taken to go on so.
+    """
+    todo = list(todo)
+    if sum(draw.pairs for _, draw in todo) < SMALLEST_PLANNED:
+        return None
+    by_itself: dict[str, float] = {}
+    rollouts = 0.0
+    for e, draw in todo:
+        if e.kind.simulates and e.label not in by_itself:
+            by_itself[e.label] = _by_itself(e, draw)
+        # a round is measured, and simulated with every candidate
+        rollouts += draw.pairs * (draw.rounds * (1 + e.kind.candidates) + by_itself.get(e.label, 0.0))
+    return Expected(rollouts, rollouts / _rollouts_per_second(todo[0][1]))
+
+
+def _by_itself(e: Evaluated, draw: Sim2Sim) -> float:
+    """Rollouts a pair that the identifier simulates besides its candidates."""
+    probe = replace(draw, pairs=PROBED_PAIRS, rounds=min(draw.rounds, PROBED_ROUNDS))
+    spent = probe.run(e.make)["simulated_rollouts"].mean(axis=0)
+    total = spent[-1] + (draw.rounds - probe.rounds) * (spent[-1] - spent[-2])
+    return max(0.0, total - draw.rounds * e.kind.candidates)
+
+
+def _rollouts_per_second(draw: Sim2Sim) -> float:
+    source, _ = replace(draw, pairs=PROBED, rounds=1).ends()
+    uniform = np.random.default_rng(0).random((PROBED, len(draw.task.actions)))
+    actions = draw.policy.act(source, uniform)
+    began = time.monotonic()
+    Simulator(draw.task, threads=draw.threads).trajectories(source, actions)
+    return PROBED / (time.monotonic() - began)
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 100:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 6000 else f"{seconds / 3600:.1f} h"

@@ -1,0 +1,192 @@
+"""Actions for a machine of the user's own: windows of a log, or multisines, as starts and input tapes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from capture_cli.errors import FitError, LogError, OptionError
+from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model.tasks.base import Task
+from capture_cli.model.tasks.sequence_task import TapeTask, actions_of, resample
+from capture_cli.protocol.log_windows import clock
+from capture_cli.protocol.nominal_motion import nominal_motion
+from capture_cli.protocol.prepare import prepare
+from capture_cli.protocol.prepared_log import PreparedLog
+from capture_cli.sim.engine import Starts
+from capture_cli.sim.input_tapes import inputs_at
+from capture_cli.sim.windows import Windows
+from capture_cli.simulate.multisine import (
+    BAND,
+    check_above_zero,
+    check_amplitude,
+    check_band,
+    into_range,
+    multisine_tape,
+    peaks,
+)
+
+POINTS = 20
+EPISODES, WINDOWS = 64, 16  # simulated for a library of multisines, and windows taken from each
+LONG = 8  # windows that such an episode lasts
+BEYOND = 1.5  # sampling intervals: so much before its end a tape's last sample may be
+OVERLAP = 0.1  # of a tape: by less than this windows of uneven times may begin before the one before ends
+
+
+@dataclass(frozen=True)
+class Tapes:
+    """actions (tape, action), and the outputs at the points (tape, point, output).
+
+    left_out: how many windows of a log begin no tape.
+    """
+
+    actions: np.ndarray
+    outputs: np.ndarray
+    left_out: int = 0
+
+
+def tape_task(
+    machine: Task,
+    *,
+    inputs_from: Path | None = None,
+    window: float | None = None,
+    points: int = POINTS,
+    amplitude: Mapping[str, float] | None = None,
+    band: tuple[float, float] | None = None,
+    max_log_size: int | None = None,
+    seed: int = 0,
+) -> TapeTask:
+    """`machine` as a task of actions: windows of `window` s (the task's own where None), read at `points` points.
+
+    Its actions are the windows of the log `inputs_from`; without one, windows of the nominal machine driven by
+    multisines in `band` Hz that peak at `amplitude`. max_log_size: bytes of the log in memory. Raises CaptureError.
+    """
+    window = window if window is not None else machine.log.window
+    if window is None or not machine.timestep * (points - 1) <= window < np.inf:
+        raise OptionError(
+            f"--window {window}: how long an episode of {machine.name!r} lasts"
+            + ("" if window is None else f", with {points} points {machine.timestep:g} s apart at least"),
+            cure="give a number of seconds with --window, or as `window` under [log] of the task.toml",
+        )
+    if points < 2:
+        raise OptionError(f"--points {points}", cure="give at least 2")
+    point_times = machine.timestep * np.rint(np.linspace(0, window, points) / machine.timestep)
+    if inputs_from is not None:
+        for option, given in (("amplitude", amplitude), ("band", band)):
+            if given:
+                raise OptionError(
+                    f"--{option} means nothing: the actions are the windows of {inputs_from}",
+                    cure="leave it out",
+                )
+        log = MeasuredLog.read(inputs_from, max_log_size)
+        tapes = log_tapes(prepare(log, machine, window=window, test=None, seed=seed), point_times)
+    else:
+        tapes = _multisine_tapes(machine, point_times, amplitude or {}, band or BAND, seed)
+    scale = tapes.outputs.std(axis=(0, 1))
+    # in single precision, so that the last bits of a least-squares fit do not make another library elsewhere
+    library = np.float32(tapes.actions).astype(float)
+    return TapeTask(machine, point_times, library, np.where(scale > 0, np.float32(scale), 1.0))
+
+
+def log_tapes(prepared: PreparedLog, point_times: np.ndarray) -> Tapes:
+    """Tapes of a log, from the starts of its windows to the last of `point_times` (point,), s.
+
+    A window begins none where that is beyond the windows there are, one behind the other (what was held out is not
+    read), or where the tape before goes on into it. Raises LogError where there is none, or samples lack.
+    """
+    task, log, windows = prepared.task, prepared.log, prepared.windows
+    lacking = [
+        name for name, every in zip(log.output_names, log.sampled.all(axis=0), strict=True) if not every
+    ]
+    if lacking:
+        raise LogError(
+            f"{log.path}: {', '.join(lacking)} has no sample in some rows, and learned identifiers read trajectories "
+            "that are complete",
+            cure="identify with --identifier least-squares, which needs no histories; or take that output out of the "
+            "task.toml, and import the files and make the histories again",
+        )
+    lasts = point_times[-1]
+    grid = task.timestep * np.arange(round(lasts / task.timestep) + 1)
+    inputs, outputs, whole = [], [], []
+    clocked, episodes = clock(log), log.episodes
+    before, until = -1, -np.inf  # episode and end of the tape before
+    for w, (episode, start, stop) in enumerate(
+        zip(windows.episode, windows.time, _stops(windows), strict=True)
+    ):
+        steps = episodes[int(episode)]
+        time, read = clocked[steps], slice(steps.start, stop)
+        ends = start + lasts
+        if clocked[stop - 1] < ends - BEYOND * np.median(np.diff(time)):
+            continue
+        if episode == before and start < until - OVERLAP * lasts:
+            continue
+        before, until = episode, ends
+        inputs.append(inputs_at(start + grid, time, log.inputs[steps], task.timestep, task.linear))
+        outputs.append(_at(start + point_times, clocked[read], log.outputs[read]))
+        whole.append(w)
+    if not whole:
+        raise LogError(
+            f"{log.path}: nowhere {lasts:g} s that are read without a break",
+            cure="record longer, hold out less (--test), or make histories with a shorter --window",
+        )
+    tapes = resample(np.stack(inputs), task.timestep, point_times)
+    starts = prepared.starts.starts.rows(whole)
+    return Tapes(actions_of(starts, tapes), np.stack(outputs), len(windows) - len(whole))
+
+
+def _stops(windows: Windows) -> np.ndarray:
+    """The step of the log after the windows that lie one behind the other from each on, (window,)."""
+    stops = windows.first + windows.samples
+    for w in reversed(range(len(windows) - 1)):
+        if windows.first[w + 1] == stops[w] and windows.episode[w + 1] == windows.episode[w]:
+            stops[w] = stops[w + 1]
+    return stops
+
+
+def _at(times: np.ndarray, time: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """`values` (step, output), sampled at `time`, at `times`: between samples, and after the last as before it."""
+    before = np.clip(np.searchsorted(time, times, side="right") - 1, 0, len(time) - 2)
+    weight = ((times - time[before]) / (time[before + 1] - time[before]))[:, None]
+    return (1 - weight) * values[before] + weight * values[before + 1]
+
+
+def _multisine_tapes(
+    machine: Task,
+    point_times: np.ndarray,
+    amplitude: Mapping[str, float],
+    band: tuple[float, float],
+    seed: int,
+) -> Tapes:
+    """Windows of the nominal machine, driven by multisines from rest; activations of actuators begin at 0."""
+    check_amplitude(machine, amplitude)
+    check_above_zero(machine, amplitude, "the actuator does")
+    check_band(band)
+    generator = np.random.default_rng(seed)
+    steps = round(point_times[-1] / machine.timestep) + 1
+    time = machine.timestep * np.arange(LONG * steps)
+    farthest = peaks(machine, amplitude)
+    inputs = np.stack([multisine_tape(machine, time, farthest, band, generator) for _ in range(EPISODES)])
+    rollouts = nominal_motion(machine, machine.controls(inputs))
+    sound = np.flatnonzero(~rollouts.diverged)
+    if not sound.size:
+        raise FitError(
+            f"task {machine.name!r} diverges when it is driven by multisines",
+            cure="drive it less (--amplitude), or take the inputs of a log (--inputs-from)",
+        )
+    episode = np.repeat(sound, WINDOWS)
+    first = generator.integers(0, len(time) - steps, len(episode))
+    points = first[:, None] + np.rint(point_times / machine.timestep).astype(int)
+    count = len(episode)
+    starts = Starts(
+        rollouts.qpos[episode, first],
+        rollouts.qvel[episode, first],
+        np.zeros((count, machine.model.na)),
+        np.zeros(count),
+    )
+    driven = inputs[episode[:, None], first[:, None] + np.arange(steps)]
+    outputs = rollouts.sensors[episode[:, None], points][..., [c.index for c in machine.outputs]]
+    tapes = into_range(machine, resample(driven, machine.timestep, point_times))
+    return Tapes(actions_of(starts, tapes), outputs)

@@ -1,0 +1,16 @@
+"""Randomized binary search: each round is drawn from a symmetric Beta over the bracket (paper, Algorithm 1)."""
+
+from __future__ import annotations
+
+from scipy.special import betaincinv
+
+from capture_cli.context.search._bracket import shrink
+from capture_cli.context.search.base import Search
+
+
+class RandomizedBinary(Search):
+    summary = "a point of the shrinking bracket, drawn from Beta(alpha, alpha); the paper's"
+    takes_alpha = True
+
+    def path(self, source, target, low, high, uniform):
+        return shrink(source, target, low, high, betaincinv(self.alpha, self.alpha, uniform))

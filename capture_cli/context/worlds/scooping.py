@@ -1,0 +1,150 @@
+"""Object scooping as a robosuite environment: table, rack, rod, and a Panda that holds the spatula (paper, Figure 3).
+
+    robosuite.make("ObjectScooping", robots="Panda", com=0.3, scoop_point=0.25)
+    gymnasium.make("capture/ObjectScooping-v0", robots="Panda")
+
+Importing this module registers both. The model of the plant, `capture_cli/model/tasks/scooping.xml`, is part of the
+scene as it stands, and stepped with its options, so that a spatula that moves alike lifts the rod alike.
+"""
+
+from __future__ import annotations
+
+# patches robosuite, and says so where it is missing: before anything of it is imported
+
+# isort: split
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import gymnasium
+import mujoco
+import numpy as np
+from robosuite.models.base import MujocoXML
+
+from capture_cli.context.worlds._scene import TABLE_TOP, Scene, check_rate
+from capture_cli.model.tasks._scooping import HALF_LENGTH, lift_height
+from capture_cli.model.tasks.scooping import Scooping
+
+SCENE = Path(__file__).with_name("scooping_scene.xml")
+RACK_HEIGHT = 0.12  # m, of the rod's underside above the table
+# The plant's x axis points to the right of a robot that faces the table, its y axis away from it.
+RACK_TURN = "0.70710678118654757 0 0 -0.70710678118654757"
+
+
+class ObjectScooping(Scene):
+    """One robot lifts a rod whose centre of mass it does not see; success is that the rod is lifted in balance.
+
+    com, scoop_point: in half-lengths of the rod, as the task's parameter and action; None draws one at every reset.
+    The robot holds the spatula under the scoop point at reset, and its action moves it from there.
+    driven_by: "arm", or "servos": the spatula is let go of and follows `spatula_target` (2,), m, as in the plant.
+    Other arguments are robosuite's. Raises OptionError.
+    """
+
+    tool, handle, observed = "spatula", "handle", "rod_and_spatula"
+    table_size = (0.8, 0.8, 0.05)  # m
+
+    def __init__(
+        self,
+        robots,
+        com: float | None = None,
+        scoop_point: float | None = None,
+        driven_by: str = "arm",
+        **options,
+    ):
+        self.plant = Scooping()
+        self.place(com, scoop_point)
+        super().__init__(robots, driven_by, **options)
+
+    def place(self, com: float | None, scoop_point: float | None) -> None:
+        """What the next reset makes of the rod and the spatula; None draws it."""
+        self._given = (com, scoop_point)
+
+    @property
+    def servo_commands(self) -> np.ndarray:
+        """Where the spatula is sent, (2,), m."""
+        return self.spatula_target
+
+    @property
+    def label(self) -> float:
+        """-1 tilted left, 0 lifted in balance, 1 tilted right: the task's observation of the rod as it is now."""
+        return float(self.plant.observe(self.outputs)[0])
+
+    def reward(self, action=None) -> float:
+        """1 where the rod is lifted in balance, 0 otherwise."""
+        return float(self._check_success())
+
+    def _check_success(self) -> bool:
+        return self.label == 0
+
+    def standing(self, plant: MujocoXML) -> ElementTree.Element:
+        """The rack with rod and spatula, and what the scene has of them beyond the plant."""
+        rack = ElementTree.Element("body", name="rack", pos=f"0 0 {TABLE_TOP + RACK_HEIGHT}", quat=RACK_TURN)
+        scene = MujocoXML(str(SCENE))
+        for body in plant.worldbody.findall("body"):
+            beyond = scene.worldbody.find(f"body[@name='{body.get('name')}']")
+            body.extend(beyond if beyond is not None else [])
+            rack.append(body)
+        return rack
+
+    # --- an episode ---
+
+    def _reset_internal(self):
+        super()._reset_internal()
+        com, scoop_point = (self.rng.uniform(-1, 1) if v is None else v for v in self._given)
+        model, data = self.sim.model._model, self.sim.data._data
+        model.body("rod").ipos[0] = HALF_LENGTH * com
+        mujoco.mj_setConst(model, mujoco.MjData(model))
+        data.qpos[self._measured] = self.plant.episodes(np.array([[scoop_point]])).starts.qpos[0]
+        self.spatula_target = self.outputs[3:]
+        mujoco.mj_forward(model, data)
+        self._hold()
+
+    def arm_action(self, target: np.ndarray) -> np.ndarray:
+        """The action that sends the hand to where the spatula is at `target`, (x, z) in the plant's axes, m.
+
+        For a controller whose first three inputs move the hand by at most `output_max`, as the Panda's own one does.
+        """
+        x, z = target - self.outputs[3:]
+        controller = self.robots[0].part_controllers[self._arm]
+        action = np.zeros(self.action_dim)
+        action[:3] = np.clip(np.array([0.0, -x, z]) / controller.output_max[:3], -1, 1)
+        return action
+
+
+def record(
+    parameters: np.ndarray, actions: np.ndarray, rate: int = 100
+) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """What a Panda's log of these lifts would hold, without noise: (time, inputs, outputs) of each, as `lift` gives.
+
+    parameters (parameter,), actions (episode, action), in the task's units. rate: Hz, of the arm's commands and of
+    the log. Raises OptionError where the scene's steps do not make up that rate.
+    """
+    check_rate(Scooping().timestep, rate)
+    environment = ObjectScooping(robots="Panda", control_freq=rate, hard_reset=False)
+    recordings = []
+    for action in actions:
+        environment.place(float(parameters[0]), float(action[0]))
+        environment.reset()
+        recordings.append(lift(environment))
+    return recordings
+
+
+def lift(environment: ObjectScooping) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Lift the rod once, from a fresh reset: time (step,) s, inputs (step, 2) and outputs (step, output).
+
+    The arm is sent, at every control step, where the plant's servos would be sent: that is what the log's inputs say.
+    """
+    plant = environment.plant
+    interval = environment.control_timestep
+    steps = round(plant.point_times[-1] / interval) + 1
+    time = interval * np.arange(steps)
+    inputs = np.stack([np.full(steps, environment.outputs[3]), lift_height(time)], axis=1)
+    outputs = np.empty((steps, len(plant.outputs)))
+    outputs[0] = environment.outputs
+    for step in range(1, steps):
+        environment.step(environment.arm_action(inputs[step - 1]))
+        outputs[step] = environment.outputs
+    return time, inputs, outputs
+
+
+gymnasium_environment = ObjectScooping.behind_gymnasium
+gymnasium.register("capture/ObjectScooping-v0", entry_point=gymnasium_environment)

@@ -1,0 +1,1 @@
+"""Files that logs come in, as columns of numbers: CSV and Parquet."""

@@ -1,0 +1,294 @@
+"""The interactive plots of a diagnosis: error by stage, what parameters had absorbed, where the residual arises."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from capture_cli.common.quantities import place, scaled_unit, significant, titled, with_unit
+from capture_cli.report.curves import LONGEST_CLOCK
+from capture_cli.report.diagnosis_findings import PARTS, Moved, StageErrors, moved, shift, stage_errors
+from capture_cli.report.plotly_parts import NO_BUTTONS, Plot, heading, in_template, line, rounded
+from capture_cli.store.diagnosis import Diagnosis
+
+COLORS = {"fit": "--measured", "select": "--select", "test": "--test"}
+ABOVE, UNDER, CELL, BETWEEN = 56, 44, 170, 76  # px: of the plots of localisation, and what is around them
+LEGEND = {"orientation": "h", "x": 0, "y": 1.02, "xanchor": "left", "yanchor": "bottom"}
+
+
+def stages(diagnosis: Diagnosis) -> Plot:
+    """Error of each model, on each part of the log, and the noise floor."""
+    found = stage_errors(diagnosis)
+    data = [_bars(found, part) for part in found.errors]
+    if found.floor:
+        bar = ("noise floor", "--floor", ["noise floor"], [found.floor], [found.floor_text])
+        middle = list(found.errors)[len(found.errors) // 2]
+        data.append(_bar(*bar, showlegend=False) | {"offsetgroup": middle})
+    layout = {
+        "barmode": "group",
+        "bargap": 0.34,
+        "hovermode": "closest",
+        "legend": {**LEGEND, "traceorder": "normal"},
+        "margin": {"l": 20, "r": 76, "t": 34, "b": 44},
+        "xaxis": {"title": {"text": found.title}, **_reach(found)},
+        "yaxis": {
+            "type": "category",
+            "categoryorder": "array",
+            "categoryarray": [*found.names, "noise floor"],
+            "autorange": "reversed",
+            "showgrid": False,
+            "ticklabelstandoff": 8,
+            "tickfont": {"color": "--ink", "size": 13},
+        },
+    }
+    return {"data": data, "layout": layout, "config": NO_BUTTONS}
+
+
+def stages_height(diagnosis: Diagnosis) -> int:
+    """px that the plot of stages needs."""
+    found = stage_errors(diagnosis)
+    return 110 + len(found.names) * (20 + 22 * len(found.errors)) + 40 * bool(found.floor)
+
+
+def absorbed(document: Mapping[str, Any]) -> Plot | None:
+    """Where in its range each declared parameter stood before and stands now; None where nothing was found."""
+    rows = moved(document)
+    if not rows:
+        return None
+    spans = {row.name: document["parameters"][row.name] for row in rows}
+    names = [row.name for row in rows]
+    before = [place(row.before, spans[row.name]) for row in rows]
+    after = [place(row.after, spans[row.name]) for row in rows]
+    below, above = zip(*(whiskers(spans[name]) for name in names), strict=True)
+    reach = {"symmetric": False, "array": rounded(above), "arrayminus": rounded(below)}
+    ring = {"color": "--paper", "size": 11, "line": {"color": "--before", "width": 2.5}}
+    data = [
+        _points("declared", before, names, ring, [_told(row, row.before) for row in rows]),
+        _points(
+            "with what was found",
+            after,
+            names,
+            {"color": "--after", "size": 11},
+            [f"{row.name} {shift(row)}" for row in rows],
+        )
+        | {"error_x": {**reach, "color": "--after", "thickness": 1.5, "width": 4}},
+    ]
+    layout = {
+        "hovermode": "closest",
+        "legend": LEGEND,
+        "margin": {"l": 20, "r": 20, "t": 34, "b": 44},
+        "xaxis": {
+            "title": {"text": "place in its range"},
+            "range": [-0.03, 1.03],
+            "tickvals": [0, 0.5, 1],
+            "ticktext": ["low", "middle", "high"],
+        },
+        "yaxis": {
+            "type": "category",
+            "range": [len(names) - 0.4, -0.6],
+            "ticklabelstandoff": 8,
+            "tickfont": {"color": "--ink", "size": 13},
+        },
+        "annotations": [_arrow(*ends) for ends in zip(before, after, names, strict=True)],
+    }
+    return {"data": data, "layout": layout, "config": NO_BUTTONS}
+
+
+def absorbed_height(document: Mapping[str, Any]) -> int:
+    """px that the plot of absorbed parameters needs."""
+    return 110 + 44 * len(document["absorbed"])
+
+
+def whiskers(parameter: Mapping[str, Any]) -> list[float]:
+    """How far the interval reaches below and above the value, over the range; 0 where it is not known."""
+    value = place(parameter["value"], parameter)
+    ends = parameter["ci95"] or [parameter["value"]] * 2
+    return [abs(place(end, parameter) - value) for end in ends]
+
+
+def localisation(diagnosis: Diagnosis, k: int) -> Plot | None:
+    """Output k: mean residual acceleration against everything it could depend on; None where nothing is known."""
+    rows = drawn_curves(diagnosis, k)
+    if not rows:
+        return None
+    data, annotations, axes = [], [], {}
+    columns = localisation_columns(len(rows))
+    grid = -(-len(rows) // columns)
+    factor, unit = acceleration_scale(diagnosis, k)
+    has_effects = bool(diagnosis.document["effects"])
+    for place_, row in enumerate(rows):
+        number = "" if place_ == 0 else str(place_ + 1)
+        against = diagnosis.attributes["curves"][row]
+        data += _curve(diagnosis, row, factor, unit, number, has_effects)
+        axes |= _cell(*divmod(place_, columns), grid, columns, number)
+        axes[f"xaxis{number}"]["title"] = {"text": drawn_against(diagnosis, row)[1], "standoff": 4}
+        annotations.append(heading(curve_title(against), number))
+    axes["yaxis"]["title"] = {"text": f"[{unit}]", "standoff": 4}
+    layout = {
+        "hovermode": "closest",
+        "legend": {
+            **LEGEND,
+            "y": 1 + 30 / (localisation_height(diagnosis, k) - ABOVE - UNDER),
+            "traceorder": "normal",
+        },
+        "margin": {"l": 20, "r": 12, "t": ABOVE, "b": UNDER},
+        "annotations": annotations,
+        **axes,
+    }
+    return {"data": data, "layout": layout, "config": NO_BUTTONS}
+
+
+def localisation_height(diagnosis: Diagnosis, k: int) -> int:
+    """px that the plot of localisation needs."""
+    count = len(drawn_curves(diagnosis, k))
+    rows = -(-count // localisation_columns(count))
+    return ABOVE + UNDER + rows * CELL + (rows - 1) * BETWEEN
+
+
+def localisation_columns(count: int) -> int:
+    """How many curves stand beside each other."""
+    return 2 if count == 4 else min(count, 3)
+
+
+def drawn_curves(diagnosis: Diagnosis, k: int) -> list[int]:
+    """Rows of the arrays bin/* that hold curves of output k; those without enough data are empty."""
+    name = diagnosis.attributes["outputs"][k]["name"]
+    centre = np.asarray(diagnosis.arrays["bin/centre"])
+    rows = [row for row, c in enumerate(diagnosis.attributes["curves"]) if c["output"] == name]
+    return [row for row in rows if np.ptp(centre[row]) > 0]
+
+
+def drawn_against(diagnosis: Diagnosis, row: int) -> tuple[np.ndarray, str]:
+    """What a curve is drawn against, (bin,), and the title of that axis; by a clock of an epoch, since the start."""
+    x, curve = np.asarray(diagnosis.arrays["bin/centre"])[row], diagnosis.attributes["curves"][row]
+    if curve["against"] != "time" or np.abs(x).max() <= LONGEST_CLOCK:
+        return x, titled(curve["against"], curve["unit"])
+    return x - np.asarray(diagnosis.arrays["step/time"]).min(), "time since the start [s]"
+
+
+def acceleration_scale(diagnosis: Diagnosis, k: int) -> tuple[float, str]:
+    """(factor, unit) in which the residual acceleration of output k is drawn."""
+    rows = drawn_curves(diagnosis, k)
+    largest = float(np.abs(np.asarray(diagnosis.arrays["bin/before"])[rows]).max())
+    return scaled_unit(acceleration_unit(diagnosis.attributes["outputs"][k]["unit"]), largest)
+
+
+def acceleration_unit(unit: str) -> str:
+    """The unit of the second derivative of an output."""
+    if unit in ("1", "-"):
+        return "1/s^2"
+    return unit.removesuffix("/s") + "/s^3" if unit.endswith("/s") else f"{unit}/s^2"
+
+
+def curve_title(curve: Mapping[str, Any]) -> str:
+    """What the residual is drawn against, and how much of it that accounts for."""
+    return f"{curve['against']} accounts for {100 * curve['share']:.0f} %"
+
+
+def _bars(found: StageErrors, part: str) -> Plot:
+    text = [with_unit(significant(v), found.unit) for v in found.errors[part]]
+    return _bar(PARTS[part], COLORS[part], found.names, found.errors[part], text, offsetgroup=part)
+
+
+def _bar(name: str, color: str, names: list[str], values: list[float], text: list[str], **more) -> Plot:
+    return {
+        "type": "bar",
+        "orientation": "h",
+        "name": name,
+        "y": names,
+        "x": rounded(values),
+        "text": text,
+        "textposition": "outside",
+        "cliponaxis": False,
+        "textfont": {"color": "--ink", "size": 11},
+        "marker": {"color": color},
+        "hovertemplate": f"%{{y}}, {name}: %{{text}}<extra></extra>",
+        **more,
+    }
+
+
+def _reach(found: StageErrors) -> Plot:
+    """Range of the axis of errors; a floor far below leaves a logarithmic one."""
+    if not found.decades:
+        return {"rangemode": "tozero"}
+    values = [v for errors in found.errors.values() for v in errors if v > 0]
+    low = min([*values, found.floor] if found.floor and found.floor > min(values) / 30 else values)
+    return {"type": "log", "dtick": 1, "range": [np.log10(low / 2), np.log10(max(values) * 1.3)]}
+
+
+def _points(name: str, x: list[float], y: list[str], marker: Plot, text: list[str]) -> Plot:
+    return {
+        "type": "scatter",
+        "mode": "markers",
+        "name": name,
+        "x": rounded(x),
+        "y": y,
+        "marker": marker,
+        "text": text,
+        "hovertemplate": "%{text}<extra></extra>",
+    }
+
+
+def _told(row: Moved, value: float) -> str:
+    return f"{row.name} {with_unit(significant(value, 4), row.unit)}"
+
+
+def _arrow(before: float, after: float, name: str) -> Plot:
+    return {
+        "xref": "x",
+        "yref": "y",
+        "axref": "x",
+        "ayref": "y",
+        "x": rounded(after),
+        "y": name,
+        "ax": rounded(before),
+        "ay": name,
+        "text": "",
+        "showarrow": True,
+        "arrowhead": 2,
+        "arrowsize": 1.1,
+        "arrowwidth": 1.6,
+        "arrowcolor": "--muted",
+        "standoff": 7,
+        "startstandoff": 7,
+    }
+
+
+def _curve(
+    diagnosis: Diagnosis, row: int, factor: float, unit: str, number: str, has_effects: bool
+) -> list[Plot]:
+    x, _ = drawn_against(diagnosis, row)
+    before, after, error = (
+        np.asarray(diagnosis.arrays[f"bin/{kind}"])[row] for kind in ("before", "after", "error")
+    )
+    before, after, error = factor * before, factor * after, factor * error
+    hover = {"hovertemplate": f"%{{y:.3g}} {in_template(unit)}<extra></extra>"}
+    around = {"mode": "lines", "hoverinfo": "skip", "showlegend": False, "width": 0, "axes": number}
+    curves = [
+        line("", "--before", x, before - 2 * error, **around),
+        line("", "--before", x, before + 2 * error, fill="tonexty", fillcolor="--before-shade", **around),
+        line("declared", "--before", x, before, axes=number, showlegend=number == "", **hover),
+    ]
+    if has_effects:
+        more = {"mode": "lines+markers", "marker": {"size": 4}, "showlegend": number == "", **hover}
+        curves.append(line("with what was found", "--after", x, after, axes=number, **more))
+    return curves
+
+
+def _cell(row: int, column: int, rows: int, columns: int, number: str) -> Plot:
+    """The axes of one small plot of a grid."""
+    left, width = column / columns, 1 / columns
+    total = rows * CELL + (rows - 1) * BETWEEN
+    top = 1 - row * (CELL + BETWEEN) / total
+    matched = {} if row == column == 0 else {"matches": "y"}
+    return {
+        f"xaxis{number}": {
+            "domain": [left + (0.04 if column else 0.0), left + width - 0.01],
+            "anchor": f"y{number}",
+            "nticks": 6,
+        },
+        f"yaxis{number}": {"domain": [max(top - CELL / total, 0.0), top], "anchor": f"x{number}", "nticks": 5}
+        | matched,
+    }

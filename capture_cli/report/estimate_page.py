@@ -1,0 +1,82 @@
+"""report.html of an estimate: what estimate_page.html shows of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from capture_cli.common.quantities import counted, significant
+from capture_cli.report import curve_plots, findings, parameter_plots
+from capture_cli.report.curves import Curves
+from capture_cli.report.page import page
+from capture_cli.report.prediction import predictions
+from capture_cli.store.estimate import Estimate
+
+# Outputs past these are folded: a page of thirty sensors must still open at once.
+OPEN_OUTPUTS = 4
+
+
+def render(estimate: Estimate, provenance: Mapping[str, Any] | None) -> str:
+    """The page as HTML. provenance: the document of provenance.json, or None where it is not known."""
+    curves, document = Curves.of(estimate), estimate.document
+    plots = _plots(estimate, curves)
+    return page(
+        "estimate_page.html",
+        plots=plots,
+        curves=curve_plots.curve_views(estimate, curves),
+        document=document,
+        provenance=provenance,
+        badge=findings.TITLES[document["verdict"]],
+        notes=[*findings.suspicions(estimate), *findings.notes(document)],
+        tiles=_tiles(document, provenance),
+        next_command=findings.next_command(document, (provenance or {}).get("options", {}).get("out")),
+        untrusted=findings.UNTRUSTED,
+        errors=findings.output_errors(estimate),
+        together=[findings.normalized(document, part) for part in ("fit", "test")],
+        predictions=predictions(document, estimate.attributes["outputs"]),
+        floor_sources=findings.FLOOR_SOURCES,
+        outputs=estimate.attributes["outputs"],
+        open_outputs=OPEN_OUTPUTS,
+        views=len(curves.slices),
+        recordings_height=parameter_plots.recordings_height(document) if "recordings" in plots else None,
+        facts=_facts(document),
+    )
+
+
+def _plots(estimate: Estimate, curves: Curves) -> dict[str, Any]:
+    plots = {}
+    for k in range(len(estimate.attributes["outputs"])):
+        plots[f"overlay-{k}"] = curve_plots.overlay(estimate, curves, k)
+        plots[f"residual-{k}"] = curve_plots.residual_statistics(estimate, curves, k)
+    plots["correlation"] = parameter_plots.correlation_matrix(estimate)
+    plots["convergence"] = parameter_plots.convergence(estimate)
+    plots["recordings"] = parameter_plots.recordings(estimate.document)
+    return {name: figure for name, figure in plots.items() if figure}
+
+
+def _tiles(document: Mapping[str, Any], provenance: Mapping[str, Any] | None) -> list[tuple[str, str, str]]:
+    """(title, number, what it counts)."""
+    shown = []
+    for part, title in (("test", "error on held-out data"), ("fit", "error on fitted data")):
+        error = findings.normalized(document, part)
+        if error is not None:
+            shown.append((title, significant(error), "× noise floor"))
+    parameters = document["parameters"].values()
+    if parameters:
+        determined = sum(p["identifiable"] for p in parameters)
+        shown.append(("parameters determined", str(determined), f"of {len(parameters)}"))
+    seconds = (provenance or {}).get("seconds")
+    took = "" if seconds is None else f"in {significant(seconds)} s"
+    shown.append(("rollouts simulated", counted(document["rollouts"]["simulated"]), took))
+    return shown
+
+
+def _facts(document: Mapping[str, Any]) -> list[tuple[str, str]]:
+    split = document["split"]
+    windows = f"{counted(split['fit_windows'])} windows fitted, {counted(split['test_windows'])} held out"
+    rollouts = {kind: counted(count) for kind, count in document["rollouts"].items()}
+    return [
+        ("identifier", document["identifier"]),
+        ("split", f"{split['how']}: {windows}"),
+        ("rollouts", f"{rollouts['measured']} measured, {rollouts['simulated']} simulated"),
+    ]

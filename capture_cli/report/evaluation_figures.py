@@ -1,0 +1,101 @@
+"""PNG figures of an evaluation in the paper's form: identifiers against each other, by round."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from capture_cli.report.figure_parts import MUTED, new_figure, restrain, save, title
+
+OURS, PAPER = "#1f6391", "#c8430a"
+OTHERS = ("#1b7a4a", "#7546b8", "#b98a1d", "#5c6772", "#b0476a", "#3d8f96", "#8c959e", "#8a6d1f")
+COLUMNS = 3
+LEGEND_COLUMNS = 4
+SMALLEST = 1e-4  # of a range: what is nearer is drawn there, where axes are logarithmic
+
+
+def write_figures(document: Mapping[str, Any], folder: Path) -> list[Path]:
+    """Write parameter_difference.png, trajectory_difference.png, cost.png and, where there is one, success.png."""
+    drawings = {
+        "parameter_difference": partial(_parameters, document),
+        "trajectory_difference": partial(_single, document, _trajectory),
+        "cost": partial(_single, document, _cost),
+    }
+    if all(e["success"] is not None for e in document["identifiers"].values()):
+        drawings["success"] = partial(_single, document, _success)
+    return save(drawings, folder)
+
+
+def _parameters(document: Mapping[str, Any]) -> Figure:
+    names = document["parameters"]
+    rows = -(-len(names) // COLUMNS)
+    figure = new_figure(0.9 + 2.6 * rows)
+    axes = figure.subplots(rows, min(COLUMNS, len(names)), squeeze=False, sharex=True, sharey=True).ravel()
+    for axis, name in zip(axes, names, strict=False):
+        for label, e, look in _looks(document):
+            axis.plot(e["parameter_difference"][name], label=label, **look)
+        title(axis, name)
+        _frame(axis, "normalised difference")
+    for axis in axes[len(names) :]:
+        axis.set_visible(False)
+    return _finished(figure, document)
+
+
+def _single(document: Mapping[str, Any], draw: Callable[[Axes, Mapping[str, Any]], None]) -> Figure:
+    figure = new_figure(4.2)
+    draw(figure.subplots(), document)
+    return _finished(figure, document)
+
+
+def _trajectory(axis: Axes, document: Mapping[str, Any]) -> None:
+    for label, e, look in _looks(document):
+        mean, sd = np.array(e["trajectory_difference"]), np.array(e["trajectory_difference_sd"])
+        axis.plot(mean, label=label, **look)
+        axis.fill_between(np.arange(len(mean)), mean - sd, mean + sd, color=look["color"], alpha=0.12, lw=0)
+    _frame(axis, "trajectory difference")
+
+
+def _success(axis: Axes, document: Mapping[str, Any]) -> None:
+    for label, e, look in _looks(document):
+        axis.plot(e["success"], label=label, **look)
+    axis.set_ylim(-0.02, 1.02)
+    _frame(axis, "success")
+
+
+def _cost(axis: Axes, document: Mapping[str, Any]) -> None:
+    for label, e, look in _looks(document):
+        spent = np.array(e["simulated_rollouts"][1:])
+        axis.loglog(spent, np.maximum(e["parameter_difference"]["mean"][1:], SMALLEST), label=label, **look)
+    _frame(axis, "normalised parameter difference")
+    axis.set_xlabel("simulated rollouts per pair")
+
+
+def _frame(axis: Axes, what: str) -> None:
+    restrain(axis)
+    axis.set_ylabel(what)
+    axis.set_xlabel("rounds")
+    if axis.get_yscale() == "linear":
+        axis.set_ylim(bottom=min(0, axis.get_ylim()[0]))
+
+
+def _looks(document: Mapping[str, Any]):
+    """(label, entry of evaluation.json, look of its line): solid, and dashed for ablations, as in the paper."""
+    others = iter(OTHERS * (1 + len(document["identifiers"]) // len(OTHERS)))
+    for label, e in document["identifiers"].items():
+        ablation = "(" in label
+        color = {"capture": PAPER, "capture-refined": OURS}.get(label) or next(others)
+        yield label, e, {"color": color, "lw": 1.5, "ls": (0, (4, 2)) if ablation else "-"}
+
+
+def _finished(figure: Figure, document: Mapping[str, Any]) -> Figure:
+    handles = [Line2D([], [], label=label, **look) for label, _, look in _looks(document)]
+    look = {"frameon": False, "fontsize": 9, "labelcolor": MUTED}
+    figure.legend(handles=handles, loc="outside upper left", ncols=LEGEND_COLUMNS, **look)
+    return figure

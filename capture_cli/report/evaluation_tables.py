@@ -1,0 +1,215 @@
+"""An evaluation as tables, the paper's numbers beside ours: at the terminal and as Markdown, from the same rows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from capture_cli.common.quantities import MISSING, significant
+from capture_cli.report import paper_numbers
+
+PARAMETER_ROUND = 7  # where the paper's text compares parameter differences
+RATIO_ROUND = 10
+COLUMN_GAP = 3  # characters between two columns at the terminal
+
+
+@dataclass(frozen=True)
+class Rows:
+    """A table: `header`, and rows of cells; note: what the cells are."""
+
+    title: str
+    note: str
+    header: tuple[str, ...]
+    cells: list[tuple[str, ...]]
+
+
+def tables(document: Mapping[str, Any]) -> list[Rows]:
+    """The tables of evaluation.json `document`."""
+    found = [_trajectories(document), _parameters(document)]
+    if len(document["parameters"]) > 1:
+        found.append(_each_parameter(document))
+    if all(e["success"] is not None for e in document["identifiers"].values()):
+        found.append(_success(document))
+    if any(e.get("paired") for e in document["identifiers"].values()):
+        found.append(_paired(document))
+    return [*found, _cost(document)]
+
+
+def print_evaluation(document: Mapping[str, Any], console: Console, out_path: Path) -> None:
+    """Print the tables of evaluation.json `document`, written to the directory `out_path`."""
+    console.print(_heading(document), style="dim")
+    for rows in tables(document):
+        blocks = list(_blocks(rows, console.width))
+        for number, columns in enumerate(blocks):
+            title = rows.title if number == 0 else f"{rows.title}, continued"
+            caption = rows.note if number == len(blocks) - 1 else None
+            table = Table(box=box.SIMPLE_HEAD, title=title, title_justify="left", caption=caption)
+            table.caption_justify = "left"
+            for k in columns:
+                table.add_column(rows.header[k], justify="right" if k else "left", no_wrap=bool(k))
+            for cells in rows.cells:
+                table.add_row(*(cells[k] for k in columns))
+            console.print(table)
+    console.print(f"written to {out_path}: tables.md, figures, evaluation.json, evaluation.zarr", style="dim")
+
+
+def _blocks(rows: Rows, width: int) -> Iterator[list[int]]:
+    """Columns that have room beside each other in `width` characters, after the first one, which all begin with."""
+    widths = [max(map(len, column)) + COLUMN_GAP for column in zip(rows.header, *rows.cells, strict=True)]
+    block, used = [0], widths[0]
+    for k in range(1, len(widths)):
+        if used + widths[k] >= width and len(block) > 1:
+            yield block
+            block, used = [0], widths[0]
+        block.append(k)
+        used += widths[k]
+    yield block
+
+
+def print_suite(document: Mapping[str, Any], console: Console, out_path: Path) -> None:
+    """Print suite.json `document`, written to the directory `out_path`."""
+    for name, evaluation in document["cells"].items():
+        print_evaluation(evaluation, console, Path(out_path) / name)
+    if document["without"]:
+        console.print(f"no checkpoints for: {', '.join(document['without'])}", style="yellow")
+    for checkpoint in document.get("not_used", []):
+        console.print(f"not used: {checkpoint}", style="yellow")
+
+
+def markdown(document: Mapping[str, Any], title: str | None = None) -> str:
+    """The tables as a page."""
+    title = title or f"Evaluation on {document['task']}"
+    lines = [f"# {escape(title, quote=False)}", "", f"{escape(_heading(document), quote=False)}.", ""]
+    for rows in tables(document):
+        lines += [f"## {rows.title}", "", f"{escape(rows.note, quote=False)}.", "", _line(rows.header)]
+        lines += [f"|---|{'---:|' * (len(rows.header) - 1)}", *map(_line, rows.cells), ""]
+    if document["task"] in paper_numbers.SAID:
+        lines += [f"{paper_numbers.SAID[document['task']]}.", ""]
+    return "\n".join(lines)
+
+
+def _heading(document: Mapping[str, Any]) -> str:
+    return (
+        f"{document['task']}: {document['pairs']} pairs, {document['seeds']} seeds, {document['rounds']} rounds; "
+        f"policy {document['policy']}, noise {document['noise']}"
+    )
+
+
+def _line(cells: Sequence[str]) -> str:
+    """A row in Markdown, which takes tags for what they are: names are text."""
+    return f"| {' | '.join(escape(cell, quote=False).replace('|', '&#124;') for cell in cells)} |"
+
+
+def _trajectories(document: Mapping[str, Any]) -> Rows:
+    rounds, at = document["table_rounds"], _at(document, RATIO_ROUND)
+    cells = []
+    for label, e in document["identifiers"].items():
+        ours = [_of_several(e["trajectory_difference"][r], e["trajectory_difference_sd"][r]) for r in rounds]
+        cells.append((label, *ours, *([significant(e["ratio"][at], 2)] if e["ratio"] else [])))
+        paper = paper_numbers.trajectory_difference(document["task"], document["noise"], e)
+        if paper:
+            theirs = [_spread(*paper[r], digits=2) if r in paper else MISSING for r in rounds]
+            cells.append(("  in the paper", *theirs, *([_paper_ratio(paper, at)] if e["ratio"] else [])))
+    ratio = [f"ratio at {at}"] if document["yardstick"] else []
+    note = "Sum over the points of the distance, after so many rounds"
+    if document["seeds"] > 1:
+        note += "; mean ± sd of the seeds"
+    if ratio:
+        note += f". Ratio: to {document['yardstick']}"
+    if any(c[0] == "  in the paper" for c in cells):
+        note += f". Paper: {paper_numbers.SOURCE}"
+    return Rows("Trajectory difference", note, ("identifier", *map(str, rounds), *ratio), cells)
+
+
+def _paper_ratio(paper: Mapping[int, tuple[float, float]], at: int) -> str:
+    yardstick = paper_numbers.trajectory_difference(
+        "air-hockey", "none", {"identifier": "domain-randomization"}
+    )
+    return significant(paper[at][0] / yardstick[at][0], 2) if at in paper else MISSING
+
+
+def _parameters(document: Mapping[str, Any]) -> Rows:
+    shown = [0, 1, 2, 3, 5, _at(document, PARAMETER_ROUND), *document["table_rounds"]]
+    shown = sorted(r for r in set(shown) if r <= document["rounds"])
+    cells = [
+        (label, *(significant(e["parameter_difference"]["mean"][r], 2) for r in shown))
+        for label, e in document["identifiers"].items()
+    ]
+    note = "Mean of |estimate - truth| over the parameter's range, after so many rounds"
+    return Rows("Parameter difference", note, ("identifier", *map(str, shown)), cells)
+
+
+def _each_parameter(document: Mapping[str, Any]) -> Rows:
+    at, names = _at(document, PARAMETER_ROUND), document["parameters"]
+    cells = [
+        (label, *(significant(e["parameter_difference"][name][at], 2) for name in names))
+        for label, e in document["identifiers"].items()
+    ]
+    note = f"|estimate - truth| over the parameter's range, after {at} rounds"
+    return Rows("Parameter by parameter", note, ("identifier", *names), cells)
+
+
+def _success(document: Mapping[str, Any]) -> Rows:
+    shown = sorted({r for r in (0, 1, 2, 3, 4, 5, 7, *document["table_rounds"]) if r <= document["rounds"]})
+    cells = [
+        (label, *(f"{e['success'][r]:.3f}" for r in shown), f"{min(e['success'][_at(document, 5) :]):.3f}")
+        for label, e in document["identifiers"].items()
+    ]
+    note = "Share of the pairs in which the action chosen for the estimate succeeds, after so many rounds"
+    lowest = f"lowest from {_at(document, 5)}"
+    return Rows("Success", note, ("identifier", *map(str, shown), lowest), cells)
+
+
+def _paired(document: Mapping[str, Any]) -> Rows:
+    shown = sorted({r for r in (1, 2, 3, *document["table_rounds"]) if r <= document["rounds"]})
+    compared = {label: e["paired"] for label, e in document["identifiers"].items() if e.get("paired")}
+    ours = next(label for label in document["identifiers"] if label not in compared)
+    cells = []
+    for label, c in compared.items():
+        counts = [f"{c['nearer'][r]} / {c['as_near'][r]} / {c['further'][r]}" for r in shown]
+        gained = [_of_several(c["gained"][r], c["gained_se"][r]) for r in shown]
+        cells += [(label, *counts), ("  nearer by", *gained)]
+    note = (
+        f"Pairs in which {ours} is nearer / as near (within 0.001 of the range) / further, and the mean "
+        "by which its parameter difference is smaller ± its standard error"
+    )
+    return Rows("Pair by pair", note, (f"{ours} against", *map(str, shown)), cells)
+
+
+def _cost(document: Mapping[str, Any]) -> Rows:
+    rounds = document["table_rounds"]
+    with_coverage = any(e["coverage"] for e in document["identifiers"].values())
+    cells = []
+    for label, e in document["identifiers"].items():
+        row = [label, *(f"{e['simulated_rollouts'][r]:.0f}" for r in rounds)]
+        if with_coverage:
+            row.append(f"{e['coverage'][_at(document, 10) - 1]:.3f}" if e["coverage"] else MISSING)
+        cells.append(tuple(row))
+    header = ("identifier", *map(str, rounds), *([f"cover at {_at(document, 10)}"] if with_coverage else []))
+    note = "Simulated rollouts per pair, up to there; measured rollouts are one a round"
+    if with_coverage:
+        note += ". Cover: share of the truths in the 95 % intervals"
+    return Rows("Cost", note, header, cells)
+
+
+def _of_several(mean: float, sd: float) -> str:
+    """sd is 0 where there is one, a seed or a pair, and then says nothing."""
+    return _spread(mean, sd) if sd else significant(mean, 3)
+
+
+def _spread(mean: float, sd: float, digits: int | None = None) -> str:
+    if digits is not None:
+        return f"{mean:.{digits}f} ± {sd:.{digits}f}"
+    return f"{significant(mean, 3)} ± {significant(sd, 2)}"
+
+
+def _at(document: Mapping[str, Any], number: int) -> int:
+    """The round `number`, or the last one."""
+    return min(number, document["rounds"])

@@ -1,0 +1,328 @@
+"""What an estimate says, in words and rows: one source for the page and the terminal."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from capture_cli.common.quantities import bound, floor_unit, scaled_unit, significant, with_unit
+from capture_cli.store.estimate import Estimate
+from capture_cli.store.result import Result
+
+# Of the motion within a window, and times the noise floor: physics seldom leaves so much
+LEFT, ABOVE = 0.5, 3.0
+TOO_GOOD = 0.7  # times the noise floor: no fit gets so far below it
+# In `next_command` of estimate.json: the folder it lies in, by which two equal estimates do not differ.
+THIS_ESTIMATE = "ESTIMATE"
+TITLES = {"explained": "explained", "unexplained": "unexplained", "not-identifiable": "not identifiable"}
+NOT_ALIKE = "The two parts of the log are not alike: see what differs between them"
+FIT_BOTH = (
+    "hold out another with --test. With --test none both are fitted: what cannot be the same in both is left."
+)
+STAMPS_ALONE = "With time stamps that are off at random nothing is missing."
+STAMPS_MOST = "Most of that is as if time stamps were off at random."
+MOST = 0.5  # of what is beyond chance
+UNTRUSTED = "Do not trust the intervals: they leave out what the model lacks."
+FLOOR_SOURCES = {
+    "declared": "declared in the task",
+    "differences": "from high-order differences",
+    "repeats": "from repeats",
+    "residual": "from differences of the residual",
+    "outliers": "with the outliers in the residual",
+    "resolution": "the sensor's steps",
+}
+
+
+@dataclass(frozen=True)
+class OutputError:
+    """RMSE of one output; None where there is none.
+
+    fit and test are in `unit`, the others in units of their own, which may all carry a prefix: the nominal
+    error may well be a thousand times the fitted one, and that a thousand times the noise floor.
+    ratio: of the held-out error (the fitted one where nothing was held out) to the noise floor.
+    """
+
+    name: str
+    unit: str
+    nominal: float | None
+    nominal_unit: str
+    fit: float | None
+    test: float | None
+    floor: float | None
+    floor_unit: str
+    floor_source: str
+    ratio: float | None
+
+
+def beyond_chance(lack: Mapping[str, Any]) -> str:
+    """By how much an error is beyond what chance allows: that of all outputs, or of the one that is the farthest."""
+    size, chance, which = lack["normalized"], lack["threshold"], ""
+    if size <= chance:
+        over = {o: v / lack["output_thresholds"][o] for o, v in lack["outputs"].items()}
+        worst = max(over, key=over.get)
+        size, chance, which = lack["outputs"][worst], lack["output_thresholds"][worst], f" of {worst}"
+    return f"error{which} is {significant(size)} times the noise floor (chance allows {significant(chance)})"
+
+
+def is_fit_explained(document: Mapping[str, Any]) -> bool:
+    """Whether nothing is left of what was fitted: then an estimate that is "unexplained" is so by what was held out.
+
+    False where the document does not say.
+    """
+    lack = document.get("lack_of_fit", {"lacking": True})
+    return not lack["lacking"] and not document["diverged_windows"]
+
+
+def not_alike(document: Mapping[str, Any]) -> str:
+    """Why a model that holds where it was fitted may fail on what was held out; earlier versions did not look."""
+    beyond = document.get("beyond_fitted")
+    return f"{beyond['text']} To fit that too, {FIT_BOTH}" if beyond else f"{NOT_ALIKE}, or {FIT_BOTH}"
+
+
+def output_errors(estimate: Estimate) -> list[OutputError]:
+    """A row per output, in the order of the log."""
+    document = estimate.document
+    sources = document["noise_floor_source"]
+    nominal = _nominal_rmse(estimate)
+    return [
+        _output_error(document, o["name"], o["unit"], nominal[k], sources[o["name"]])
+        for k, o in enumerate(estimate.attributes["outputs"])
+    ]
+
+
+def next_command(document: Mapping[str, Any], folder: str | None) -> str | None:
+    """The command to run next, of an estimate in `folder` (None: it is not known); None where there is none."""
+    command, here = document["next_command"], f" {THIS_ESTIMATE}"
+    if command is None or folder is None or not command.endswith(here):
+        return command
+    return f"{command.removesuffix(here)} {shlex.quote(folder)}"
+
+
+def normalized(document: Mapping[str, Any], part: str) -> float | None:
+    """Error over the noise floor on "fit" or "test"; None where that part is empty."""
+    error = document["error"][part]
+    return error["normalized"] if error else None
+
+
+def notes(document: Mapping[str, Any]) -> list[str]:
+    """What a reader has to know before using the numbers, most important first."""
+    unfinished = cut_short(document)
+    found = unfinished + open_loops(document)
+    unexplained = document["verdict"] == "unexplained" and document["parameters"]
+    found += [UNTRUSTED] if unexplained and not unfinished else []
+    if document["in_context"] and document["in_context"]["text"]:
+        found.append(document["in_context"]["text"])
+    found += unmeasured(document)
+    found += left_open(document)
+    found += undetermined(document)
+    found += impossible(document)
+    found += [_at_bound(n, p) for n, p in document["parameters"].items() if p["at_bound"]]
+    found += input_timing(document)
+    found += time_stamps(document)
+    found += time_step(document)
+    recordings = document["recordings"]
+    if recordings and not recordings["agree"]:
+        behind = "; here the time step may be that" if document.get("time_step") else ""
+        found.append(recordings["text"] + behind)
+    left = document["lack_of_fit"]["normalized"]
+    if left < TOO_GOOD:
+        size = significant(left, 2)
+        found.append(
+            f"The error is {size} times the noise floor: the floor is too high and may hide what the model lacks. "
+            "Give noise_sd in the task file."
+        )
+    return found
+
+
+def undetermined(document: Mapping[str, Any]) -> list[str]:
+    """What of the parameters the log leaves open; earlier versions did not look in a diagnosis."""
+    return list(dict.fromkeys(item["text"] for item in document.get("undetermined", [])))
+
+
+def unmeasured(document: Mapping[str, Any]) -> list[str]:
+    """What of an unexplained log may be starts that nobody knows; earlier versions did not look."""
+    joints = document.get("unmeasured_joints")
+    if document["verdict"] != "unexplained" or not joints:
+        return []
+    return [
+        f"No output gives the position of {', '.join(joints)}: windows begin where a simulation of the whole episode "
+        "takes it, from the model's own start. If it is somewhere else, no effect explains the log. Measure it by a "
+        "sensor that gives it (docs/method.md, Initial states), or give the model the keyframe in which episodes begin."
+    ]
+
+
+def open_loops(document: Mapping[str, Any]) -> list[str]:
+    """What of an unexplained log may be outputs that contradict the model's loops; earlier versions did not look."""
+    found = document.get("open_loops")
+    if document["verdict"] != "unexplained" or not found:
+        return []
+    gaps = ", ".join(f"{name} by {significant(size, 2)}" for name, size in found.items())
+    return [
+        f"Where joints are as measured, equality constraints stay open: {gaps} (m or rad, where windows begin). "
+        "Check zero, sign and unit of what measures them, and the model's lengths."
+    ]
+
+
+def impossible(document: Mapping[str, Any]) -> list[str]:
+    """What no body can be, and yet was found; earlier versions did not look."""
+    return [item["text"] for item in document.get("impossible_inertia", [])]
+
+
+def left_open(document: Mapping[str, Any]) -> list[str]:
+    """What was held out and the fit left open; earlier versions did not look."""
+    return [document["held_out"]["text"]] if document.get("held_out") else []
+
+
+def cut_short(document: Mapping[str, Any]) -> list[str]:
+    """Whether rounds ran out; earlier versions did not look."""
+    rounds = document.get("cut_short")
+    if not rounds:
+        return []
+    return [
+        f"The search was stopped after --rounds {rounds}, before it came to rest: values, error and verdict are those "
+        "of an unfinished fit. Give it more."
+    ]
+
+
+def time_step(document: Mapping[str, Any]) -> list[str]:
+    """What of the estimate is the model's time step; earlier versions did not look."""
+    return [document["time_step"]["text"]] if document.get("time_step") else []
+
+
+def out_of_time(document: Mapping[str, Any]) -> list[str]:
+    """That the search was ended; earlier versions had no limit."""
+    return [document["out_of_time"]] if document.get("out_of_time") else []
+
+
+def input_timing(document: Mapping[str, Any]) -> list[str]:
+    """What inputs do between rows, where that had to be found out and is not the plain case; earlier versions did not
+    look.
+    """
+    found = document.get("input_timing")
+    linear = found and any(i["interpolate"] == "linear" for i in found["inputs"].values())
+    return [found["text"]] if linear else []
+
+
+def time_stamps(document: Mapping[str, Any]) -> list[str]:
+    """What of the noise is as if stamps were off at random; earlier versions did not look."""
+    return [document["time_stamps"]["text"]] if document.get("time_stamps") else []
+
+
+def behind(document: Mapping[str, Any]) -> str:
+    """What stamps are of what is beyond chance, where that is most of it; "" where not."""
+    share = (document.get("time_stamps") or {}).get("explained") or 0.0
+    return STAMPS_ALONE if share == 1 else STAMPS_MOST if share > MOST else ""
+
+
+def suspicions(estimate: Estimate) -> list[str]:
+    """What looks like a mistake in the log or the task file rather than like physics; to be read before the notes."""
+    document = estimate.document
+    if cut_short(document):
+        return []
+    if document.get("misread"):
+        return [document["misread"]["text"]]
+    left = outputs_left(estimate, document["error"]["fit"])
+    if not left:
+        return []
+    return [
+        *undriven(document),
+        f"{left[0]} If they are right, `capture diagnose` looks for what the model lacks.",
+    ]
+
+
+def undriven(document: Mapping[str, Any]) -> list[str]:
+    """Whether nothing drives the machine by the log: no input is ever anything but 0."""
+    peaks = document["log"].get("input_peaks") or {}
+    if not peaks or any(peaks.values()):
+        return []
+    which = f"Input {', '.join(peaks)} is" if len(peaks) == 1 else f"Inputs {', '.join(peaks)} are"
+    return [
+        f"{which} 0 throughout the log, and the outputs move as if something drove the machine: check the column "
+        "before anything else."
+    ]
+
+
+def outputs_left(result: Result, error: Mapping[str, Any] | None) -> list[str]:
+    """Whether the `error` of what was fitted is most of the motion of some output: then it is not physics."""
+    rmse, floors = (error or {}).get("rmse") or {}, result.document["noise_floor"]
+    far = [
+        o["name"]
+        for o, motion in zip(result.attributes["outputs"], _motion(result), strict=True)
+        if (rmse.get(o["name"]) or 0.0) > max(LEFT * motion, ABOVE * floors[o["name"]]) and motion > 0
+    ]
+    if not far:
+        return []
+    return [
+        f"The fit leaves more than half of the motion of {', '.join(far)} within a window: check column, unit "
+        "and sign before anything else."
+    ]
+
+
+def _motion(result: Result) -> np.ndarray:
+    """(output,): how far the measured values are from their mean over the window, root mean square."""
+    measured = np.asarray(result.arrays["step/measured"])
+    sampled = np.isfinite(measured)
+    measured = np.where(sampled, measured, 0.0)
+    _, own = np.unique(np.asarray(result.arrays["step/window"]), return_inverse=True)
+    sums, counts = (np.zeros((own.max() + 1, measured.shape[1])) for _ in range(2))
+    np.add.at(sums, own, measured)
+    np.add.at(counts, own, sampled)
+    within = (measured - (sums / np.maximum(counts, 1))[own]) * sampled
+    return np.sqrt(np.sum(within**2, axis=0) / np.maximum(sampled.sum(axis=0), 1))
+
+
+def correlation(estimate: Estimate) -> np.ndarray | None:
+    """Correlation of the parameters' errors (parameter, parameter); None for fewer than two parameters."""
+    if len(estimate.attributes["parameters"]) < 2:
+        return None
+    return np.array(estimate.document["correlation"], dtype=float)
+
+
+def _output_error(document, name: str, unit: str, nominal: float | None, source: str) -> OutputError:
+    rmse = {
+        part: ((document["error"].get(part) or {}).get("rmse") or {}).get(name) for part in ("fit", "test")
+    }
+    floor = document["noise_floor"][name]
+    shown = rmse["test"] if rmse["test"] is not None else rmse["fit"]
+    factor, label = scaled_unit(unit, shown or floor)
+    nominal_factor, nominal_label = scaled_unit(unit, nominal)
+    floor_factor, floor_label = floor_unit(floor, unit, factor, label)
+    return OutputError(
+        name=name,
+        unit=label,
+        nominal=_times(nominal, nominal_factor),
+        nominal_unit=nominal_label,
+        fit=_times(rmse["fit"], factor),
+        test=_times(rmse["test"], factor),
+        floor=_times(floor, floor_factor),
+        floor_unit=floor_label,
+        floor_source=source,
+        ratio=shown / floor if floor and shown is not None else None,
+    )
+
+
+def _nominal_rmse(estimate: Estimate) -> list[float | None]:
+    """RMSE at the nominal values, per output, on the held-out windows (all where none is)."""
+    test = estimate.arrays["window/is_test"][estimate.arrays["step/window"]]
+    rows = test if test.any() else np.ones_like(test)
+    measured = np.asarray(estimate.arrays["step/measured"])[rows]
+    sampled = np.isfinite(measured)
+    with np.errstate(over="ignore", invalid="ignore"):
+        square = np.square(measured - np.asarray(estimate.arrays["step/nominal"])[rows])
+        rmse = np.sqrt(np.where(sampled, square, 0.0).sum(axis=0) / sampled.sum(axis=0))
+    return [float(r) if np.isfinite(r) else None for r in rmse]
+
+
+def _times(value: float | None, factor: float) -> float | None:
+    return None if value is None else value * factor
+
+
+def _at_bound(name: str, parameter: Mapping[str, Any]) -> str:
+    upper = abs(parameter["value"] - parameter["high"]) < abs(parameter["value"] - parameter["low"])
+    limit = with_unit(bound(parameter["high" if upper else "low"]), parameter["unit"])
+    side = "upper" if upper else "lower"
+    return f"{name} is at its {side} bound, {limit}: the bound, not the log, decides it."

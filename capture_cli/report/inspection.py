@@ -1,0 +1,178 @@
+"""What `capture inspect` found, at the terminal: what it is, tables, and the findings with their cures."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from capture_cli.common.quantities import bound, percent, significant, with_unit
+from capture_cli.report.inspected_results import result_tables
+
+STYLES = {"error": "bold red", "warning": "yellow", "note": "dim"}
+SEVERITIES = ("error", "warning", "note")
+# More rows would push the findings off the screen; --json has them all.
+MOST_ROWS = 12
+LEAST_REST = 0.01  # share of the samples
+FINE = 0.01  # of the change from sample to sample: steps below it are how many digits the file has
+_KINDS = {
+    "file": "file",
+    "measured-log": "measured log",
+    "estimate": "estimate",
+    "diagnosis": "diagnosis",
+    "identifier": "learned identifier",
+    "policy": "trained policy",
+    "evaluation": "evaluation",
+    "proposal": "proposal",
+    "unfinished": "unfinished run",
+    "zarr": "Zarr store",
+    "directory": "result of `capture`",
+}
+
+
+def render(document: Mapping[str, Any], console: Console) -> None:
+    """Print an inspection document; plain text where `console` is no terminal."""
+    console.print(Text(document["path"], style="bold"), soft_wrap=True)
+    console.print(Text(_headline(document), style="dim"))
+    for head, rows in _tables(document):
+        if rows:
+            console.print()
+            _print_table(console, head, rows)
+    console.print()
+    _print_findings(console, document["findings"], checked=document["checked"])
+
+
+def complaints(document: Mapping[str, Any]) -> list[str]:
+    """The findings that results will suffer from, in the form of error messages: what, where, and the cure."""
+    serious = sorted(document["findings"], key=lambda f: SEVERITIES.index(f["severity"]))
+    return [
+        f"{f['severity']}: {document['path']}: {f['where']}: {f['message']}\n  cure: {f['cure']}"
+        for f in serious
+        if f["severity"] != "note"
+    ]
+
+
+def _headline(document: Mapping[str, Any]) -> str:
+    store, provenance = document["store"], document["provenance"]
+    parts = [_KINDS[document["kind"]]]
+    if store["format"]:
+        parts.append(f"{store['format']} version {store['version']}")
+    if document.get("task"):
+        parts.append(f"task {document['task']}")
+    parts += [f"{n} {noun if n != 1 else noun.removesuffix('s')}" for noun, n in document["sizes"].items()]
+    parts.append(_size(store["bytes"]))
+    if provenance and provenance.get("command"):
+        made = f"made by `capture {provenance['command']}` {provenance.get('capture')}"
+        parts.append(f"{made}, {provenance.get('began')}")
+    return ", ".join(parts)
+
+
+def _size(count: int) -> str:
+    size, unit = float(count), "B"
+    for larger in ("kB", "MB", "GB", "TB"):
+        if size < 1000:
+            break
+        size, unit = size / 1000, larger
+    return f"{significant(size, 3) if unit != 'B' else count} {unit}"
+
+
+def _tables(document: Mapping[str, Any]) -> Iterator[tuple[list[str], list[list[str]]]]:
+    if document["kind"] == "measured-log":
+        yield (
+            ["recording", "episodes", "steps", "duration", "rate"],
+            _recordings(document.get("recordings", []), document.get("channels", [])),
+        )
+        yield ["channel", "range", "rms", "notes"], _channels(document.get("channels", []))
+    elif document["kind"] == "zarr":
+        arrays = document.get("arrays", [])
+        yield (
+            ["array", "shape", "type"],
+            [[a["path"], " x ".join(map(str, a["shape"])), a["dtype"]] for a in arrays],
+        )
+    else:
+        yield from result_tables(document)
+
+
+def _recordings(
+    recordings: Sequence[Mapping[str, Any]], channels: Sequence[Mapping[str, Any]]
+) -> list[list[str]]:
+    unknown = "by channel" if any(c.get("sampling") for c in channels) else "?"
+    return [
+        [
+            r["name"],
+            str(r.get("episodes", "?")),
+            str(r.get("steps", "?")),
+            _number(r.get("duration"), 4, "s"),
+            unknown if r.get("rate") is None else _number(r["rate"], 4, "Hz"),
+        ]
+        for r in recordings
+    ]
+
+
+def _channels(channels: Sequence[Mapping[str, Any]]) -> list[list[str]]:
+    rows = []
+    for c in channels:
+        low, high = (_number(c[side] and c[side]["value"]) for side in ("low", "high"))
+        rows.append([c["name"], with_unit(f"{low} to {high}", c["unit"]), _number(c["rms"]), _movement(c)])
+    return rows
+
+
+def _movement(channel: Mapping[str, Any]) -> str:
+    if channel["kind"] == "output":
+        said = ["output"]
+        if channel.get("sampling"):
+            said.append(
+                f"{channel['sampling']['samples']} samples, {_number(channel['sampling']['rate'], 3, 'Hz')}"
+            )
+        step, change = channel["quantisation"]["step"], channel["quantisation"]["change"]
+        if step is None or (change is not None and step < FINE * change):
+            return ", ".join(said)
+        return ", ".join([*said, with_unit(f"steps of {bound(float(f'{step:.3g}'))}", channel["unit"])])
+    moves = channel["excitation"]
+    parts = ["input"]
+    if moves["at_rest"] is not None and moves["at_rest"] >= LEAST_REST:
+        parts.append(f"at rest {percent(moves['at_rest'])}")
+    if moves["frequency_95"] is not None:
+        parts.append(
+            f"half its power below {significant(moves['median_frequency'], 2)} Hz, "
+            f"95 % below {significant(moves['frequency_95'], 2)} Hz"
+        )
+    return ", ".join(parts)
+
+
+def _number(value: float | None, digits: int = 3, unit: str = "") -> str:
+    return "?" if value is None else with_unit(significant(value, digits), unit)
+
+
+def _print_table(console: Console, head: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1), header_style="dim", show_edge=False)
+    for k, title in enumerate(head):
+        last = k == len(head) - 1 and title == "notes"
+        table.add_column(Text(title), justify="left" if k == 0 or last else "right", overflow="fold")
+    shown = (
+        rows if len(rows) == MOST_ROWS + 1 else rows[:MOST_ROWS]
+    )  # the one more is as short as its mention
+    for row in shown:
+        table.add_row(*(Text(cell, style="bold" if k == 0 else "") for k, cell in enumerate(row)))
+    console.print(table)
+    if len(rows) > len(shown):
+        console.print(Text(f"and {len(rows) - len(shown)} more: --json has them all", style="dim"))
+
+
+def _print_findings(console: Console, findings: Sequence[Mapping[str, str]], *, checked: bool) -> None:
+    if not findings:
+        nothing = Text("nothing wrong was found", style="bold green")
+        console.print(nothing if checked else Text("what is in it was not checked", style="dim"))
+        return
+    grid = Table.grid(padding=(0, 2))
+    grid.add_column(no_wrap=True)
+    grid.add_column(overflow="fold")
+    for f in sorted(findings, key=lambda f: SEVERITIES.index(f["severity"])):
+        says = Text.assemble((f"{f['where']}: ", "bold"), f["message"])
+        grid.add_row(Text(f["severity"], style=STYLES[f["severity"]]), says)
+        grid.add_row("", Text(f["cure"], style="dim"))
+    console.print(grid)

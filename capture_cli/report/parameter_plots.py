@@ -1,0 +1,185 @@
+"""The interactive plots of an estimate's parameters: correlation, convergence, and recording by recording."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from capture_cli.common.quantities import place, shown_unit, titled
+from capture_cli.report.findings import correlation
+from capture_cli.report.plotly_parts import NO_BUTTONS, Plot, band, heading, in_template, line, rounded
+from capture_cli.store.estimate import Estimate
+
+# Past these, markers make a thick line, numbers in the matrix a smudge, and a legend takes the plot's room.
+MOST_MARKERS, MOST_NUMBERED, MOST_NAMED = 60, 10, 8
+# They would lie over the titles of small plots.
+# Of one luminance, so that they hold on light and on dark.
+PATHS = ("#2f7fb8", "#d9772b", "#3c9d6b", "#9a6fd0", "#c25573", "#8c7a3d", "#4f9fa5", "#7d8790")
+
+
+def correlation_matrix(estimate: Estimate) -> Plot | None:
+    """Correlation of the parameters' errors; None for fewer than two parameters."""
+    matrix, names = correlation(estimate), estimate.attributes["parameters"]
+    if matrix is None:
+        return None
+    heatmap = {
+        "type": "heatmap",
+        "x": names,
+        "y": names,
+        "z": rounded(matrix),
+        "zmin": -1,
+        "zmax": 1,
+        "xgap": 2,
+        "ygap": 2,
+        "colorscale": [[0, "--minus"], [0.5, "--zero"], [1, "--plus"]],
+        "colorbar": {"thickness": 10, "outlinewidth": 0, "tickvals": [-1, -0.5, 0, 0.5, 1]},
+        "hovertemplate": "%{y} and %{x}: %{z:.3f}<extra></extra>",
+        "textfont": {"color": "--ink"},
+    }
+    if len(names) <= MOST_NUMBERED:
+        heatmap["texttemplate"] = "%{z:.2f}"
+    layout = {
+        "hovermode": "closest",
+        "margin": {"l": 20, "r": 10, "t": 12, "b": 20},
+        "xaxis": {
+            "type": "category",
+            "showgrid": False,
+            "tickangle": 0 if sum(map(len, names)) < 45 else -40,
+        },
+        "yaxis": {
+            "type": "category",
+            "showgrid": False,
+            "ticks": "",
+            "autorange": "reversed",
+            "ticklabelstandoff": 6,
+        },
+    }
+    return {"data": [heatmap], "layout": layout, "config": NO_BUTTONS}
+
+
+def convergence(estimate: Estimate) -> Plot | None:
+    """The best so far, round by round: its error, its parameters in their ranges; None before any round."""
+    errors = np.asarray(estimate.arrays["round/error"])
+    if not len(errors):
+        return None
+    names, rounds = estimate.attributes["parameters"], np.arange(len(errors))
+    legend = {"orientation": "h", "x": 0, "y": -0.2, "xanchor": "left", "yanchor": "top"}
+    marks = {"mode": "lines+markers" if len(rounds) <= MOST_MARKERS else "lines", "marker": {"size": 5}}
+    hover = {"hovertemplate": "error %{y:.4g}<extra></extra>"}
+    data = [line("error", "--ink", rounds, errors, showlegend=False, **marks, **hover)]
+    layout = {
+        "hovermode": "closest",
+        "margin": {"l": 58, "r": 12, "t": 12, "b": 44},
+        "legend": legend,
+        "showlegend": len(names) <= MOST_NAMED,
+        "xaxis": {"title": {"text": "round", "standoff": 6}, "anchor": "y2" if names else "y"},
+        "yaxis": {"title": {"text": "error / noise floor"}, "domain": [0.56 if names else 0, 1]},
+    }
+    # over less than a decade a logarithmic axis has next to no labels
+    layout["yaxis"] |= {"type": "log", "dtick": 1} if _decades(errors) >= 1 else {"rangemode": "tozero"}
+    if names:
+        data += [_path(estimate, k, rounds, marks) for k in range(len(names))]
+        layout["yaxis2"] = {
+            "title": {"text": "place in range"},
+            "domain": [0, 0.46],
+            "range": [-0.05, 1.05],
+            "tickvals": [0, 0.5, 1],
+            "ticktext": ["low", "middle", "high"],
+        }
+    return {"data": data, "layout": layout, "config": NO_BUTTONS}
+
+
+def recordings(document: Mapping[str, Any]) -> Plot | None:
+    """Each recording's own estimate and 95 % interval beside the joint one; None for a single recording."""
+    found = document.get("recordings") or {}
+    names, parameters = found.get("names") or [], found.get("parameters") or {}
+    if len(names) < 2 or not parameters:
+        return None
+    data, annotations, shapes, axes = [], [], [], {}
+    rows, columns = _panels(document)
+    for k, (name, own) in enumerate(parameters.items()):
+        joint, number = document["parameters"][name], "" if k == 0 else str(k + 1)
+        axes |= _panel(*divmod(k, columns), rows, columns, number)
+        data.append(_recording_points(names, own, joint["unit"], number))
+        annotations.append(heading(_recording_title(document, name), number))
+        if joint.get("ci95"):
+            shapes.append(
+                band(*joint["ci95"], along=f"x{number}", across=f"y{number} domain", color="--floor-shade")
+            )
+    margin = {"l": 20, "r": 12, "t": 30, "b": 34 if rows == 1 else 10}
+    layout = {"hovermode": "closest", "margin": margin, "annotations": annotations, "shapes": shapes, **axes}
+    return {"data": data, "layout": layout, "config": NO_BUTTONS}
+
+
+def recordings_height(document: Mapping[str, Any]) -> int:
+    """px that the plot of recordings needs."""
+    rows, _ = _panels(document)
+    return rows * (75 + 26 * len(document["recordings"]["names"])) + 30
+
+
+def _panels(document: Mapping[str, Any]) -> tuple[int, int]:
+    """(rows, columns) of small plots, as many beside each other as their titles allow."""
+    parameters = document["recordings"]["parameters"]
+    longest = max(len(_recording_title(document, name)) for name in parameters)
+    columns = min(len(parameters), 3 if longest <= 24 else 2)
+    return -(-len(parameters) // columns), columns
+
+
+def _recording_title(document: Mapping[str, Any], name: str) -> str:
+    p = document["recordings"]["parameters"][name].get("p_value")
+    title = titled(name, document["parameters"][name]["unit"])
+    return title if p is None else f"{title}   p = {p:.2g}"
+
+
+def _path(estimate: Estimate, k: int, rounds: np.ndarray, marks: Plot) -> Plot:
+    name = estimate.attributes["parameters"][k]
+    parameter = estimate.document["parameters"][name]
+    values = np.asarray(estimate.arrays["round/parameters"])[:, k]
+    unit = in_template(shown_unit(parameter["unit"]))
+    template = f"{in_template(name)} %{{customdata:.5g}} {unit}<extra></extra>"
+    more = {"customdata": rounded(values), "yaxis": "y2", "hovertemplate": template}
+    return line(name, PATHS[k % len(PATHS)], rounds, place(values, parameter), **marks, **more)
+
+
+def _panel(row: int, column: int, rows: int, columns: int, number: str) -> Plot:
+    """The axes of one small plot of a grid."""
+    left, top = column / columns, 1 - row / rows
+    below, above = (0.25 / rows, 0.1 / rows) if rows > 1 else (0.0, 0.0)
+    return {
+        f"xaxis{number}": {
+            "domain": [left + (0.03 if column else 0), left + 1 / columns - 0.01],
+            "anchor": f"y{number}",
+            "nticks": 5,
+        },
+        f"yaxis{number}": {
+            "domain": [top - 1 / rows + below, top - above],
+            "anchor": f"x{number}",
+            "autorange": "reversed",
+            "type": "category",
+            "showticklabels": column == 0,
+            "ticklabelstandoff": 6,
+        },
+    }
+
+
+def _recording_points(names, own: Mapping[str, Any], unit: str, number: str) -> Plot:
+    half = [1.96 * (sd or 0.0) for sd in own["sd"]]
+    return {
+        "type": "scatter",
+        "mode": "markers",
+        "x": own["values"],
+        "y": names,
+        "error_x": {"array": half, "color": "--accent", "thickness": 1.5, "width": 4},
+        "marker": {"color": "--accent", "size": 8},
+        "xaxis": f"x{number}",
+        "yaxis": f"y{number}",
+        "showlegend": False,
+        "hovertemplate": f"%{{y}}: %{{x:.5g}} {in_template(shown_unit(unit))}<extra></extra>",
+    }
+
+
+def _decades(errors: np.ndarray) -> float:
+    positive = errors[np.isfinite(errors) & (errors > 0)]
+    return float(np.log10(positive.max() / positive.min())) if positive.size else 0.0

@@ -1,0 +1,356 @@
+"""An estimate or a diagnosis at the terminal: the answer, the numbers that matter, and what to do next."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Mapping
+from pathlib import Path, PurePath
+from typing import Any
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from capture_cli.common.quantities import (
+    MISSING,
+    bound,
+    deviation,
+    significant,
+    to_precision_of,
+    told,
+    with_unit,
+)
+from capture_cli.report import diagnosis_findings, findings, prediction
+from capture_cli.store.diagnosis import Diagnosis
+from capture_cli.store.estimate import Estimate
+
+STYLES = {
+    "explained": "bold green",
+    "effect-found": "bold green",
+    "tied": "bold yellow",
+    "unexplained": "bold yellow",
+    "not-identifiable": "bold yellow",
+}
+# Narrower than this, the bounds are left to the page.
+WIDE = 96
+# More than these would push the verdict off a small screen; the page has them all.
+MOST_NOTES, MOST_OUTPUTS, MOST_PREDICTED = 4, 8, 5
+# A diagnosis is told in five lines, and a few more where it found several effects.
+MOST_LINES, MOST_NAMED, SHORT = 12, 2, 2
+MARK = 9  # characters, of the words that open its lines
+COLUMN_GAP = 3  # characters
+_ASCII = str.maketrans(
+    {
+        "–": "-",
+        "−": "-",
+        "×": "x",
+        "µ": "u",
+        "·": "-",
+        "°": "deg",
+        "²": "^2",
+        "±": "+/-",
+        "→": "->",
+        "\u00a0": " ",
+    }
+)
+
+
+def print_estimate(estimate: Estimate, console: Console, out_path: Path) -> None:
+    """Print `estimate`, written to the directory `out_path`; plain text where `console` is no terminal."""
+    document = estimate.document
+    screen = _Screen(console)
+    log = PurePath(document["log"]["path"]).name
+    screen.wrapped("", f"{document['task']} · {log} · {document['identifier']}", "dim")
+    screen.blank()
+    if document["parameters"]:
+        screen.table(_parameters(document, wide=console.width >= WIDE))
+        screen.blank()
+    errors = findings.output_errors(estimate)
+    screen.table(_errors(errors))
+    _print_predictions(estimate, screen)
+    screen.blank()
+    verdict = document["verdict"]
+    screen.wrapped(findings.TITLES[verdict], document["summary"], STYLES[verdict])
+    for note in _few([*findings.suspicions(estimate), *findings.notes(document)], len(errors)):
+        screen.wrapped("note", note, "yellow")
+    screen.blank()
+    screen.whole("report", str(Path(out_path) / "report.html"))
+    if command := findings.next_command(document, str(out_path)):
+        screen.whole("next", command)
+
+
+def print_diagnosis(diagnosis: Diagnosis, console: Console, out_path: Path) -> None:
+    """Print `diagnosis`, written to the directory `out_path`: the answer, the error before and after, what had been
+    absorbed, what else it might have been, and where the report is.
+    """
+    document, words = diagnosis.document, diagnosis_findings
+    screen = _Screen(console)
+    verdict = document["verdict"]
+    is_unexplained = verdict == "unexplained" and not document["effects"]
+    screen.wrapped(words.TITLES[verdict], _answer(document), STYLES[verdict])
+    for mark, line in (
+        ("error", _error_line(diagnosis)),
+        ("left", words.left_over(document)),
+        ("absorbed", _absorbed_line(document)),
+        ("where", words.strongest_covariate(document) if is_unexplained else ""),
+        ("formula", _formula_line(document)),
+        *_rivals_line(document),
+        ("note", " ".join(_beside(diagnosis))),
+        ("next", words.next_experiment(document)),
+    ):
+        if line:
+            cut = mark == "next" and len(document["effects"]) > 1  # what was found goes before
+            screen.wrapped(f"{mark:<{MARK}}", line, "dim", most=SHORT if cut else None)
+    screen.whole(f"{'report':<{MARK}}", f"  {Path(out_path) / 'report.html'}")
+    if len(document["effects"]) > 1:
+        _print_sizes(document, screen)
+    _print_predictions(diagnosis, screen)
+
+
+def _print_sizes(document: Mapping[str, Any], screen: _Screen) -> None:
+    """What is known of several effects, in a table where there is room for one."""
+    rows = _effects(document)
+    if screen.lines + len(rows) + 2 <= MOST_LINES:
+        screen.blank()
+        screen.table(rows)
+    elif screen.lines < MOST_LINES:
+        sizes = "; ".join(f"{diagnosis_findings.placed(e)} {_sizes(e)}".strip() for e in document["effects"])
+        screen.wrapped(f"{'  sizes':<{MARK}}", sizes, "dim", most=MOST_LINES - screen.lines)
+
+
+def _print_predictions(record: Estimate | Diagnosis, screen: _Screen) -> None:
+    """The errors in open loop of what was held out, or of what there is; earlier versions did not look."""
+    for found in prediction.predictions(record.document, record.attributes["outputs"])[:1]:
+        screen.blank()
+        screen.table(prediction.for_terminal(found, MOST_PREDICTED))
+        for why in found.left_out:
+            screen.wrapped("", why, "dim")
+
+
+def _beside(diagnosis: Diagnosis) -> list[str]:
+    """What has to be known beside the answer, and no other line says."""
+    document = diagnosis.document
+    found = [
+        findings.out_of_time,
+        findings.undetermined,
+        findings.left_open,
+        findings.impossible,
+        findings.input_timing,
+        findings.time_stamps,
+        findings.time_step,
+    ]
+    return [*diagnosis_findings.suspicions(diagnosis), *(text for told in found for text in told(document))]
+
+
+class _Screen:
+    """A console that takes plain text, and spells it in ASCII where the terminal knows nothing else.
+
+    lines: how many were printed, but for tables.
+    """
+
+    def __init__(self, console: Console):
+        self.console = console
+        self.ascii = console.options.ascii_only
+        self.lines = 0
+
+    def blank(self) -> None:
+        self.console.print()
+
+    def wrapped(self, mark: str, content: str, style: str, most: int | None = None) -> None:
+        """A word in `style` and a text wrapped beside it, in `most` lines; without a word, the text in `style`."""
+        start = f"{mark}  " if mark else ""
+        width = max(20, self.console.width - len(start))
+        lines = textwrap.wrap(content, width, break_on_hyphens=False, max_lines=most, placeholder=" ...")
+        for k, line in enumerate(lines):
+            before = self._text(start, style) if k == 0 else Text(" " * len(start))
+            self._print(before + self._text(line, "" if mark else style))
+
+    def whole(self, mark: str, content: str) -> None:
+        """A path or a command, never broken: it is there to be copied."""
+        self._print(self._text(f"{mark:<8}", "dim") + self._text(content))
+
+    def table(self, rows: list[list[str]]) -> None:
+        """rows: the head first; all is set right but the first column and those without a title.
+
+        Where the screen is too narrow titles take two lines; where it still is, nothing is left out.
+        """
+        head, *body = rows
+        if _width(rows) > self.console.width:
+            head = [head[0], *("\n".join(title.rsplit(" ", 1)) for title in head[1:])]
+        width = _width([head, *body])
+        is_too_wide = width > self.console.width  # the terminal wraps it
+        table = Table(
+            box=box.SIMPLE_HEAD,
+            pad_edge=False,
+            padding=(0, 1),
+            header_style="dim",
+            show_edge=False,
+            width=width if is_too_wide else None,
+        )
+        for k, title in enumerate(head):
+            left = k == 0 or not title
+            table.add_column(
+                self._text(title),
+                justify="left" if left else "right",
+                style="bold" if k == 0 else "" if title else "yellow",
+                no_wrap=not left or (k == 0 and is_too_wide),
+                overflow="fold",
+            )
+        for row in body:
+            table.add_row(*(self._text(cell) for cell in row))
+        self.console.print(table, crop=False)
+
+    def _print(self, line: Text) -> None:
+        self.lines += 1
+        self.console.print(line, soft_wrap=True)
+
+    def _text(self, content: str, style: str = "") -> Text:
+        if self.ascii:
+            content = content.translate(_ASCII).encode("ascii", "replace").decode("ascii")
+        return Text(content, style=style)
+
+
+def _width(rows: list[list[str]]) -> int:
+    """Characters that a table of `rows` takes where only columns without a title are broken between words."""
+    head, *_ = rows
+    columns = zip(*rows, strict=True)
+    pieces = [
+        [p for c in column for p in c.split("\n" if t else None)]
+        for t, column in zip(head, columns, strict=True)
+    ]
+    return sum(max(map(len, p), default=0) for p in pieces) + COLUMN_GAP * (len(head) - 1)
+
+
+def _parameters(document: Mapping[str, Any], *, wide: bool) -> list[list[str]]:
+    rows = [["parameter", "estimate", "sd", "95 % interval", *(["bounds"] if wide else []), ""]]
+    for name, p in document["parameters"].items():
+        sd, interval = p["sd"], p["ci95"]
+        between = " to ".join(to_precision_of(v, sd) for v in interval) if interval else MISSING
+        bounds = [f"{bound(p['low'])} to {bound(p['high'])}"] if wide else []
+        remarks = ["at bound"] * p["at_bound"] + [told(p)] * (not p["identifiable"])
+        value = with_unit(to_precision_of(p["value"], sd), p["unit"])
+        rows.append([name, value, deviation(p), between, *bounds, ", ".join(remarks)])
+    return rows if any(row[-1] for row in rows) else [row[:-1] for row in rows]
+
+
+def _errors(errors: list[findings.OutputError]) -> list[list[str]]:
+    """The outputs that stand farthest above their floor, in the order of the log."""
+    farthest = sorted(errors, key=lambda e: -(e.ratio or 0.0))[: _shown(len(errors), MOST_OUTPUTS)]
+    rows = [["output", "fitted", "held out", "nominal", "noise floor", "over the floor"]]
+    for e in (e for e in errors if e in farthest):
+        nominal = with_unit(significant(e.nominal), e.nominal_unit)
+        values = [with_unit(significant(v), e.unit) for v in (e.fit, e.test)]
+        floor = with_unit(significant(e.floor), e.floor_unit)
+        rows.append([e.name, *values, nominal, floor, with_unit(significant(e.ratio), "×")])
+    return rows
+
+
+def _few(notes: list[str], outputs: int) -> list[str]:
+    """As many notes as fit, and what else the report holds."""
+    shown = _shown(len(notes), MOST_NOTES)
+    left = {
+        "notes": len(notes) - shown,
+        "outputs nearer to their floor": outputs - _shown(outputs, MOST_OUTPUTS),
+    }
+    more = [f"{what} ({count})" for what, count in left.items() if count > 0]
+    return notes[:shown] + ([f"Only in the report: {' and '.join(more)}."] if more else [])
+
+
+def _shown(count: int, most: int) -> int:
+    """How many of so many: one too many takes no more room than to say so."""
+    return count if count <= most + 1 else most
+
+
+def _answer(document: Mapping[str, Any]) -> str:
+    """The verdict in words; of a single effect, its size as well."""
+    sentence = diagnosis_findings.answer(document)
+    if len(document["effects"]) != 1:
+        return sentence
+    effect = document["effects"][0]
+    return f"{sentence.removesuffix('.')} ({_sizes(effect) or effect['summary']})."
+
+
+def _sizes(effect: Mapping[str, Any]) -> str:
+    """The values of its parameters, as far as the log says them."""
+    return ", ".join(f"{name} {_size(p)}" for name, p in effect["parameters"].items())
+
+
+def _size(p: Mapping[str, Any]) -> str:
+    if not p["identifiable"]:
+        return told(p)
+    return with_unit(to_precision_of(p["value"], p.get("sd")), p["unit"])
+
+
+def _error_line(diagnosis: Diagnosis) -> str:
+    document, rows = diagnosis.document, diagnosis_findings.changes(diagnosis)
+    part = diagnosis_findings.best_part(document)
+    on = diagnosis_findings.where(part)
+    farthest = sorted(rows, key=lambda row: -(row.over_before or 0.0))[:MOST_NAMED]
+    each = ", ".join(_change(row, part, document) for row in rows if row in farthest)
+    if len(rows) == 1:
+        return f"{each} {on}; noise floor {with_unit(significant(rows[0].floor), rows[0].floor_unit)}"
+    before, after = (significant(document["stages"][k][part]["normalized"]) for k in (0, -1))
+    both = f"{before} → {after}" if document["effects"] else after
+    return f"{both} × noise floor {on} ({each})"
+
+
+def _change(row: diagnosis_findings.Change, part: str, document: Mapping[str, Any]) -> str:
+    after = with_unit(significant(row.after[part]), row.unit)
+    return (
+        f"{row.name} {significant(row.before[part])} → {after}"
+        if document["effects"]
+        else f"{row.name} {after}"
+    )
+
+
+def _absorbed_line(document: Mapping[str, Any]) -> str:
+    if not document["absorbed"]:
+        return ""
+    rows = diagnosis_findings.absorbing(document)
+    if not rows:
+        return "nothing: no declared parameter had been standing in for it"
+    more = f", and {len(rows) - MOST_NAMED} more" if len(rows) > MOST_NAMED else ""
+    return ", ".join(_shift(row) for row in rows[:MOST_NAMED]) + more
+
+
+def _shift(row: diagnosis_findings.Moved) -> str:
+    """From where to where, in as many digits as it takes to see it; three at least."""
+    for digits in range(3, 9):
+        before, after = significant(row.before, digits), significant(row.after, digits)
+        if before != after:
+            break
+    return f"{row.name} {before} → {with_unit(after, row.unit)}"
+
+
+def _formula_line(document: Mapping[str, Any]) -> str:
+    text, error = diagnosis_findings.expression(document), diagnosis_findings.expression_error(document)
+    return f"{text} ({error})" if error else text
+
+
+def _rivals_line(document: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """What the effects are tied with, or else the candidate that came nearest."""
+    tied = [e for e in document["effects"] if e["tied_with"]]
+    if tied:
+        each = (f"{diagnosis_findings.placed(e)} with {', '.join(e['tied_with'])}" for e in tied)
+        return [("tied", f"{'; '.join(each)}: this log cannot tell")]
+    closest = diagnosis_findings.closest_rejected(document)
+    if closest is None:
+        return []
+    name = diagnosis_findings.placed(closest)
+    why = closest["why_rejected"].replace(f"{name}.", "")
+    if not document["effects"]:
+        name = f"{name}, of {len(document['candidates'])} candidates"
+    return [("runner-up", f"{name}: {why}")]
+
+
+def _effects(document: Mapping[str, Any]) -> list[list[str]]:
+    rows = [["effect", "parameter", "value", "95 % interval"]]
+    for effect in document["effects"]:
+        if not effect["parameters"]:
+            rows.append([diagnosis_findings.placed(effect), MISSING, MISSING, MISSING])
+        for name, p in effect["parameters"].items():
+            value = with_unit(to_precision_of(p["value"], p["sd"]), p["unit"])
+            between = [to_precision_of(v, p["sd"]) for v in p["ci95"] or []]
+            rows.append([diagnosis_findings.placed(effect), name, value, " to ".join(between) or MISSING])
+    return rows

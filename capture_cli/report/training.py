@@ -1,0 +1,96 @@
+"""What a training came to: of an identifier, with loss.png, and of a policy, with training.png."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from matplotlib.ticker import EngFormatter, PercentFormatter
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from capture_cli.report.figure_parts import INK, MUTED, PALETTE, RULE, new_figure, save
+
+
+def print_training(document: Mapping[str, Any], console: Console, out: Path) -> None:
+    """Print identifier.json `document`, written to the directory `out`: errors on pairs that were held out."""
+    result, architecture, asked = document["result"], document["architecture"], document["training"]["steps"]
+    early = f", where it stopped: nothing gained in {document['training']['patience']} evaluations"
+    console.print(
+        f"{out}: {document['identifier']} for {document['task']}, window {architecture['window']}; "
+        f"the weights of step {result['best_step']} of {result['steps']}{early if result['steps'] < asked else ''}",
+        soft_wrap=True,
+    )
+    table = Table("parameter", "mean error / range", "95 % intervals cover", box=box.SIMPLE_HEAD)
+    for name, error in result["mean_absolute_error"].items():
+        table.add_row(name, f"{error:.4f}", f"{result['coverage'][name]:.1%}")
+    console.print(table)
+
+
+def write_identifier_figure(
+    metrics: Sequence[Mapping[str, Any]], best_step: int, likelihood: bool, folder: Path
+) -> list[Path]:
+    """Write loss.png: the loss held out and the mean absolute error at every evaluation; returns its path.
+
+    likelihood: whether the loss is a log likelihood, which can be negative, rather than a mean square.
+    """
+    figure = new_figure(3.2)
+    loss, error = figure.subplots(1, 2)
+    steps = [m["step"] for m in metrics]
+    loss.plot(steps, [m["validation_loss"] for m in metrics], color=PALETTE["--simulated"])
+    loss.set_title("negative log likelihood" if likelihood else "mean squared error", loc="left", fontsize=10)
+    for key, label, color in (
+        ("mean_absolute_error", "all rounds", PALETTE["--before"]),
+        ("last_round_error", "last round of the window", PALETTE["--after"]),
+    ):
+        error.plot(steps, [m[key] for m in metrics], color=color, label=label)
+    error.set_title("mean absolute error, share of the range", loc="left", fontsize=10)
+    error.legend(frameon=False, fontsize=9)
+    for axis in (loss, error):
+        axis.axvline(best_step, color=RULE, zorder=0)
+        axis.set_xlabel("step", color=MUTED)
+        axis.xaxis.set_major_formatter(EngFormatter())
+        axis.tick_params(colors=INK, labelsize=9)
+        axis.spines[["top", "right"]].set_visible(False)
+        if not (likelihood and axis is loss):
+            axis.set_yscale("log")
+    return save({"loss": lambda: figure}, folder)
+
+
+def print_policy(document: Mapping[str, Any], console: Console, out: Path) -> None:
+    """Print policy.json `document`, written to the directory `out`, beside the random policy."""
+    result = document["result"]
+    console.print(
+        f"{out}: {document['policy']} for {document['task']}; judged on {result['episodes']} unseen parameter sets",
+        soft_wrap=True,
+    )
+    table = Table("policy", "success", "reward", box=box.SIMPLE_HEAD)
+    for name, row in ((document["policy"], result), ("random", result["random"])):
+        table.add_row(name, f"{row['success']:.1%}", f"{row['reward']:.3f}")
+    console.print(table)
+
+
+def write_policy_figure(
+    metrics: Sequence[Mapping[str, Any]], result: Mapping[str, Any], folder: Path
+) -> list[Path]:
+    """Write training.png: reward and success at every evaluation, and those of the random policy; returns its path."""
+    figure = new_figure(3.2)
+    steps = [m["step"] for m in metrics]
+    for axis, key in zip(figure.subplots(1, 2), ("reward", "success"), strict=True):
+        axis.plot(steps, [m[key] for m in metrics], color=PALETTE["--after"], label="held-out parameters")
+        exploring = [m[f"training_{key}"] for m in metrics]
+        axis.plot(steps, exploring, color=PALETTE["--before"], lw=1, label="while exploring")
+        random = result["random"][key]
+        axis.axhline(random, color=PALETTE["--nominal"], lw=1, ls=(0, (2, 2)), label="random policy")
+        axis.set_title(key, loc="left", fontsize=10)
+        axis.set_xlabel("episodes", color=MUTED)
+        axis.xaxis.set_major_formatter(EngFormatter())
+        axis.tick_params(colors=INK, labelsize=9)
+        axis.spines[["top", "right"]].set_visible(False)
+        if key == "success":
+            axis.set_ylim(-0.03, 1.03)
+            axis.yaxis.set_major_formatter(PercentFormatter(1.0))
+            axis.legend(frameon=False, fontsize=9)
+    return save({"training": lambda: figure}, folder)

@@ -1,0 +1,513 @@
+"""Task + effects + engine -> what the sensors would have reported. Counts every simulation it runs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from capture_cli.effects.base import Effect
+from capture_cli.effects.placed import Placed
+from capture_cli.model.parameters import ParameterSpace
+from capture_cli.model.tasks.base import Task
+from capture_cli.sim.engine import Engine, Force, ModelFields, Rollouts, Starts
+from capture_cli.sim.input_tapes import InputTapes, KeptTapes
+from capture_cli.sim.reported_motion import ReportedMotion
+from capture_cli.sim.starts import shift
+from capture_cli.sim.windows import Windows, at_times
+
+EPISODES = 1024  # simulated at once: bounds the memory that recorded sensors take
+TAPE_BYTES = 64 << 20  # of controls of one call, of which effects make several copies
+SENSOR_BYTES = 64 << 20  # of outputs of one call, which are interpolated in several copies
+SHOWS = 0.25  # of an effect's memory: the rest is for the last digits
+LENGTH_RATIO = 1.2  # windows within this ratio of lengths are stepped together
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """outputs (candidate, window, step, output) at the log's sampling times; diverged (candidate, window)."""
+
+    outputs: np.ndarray
+    diverged: np.ndarray
+
+
+@dataclass(frozen=True)
+class Motion:
+    """On the model's grid: qpos (window, grid, nq), contacts (window, grid), how many there are, limits (window, grid),
+    how many joints and tendons are at an end of their range, actuator_force (window, grid, actuator), N or N m at the
+    actuator, and outputs (window, grid, output). diverged (window,).
+    """
+
+    qpos: np.ndarray
+    contacts: np.ndarray
+    limits: np.ndarray
+    actuator_force: np.ndarray
+    outputs: np.ndarray
+    diverged: np.ndarray
+
+
+@dataclass(frozen=True)
+class Begun:
+    """Where simulations begin: starts (simulation,) and, there, hidden states of the effects, (simulation, state).
+
+    early (simulation,): s, before the window, where a sensor reports late. drift (simulation,): s, how much later than
+    the window's start that is by the clock of the controls.
+    """
+
+    starts: Starts
+    hidden: np.ndarray
+    early: np.ndarray
+    drift: np.ndarray
+
+
+@dataclass(frozen=True)
+class _Runs:
+    """Simulations of the windows `row` (simulation,), each (simulation, parameter); starts are one per window.
+
+    offsets (simulation, state) and reported are as for `Simulator.simulate`.
+    """
+
+    windows: Windows
+    starts: Starts
+    row: np.ndarray
+    each: np.ndarray
+    offsets: np.ndarray | None
+    reported: ReportedMotion | None
+
+    @classmethod
+    def at(
+        cls,
+        windows: Windows,
+        starts: Starts,
+        point: np.ndarray,
+        offsets: np.ndarray | None,
+        reported: ReportedMotion | None,
+    ) -> _Runs:
+        """One of every window, at one point (parameter,)."""
+        each = np.repeat(point[None], len(windows), axis=0)
+        return cls(windows, starts, np.arange(len(windows)), each, offsets, reported)
+
+
+@dataclass(frozen=True)
+class _Drives:
+    """What drives simulations; the last inputs are held after the end of a tape.
+
+    row (simulation,): which of them drives each. known (simulation,): how many before the first step are from the log.
+    """
+
+    tapes: InputTapes
+    row: np.ndarray
+    known: np.ndarray
+
+
+@dataclass(frozen=True)
+class _Slot:
+    """An effect with where its parameters stand among all, and its states among the hidden ones."""
+
+    effect: Effect
+    parameters: slice
+    states: slice
+
+
+class Simulator:
+    """Simulates windows of a log under candidate parameters: those of the task, then those of each effect.
+
+    An effect's parameters are named EFFECT@SITE.PARAMETER. `rollouts` counts the simulations run so far.
+    difference_step: the least share of a parameter's range that finite differences take, for the task's sake or an
+    effect's.
+    """
+
+    def __init__(
+        self,
+        task: Task,
+        effects: Sequence[tuple[str, Effect]] = (),
+        threads: int | None = None,
+        engine: Engine | None = None,
+        difference_step: float = 0.0,
+    ):
+        self.task = task
+        self.effects = tuple(Placed(*e) for e in effects)
+        self.engine = engine or Engine(task.model, threads)
+        self.rollouts = 0
+        self.difference_step = max([difference_step, *(effect.difference_step for _, effect in self.effects)])
+        longest = max([self.difference_step, *task.space.steps])
+        self.space = ParameterSpace([p.with_step_of(self.difference_step) for p in task.space])
+        self._placed: list[_Slot] = []
+        self.hidden_states = 0
+        for placed in self.effects:
+            effect = placed.effect
+            parameters = slice(len(self.space), len(self.space) + len(effect.parameters))
+            states = slice(self.hidden_states, self.hidden_states + len(effect.states))
+            self._placed.append(_Slot(effect, parameters, states))
+            self.hidden_states = states.stop
+            self.space = self.space + ParameterSpace(
+                [replace(p.with_step_of(longest), name=f"{placed.name}.{p.name}") for p in effect.parameters]
+            )
+        self._sensors = np.array([c.index for c in task.outputs])
+        self._own_states = 2 * task.model.nv + task.model.na
+        self.substeps = math.prod(effect.substeps for _, effect in self.effects)
+
+    @property
+    def begins_early(self) -> bool:
+        """Whether a simulation may begin before its window does: where a sensor reports late."""
+        return any(effect.reports_late for _, effect in self.effects)
+
+    def hidden_sd(self, windows: Windows) -> np.ndarray:
+        """How well hidden states are known at the start of each window, (window, hidden state): 0 for certain.
+
+        What was before an episode, or a gap, no longer counts where the inputs are known for long enough.
+        """
+        sd = np.zeros((len(windows), self.hidden_states))
+        for own in self._placed:
+            sd[:, own.states] = own.effect.states_matter(windows.first)
+            if own.effect.states_before:
+                shows = SHOWS * own.effect.memory(own.effect.space.high[None])
+                sd[(windows.known > 0) & (windows.known >= shows), own.states] = 0.0
+        return sd
+
+    def hidden_tried(self) -> np.ndarray:
+        """Values (point, hidden state) among which those that a window began with are looked for, one effect's after
+        the other's; nan leaves a state as it is.
+        """
+        points = [np.zeros((0, self.hidden_states))]
+        for own in self._placed:
+            tried = own.effect.states_tried
+            if len(tried):
+                points.append(np.full((len(tried), self.hidden_states), np.nan))
+                points[-1][:, own.states] = tried
+        return np.concatenate(points)
+
+    def simulate(
+        self,
+        windows: Windows,
+        starts: Starts,
+        parameters: np.ndarray,
+        offsets: np.ndarray | None = None,
+        reported: ReportedMotion | None = None,
+    ) -> Simulated:
+        """Simulate every window under every candidate.
+
+        starts: one per window. parameters (candidate, parameter). offsets (candidate, window, state): how far each
+        start is moved, in the tangent space of the state, and then what the effects' hidden states begin with; None
+        moves none. reported: what the starts were read off, where that was the sensors: the measurement effects
+        correct them. What several candidates share, a window that they do not differ in, is simulated once.
+        """
+        parameters = np.atleast_2d(np.asarray(parameters, dtype=float))
+        candidates = len(parameters)
+        outputs = np.zeros((candidates, *windows.measured.shape))
+        diverged = np.zeros((candidates, len(windows)), dtype=bool)
+        for group in _by_length(windows.grid_steps):
+            part = windows.rows(group)
+            moved = None if offsets is None else offsets[:, group]
+            motion = None if reported is None else reported.rows(group)
+            candidate, row, which = _distinct(parameters, moved, len(group))
+            steps = part.measured.shape[1]
+            for few in self._at_a_time(row, part):
+                own = None if moved is None else moved[candidate[few], row[few]]
+                each = parameters[candidate[few]]
+                rollouts = self._rollout(_Runs(part, starts.rows(group), row[few], each, own, motion))
+                number, window = candidate[few], group[row[few]]
+                outputs[number, window, :steps] = part.sample(rollouts.sensors, row[few])
+                diverged[number, window] = rollouts.diverged
+            for number, simulation in enumerate(which):
+                shared = candidate[simulation] != number
+                first, window = candidate[simulation[shared]], group[shared]
+                outputs[number, window] = outputs[first, window]
+                diverged[number, window] = diverged[first, window]
+            self.rollouts += len(row)
+        return Simulated(outputs, diverged)
+
+    def _at_a_time(self, row: np.ndarray, windows: Windows) -> list[np.ndarray]:
+        """Numbers of the simulations of the windows `row` (simulation,) that are run at a time."""
+        order, steps, bound = np.arange(len(row)), windows.grid, SENSOR_BYTES
+        columns = len(self._sensors)
+        if self.begins_early or any(effect.place == "control" for _, effect in self.effects):
+            # each has controls of its own
+            steps, columns, bound = windows.tapes.lead + windows.tapes.stop, self.task.model.nu, TAPE_BYTES
+        else:
+            # one window's together, whose inputs they share
+            order = np.argsort(row, kind="stable")
+        size = steps * columns * np.dtype(float).itemsize
+        return np.array_split(order, max(min(-(-len(row) * size // bound), len(row)), 1))
+
+    def trajectories(self, parameters: np.ndarray, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """One episode per row: state trajectories (simulation, point, feature) and diverged (simulation,).
+
+        parameters (simulation, parameter), actions (simulation, action), at least one; the task is an ActionTask.
+        """
+        parts = [slice(i, i + EPISODES) for i in range(0, len(actions), EPISODES)]
+        each = [self._trajectories(parameters[part], actions[part]) for part in parts]
+        trajectories, diverged = (np.concatenate(arrays) for arrays in zip(*each, strict=True))
+        return trajectories, diverged
+
+    def _trajectories(self, parameters: np.ndarray, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        task, count = self.task, len(actions)
+        episodes = task.episodes(actions)
+        none = np.zeros(count)
+        rollouts = self._step(
+            Begun(episodes.starts, hidden=np.zeros((count, self.hidden_states)), early=none, drift=none),
+            _Drives(KeptTapes(episodes.inputs), np.arange(count), known=none.astype(int)),
+            task.grid_steps,
+            np.asarray(parameters, dtype=float),
+            began=none,
+        )
+        self.rollouts += count
+        points = np.rint(task.point_times / task.timestep).astype(int)
+        return task.observe(rollouts.sensors[:, points]), rollouts.diverged
+
+    def motion(
+        self,
+        windows: Windows,
+        starts: Starts,
+        point: np.ndarray,
+        offsets: np.ndarray | None = None,
+        reported: ReportedMotion | None = None,
+    ) -> Motion:
+        """What happens inside every window at one point (parameter,); the rest is as for `simulate`."""
+        rollouts = self._rollout(_Runs.at(windows, starts, point, offsets, reported), keep_states=True)
+        self.rollouts += len(windows)
+        return Motion(
+            rollouts.qpos,
+            rollouts.contacts,
+            rollouts.limits,
+            rollouts.actuator_force,
+            outputs=rollouts.sensors,
+            diverged=rollouts.diverged,
+        )
+
+    def begun(
+        self,
+        windows: Windows,
+        starts: Starts,
+        point: np.ndarray,
+        offsets: np.ndarray,
+        reported: ReportedMotion | None = None,
+    ) -> Begun:
+        """Where the simulation of every window begins at one point (parameter,); the rest is as for `simulate`."""
+        return self._begun(_Runs.at(windows, starts, point, offsets, reported))
+
+    def _begun(self, runs: _Runs) -> Begun:
+        windows, row, each = runs.windows, runs.row, runs.each
+        starts = runs.starts.rows(row)
+        hidden = np.zeros((len(row), self.hidden_states))
+        if runs.offsets is not None:
+            starts = shift(self.task.model, starts, runs.offsets[:, : self._own_states])
+            hidden = runs.offsets[:, self._own_states :]
+        early = np.zeros(len(row))
+        if runs.reported is not None and (self._measures or self.substeps > 1):
+            here = runs.reported.rows(row)
+            late = self._lateness(each, windows.elapsed[row])
+            early = late[:, self._sensors].max(axis=1, initial=0.0) * here.read
+            change = self._start_change(here, early[:, None] - late, each, windows.elapsed[row])
+            starts = shift(self.task.model, starts, change)
+        drift = self._drift(each, windows.elapsed[row]) - early
+        return Begun(replace(starts, time=starts.time + drift), hidden, early, drift)
+
+    def _rollout(self, runs: _Runs, keep_states: bool = False) -> Rollouts:
+        """Rollouts whose sensors are the outputs on the grid of the windows."""
+        windows, row, each = runs.windows, runs.row, runs.each
+        begun, length = self._begun(runs), windows.grid * windows.timestep
+        # each by itself: a clock that runs ahead is read before what is late after it
+        late = self._each_lateness(each, windows.elapsed[row] + length)
+        ahead = sum(-np.minimum(own[:, self._sensors], 0.0).min(axis=1, initial=0.0) for own in late)
+        more = begun.early + ahead + self._drift(each, np.full(len(row), length))
+        rollouts = self._step(
+            begun,
+            _Drives(windows.tapes, row, windows.known_lead[row]),
+            windows.grid + int(np.ceil(more.max(initial=0.0) / windows.timestep)),
+            each,
+            began=(windows.time - windows.elapsed)[row],
+            first=None if windows.first is None else windows.first[row],
+            keep_states=keep_states,
+        )
+        return _from(rollouts, begun.early / windows.timestep) if begun.early.any() else rollouts
+
+    def _step(
+        self,
+        begun: Begun,
+        drives: _Drives,
+        steps: int,
+        each: np.ndarray,
+        *,
+        began: np.ndarray,
+        first: np.ndarray | None = None,
+        keep_states: bool = False,
+    ) -> Rollouts:
+        """Rollouts whose sensors are the outputs on the grid, from where they begin; each (simulation, parameter).
+
+        began (simulation,): s, when the episode of each did. first (simulation,): the step of the log that each begins
+        at; None where there is no log.
+        """
+        starts, hidden = begun.starts, begun.hidden
+        elapsed = starts.time - began
+        controls, row = self._drive(drives, steps, each, begun, elapsed, first)
+        measures = self._measures
+        rollouts = self.engine.rollout(
+            starts=starts,
+            controls=controls,
+            control_row=row,
+            steps=steps,
+            fields=self._fields(each),
+            forces=self._forces(each, hidden, began, first),
+            columns=None if measures else self._sensors,
+            states=keep_states,
+            actuator_forces=any(effect.reads_actuators for _, effect in self.effects),
+            substeps=self.substeps,
+        )
+        if not measures:
+            return rollouts
+        sensors = rollouts.sensors
+        for own in self._placed:
+            if own.effect.reads_actuators:
+                sensors = own.effect.pick_up(sensors, each[:, own.parameters], rollouts.actuator_force)
+        for own in self._placed:
+            values, states = each[:, own.parameters], hidden[:, own.states]
+            sensors = own.effect.measure(
+                sensors, values, self.task.timestep, states=states, elapsed=elapsed, first=first
+            )
+        return replace(rollouts, sensors=sensors[..., self._sensors])
+
+    def _lateness(self, each: np.ndarray, elapsed: np.ndarray) -> np.ndarray:
+        """How late each column of sensordata is reported, s, (simulation, column), elapsed (simulation,) s after the
+        episode began.
+        """
+        none = np.zeros((len(each), self.task.model.nsensordata))
+        return sum(self._each_lateness(each, elapsed), none)
+
+    def _each_lateness(self, each: np.ndarray, elapsed: np.ndarray) -> list[np.ndarray]:
+        """The same by each effect, (simulation, column)."""
+        none = np.zeros((len(each), self.task.model.nsensordata))
+        return [none + own.effect.lateness(each[:, own.parameters], elapsed) for own in self._placed]
+
+    def _start_change(
+        self, reported: ReportedMotion, before: np.ndarray, each: np.ndarray, elapsed: np.ndarray
+    ) -> np.ndarray:
+        """How far starts are from where the sensors showed them where windows begin, (simulation, state).
+
+        before (simulation, column): s, before that, that what was so at a start was reported. elapsed (simulation,): s,
+        since the episode began.
+        """
+        true = reported.at(before)
+        for own in reversed(self._placed):
+            true = own.effect.true_motion(true, each[:, own.parameters], elapsed)
+        return reported.start_change(true, self._own_states, self.substeps)
+
+    def _fields(self, each: np.ndarray) -> ModelFields:
+        fields = ModelFields(self.task.model, len(each))
+        self.task.write(fields, each[:, : len(self.task.space)])
+        for own in self._placed:
+            own.effect.write(fields, each[:, own.parameters])
+        return fields
+
+    def _forces(
+        self, each: np.ndarray, hidden: np.ndarray, began: np.ndarray, first: np.ndarray | None
+    ) -> list[Force]:
+        timestep = self.task.timestep / self.substeps
+        forces = [
+            own.effect.force(
+                each[:, own.parameters], timestep, states=hidden[:, own.states], began=began, first=first
+            )
+            for own in sorted(self._placed, key=lambda own: own.effect.reads_acceleration)
+        ]
+        return [f for f in forces if f is not None]
+
+    @property
+    def _measures(self) -> bool:
+        return any(effect.place == "measurement" for _, effect in self.effects)
+
+    def _drift(self, each: np.ndarray, elapsed: np.ndarray) -> np.ndarray:
+        """How far the sensors' clock is behind that of the controls, s, (simulation,)."""
+        none = np.zeros(len(each))
+        return sum((own.effect.drift(each[:, own.parameters], elapsed) for own in self._placed), none)
+
+    def _drive(
+        self,
+        drives: _Drives,
+        steps: int,
+        each: np.ndarray,
+        begun: Begun,
+        elapsed: np.ndarray,
+        first: np.ndarray | None,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Controls (simulation or row, steps, nu) as the actuators receive them, and which of them are whose."""
+        acting = [
+            (own.effect, each[:, own.parameters]) for own in self._placed if own.effect.place == "control"
+        ]
+        tapes, lead = drives.tapes, drives.tapes.lead
+        used, row = np.unique(drives.row, return_inverse=True)
+        if not acting and not begun.drift.any() and steps <= tapes.stop:
+            return self.task.controls(tapes.inputs(used, 0, steps)), row
+        memory = sum(effect.memory(values) for effect, values in acting)
+        # one step at least: what came first is taken to have been for ever
+        past = max(min(int(np.ceil(memory / self.task.timestep)), lead), 1)
+        since = elapsed - past * self.task.timestep
+        at = begun.drift[:, None] / self.task.timestep + np.arange(lead - past, lead + steps)
+        reached = np.clip(at, 0, lead + tapes.stop - 1)
+        begin, stop = int(reached.min()), min(int(reached.max()) + 2, lead + tapes.stop)
+        controls = self.task.controls(tapes.inputs(used, begin - lead, stop - lead))
+        reached -= begin
+        controls = _between(controls, row, reached)
+        unknown = at < lead - drives.known[:, None]
+        controls += unknown[..., None] * self._before(begun.hidden)[:, None]
+        for effect, values in acting:
+            controls = effect.drive(controls, values, self.task.timestep, elapsed=since, first=first)
+        return controls[:, past:], np.arange(len(each))
+
+    def _before(self, hidden: np.ndarray) -> np.ndarray:
+        """By how much controls before an episode began differed from its first, (simulation, nu)."""
+        change = np.zeros((len(hidden), self.task.model.nu))
+        return sum((own.effect.before(hidden[:, own.states]) for own in self._placed), change)
+
+
+def _from(rollouts: Rollouts, steps: np.ndarray) -> Rollouts:
+    """`rollouts` from so many `steps` (simulation,) on, which may be fractional."""
+    grid = np.arange(rollouts.sensors.shape[1]) + steps[:, None]
+    later = replace(rollouts, sensors=at_times(rollouts.sensors, grid[..., None]))
+    if rollouts.qpos is None:
+        return later
+    index = np.minimum(np.rint(grid).astype(int), grid.shape[1] - 1)
+    row = np.arange(len(steps))[:, None]
+    return replace(
+        later,
+        qpos=rollouts.qpos[row, index],
+        contacts=rollouts.contacts[row, index],
+        limits=rollouts.limits[row, index],
+        actuator_force=rollouts.actuator_force[row, index],
+    )
+
+
+def _distinct(
+    parameters: np.ndarray, offsets: np.ndarray | None, windows: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Candidate and window of the simulations that differ, (simulation,) each, and which of them is meant where,
+    (candidate, window). parameters (candidate, parameter); offsets (candidate, window, state), or None.
+    """
+    number, window = (i.ravel() for i in np.indices((len(parameters), windows)))
+    asked = [window[:, None], parameters[number]]
+    if offsets is not None:
+        asked.append(offsets.reshape(len(number), -1))
+    rows = np.concatenate(asked, axis=1)
+    keys = rows.view(np.dtype((np.void, rows.itemsize * rows.shape[1]))).ravel()
+    _, first, which = np.unique(keys, return_index=True, return_inverse=True)
+    order = np.argsort(first)  # as they were asked for
+    which = np.argsort(order)[which].reshape(len(parameters), windows)
+    return number[first[order]], window[first[order]], which
+
+
+def _between(controls: np.ndarray, row: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Controls (row, grid, nu) of `row` (simulation,) at fractional grid points (simulation, step).
+
+    Of a part of a step it is the mean over the step.
+    """
+    before = np.floor(at).astype(int)
+    left = controls[row[:, None], before]
+    right = controls[row[:, None], np.minimum(before + 1, controls.shape[1] - 1)]
+    return left + (at - before)[..., None] * (right - left)
+
+
+def _by_length(grid_steps: np.ndarray) -> list[np.ndarray]:
+    """Windows grouped so that none is stepped much further than it needs."""
+    key = np.ceil(np.log(np.maximum(grid_steps, 2)) / np.log(LENGTH_RATIO) - 1e-9)
+    return [np.flatnonzero(key == k) for k in np.unique(key)]

@@ -1,0 +1,1 @@
+"""The documents and arrays of results, from the values that were found."""

@@ -1,0 +1,366 @@
+"""The document and the arrays of an estimate, from what was found: errors, intervals, verdict, recordings."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from capture_cli.common.progress import Progress
+from capture_cli.common.quantities import significant
+from capture_cli.diagnosis.lack_of_fit import LackOfFit, lack_of_fit
+from capture_cli.identifiers.base import Trial
+from capture_cli.identifiers.intervals import Intervals, intervals
+from capture_cli.identifiers.least_squares import CONVERGED_GAIN
+from capture_cli.identifiers.rounds import Rounds
+from capture_cli.model.parameters import Parameter, ParameterSpace
+from capture_cli.model.tasks.base import ActionTask, Task
+from capture_cli.protocol.fit import TOLERANCE, Fit
+from capture_cli.protocol.held_out import HeldOut, held_out
+from capture_cli.protocol.part_fit import PartFit
+from capture_cli.protocol.prediction import Predicted, PredictingModel, prediction_errors
+from capture_cli.protocol.prepared_log import PreparedLog
+from capture_cli.protocol.scattered_stamps import scattered_stamps
+from capture_cli.protocol.time_step import shorter_step
+from capture_cli.report.findings import behind, beyond_chance, not_alike
+from capture_cli.sim.coordinate_sources import unmeasured_joints
+from capture_cli.stages.documents.result_document import (
+    attributes_of,
+    common_part,
+    error_of,
+    lack_of_fit_of,
+    measured_arrays,
+    start_arrays,
+)
+from capture_cli.stages.documents.undetermined_document import with_limits
+from capture_cli.stages.identification.estimation import Found
+from capture_cli.stages.recorded.earlier_estimate import EarlierEstimate
+from capture_cli.store.estimate import FORMAT, HISTORY, VERSION, Estimate
+
+ROUGH = 1.0  # of the objective over k: a standard error
+DISAGREE_P = 0.01  # of all parameters together, Bonferroni
+# Of the value: of recordings that are as quiet as a simulation chance allows less than any use of a model notices, and
+# less than its time step and the shape of its laws are good for.
+MATTERS = 0.01
+NEAR_ZERO = 1e-3  # of the bounds' span: ten of a fit's finite differences
+
+
+class Report:
+    """Turns the best point into an Estimate: errors, intervals, verdict, recordings."""
+
+    def __init__(
+        self,
+        result: Found,
+        identifier: str,
+        seed: int,
+        earlier: EarlierEstimate | None,
+        progress: Progress,
+    ):
+        self.result = result
+        self.fits = result.fits
+        self.prepared = result.fits.prepared
+        self.identifier = identifier
+        self.best = result.best
+        before = [] if earlier is None else earlier.history
+        self.history = [b for b in (*before, *result.history) if np.isfinite(b.error)]
+        self.seed = seed
+        self.earlier = earlier
+        self.progress = progress
+        self.is_test = self.prepared.split.is_test
+        self.space = self.prepared.task.space
+
+    def estimate(self) -> Estimate:
+        fit = self.result.at
+        found, lacking = self.result.intervals, lack_of_fit(fit.at)
+        offsets = np.zeros_like(self.prepared.starts.sd)
+        offsets[~self.is_test] = fit.offsets
+        if self.is_test.any():
+            test = self.prepared.part(self.is_test)
+            tolerance = self._start_tolerance(lacking.lacking)
+            on_test = self.fits.on(test, fit, tolerance, thorough=not lacking.lacking)
+            offsets[self.is_test] = on_test.offsets
+        simulated, nominal, diverged = self._curves(offsets)
+        recordings = self._recordings(found)
+        whole = self._whole(offsets, simulated)
+        held = held_out(self.fits, fit, found.covariance, whole, self.is_test)
+        document = self._document(found, lacking, whole, held, self._predicted(offsets), recordings, diverged)
+        arrays = self._arrays(found, offsets, simulated, nominal, recordings)
+        attributes = {"parameters": list(self.space.names), **attributes_of(self.prepared.log)}
+        return Estimate(document, arrays, attributes)
+
+    def _start_tolerance(self, lacking: bool) -> float:
+        """The tolerance of held-out starts, of the objective over k: they are as exact as the fit was."""
+        if self.result.in_context is None:
+            return CONVERGED_GAIN
+        return ROUGH if lacking and not self.result.elsewhere else TOLERANCE
+
+    def _curves(self, offsets: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Simulated at the estimate and at the nominal values, (window, step, output); whether it diverged at the
+        estimate, (window,).
+        """
+        points = np.stack([self.best.parameters, self.space.nominal])
+        trial = Trial(points, np.repeat(offsets[None], 2, axis=0))
+        outputs, diverged = self.prepared.evaluate(self.fits.simulator([]), trial)
+        return outputs[0], outputs[1], diverged[0]
+
+    def _whole(self, offsets: np.ndarray, simulated: np.ndarray) -> PartFit:
+        """The whole log at the estimate: `simulated` (window, step, output), starts at `offsets` (window, state)."""
+        evidence = self.prepared.evidence(self.fits.simulator([]))
+        return PartFit(evidence, offsets, evidence.residual(simulated), np.zeros(len(offsets)))
+
+    def _predicted(self, offsets: np.ndarray) -> Predicted:
+        """Errors in open loop of the model as it was declared, and with the estimate; offsets (window, state)."""
+        points = {"nominal": self.space.nominal, "identified": self.best.parameters}
+        models = [PredictingModel(name, (), point, offsets) for name, point in points.items()]
+        return prediction_errors(self.fits, models)
+
+    def _recordings(self, joint: Intervals):
+        """The estimate of each fitted recording alone, from the joint one on; None for a single recording."""
+        fit = self.result.part
+        fitted = np.unique(fit.recording)
+        numbers = [n for n in fitted if (fit.recording == n).sum() >= 2]
+        if len(numbers) < 2 or not len(self.space):
+            return None
+        names = self.prepared.log.recording_names
+        values, sds, alone, gains = [], [], [], []
+        for done, number in enumerate(numbers):
+            self.progress.part("recording on its own,", done, len(numbers))
+            which = fit.recording == number
+            own = self.fits.fit(
+                fit.part(which),
+                [],
+                self.best.parameters,
+                offsets=self.result.at.offsets[which],
+                rounds=12,
+                tolerance=CONVERGED_GAIN,
+                seed=self.seed,
+            )
+            if own is None:
+                continue
+            values.append(own.point)
+            sds.append(intervals(own.at).sd)
+            alone.append(names[number])
+            gains.append(self._gain(fit.part(which), own))
+        if len(alone) < 2:
+            return None
+        found = _agreement(alone, np.array(values), np.array(sds), sum(gains), self.space, joint)
+        left_out = [names[n] for n in fitted if names[n] not in alone]
+        if left_out:
+            found["document"]["text"] += f"; nothing is known of {', '.join(left_out)} alone"
+        return found
+
+    def _gain(self, part: PreparedLog, own: Fit) -> float:
+        """By how much less of the objective over k the fit `own` to the part leaves than the estimate does, each with
+        starts of its own.
+        """
+        k, together = own.at.scatter, replace(own, point=self.best.parameters)
+        there = self.fits.starts_at(part, together, CONVERGED_GAIN, own.offsets)
+        return float((there.objectives(k) - own.at.objectives(k)).sum() / k)
+
+    # --- what is written ---
+
+    def _document(
+        self,
+        found: Intervals,
+        lacking: LackOfFit,
+        whole: PartFit,
+        held: HeldOut,
+        predicted: Predicted,
+        recordings,
+        diverged,
+    ) -> dict:
+        prepared, parts = self.prepared, {"fit": ~self.is_test, "test": self.is_test}
+        shorter = shorter_step(self.fits, self.result.part, self.result.at, found)
+        common = common_part(
+            prepared,
+            self.space,
+            self.best.parameters,
+            found,
+            held=held,
+            predicted=predicted,
+            shorter=shorter,
+            stamps=scattered_stamps(prepared, whole, self.result.at.at, ~self.is_test),
+            parts=parts,
+            simulated=self.fits.rollouts,
+        )
+        lacks = [lack_of_fit_of(prepared, part) for part in (lacking, held.lack)]
+        verdict = _verdict(found, diverged.any() or lacking.lacking or held.lacking)
+        return {
+            "format": FORMAT,
+            "version": VERSION,
+            **common,
+            "log": {**common["log"], "input_peaks": prepared.log.input_peaks},
+            "identifier": self.identifier,
+            "error": {name: error_of(prepared, whole.rows(part)) for name, part in parts.items()},
+            "verdict": verdict,
+            "summary": _summary(
+                verdict,
+                *lacks,
+                common["parameters"],
+                diverged,
+                self._why(common),
+                not_alike(common),
+            ),
+            "diverged_windows": int(diverged.sum()),
+            "lack_of_fit": lacks[0],
+            "unmeasured_joints": _unmeasured_joints(prepared.task),
+            "open_loops": dict(prepared.starts.open_loops),
+            "correlation": _correlation(found.covariance).tolist(),
+            "recordings": None if recordings is None else recordings["document"],
+            "rounds": [
+                {"parameters": self.space.to_dict(b.parameters), "error": float(b.error)}
+                for b in self.history
+            ],
+            "misread": None,
+            "cut_short": self.result.cut_short,
+            "in_context": self._in_context(),
+            "next_command": None,
+        }
+
+    def _why(self, common: dict[str, Any]) -> str:
+        """What leaves an error, where it need not be the model; "" where nothing says so."""
+        if self.result.cut_short is not None:
+            return "The search was not finished."
+        return behind(common)
+
+    def _in_context(self) -> dict | None:
+        """What the rounds over the episodes gave; those of the earlier estimate where there were none now."""
+        result = self.result
+        if result.in_context is None:
+            return None if self.earlier is None else self.earlier.estimate.document["in_context"]
+        return result.in_context.document(
+            contradicted=result.contradicted, fallback=result.fallback, elsewhere=result.elsewhere
+        )
+
+    def _rounds(self) -> Rounds | None:
+        """All rounds in context so far."""
+        before = None if self.earlier is None else self.earlier.rounds
+        if self.result.in_context is None:
+            return before
+        now = self.result.in_context.walk.rounds
+        return now if before is None else before.followed_by(now)
+
+    def _arrays(self, found: Intervals, offsets, simulated, nominal, recordings) -> dict[str, np.ndarray]:
+        mask = self.prepared.windows.mask
+        begun = self.prepared.begun(self.fits.simulator([]), self.best.parameters, offsets)
+        arrays = {
+            **measured_arrays(self.prepared),
+            "window/is_test": self.is_test,
+            "window/start_offset": offsets,
+            **start_arrays(self.prepared, begun),
+            "step/simulated": simulated[mask],
+            "step/nominal": nominal[mask],
+            "parameter/estimate": self.best.parameters,
+            "parameter/covariance": found.covariance,
+            "round/parameters": np.array([b.parameters for b in self.history]).reshape(len(self.history), -1),
+            "round/error": np.array([b.error for b in self.history]),
+        }
+        rounds = self._rounds()
+        if rounds is not None:
+            values = (rounds.parameters, rounds.actions, rounds.simulated, rounds.measured)
+            arrays |= {name: a[0] for name, a in zip(HISTORY, values, strict=True)}
+        if recordings is not None:
+            arrays["parameter/recordings"] = recordings["values"]
+            arrays["parameter/recordings_sd"] = recordings["sd"]
+        return arrays
+
+
+def _agreement(
+    names, values: np.ndarray, sd: np.ndarray, gain: float, space: ParameterSpace, joint: Intervals
+) -> dict:
+    """Do the recordings agree? Cochran's Q per parameter, over the estimates that a recording determines, where they
+    differ by what matters.
+
+    gain: of the objective, by fits to each alone. Where that is no more than chance they do, whatever Q says: friction
+    that holds makes the error rough, and a fit to little data ends beside where its sensitivities say.
+    """
+    from scipy.special import chdtrc
+
+    document, p_values = {}, []
+    spreads = [_spread(values[:, i], p) for i, p in enumerate(space)]
+    for i, name in enumerate(space.names):
+        weight = 1 / np.square(sd[:, i])
+        mean = (weight * values[:, i]).sum() / weight.sum()
+        p = float(chdtrc(len(values) - 1, (weight * np.square(values[:, i] - mean)).sum()))
+        p_values.append(p if joint.identifiable[i] and spreads[i][0] > MATTERS else 1.0)
+        document[name] = {"values": values[:, i].tolist(), "sd": sd[:, i].tolist(), "p_value": p}
+    by_chance = float(chdtrc((len(values) - 1) * len(space), max(gain, 0.0)))
+    agree = max(min(p_values) * len(p_values), by_chance) > DISAGREE_P
+    worst = int(np.argmin(p_values))
+    share, of = spreads[worst]
+    text = (
+        f"The {len(names)} recordings agree"
+        if agree
+        else f"The {len(names)} recordings disagree, most about {space.names[worst]} "
+        f"(spread {significant(100 * share, 2)} % {of}, p = {min(p_values):.1g}): it changed between them, or "
+        "stands in for something that did"
+    )
+    return {
+        "values": values,
+        "sd": sd,
+        "document": {"names": names, "agree": bool(agree), "parameters": document, "text": text},
+    }
+
+
+def _spread(values: np.ndarray, parameter: Parameter) -> tuple[float, str]:
+    """How far apart the values (recording,) are: as a share of what, and of what that is.
+
+    Of the bounds' span where the value is so near to 0, which it may be, that no share of it means anything.
+    """
+    value = abs(values.mean())
+    if parameter.low <= 0 <= parameter.high and value < NEAR_ZERO * parameter.span:
+        return float(np.ptp(values) / parameter.span), "of its bounds' span"
+    return float(np.ptp(values) / value), "of its value"
+
+
+def _verdict(found: Intervals, leaves: bool) -> str:
+    """The verdict on an estimate that leaves more than noise in the log, or not."""
+    if leaves:
+        return "unexplained"
+    return "explained" if found.identifiable.all() else "not-identifiable"
+
+
+def _unmeasured_joints(task: Task) -> list[str]:
+    """Joints whose position at the start of a window is a guess: no output, action or loop of the model says it."""
+    if isinstance(task, ActionTask) or task.model.neq:
+        return []
+    return unmeasured_joints(task.model, [c.index for c in task.outputs])
+
+
+def _summary(
+    verdict: str,
+    lacking: dict[str, Any],
+    held_out: dict[str, Any],
+    parameters: dict[str, dict],
+    diverged: np.ndarray,
+    why: str,
+    unlike: str,
+) -> str:
+    """why: what leaves an error, where it need not be the model. unlike: how what was held out may differ."""
+    if diverged.any():
+        return (
+            f"With these parameters the simulation runs away in {diverged.sum()} of {len(diverged)} windows. "
+            "The model lacks something, or its time step is too long."
+        )
+    if verdict == "unexplained" and not lacking["lacking"]:
+        return (
+            "The parameters explain what they were fitted to, but not what was held out: there the "
+            f"{beyond_chance(held_out)}. {why or unlike}"
+        )
+    if verdict == "unexplained":
+        return unexplained(lacking, why or "The model lacks something.")
+    if verdict == "not-identifiable":
+        said = ", ".join(with_limits(name, p) for name, p in parameters.items() if not p["identifiable"])
+        return f"The fit reaches the noise floor, but the log does not determine {said}."
+    return f"The parameters explain the log: the error is {significant(lacking['normalized'])} times the noise floor."
+
+
+def unexplained(lacking: dict[str, Any], why: str) -> str:
+    """The summary where the fit leaves something, `lacking`."""
+    return f"These parameters do not explain the log: the {beyond_chance(lacking)}. {why}"
+
+
+def _correlation(covariance: np.ndarray) -> np.ndarray:
+    sd = np.sqrt(np.diag(covariance))
+    return covariance / np.where(sd > 0, np.outer(sd, sd), 1.0)

@@ -1,0 +1,284 @@
+"""What the documents and arrays of an estimate and of a diagnosis have in common."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from capture_cli.common.quantities import bound, percent, scaled_unit, significant, with_unit
+from capture_cli.diagnosis.lack_of_fit import LackOfFit
+from capture_cli.effects.base import Effect
+from capture_cli.identifiers.intervals import Intervals
+from capture_cli.log.checks.even_times import scatter
+from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model.parameters import ParameterSpace
+from capture_cli.model.tasks.base import Task
+from capture_cli.protocol.held_out import HeldOut
+from capture_cli.protocol.part_fit import PartFit
+from capture_cli.protocol.prediction import Predicted
+from capture_cli.protocol.prepared_log import PreparedLog
+from capture_cli.protocol.scattered_stamps import ScatteredStamps
+from capture_cli.protocol.time_step import ShorterStep
+from capture_cli.sim.engine import ModelFields
+from capture_cli.sim.impossible_inertia import impossible_inertias
+from capture_cli.simulate.simulator import Begun
+from capture_cli.stages.documents.prediction_document import by_output, prediction_of
+from capture_cli.stages.documents.undetermined_document import undetermined_of
+from capture_cli.store.output import sha256
+
+MOST_NAMED = 3  # parameters that a sentence says
+
+
+def common_part(
+    prepared: PreparedLog,
+    space: ParameterSpace,
+    point: np.ndarray,
+    sure: Intervals,
+    *,
+    effects: Sequence[tuple[Effect, np.ndarray]] = (),
+    held: HeldOut,
+    predicted: Predicted,
+    shorter: ShorterStep | None,
+    stamps: ScatteredStamps | None,
+    parts: Mapping[str, np.ndarray],
+    simulated: int,
+) -> dict[str, Any]:
+    """The keys of the document that an estimate and a diagnosis have in common, by name.
+
+    space, point (parameter,), sure: the parameters of the task, and after them those of effects, where they were found
+    and how well they are known. effects: each with its values (parameter,). held, shorter: what the windows that were
+    held out, and a shorter time step of the model, say of the point. predicted: its errors in open loop, and of other
+    models. stamps: what is left says of time stamps. parts: which windows are of "fit", "test" and what
+    else there is, (window,) each. simulated: windows.
+    """
+    task, log = prepared.task, prepared.log
+    declared = sure.rows(space, point, range(len(task.space)))
+    return {
+        "task": task.name,
+        "log": {"path": str(log.path), "sha256": sha256(log.path)},
+        "parameters": dict(zip(task.space.names, declared, strict=True)),
+        "undetermined": undetermined_of(space, point, sure),
+        **noise_floor_of(prepared),
+        "prediction": prediction_of(prepared, predicted),
+        "held_out": held_out_of(prepared, space, point, held, parts["test"]),
+        "beyond_fitted": beyond_fitted_of(prepared, held),
+        "impossible_inertia": impossible_inertia_of(task, point[: len(task.space)], effects),
+        "time_step": time_step_of(shorter, space, point),
+        "time_stamps": time_stamps_of(prepared, stamps),
+        "input_timing": input_timing_of(prepared),
+        "split": {
+            "how": prepared.split.how,
+            **{f"{name}_windows": int(windows.sum()) for name, windows in parts.items()},
+        },
+        "rollouts": {"measured": len(log.episode_ends), "simulated": simulated},
+    }
+
+
+def error_of(prepared: PreparedLog, on: PartFit) -> dict[str, Any] | None:
+    """RMSE and mean absolute error per output, in its unit, and RMSE over the noise floor.
+
+    None where there is no sample; the numbers of an output are None where it has none.
+    """
+    if not on.evidence.count:
+        return None
+    return {
+        "rmse": by_output(prepared, on.rmse),
+        "mae": by_output(prepared, on.mae),
+        "normalized": on.normalized,
+    }
+
+
+def noise_floor_of(prepared: PreparedLog) -> dict[str, Any]:
+    """Standard deviation per output, in its unit, and where it comes from."""
+    names, noise = [c.name for c in prepared.task.outputs], prepared.noise
+    return {
+        "noise_floor": dict(zip(names, noise.sd.tolist(), strict=True)),
+        "noise_floor_source": dict(zip(names, noise.source, strict=True)),
+    }
+
+
+def lack_of_fit_of(prepared: PreparedLog, lacking: LackOfFit) -> dict[str, Any]:
+    """What is left of the fit, of all outputs and of each, and what chance allows of it."""
+    return {
+        "normalized": lacking.normalized,
+        "threshold": lacking.threshold,
+        "autocorrelation_time": lacking.autocorrelation_time,
+        "outputs": by_output(prepared, lacking.outputs),
+        "output_thresholds": by_output(prepared, lacking.output_thresholds),
+        "lacking": lacking.lacking,
+    }
+
+
+def held_out_of(
+    prepared: PreparedLog, space: ParameterSpace, point: np.ndarray, held: HeldOut, is_test: np.ndarray
+) -> dict[str, Any] | None:
+    """The parameters that explain the whole log, beside `space` at `point` (parameter,), and what they leave; None
+    where the fit holds on what was held out, the windows `is_test` (window,), or no parameters do.
+    """
+    if held.whole is None:
+        return None
+    whole, found = PartFit.of(held.whole.at), held.whole.point
+    parts = {"fit": whole.rows(~is_test), "test": whole.rows(is_test)}
+    error = {name: error_of(prepared, part) for name, part in parts.items()}
+    moves = np.abs(space.to_unit(found) - space.to_unit(point))
+    most = space.parameters[int(np.argmax(moves))]
+    value = with_unit(significant(space.to_dict(found)[most.name]), most.unit)
+    return {
+        "parameters": space.to_dict(found),
+        "error": error,
+        "text": (
+            f"What was held out tells more of {most.name} than what was fitted: there the error is "
+            f"{significant(held.lack.normalized)} times the noise floor, and "
+            f"{significant(error['test']['normalized'])} with {most.name} {value}, and what was fitted is explained "
+            "with it, too."
+        ),
+    }
+
+
+def beyond_fitted_of(prepared: PreparedLog, held: HeldOut) -> dict[str, Any] | None:
+    """How what was held out differs from what was fitted, where the model does not hold there; None if not seen."""
+    beyond = held.beyond
+    if beyond is None:
+        return None
+    output = prepared.task.outputs[beyond.output]
+    low, high, reached = (
+        with_unit(significant(v), output.unit) for v in (beyond.low, beyond.high, beyond.reached)
+    )
+    return {
+        "output": output.name,
+        "unit": output.unit,
+        "fitted": [beyond.low, beyond.high],
+        "reached": beyond.reached,
+        "share": beyond.share,
+        "text": (
+            f"{output.name} was fitted between {low} and {high} and goes to {reached} there, in windows with "
+            f"{percent(beyond.share)} of the squared error."
+        ),
+    }
+
+
+def impossible_inertia_of(
+    task: Task, parameters: np.ndarray, effects: Sequence[tuple[Effect, np.ndarray]] = ()
+) -> list[dict[str, Any]]:
+    """Bodies that cannot be, at `parameters` (parameter,) of the task and with each effect at its own values."""
+    fields = ModelFields(task.model, 1)
+    task.write(fields, parameters[None])
+    for effect, values in effects:
+        effect.write(fields, values[None])
+    return [
+        {"body": i.body, "moments": i.moments, "text": f"{_sentence(i.text)} {_sentence(i.cure)}"}
+        for i in impossible_inertias(fields)
+    ]
+
+
+def time_step_of(
+    shorter: ShorterStep | None, space: ParameterSpace, point: np.ndarray
+) -> dict[str, Any] | None:
+    """The parameters that shorter steps of the model would give instead of `space` at `point` (parameter,); None where
+    they would give the same.
+    """
+    if shorter is None:
+        return None
+    would_be = {space.names[i]: (float(shorter.point[i]), float(point[i])) for i in shorter.moved}
+    units = {p.name: p.unit for p in space.parameters}
+    said = ", ".join(
+        f"{name} would be about {with_unit(significant(there), units[name])} ({significant(here)})"
+        for name, (there, here) in list(would_be.items())[:MOST_NAMED]
+    )
+    factor, unit = scaled_unit("s", shorter.finer)
+    text = (
+        f"The model's time step is in the estimate: in steps of {bound(shorter.finer * factor)} {unit}, and not "
+        f'{bound(shorter.step * factor)}, {said}. Give the model a shorter timestep, or integrator="RK4".'
+    )
+    parameters = {name: there for name, (there, _) in would_be.items()}
+    return {"finer": shorter.finer, "parameters": parameters, "text": text}
+
+
+def input_timing_of(prepared: PreparedLog) -> dict[str, Any] | None:
+    """How inputs act between rows of which the task does not say it; None where the log does not tell."""
+    if not prepared.input_timings:
+        return None
+    said = []
+    for how, linear in (("change evenly from row to row", True), ("are held from row to row", False)):
+        names = [t.name for t in prepared.input_timings if t.linear == linear]
+        if names:
+            lines = f'interpolate = "{"linear" if linear else "hold"}"'
+            said.append(f"{', '.join(names)} {how} (write {lines} in [inputs.{names[0]}] to settle it)")
+    return {
+        "inputs": {
+            t.name: {"interpolate": "linear" if t.linear else "hold", "gain": t.gain, "error": t.error}
+            for t in prepared.input_timings
+        },
+        "text": f"What inputs do between rows the task does not say, and the log tells: {'; '.join(said)}.",
+    }
+
+
+def time_stamps_of(prepared: PreparedLog, stamps: ScatteredStamps | None) -> dict[str, Any] | None:
+    """By how much stamps seem off at random, and what that is of each output's noise; None where nothing says so."""
+    if stamps is None:
+        return None
+    outputs = prepared.task.outputs
+    off = {
+        c.name: (float(sd), float(share))
+        for c, sd, share in zip(outputs, stamps.sd, stamps.share, strict=True)
+        if sd
+    }
+    factor, unit = scaled_unit("s", max(sd for sd, _ in off.values()))
+    said = ", ".join(
+        f"{name} by {significant(sd * factor, 2)} {unit}" for name, (sd, _) in list(off.items())[:MOST_NAMED]
+    )
+    more = f" and {len(off) - MOST_NAMED} more" if len(off) > MOST_NAMED else ""
+    even = scatter(prepared.log) is not None
+    share = percent(max(share for _, share in off.values()))
+    return {
+        "outputs": {name: {"sd": sd, "share": share} for name, (sd, share) in off.items()},
+        "explained": stamps.explained,
+        "text": (
+            f"It is as if samples were taken off their time stamps at random: {said}{more}, standard deviation. Up to "
+            f"{share} of the noise is that; it grows with the speed, and may hide what the model lacks. Stamp samples "
+            "where they are measured, not where they arrive"
+            + (
+                "; or import these files again with --even-times: that is when they were taken."
+                if even
+                else "."
+            )
+        ),
+    }
+
+
+def _sentence(words: str) -> str:
+    return f"{words[0].upper()}{words[1:]}."
+
+
+def measured_arrays(prepared: PreparedLog) -> dict[str, np.ndarray]:
+    """Which window is which, and what was measured in it; the steps of all windows are one after the other."""
+    windows = prepared.windows
+    return {
+        "window/episode": windows.episode,
+        "window/first": windows.first,
+        "step/window": np.repeat(np.arange(len(windows)), windows.samples),
+        "step/time": prepared.log.time[prepared.log_steps[windows.mask]],
+        "step/measured": np.where(windows.sampled, windows.measured, np.nan)[windows.mask],
+    }
+
+
+def start_arrays(prepared: PreparedLog, begun: Begun) -> dict[str, np.ndarray]:
+    """The state that the simulation of each window begins with, and its time by the log's clock."""
+    starts = begun.starts
+    return {
+        "window/start_time": prepared.log.time[prepared.windows.first] + begun.drift,
+        "window/start_qpos": starts.qpos,
+        "window/start_qvel": starts.qvel,
+        "window/start_act": starts.act,
+    }
+
+
+def attributes_of(log: MeasuredLog) -> dict[str, Any]:
+    """What outputs and recordings are called, beside the arrays."""
+    outputs = zip(log.output_names, log.output_units, strict=True)
+    return {
+        "outputs": [{"name": name, "unit": unit} for name, unit in outputs],
+        "recordings": list(log.recording_names),
+    }

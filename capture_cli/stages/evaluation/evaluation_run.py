@@ -1,0 +1,172 @@
+"""One evaluation: identifiers against each other on the same pairs (paper, Section IV-C)."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from capture_cli.common.documents import read_json
+from capture_cli.common.progress import Progress
+from capture_cli.context.checkpoints.checkpoint_hash import with_new_hashes
+from capture_cli.context.evaluation.evaluated_identifier import Evaluated
+from capture_cli.context.evaluation.evaluation_plan import EvaluationPlan, evaluation_plan
+from capture_cli.context.evaluation.evaluation_summary import summary
+from capture_cli.context.evaluation.evaluation_time import Expected, expected
+from capture_cli.context.evaluation.sim2sim import Sim2Sim
+from capture_cli.errors import OptionError, StoreError
+from capture_cli.store.evaluation import FORMAT, SCHEMA, VERSION, Evaluation, joined
+from capture_cli.store.output import is_complete, refuse_inputs, resumable_directory, unfinished
+from capture_cli.store.provenance import Provenance, write_json
+
+PARTS, RECIPE, NEW_RECIPE = "parts", "recipe.json", "recipe.json.new"  # of a run that is not complete
+BESIDE = ".new"  # of a part that is not complete
+
+
+def evaluate(
+    *,
+    task: str | None,
+    identifiers: Sequence[str],
+    out: Path,
+    policy: str = "random",
+    pairs: int = 100,
+    seeds: int = 3,
+    rounds: int = 30,
+    noise: str = "none",
+    seed: int = 0,
+    threads: int | None = None,
+    known_noise: bool = False,
+    force: bool = False,
+    resume: bool = False,
+    quiet: bool = True,
+) -> Evaluation:
+    """Evaluate `identifiers` on `pairs` pairs of `task`, `seeds` times; write the evaluation directory at `out`.
+
+    identifiers: as `load_evaluated` takes them. noise: one of `observation_noise.NOISES`, on what is measured.
+    known_noise: identifiers are told which labels are random. With `resume` a run that was killed goes on after the
+    identifier and seed it last completed, and one that is complete is read. The arrays do not depend on
+    `threads`. Raises CaptureError before any work.
+    """
+    options = {k: v for k, v in locals().items() if k not in ("force", "resume", "quiet")}
+    plan = evaluation_plan(**{k: v for k, v in options.items() if k != "out"})
+    if is_complete(out, force=force, resume=resume):
+        return completed(Path(out), plan)
+    refuse_inputs(out, plan.inputs)
+    if not quiet and (left := time_left(plan, out, resume=resume)):
+        print(left, file=sys.stderr, flush=True)
+    return carry_out(plan, options, out, force=force, resume=resume, quiet=quiet)
+
+
+def completed(out: Path, plan: EvaluationPlan) -> Evaluation:
+    """The evaluation at `out`, if it is the one that is planned. Raises CaptureError otherwise."""
+    evaluation = Evaluation.read(out)
+    _, seeds, pairs, entries = evaluation.arrays["trajectory_difference"].shape
+    found = {"pairs": pairs, "seeds": seeds, "rounds": entries - 1, **evaluation.attributes}
+    _refuse_other(found, plan, out)
+    return evaluation
+
+
+def time_left(plan: EvaluationPlan, out: Path, *, resume: bool = False) -> Expected | None:
+    """About how long `carry_out` will take; None where that is not worth saying."""
+    parts = _todo(plan, unfinished(out)) if resume else plan.parts()
+    return expected([(e, draw) for _, e, draw in parts])
+
+
+def carry_out(
+    plan: EvaluationPlan,
+    options: Mapping[str, Any],
+    out: Path,
+    *,
+    force: bool = False,
+    resume: bool = False,
+    quiet: bool = True,
+) -> Evaluation:
+    """Do what `plan` says and write the evaluation directory at `out`. options: for its provenance."""
+    provenance = Provenance("eval-sim2sim", options, {})
+
+    def kept(folder: Path) -> str:
+        count = kept_parts(folder)
+        return f"{count} of {len(plan.parts())} parts are kept" if count else ""
+
+    with resumable_directory(
+        out, kept=kept, scaffold=(PARTS, RECIPE, NEW_RECIPE), force=force, resume=resume
+    ) as folder:
+        _begin(folder, plan)
+        _run(plan, folder, quiet)
+        arrays = _joined(plan, folder)
+        tables = summary(arrays, plan.attributes, plan.task.trainable)
+        evaluation = Evaluation({"format": FORMAT, "version": VERSION, **tables}, arrays, plan.attributes)
+        evaluation.write(folder)
+        _write_reports(evaluation, folder)
+        provenance.write(folder)
+    return evaluation
+
+
+def kept_parts(folder: Path) -> int:
+    """How many parts of an evaluation an earlier run has completed in `folder`."""
+    return sum(path.suffix != BESIDE for path in (folder / PARTS).glob("*"))
+
+
+def _begin(folder: Path, plan: EvaluationPlan) -> None:
+    """Take note of what is run, or see that it is what an earlier run took note of."""
+    path, beside = folder / RECIPE, folder / NEW_RECIPE
+    (folder / PARTS).mkdir(exist_ok=True)
+    if path.is_file():
+        _refuse_other(read_json(path, StoreError, cure="begin anew with --force"), plan, folder)
+    else:
+        write_json(beside, plan.recipe)
+        beside.replace(path)  # whole or not at all: a run that is killed goes on
+
+
+def _refuse_other(found: dict[str, Any], plan: EvaluationPlan, where: Path) -> None:
+    found, wanted = with_new_hashes(found, plan.inputs), plan.recipe
+    other = [k for k in wanted if found.get(k) != wanted[k]]
+    if other:
+        raise OptionError(
+            f"--resume: {where} was begun with other {', '.join(other)}",
+            cure="give the options it was begun with, or begin anew with --force",
+        )
+
+
+def _todo(plan: EvaluationPlan, folder: Path) -> list[tuple[str, Evaluated, Sim2Sim]]:
+    """The parts of which `folder` has no result yet."""
+    return [part for part in plan.parts() if not (folder / PARTS / part[0]).is_dir()]
+
+
+def _run(plan: EvaluationPlan, folder: Path, quiet: bool) -> None:
+    parts, todo = folder / PARTS, _todo(plan, folder)
+    seeds, rounds = len(plan.draws), plan.draws[0].rounds
+    with Progress("eval-sim2sim", "round", quiet=quiet, total=len(todo) * rounds) as progress:
+        for name, e, draw in todo:
+            label = f"{e.label}, seed {draw.number + 1} of {seeds}"
+            arrays = draw.run(e.make, lambda n, label=label: progress.step(f"{label}, round {n + 1}"))
+            _keep(parts / name, arrays, draw, plan.attributes)
+
+
+def _keep(path: Path, arrays: dict[str, np.ndarray], draw: Sim2Sim, attributes: dict) -> None:
+    source, target = draw.ends()
+    arrays = {name: a[None, None] for name, a in arrays.items()}
+    arrays |= {"source": source[None], "target": target[None]}
+    beside = path.with_name(f"{path.name}{BESIDE}")
+    shutil.rmtree(beside, ignore_errors=True)
+    SCHEMA.write(beside, arrays, attributes)
+    beside.rename(path)
+
+
+def _joined(plan: EvaluationPlan, folder: Path) -> dict[str, np.ndarray]:
+    read = [SCHEMA.read(folder / PARTS / name)[0] for name, _, _ in plan.parts()]
+    seeds = len(plan.draws)
+    of_identifiers = [joined(read[i : i + seeds], "seed") for i in range(0, len(read), seeds)]
+    return joined(of_identifiers, "identifier")
+
+
+def _write_reports(evaluation: Evaluation, folder: Path) -> None:
+    from capture_cli.report.evaluation_figures import write_figures
+    from capture_cli.report.evaluation_tables import markdown
+
+    (folder / "tables.md").write_text(markdown(evaluation.document), encoding="utf-8")
+    write_figures(evaluation.document, folder)

@@ -1,0 +1,1 @@
+"""What drives a machine: recorded, planned and proposed inputs or actions."""

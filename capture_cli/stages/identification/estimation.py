@@ -1,0 +1,407 @@
+"""How `identify` finds its point: by physics alone, or in rounds over the log's episodes and then by physics."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from pathlib import Path
+
+import numpy as np
+
+from capture_cli.common.evenly_spread import evenly_spread
+from capture_cli.common.progress import Progress
+from capture_cli.context.checkpoints.identifier_checkpoint import IdentifierCheckpoint
+from capture_cli.diagnosis.lack_of_fit import PRACTICAL, lack_of_fit
+from capture_cli.identifiers._profile import Profile
+from capture_cli.identifiers._sampled_posterior import SampledPosterior, is_rough, sampled_posterior
+from capture_cli.identifiers.base import Best, Identifier, run
+from capture_cli.identifiers.intervals import Intervals, intervals, unit_covariance
+from capture_cli.identifiers.least_squares import LeastSquares
+from capture_cli.identifiers.rounds import Rounds, finite
+from capture_cli.linearization import Linearization
+from capture_cli.model.parameters import ParameterSpace
+from capture_cli.protocol.difference_step import difference_step, hits_something
+from capture_cli.protocol.fit import AS_GOOD, TOLERANCE, Fit
+from capture_cli.protocol.limits import profiled
+from capture_cli.protocol.log_checks import all_diverged
+from capture_cli.protocol.log_starts import as_acted
+from capture_cli.protocol.model_fits import ModelFits
+from capture_cli.protocol.part_fit import PartFit
+from capture_cli.protocol.prepared_log import PreparedLog
+from capture_cli.protocol.ways_out import WAYS_OUT, way_out
+from capture_cli.simulate.simulator import Simulator
+from capture_cli.stages.identification.in_context import InContext, LoggedRounds, logged_rounds, walk_log
+
+# Simulated hits make the error a little rough: near the noise a descent can look for ever for what is not there.
+IDLE_ROUNDS = 4
+# Away from the noise nothing is exact: the model is wrong. A descent is given up there where as many rounds as these
+# gained a small share of the squared error, or so little that as much again would not bring it to the noise.
+IDLE_AS_ACTED, IDLE_FREE = 2, 3
+LEAST_GAIN = 0.05
+CLEARLY = 2.0  # noise floors: beyond what chance allows of any log worth the name
+FAR = 3.0  # noise floors: a log this far from explained may be explained from somewhere else
+AROUND, AROUND_POINTS = 0.1, 81  # of the range, about the answer to labels, which leave as much open
+ROUNDS = 100  # of simulations, at most, unless told otherwise
+ONE_SD = 1.0  # of the objective over k, by which an estimate that is off by its standard deviation is above the bottom
+AGAIN = 20  # rounds, at most, of a descent from a better point near where one ended
+# Places along the range of a parameter that shows nowhere about the estimate, and, of the objective over k, what shows
+ALONG, SHOWS = 17, 0.1
+BETTER = 3  # times, at most, that a profile is gone on from
+JUDGED_BY = 3  # entries of the log, at most, that the estimates of all rounds are compared on
+
+
+@dataclass
+class Found:
+    """What was found, with `fits` made ready as it was found.
+
+    history: the best so far (in rounds: each estimate), in order. known: the linearization at the best, where the
+    search left it. fallback, elsewhere: as in `InContext.document`. sampled: what was simulated about the best, where
+    the error is rough there. cut_short: after how many rounds the search was stopped, where it had not come to rest.
+    profile: of the parameters that it does not determine, or where sensitivities do not tell how well.
+    """
+
+    fits: ModelFits
+    best: Best
+    history: list[Best]
+    known: Linearization | None = None
+    in_context: InContext | None = None
+    fallback: bool = False
+    elsewhere: bool = False
+    sampled: SampledPosterior | None = None
+    cut_short: int | None = None
+    profile: Profile | None = None
+
+    @cached_property
+    def part(self) -> PreparedLog:
+        """The fitted part of the log."""
+        return self.fits.prepared.part(~self.fits.prepared.split.is_test)
+
+    @cached_property
+    def at(self) -> Fit:
+        """The linearization at the best, on the fitted part of the log."""
+        return self.fits.at(self.part, [], self.best, self.known)
+
+    @property
+    def lacking(self) -> bool:
+        """Whether something is left that the noise does not explain."""
+        return self.best.error > CLEARLY or lack_of_fit(self.at.at).lacking
+
+    @property
+    def contradicted(self) -> bool | None:
+        """Whether it differs from what rounds in context proposed, beyond chance; None: not known."""
+        if self.in_context is None:
+            return None
+        return self.in_context.contradicted_by(self.best.parameters, self.intervals.sd)
+
+    @property
+    def intervals(self) -> Intervals:
+        """Intervals of the parameters, at the best."""
+        found = intervals(self.at.at, sampled=self.sampled)
+        seen = self.profile
+        return found if seen is None else found.limited(self.at.space, seen.looked, seen.excluded)
+
+
+def by_physics(
+    fits: ModelFits,
+    start: np.ndarray,
+    progress: Progress,
+    *,
+    seed: int,
+    method: type[Identifier] = LeastSquares,
+    starts: int = 1,
+    rounds: int = ROUNDS,
+    offsets: np.ndarray | None = None,
+    known: Linearization | None = None,
+    idle_rounds: int | None = None,
+    what: str = "fit",
+) -> Found:
+    """What `method` finds from start (parameter,) and offsets (window, state) of the starts.
+
+    known: the linearization there with fewer starts that may move, if there is one. what: it is called in the progress.
+    idle_rounds: also end when so many rounds gained next to nothing, of a log that is not explained; of one that is,
+    when rounds gain nothing more that its noise would not hide. Raises FitError where every simulation diverged.
+    """
+    part = fits.prepared.part(~fits.prepared.split.is_test)
+    simulator = fits.simulator([])
+    evidence = part.evidence(simulator)
+    history: list[Best] = []
+    idle = False
+
+    def on_round(best: Best) -> None:
+        nonlocal idle
+        history.append(best)
+        error = f"error {best.error:.3g} x noise floor" if np.isfinite(best.error) else "no fit yet"
+        progress.step(f"{what}, round {min(len(history) + 1, rounds)} of at most {rounds}, {error}")
+        idle = idle_rounds is not None and _idle(history, evidence.count, idle_rounds)
+        if idle:
+            solver.rounds_left = 0
+
+    solver = method(
+        evidence, start=start, seed=seed, rounds=rounds, starts=starts, offsets=offsets, known=known
+    )
+    progress.doing(f"{what}, round 1 of at most {rounds}")
+    best = run(solver, lambda trial: part.evaluate(simulator, trial), on_round)
+    if not np.isfinite(best.error):
+        raise all_diverged(fits.prepared.task)
+    ran_out = not (solver.at_rest or idle)
+    return Found(fits, best, history, solver.at, cut_short=rounds if ran_out else None)
+
+
+def by_rounds(
+    prepared: PreparedLog,
+    checkpoint: IdentifierCheckpoint,
+    path: Path,
+    progress: Progress,
+    *,
+    start: np.ndarray,
+    rounds: int | None,
+    starts: int,
+    threads: int | None,
+    seed: int,
+    new: np.ndarray | None = None,
+    earlier: Rounds | None = None,
+) -> Found:
+    """Rounds over the fitted part of the log, then least squares from the best estimate of them.
+
+    The fit begins with starts where the actions say, if there are actions. Where it does not explain the log, the
+    starts are freed. Where that is far from explaining it, or the identifier has seen nothing like the log, other
+    places are tried, as without an identifier: then it was not for a wrong proposal.
+    new (window,): those to make rounds with, where not all; earlier: the rounds made before.
+    """
+    fits = ModelFits(as_acted(prepared), threads)
+    fitted = ~prepared.split.is_test
+    part = fits.prepared.part(fitted)
+    progress.doing("rounds in context")
+    logged = logged_rounds(fits.prepared.part(fitted if new is None else fitted & new), checkpoint, path)
+    in_context = walk_log(
+        checkpoint,
+        path,
+        logged,
+        start=start,
+        rounds=rounds,
+        engine=fits.engine,
+        seed=seed,
+        earlier=earlier,
+        on_round=lambda number, total: progress.part("round in context", number, total),
+    )
+    estimates = in_context.walk.estimates[0]
+    points = np.concatenate([start[None], estimates])
+    if not logged.noise_sd.all():
+        points = np.concatenate([points, _around(part.task.space, estimates[-1])])
+    errors = _errors(fits, part, logged, points)
+    none = np.zeros_like(part.starts.sd)
+    history = [Best(p, none, float(e)) for p, e in zip(estimates, errors[1:], strict=False)]
+    nearest = points[np.argmin(errors)]
+    found = by_physics(fits, nearest, progress, seed=seed, idle_rounds=IDLE_AS_ACTED)
+    history += found.history
+    fallback = found.lacking
+    if fallback:
+        found = _freed(ModelFits(prepared, threads), found, progress, seed=seed, idle_rounds=IDLE_FREE)
+        history += found.history
+    elsewhere = fallback and (not in_context.in_family or found.best.error > FAR) and found.lacking
+    if elsewhere:
+        found = _freed(found.fits, found, progress, seed=seed, starts=starts, idle_rounds=None)
+        history += found.history
+    found.history, found.in_context = history, in_context
+    found.fallback, found.elsewhere = fallback, elsewhere
+    return found
+
+
+def with_longer_differences(found: Found, progress: Progress, *, seed: int, threads: int | None) -> Found:
+    """`found`, from there on with finite differences as long as contacts need them there.
+
+    They were made for the nominal values, where a machine may hit what it does not hit at the estimate, and the other
+    way about.
+    """
+    fits, part = found.fits, found.part
+    step, rollouts = difference_step(part, threads, found.best.parameters, found.best.offsets)
+    fits.rollouts += rollouts
+    if step <= part.difference_step:
+        return found
+    longer = ModelFits(replace(fits.prepared, difference_step=step), threads)
+    longer.rollouts = fits.rollouts
+    x, offsets = found.best.parameters, found.best.offsets
+    what = "fit with longer differences"
+    again = by_physics(longer, x, progress, seed=seed, rounds=AGAIN, offsets=offsets, what=what)
+    return _after(found, again)
+
+
+def unstuck(found: Found, progress: Progress, *, seed: int) -> Found:
+    """`found`; where bodies touch or joints stop, from where there is a way out, as long as there is one.
+
+    Where all is explained, too: a descent may end where no step of parameters and starts together is one down, standard
+    deviations from the bottom, and its intervals would not know. Far from explained no bottom is the right one, and a
+    way is taken only while it leads far down: each costs as much as a fit.
+    """
+    fits, part = found.fits, found.part
+    if not hits_something(part, fits.simulator([]), found.best.parameters, found.best.offsets):
+        return found
+    for number in range(WAYS_OUT):
+        what = f"way out {number + 1} of at most {WAYS_OUT}"
+        progress.doing(f"{what}, looking for it")
+        way = way_out(fits, part, found.at, whole_step=True, worth=_worth_of_a_way(found))
+        if way is None:
+            break
+        x, offsets = way
+        again = by_physics(fits, x, progress, seed=seed, rounds=AGAIN, offsets=offsets, what=what)
+        if again.best.error >= found.best.error:
+            break
+        found = _after(found, again)
+    return found
+
+
+def _worth_of_a_way(found: Found) -> float:
+    """How far down a way must lead to be taken, in squares of standard deviations."""
+    if found.best.error <= CLEARLY:
+        return ONE_SD
+    at = found.at.at
+    return max(ONE_SD, LEAST_GAIN * at.objectives(at.scatter).sum() / at.scatter)
+
+
+def from_where_all_show(found: Found, progress: Progress, *, seed: int) -> Found:
+    """`found`; where a parameter shows nowhere about it, from where it does, if that is better by more than chance: the
+    grip of a wheel that never slips with the nominal one tells nothing, and less of it may explain what is left.
+    """
+    for column in np.flatnonzero(found.at.at.unseen):
+        point = _where_it_shows(found, column)
+        if point is not None:
+            offsets = found.at.at.offsets
+            what = f"fit from where {found.at.space.names[column]} shows"
+            again = by_physics(
+                found.fits, point, progress, seed=seed, rounds=AGAIN, offsets=offsets, what=what
+            )
+            gained = (found.best.error**2 - again.best.error**2) * found.at.at.evidence.count
+            if gained > AS_GOOD * found.at.at.scatter:
+                return _after(found, again)
+    return found
+
+
+def _where_it_shows(found: Found, column: int) -> np.ndarray | None:
+    """The best point (parameter,) along one parameter's range of those at which it shows; None where it never does.
+
+    Closer where it begins to show: a wheel that slips more is far off, and one that slips less is like one that never
+    does.
+    """
+    fits, at = found.fits, found.at.at
+    now, k = at.objectives(at.scatter).sum(), at.scatter
+
+    def along(places: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        x = np.repeat(at.x[None], len(places), axis=0)
+        x[:, column] = places
+        points = found.at.space.from_unit(x)
+        objectives = fits.objectives(found.part, found.at, PartFit.of(at), points)
+        return points, objectives, np.abs(objectives - now) > SHOWS * k
+
+    places = np.linspace(0, 1, ALONG)
+    *_, shows = along(places)
+    begins = np.flatnonzero(shows[1:] != shows[:-1])
+    if not begins.size:
+        return None
+    closer = np.concatenate([np.linspace(places[i], places[i + 1], ALONG) for i in begins])
+    points, objectives, shows = along(closer)
+    return points[np.argmin(np.where(shows, objectives, np.inf))]
+
+
+def with_profile(found: Found, progress: Progress, *, seed: int) -> Found:
+    """`found`, with what the log excludes of the parameters that it does not determine; from where the error along them
+    is lower by more than chance, if it is.
+    """
+    if found.cut_short is not None:
+        return _sharpened(found)
+    for worth in (*[AS_GOOD] * BETTER, np.inf):
+        found = _sharpened(found)
+        seen = profiled(found.fits, found.part, found.at, found.intervals, worth=worth)
+        if seen is None or seen.better is None:
+            break
+        x, offsets = seen.better
+        what = "fit from a better point along a parameter"
+        again = by_physics(found.fits, x, progress, seed=seed, rounds=AGAIN, offsets=offsets, what=what)
+        history = [*found.history, *again.history]
+        found = replace(found, best=again.best, known=again.known, history=history, sampled=None)
+    return replace(found, profile=seen)
+
+
+def _sharpened(found: Found) -> Found:
+    """`found`, with sensitivities that tell what is known of parameters that are confounded."""
+    return replace(found, known=found.fits.sharpened(found.part, found.at).at)
+
+
+def _after(found: Found, again: Found) -> Found:
+    """`again`, which went on from `found`."""
+    return replace(again, history=[*found.history, *again.history], cut_short=found.cut_short)
+
+
+def looked_about(found: Found, progress: Progress, *, seed: int) -> Found:
+    """`found`; where it explains the log and its error is rough, from the likeliest point about it, with how sure that
+    is: a descent may end on a bump there, and sensitivities tell of the bump.
+    """
+    if not len(found.best.parameters) or found.lacking:
+        return found
+    fits, at = found.fits, found.at.at
+    covariance, _ = unit_covariance(at)
+    evaluate = partial(found.part.evaluate, fits.simulator([]))
+    if is_rough(at, covariance, evaluate):
+        sampled = sampled_posterior(at, covariance, evaluate, seed)
+        if sampled.gain > TOLERANCE:
+            x, what = sampled.point, "fit from the likeliest point about"
+            better = by_physics(fits, x, progress, seed=seed, rounds=AGAIN, offsets=at.offsets, what=what)
+            history = [*found.history, *better.history]
+            found = replace(found, best=better.best, known=better.known, history=history)
+        found = replace(found, sampled=sampled)
+    return found
+
+
+def _freed(
+    fits: ModelFits, found: Found, progress: Progress, *, seed: int, idle_rounds: int | None, starts: int = 1
+) -> Found:
+    """What least squares finds from there with the starts as free as the log leaves them."""
+    fits.rollouts = found.fits.rollouts
+    return by_physics(
+        fits,
+        found.best.parameters,
+        progress,
+        seed=seed,
+        starts=starts,
+        offsets=found.best.offsets,
+        known=found.known,
+        idle_rounds=idle_rounds,
+        what="fit with free starts",
+    )
+
+
+def _around(space: ParameterSpace, point: np.ndarray) -> np.ndarray:
+    """Points (candidate, parameter) along each axis about `point` (parameter,)."""
+    x = space.to_unit(point)
+    moves = np.linspace(-AROUND, AROUND, AROUND_POINTS)[:, None, None] * np.eye(len(space))
+    return space.from_unit(np.clip(x + moves.reshape(-1, len(space)), 0, 1))
+
+
+def _idle(history: list[Best], count: int, unexplained_rounds: int) -> bool:
+    """Whether a descent is over: the last rounds lowered the error over `count` numbers by nothing that counts."""
+    errors = np.square([best.error for best in history])
+    now = errors[-1]
+    explained = now <= PRACTICAL**2
+    rounds = IDLE_ROUNDS if explained else unexplained_rounds
+    if len(errors) <= rounds:
+        return False
+    gain = errors[-1 - rounds] - now
+    if explained:
+        return bool(count * gain < TOLERANCE * max(1.0, now))
+    return bool(gain < (now - 1 if now < FAR**2 else LEAST_GAIN * now))
+
+
+def _errors(fits: ModelFits, part: PreparedLog, logged: LoggedRounds, points: np.ndarray) -> np.ndarray:
+    """RMSE over the noise floor at points (candidate, parameter) where nothing else is fitted; inf where one diverged.
+
+    Of a few trajectories, which begin where the action says; where what is observed has no noise, of the outputs.
+    """
+    if not logged.noise_sd.all():
+        return fits.errors(part, points)
+    some = evenly_spread(len(logged), JUDGED_BY)
+    actions = np.tile(logged.actions[some], (len(points), 1))
+    simulator = Simulator(logged.task, engine=fits.engine)
+    trajectories, diverged = simulator.trajectories(np.repeat(points, len(some), axis=0), actions)
+    measured = np.tile(logged.measured[some], (len(points), 1, 1))
+    square = np.square((measured - finite(trajectories, diverged)) / logged.noise_sd).mean(axis=(1, 2))
+    square = np.where(diverged, np.inf, square).reshape(len(points), len(some))
+    return np.sqrt(square.mean(axis=1))

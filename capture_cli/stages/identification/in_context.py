@@ -1,0 +1,268 @@
+"""Rounds over a log (paper, Algorithm 2): what a learned identifier makes of its episodes, before physics does."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+import capture_cli
+from capture_cli.context.checkpoints.checkpoint_hash import checkpoint_hash
+from capture_cli.context.checkpoints.identifier_checkpoint import IdentifierCheckpoint
+from capture_cli.context.histories.action_library import log_tapes
+from capture_cli.errors import LogError, OptionError
+from capture_cli.identifiers.rounds import Rounds, Signature, Walk, run_rounds
+from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model.model_hash import model_hash
+from capture_cli.model.tasks.base import ActionTask, Task
+from capture_cli.model.tasks.sequence_task import TapeTask
+from capture_cli.protocol.prepared_log import PreparedLog
+from capture_cli.sim.engine import Engine
+from capture_cli.simulate.simulator import Simulator
+
+ROUNDS = 10  # over a log, unless told otherwise; fewer where it has fewer episodes
+OUTSIDE = 0.01  # share of the training histories that lie as far out, below which a log is like none of them
+CONTRADICTS_P = 1e-3  # that proposal and fit differ so much by chance, all parameters together (Bonferroni)
+
+
+@dataclass(frozen=True)
+class LoggedRounds:
+    """What a log gives to identify in rounds with: actions (entry, action), measured (entry, point, feature).
+
+    An entry is an episode of a task of actions, or a window of any other machine. noise_sd (feature,): of measured.
+    left_out: how many windows are no entry.
+    """
+
+    task: ActionTask
+    actions: np.ndarray
+    measured: np.ndarray
+    noise_sd: np.ndarray
+    left_out: int = 0
+
+    def __len__(self) -> int:
+        return len(self.actions)
+
+
+def logged_rounds(prepared: PreparedLog, checkpoint: IdentifierCheckpoint, where: str | Path) -> LoggedRounds:
+    """The rounds of the windows in `prepared`, as the identifier was trained to see them.
+
+    Raises OptionError where the checkpoint is of another task, LogError where the log cannot give what it needs.
+    """
+    task = task_of(prepared.task, checkpoint, where)
+    checkpoint.check(Signature.of(task), where)
+    noise = dict(zip((c.name for c in prepared.task.outputs), prepared.noise.sd, strict=True))
+    noise_sd = np.array([noise.get(f.name, 0.0) for f in task.features])
+    if isinstance(task, TapeTask):
+        tapes = log_tapes(prepared, task.point_times)
+        return LoggedRounds(task, tapes.actions, tapes.outputs, noise_sd, tapes.left_out)
+    if prepared.log.actions is None:
+        raise LogError(
+            f"{prepared.log.path} has no actions (meta/actions), which an identifier of {task.name!r} needs",
+            cure="log the action of every episode, or identify with --identifier least-squares",
+        )
+    episodes = np.unique(prepared.windows.episode)
+    trajectories = np.stack([_trajectory(prepared.log, int(e), task) for e in episodes])
+    return LoggedRounds(task, prepared.log.actions[episodes], task.observe(trajectories), noise_sd)
+
+
+def task_of(task: Task, checkpoint: IdentifierCheckpoint, where: str | Path) -> ActionTask:
+    """The task as one of actions: itself, or a machine of the user's own with the tapes that were trained on."""
+    if isinstance(task, ActionTask):
+        return task
+    signature = checkpoint.model.signature
+    outputs = tuple(c.name for c in task.outputs)
+    if signature.task != task.name or tuple(f.name for f in signature.features) != outputs:
+        raise OptionError(
+            f"{where} was trained for the task {signature.task!r} with outputs "
+            f"({', '.join(f.name for f in signature.features)}); this one is {task.name!r} with ({', '.join(outputs)})",
+            cure="choose a checkpoint of this task, or train one with `capture gen-histories` and `train-sysid`",
+        )
+    library = np.stack([signature.actions.low, signature.actions.high])
+    return TapeTask(task, signature.point_times, library, [f.scale for f in signature.features])
+
+
+def _trajectory(log: MeasuredLog, episode: int, task: ActionTask) -> np.ndarray:
+    """Outputs (point, output) of an episode at the task's points. Raises LogError where it ends before."""
+    steps = log.episodes[episode]
+    time = log.time[steps] - log.time[steps.start]
+    interval = float(np.median(np.diff(time)))
+    if time[-1] < task.point_times[-1] - interval:
+        raise LogError(
+            f"{log.path}: episode {episode} lasts {time[-1]:.3g} s; a trajectory of {task.name!r} "
+            f"{task.point_times[-1]:g} s",
+            cure="record longer, or identify with --identifier least-squares",
+        )
+    return np.stack([np.interp(task.point_times, time, y) for y in log.outputs[steps].T], axis=1)
+
+
+@dataclass(frozen=True)
+class InContext:
+    """What the rounds gave. used (round,): which entries of the log they were.
+
+    proposal, sd (parameter,): after the last round; sd None where the identifier's says nothing of the target.
+    share_beyond: of the histories held out of training that lie as far out as these rounds.
+    """
+
+    checkpoint: IdentifierCheckpoint
+    path: Path
+    walk: Walk
+    used: np.ndarray
+    logged: LoggedRounds
+    share_beyond: float
+
+    @property
+    def entries(self) -> int:
+        """Of the log."""
+        return len(self.logged)
+
+    @property
+    def proposal(self) -> np.ndarray:
+        return self.walk.estimates[0, -1]
+
+    @property
+    def sd(self) -> np.ndarray | None:
+        known = self.walk.sd is not None and self.checkpoint.kind.likelihood
+        return self.walk.sd[0, -1] if known else None
+
+    @property
+    def other_model(self) -> bool:
+        """Whether the histories were of another model, of a machine of the user's own: others come with the program.
+
+        Another version of MuJoCo writes models otherwise: then it is not known.
+        """
+        histories, task = self.checkpoint.document["histories"], self.logged.task
+        known = isinstance(task, TapeTask) and histories["mujoco"] == mujoco.__version__
+        return known and histories["model"] != model_hash(task.model)
+
+    @property
+    def in_family(self) -> bool:
+        return self.share_beyond >= OUTSIDE
+
+    def contradicted_by(self, value: np.ndarray, sd: np.ndarray) -> bool | None:
+        """Whether a fit, value and sd (parameter,), differs from the proposal beyond chance; None: not known."""
+        from scipy.special import ndtr
+
+        if self.sd is None:
+            return None
+        z = np.abs(value - self.proposal) / np.sqrt(np.square(self.sd) + np.square(sd))
+        return bool(2 * ndtr(-z.max()) * len(z) < CONTRADICTS_P)
+
+    def document(self, *, contradicted: bool | None, fallback: bool, elsewhere: bool) -> dict[str, Any]:
+        """`in_context` of estimate.json.
+
+        contradicted: by the fit. fallback: the fit from the proposal did not explain the log, and the starts of its
+        windows were freed. elsewhere: that did not either, and fits were begun in other places.
+        """
+        names = self.checkpoint.model.signature.space.names
+        sd = self.sd
+        return {
+            "checkpoint": named(self.path),
+            "sha256": checkpoint_hash(self.path),
+            "rounds": len(self.used),
+            "episodes": self.entries,
+            "proposal": dict(zip(names, self.proposal.tolist(), strict=True)),
+            "proposal_sd": None if sd is None else dict(zip(names, sd.tolist(), strict=True)),
+            "share_beyond": self.share_beyond,
+            "in_family": self.in_family,
+            "contradicted": contradicted,
+            "fallback": fallback,
+            "text": self._text(contradicted, fallback, elsewhere),
+        }
+
+    def _text(self, contradicted: bool | None, fallback: bool, elsewhere: bool) -> str | None:
+        said = []
+        if len(self.used) > self.entries:
+            said.append(
+                f"{len(self.used)} rounds were made with {self.entries} episodes, taken in turn again."
+            )
+        if left_out := self.logged.left_out:
+            said.append(
+                f"{left_out} of {left_out + self.entries} fitted windows begin no round, which lasts "
+                f"{self.logged.task.point_times[-1]:g} s: it would go "
+                "beyond what is fitted, or the one before goes on there."
+            )
+        if self.other_model:
+            said.append(
+                "The identifier was trained on histories of another model, or of this one before it was changed: what "
+                "it proposes is of that."
+            )
+        if not self.in_family:
+            said.append(
+                "The log lies outside of what the identifier was trained on: other actions, a machine beyond its "
+                "ranges, or something that the model lacks."
+            )
+        elif contradicted:
+            said.append("The fit contradicts what the identifier proposed.")
+        if elsewhere:
+            said.append(
+                "Physics was asked from several places: the proposal led to no fit that explains the log."
+            )
+        elif fallback:
+            said.append(
+                "No fit with the starts that the actions say explained the log, so all starts were freed."
+            )
+        elif not self.in_family or contradicted:
+            said.append("The fit through the simulator, which explains the log, has the say.")
+        return " ".join(said) or None
+
+
+def named(path: Path) -> str:
+    """A checkpoint's path as it was given, or of one that is shipped, in the package."""
+    package = Path(capture_cli.__file__).parent
+    return path.relative_to(package.parent).as_posix() if path.is_relative_to(package) else str(path)
+
+
+def walk_log(
+    checkpoint: IdentifierCheckpoint,
+    path: Path,
+    logged: LoggedRounds,
+    *,
+    start: np.ndarray,
+    rounds: int | None,
+    engine: Engine,
+    seed: int = 0,
+    earlier: Rounds | None = None,
+    on_round: Callable[[int, int], None],
+) -> InContext:
+    """Identify in rounds over the log from start (parameter,); its entries are taken in turn, again if there are fewer.
+
+    earlier: rounds that were made before, which the identifier reads as well. on_round: told the number of each round
+    that was made, and of how many.
+    """
+    rounds = min(len(logged), ROUNDS) if rounds is None else rounds
+    used = np.arange(rounds) % len(logged)
+    simulator = Simulator(logged.task, engine=engine)
+    signature = Signature.of(logged.task)
+    identifier = checkpoint.kind(
+        signature, start[None], model=checkpoint.model, rough=True, simulate=simulator.trajectories, seed=seed
+    )
+    if earlier is not None:
+        _check_alike(earlier, signature, path)
+        identifier.recall(earlier)
+    walk = run_rounds(
+        identifier,
+        rounds,
+        act=lambda number, _: logged.actions[used[number], None],
+        measure=lambda number, _: logged.measured[used[number], None],
+        simulate=simulator.trajectories,
+        on_round=lambda number: on_round(number, rounds),
+    )
+    family = checkpoint.model.family.with_noise(checkpoint.noise_beyond(logged.noise_sd))
+    made = walk.rounds if earlier is None else earlier.followed_by(walk.rounds)
+    beyond = float(family.share_beyond(made)[0])
+    return InContext(checkpoint, path, walk, used, logged, beyond)
+
+
+def _check_alike(earlier: Rounds, signature: Signature, path: Path) -> None:
+    """Raise OptionError where the rounds made before are of other actions or points than the identifier reads."""
+    found = (earlier.actions.shape[2], *earlier.measured.shape[2:])
+    wanted = (len(signature.actions), *signature.trajectory_shape)
+    if found != wanted:
+        raise OptionError(
+            f"--resume: the rounds before have (actions, points, features) = {found}, and {path} reads {wanted}",
+            cure="go on with the identifier they were made with, or identify anew with --force",
+        )

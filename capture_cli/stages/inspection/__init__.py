@@ -1,0 +1,1 @@
+"""What `inspect` says of one file, of a result folder, and of a run that was interrupted."""

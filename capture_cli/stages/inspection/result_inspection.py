@@ -1,0 +1,203 @@
+"""What a folder holds that a command wrote as its result (an estimate, a checkpoint, an evaluation), and its health."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from capture_cli.common.quantities import told
+from capture_cli.context.checkpoints import identifier_checkpoint, policy_checkpoint
+from capture_cli.context.checkpoints.training_state import METRICS
+from capture_cli.errors import CaptureError
+from capture_cli.log.checks.log_findings import Finding, finding
+from capture_cli.model.tasks import REGISTRY as TASKS
+from capture_cli.model.tasks import load_task
+from capture_cli.report.findings import STAMPS_ALONE, behind, cut_short, is_fit_explained, not_alike
+from capture_cli.store.diagnosis import Diagnosis
+from capture_cli.store.estimate import Estimate
+from capture_cli.store.evaluation import Evaluation
+from capture_cli.store.output import PROVENANCE, sha256
+from capture_cli.store.result import Result
+
+COPY_AGAIN = "copy the folder again from where it is whole"
+OF_PROVENANCE = f"{COPY_AGAIN}: what task it was made with is said there, and commands look for it"
+OF_RESULTS = (  # what is taken over of the JSON of an estimate or a diagnosis
+    "task",
+    "log",
+    "identifier",
+    "verdict",
+    "parameters",
+    "effects",
+    "error",
+    "before",
+    "after",
+    "rollouts",
+)
+
+
+@dataclass(frozen=True)
+class ResultFolder:
+    """document: the file that says what the folder is. describe: fills an inspection document in, and raises StoreError
+    where a file that commands read is missing or damaged. beside: other files that every folder of the kind has.
+    """
+
+    document: str
+    describe: Callable[[Path, dict[str, Any]], None]
+    beside: tuple[str, ...]
+
+
+def inspect_result(path: Path, document: dict[str, Any]) -> None:
+    """Fill the inspection `document` of the folder at `path`, of a kind of RESULTS, in. Raises StoreError."""
+    kind = RESULTS[document["kind"]]
+    for name in kind.beside:
+        file = path / name
+        if not (file.is_file() and file.stat().st_size):
+            document["findings"].append(_missing(name, "is empty" if file.is_file() else "is missing"))
+    kind.describe(path, document)
+
+
+def _missing(name: str, how: str) -> Finding:
+    if name == PROVENANCE:
+        return finding("warning", name, how, OF_PROVENANCE)
+    return finding("note", name, how, f"{COPY_AGAIN}, or do without: no command reads it")
+
+
+def _header(document: dict[str, Any], found: Mapping[str, Any], *without: str) -> None:
+    """The format of the JSON `found`, its task, and as the result all of it but the keys `without`."""
+    document["store"].update(format=found["format"], version=found["version"])
+    document["task"] = found["task"]
+    document["result"] = {k: v for k, v in found.items() if k not in ("format", "version", *without)}
+
+
+# --- estimates and diagnoses ---
+
+
+def _estimate(path: Path, document: dict[str, Any]) -> None:
+    _fitted(Estimate, path, document)
+
+
+def _diagnosis(path: Path, document: dict[str, Any]) -> None:
+    _fitted(Diagnosis, path, document)
+
+
+def _fitted(kind: type[Result], path: Path, document: dict[str, Any]) -> None:
+    found = kind.read_document(path)
+    _header(document, found, *(found.keys() - OF_RESULTS))
+    document["sizes"] = {
+        "parameters": len(found.get("parameters", {})),
+        "effects": len(found.get("effects", [])),
+    }
+    document["findings"] += _verdict(found, path)
+    document["findings"] += _log_changed(found.get("log"))
+    kind.read(path)  # its arrays too
+
+
+def _verdict(result: Mapping[str, Any], path: Path) -> list[Finding]:
+    found = []
+    if result.get("verdict") == "unexplained":
+        cure = _cure_of_unexplained(result, path)
+        found.append(
+            finding("warning", "verdict", "the residual is above the noise floor: unexplained", cure)
+        )
+    for name, parameter in result.get("parameters", {}).items():
+        if not parameter.get("identifiable", True):
+            cure = "record a motion in which it matters, or leave it out of the task.toml"
+            only = f": it is {told(parameter)}" if parameter.get("limits") else ""
+            found.append(
+                finding("warning", f"parameter {name}", f"the log does not determine it{only}", cure)
+            )
+        elif parameter.get("at_bound"):
+            cure = (
+                "widen its bounds if the value is physical; otherwise something else is missing in the model"
+            )
+            found.append(finding("warning", f"parameter {name}", "is at a bound", cure))
+    return found
+
+
+def _cure_of_unexplained(result: Mapping[str, Any], path: Path) -> str:
+    """What to do about what the estimate or the diagnosis at `path` leaves; as `identify` said it."""
+    where = "report.html beside it shows where and when the residual is"
+    if result["format"] != "capture/estimate":
+        formula = result.get("expression") or {}
+        return f"a formula describes what is left: {formula['text']}" if formula.get("terms") else where
+    if behind(result) == STAMPS_ALONE:
+        return result["time_stamps"]["text"]
+    if is_fit_explained(result):
+        return not_alike(result)
+    if result.get("misread"):
+        return result["misread"]["text"]
+    if cut_short(result):
+        return cut_short(result)[0]
+    if result.get("next_command", "") is None:
+        return f"check columns, units and signs before anything else: {where}"
+    log = ["--real-log", result["log"]["path"]] if result.get("log") else []
+    return f"`{shlex.join(['capture', 'diagnose', *log, '--estimate', str(path)])}` looks for what the model lacks"
+
+
+def _log_changed(log: Mapping[str, Any] | None) -> list[Finding]:
+    path = Path(log["path"]) if log else None
+    if path is None or not path.exists() or sha256(path) == log.get("sha256"):
+        return []
+    return [
+        finding(
+            "warning", "log", f"{path} has changed since", "make the result again from the log as it is now"
+        )
+    ]
+
+
+# --- what was trained, and how it does ---
+
+
+def _identifier(path: Path, document: dict[str, Any]) -> None:
+    found = identifier_checkpoint.read_document(path)
+    signature = found["signature"]
+    _header(document, found, "signature", "normalisation")
+    document["result"] |= {key: signature[key] for key in ("parameters", "features")}
+    document["sizes"] = {
+        "parameters": len(signature["parameters"]),
+        "actions": len(signature["actions"]),
+        "points": len(signature["point_times"]),
+    }
+    identifier_checkpoint.load_identifier(path)  # its weights too
+
+
+def _policy(path: Path, document: dict[str, Any]) -> None:
+    found = policy_checkpoint.read_policy(path)
+    _header(document, found)
+    document["sizes"] = {"parameters": len(found["parameters"]), "actions": len(found["actions"])}
+    if found["task"] not in TASKS.names():
+        policy_checkpoint.read_policy_weights(path, found)
+        return
+    try:
+        policy_checkpoint.load_policy(str(path), load_task(found["task"]))
+    except CaptureError as error:
+        document["findings"].append(finding("error", "store", error.message, error.cure))
+
+
+def _evaluation(path: Path, document: dict[str, Any]) -> None:
+    _header(document, Evaluation.read(path).document)
+    result = document["result"]
+    document["sizes"] = {key: result[key] for key in ("pairs", "seeds", "rounds")}
+    document["sizes"]["identifiers"] = len(result["identifiers"])
+
+
+RESULTS = {
+    "diagnosis": ResultFolder(
+        "diagnosis.json", _diagnosis, ("report.html", "before_after.png", "stages.png", PROVENANCE)
+    ),
+    "estimate": ResultFolder(
+        "estimate.json", _estimate, ("report.html", "overlay.png", "residual.png", PROVENANCE)
+    ),
+    "identifier": ResultFolder(
+        identifier_checkpoint.DOCUMENT, _identifier, (METRICS, "loss.png", PROVENANCE)
+    ),
+    "policy": ResultFolder(policy_checkpoint.SETTINGS, _policy, (METRICS, "training.png", PROVENANCE)),
+    "evaluation": ResultFolder(
+        "evaluation.json",
+        _evaluation,
+        ("tables.md", "parameter_difference.png", "trajectory_difference.png", "cost.png", PROVENANCE),
+    ),
+}

@@ -1,0 +1,95 @@
+"""The estimate that `diagnose` begins at: one of the same log, whose task, options and held-out part it takes over."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from capture_cli.diagnosis.split import EarlierSplit
+from capture_cli.errors import CaptureError, OptionError, StoreError
+from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model.tasks.base import Task
+from capture_cli.stages.recorded.earlier_estimate import continues
+from capture_cli.stages.recorded.recorded_task import load_recorded
+from capture_cli.store.estimate import Estimate
+from capture_cli.store.output import sha256
+from capture_cli.store.result import read_provenance
+
+TAKEN_OVER = ("window", "seed")  # options
+
+
+@dataclass(frozen=True)
+class DiagnosedEstimate:
+    """provenance: of how it was made."""
+
+    path: Path
+    estimate: Estimate
+    provenance: Mapping[str, Any]
+
+    @classmethod
+    def read(cls, path: Path) -> DiagnosedEstimate:
+        """The estimate at `path`. Raises CaptureError."""
+        estimate = Estimate.read(path)
+        return cls(path, estimate, read_provenance(path, "make the estimate again with `capture identify`"))
+
+    def task(self, given: str | None, log: MeasuredLog) -> Task:
+        """The task of `--task`, or else its own. Raises OptionError where it is not of the log as it is now, or the
+        task's model is not what it was.
+        """
+        self._check(log, given)
+        return load_recorded(self.path, self.provenance, given, str(log.path))
+
+    def taken_over(self, options: Mapping[str, Any]) -> dict[str, Any]:
+        """Options of a diagnosis, those that nobody gave as it was made with."""
+        own = self.provenance["options"]
+        return {n: own[n] if v is None and n in TAKEN_OVER else v for n, v in options.items()}
+
+    @property
+    def held_out(self) -> EarlierSplit:
+        """What it held out."""
+        arrays = self.estimate.arrays
+        return EarlierSplit(
+            arrays["window/first"], arrays["window/is_test"], self.estimate.document["split"]["how"]
+        )
+
+    def values(self, task: Task) -> np.ndarray:
+        """Those of the task's parameters, (parameter,). Raises StoreError where they are others than its own."""
+        document = self.estimate.document
+        parameters = document["parameters"]
+        if document["task"] != task.name or list(parameters) != list(task.space.names):
+            raise StoreError(
+                f"the estimate has task {document['task']!r} with ({', '.join(parameters)}); "
+                f"the task is {task.name!r} with ({', '.join(task.space.names)})",
+                cure="identify again with the task as it is now",
+            )
+        return task.space.to_vector({name: p["value"] for name, p in parameters.items()})
+
+    def _check(self, log: MeasuredLog, task: str | None) -> None:
+        """Raise OptionError where it is not of the log as it is now. task: the `--task` that was given."""
+        recorded = self.estimate.document["log"]
+        if recorded["sha256"] == sha256(log.path):
+            return
+        identify = ["capture", "identify", "--real-log", str(log.path)]
+        if new := self._new_episodes(log, task):
+            raise OptionError(
+                f"{log.path} has {new} new episode{'s' * (new > 1)} since {self.path} was made from it",
+                cure=f"take the estimate up first: {shlex.join([*identify, '--out', str(self.path), '--resume'])}",
+            )
+        raise OptionError(
+            f"{self.path} was made from {recorded['path']}, and {log.path} is not that log as it was then",
+            cure=f"identify it first: {shlex.join(identify)}",
+        )
+
+    def _new_episodes(self, log: MeasuredLog, task: str | None) -> int:
+        """How many episodes the log has after those of the estimate; 0 where it does not go on from them."""
+        try:
+            machine = load_recorded(self.path, self.provenance, task, str(log.path))
+        except CaptureError:
+            return 0
+        new = len(log.episode_ends) - self.estimate.document["rollouts"]["measured"]
+        return max(new, 0) if continues(log, machine, self.estimate) else 0

@@ -1,0 +1,74 @@
+"""Values and effects of an estimate or a diagnosis, made of its document again."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from capture_cli.effects import REGISTRY
+from capture_cli.effects.base import Effect
+from capture_cli.effects.placed import Placed
+from capture_cli.errors import StoreError
+from capture_cli.model.parameters import ParameterSpace
+from capture_cli.store.result import is_within
+
+WithValues = Mapping[str, tuple[Effect, np.ndarray]]  # {NAME@SITE: (effect, its values (parameter,))}
+
+
+def recorded_values(
+    parameters: Mapping[str, Any], space: ParameterSpace, whose: str, command: str
+) -> np.ndarray:
+    """Values (parameter,) of a document's parameters. Raises StoreError where `space` has others."""
+    if set(parameters) != set(space.names):
+        raise StoreError(
+            f"{whose} has the parameters ({', '.join(sorted(parameters))}); "
+            f"now there are ({', '.join(sorted(space.names))})",
+            cure=f"run `capture {command}` again with the task as it is now",
+        )
+    return space.to_vector({name: p["value"] for name, p in parameters.items()})
+
+
+def declared_values(
+    parameters: Mapping[str, Any], space: ParameterSpace, whose: str, command: str
+) -> np.ndarray:
+    """As `recorded_values`, of the parameters of a task. Raises StoreError where one is outside of its bounds, too."""
+    values = recorded_values(parameters, space, whose, command)
+    for parameter, value in zip(space, values, strict=True):
+        if not is_within(value, parameter.low, parameter.high):
+            raise StoreError(
+                f"{whose} has {parameter.name} = {value:g}, and the task lets it be {parameter.low:g} to "
+                f"{parameter.high:g}",
+                cure=f"run `capture {command}` again with the task as it is now",
+            )
+    return values
+
+
+def recorded_effects(rows, model, command: str) -> WithValues:
+    """The effects of a diagnosis. Raises CaptureError where the model has no place for one any more."""
+    effects = {}
+    for row in rows:
+        effect = REGISTRY.get(row["name"])(model, row["site"])
+        name = Placed(row["name"], effect).name
+        known = {n: p for n, p in row["parameters"].items() if not effect.of_one_recording(n)}
+        known = _of_what_was_not_logged(effect) | known
+        values = recorded_values(known, effect.space, name, command)
+        effects[name] = (effect, _null_of_here(effect.space, values, known))
+    return effects
+
+
+def _of_what_was_not_logged(effect: Effect) -> dict[str, dict[str, float]]:
+    """Null for each of a sensor's several numbers, which a diagnosis leaves out where its log lacked them."""
+    if not effect.number_by_number or len(effect.parameters) == 1:
+        return {}
+    return {p.name: {"value": p.nominal, "high": p.high} for p in effect.parameters}
+
+
+def _null_of_here(space: ParameterSpace, values: np.ndarray, recorded: Mapping[str, Any]) -> np.ndarray:
+    """`values` (parameter,), and where one is null in the diagnosis, as which it is `recorded`, the null of `space`.
+
+    A limit's null is the end of its range, and `diagnose` has that from how far the log drove the actuators.
+    """
+    ends = np.array([recorded[name]["high"] for name in space.names])
+    return np.where((space.nominal == space.high) & (values == ends), space.nominal, values)

@@ -1,0 +1,97 @@
+"""The diagnosis directory: diagnosis.json (what the model lacks), diagnosis.zarr (the curves), report and figures."""
+
+from __future__ import annotations
+
+from capture_cli.store.document_shape import BOUNDS, FLAG, NUMBER, OBJECT, POSITIVE, TEXT, WHOLE, or_none
+from capture_cli.store.result import Result
+from capture_cli.store.schema import STARTS, ArraySpec, Schema
+
+FORMAT = "capture/diagnosis"
+VERSION = 1
+_CURE = "make it again with `capture diagnose`"
+
+SCHEMA = Schema(
+    format="capture/diagnosis-arrays",
+    version=1,
+    arrays=(
+        ArraySpec("window/episode", ("window",), "int64", "-", "episode each window comes from"),
+        ArraySpec("window/first", ("window",), "int64", "steps", "first step of each window in the log"),
+        ArraySpec("window/part", ("window",), "int64", "-", "0 fit, 1 select, 2 test"),
+        *STARTS,
+        ArraySpec(
+            "window/start_hidden",
+            ("window", "hidden"),
+            "float64",
+            "1",
+            "with which `states` of the effects of diagnosis.json, one after the other; effects.md says what they are",
+            optional=True,
+        ),
+        ArraySpec("step/window", ("step",), "int64", "-", "window each step belongs to"),
+        ArraySpec("step/time", ("step",), "float64", "s", "time of each step, on the log's clock"),
+        ArraySpec("step/measured", ("step", "output"), "float64", "per output", "measured; NaN: no sample"),
+        ArraySpec(
+            "step/before",
+            ("step", "output"),
+            "float64",
+            "per output",
+            "simulated by the declared model, refitted",
+        ),
+        ArraySpec(
+            "step/after", ("step", "output"), "float64", "per output", "simulated with the accepted effects"
+        ),
+        ArraySpec(
+            "bin/centre", ("curve", "bin"), "float64", "per curve", "covariate at the middle of each bin"
+        ),
+        ArraySpec(
+            "bin/before",
+            ("curve", "bin"),
+            "float64",
+            "per curve",
+            "mean residual acceleration, declared model",
+        ),
+        ArraySpec(
+            "bin/after", ("curve", "bin"), "float64", "per curve", "mean residual acceleration, with effects"
+        ),
+        ArraySpec(
+            "bin/error", ("curve", "bin"), "float64", "per curve", "standard error of `before` in each bin"
+        ),
+    ),
+    attributes={
+        "outputs": "list of {name, unit}",
+        "recordings": "recording names",
+        "curves": "list of {output, against, unit, share}: what each curve of residual acceleration is against, and "
+        "the share of its variance that the covariate accounts for",
+    },
+    cure_for_other_version=_CURE,
+)
+
+
+SHAPE = {  # of what is read of diagnosis.json
+    "task": TEXT,
+    "log": {"path": TEXT, "first_time?": NUMBER},
+    "verdict": TEXT,
+    "summary?": TEXT,
+    "parameters": {str: {"value": NUMBER, "low?": NUMBER, "high?": NUMBER}},
+    "effects": [{"name": TEXT, "site": TEXT, "parameters": {str: {"value": NUMBER, "high": NUMBER}}}],
+    "next_experiment?": or_none(OBJECT),
+    "expression?": or_none({"terms": [{"site": TEXT, "coefficient": NUMBER}], "values?": {str: NUMBER}}),
+}
+# of its next experiment, by what proposes that
+EXPERIMENT = {
+    "text": TEXT,
+    "band_hz": BOUNDS,
+    "peaks": [NUMBER],
+    "duration_s": POSITIVE,
+    "seed?": WHOLE,
+    "is_near?": FLAG,
+    "predicted?": {str: {"log": or_none([NUMBER]), "near": [or_none(NUMBER)]}},
+    "beyond_log?": or_none(OBJECT),
+}
+
+
+class Diagnosis(Result):
+    """diagnosis.json and diagnosis.zarr."""
+
+    NAME, CURE = "diagnosis", _CURE
+    FORMAT, VERSION, SCHEMA = FORMAT, VERSION, SCHEMA
+    SHAPE = SHAPE

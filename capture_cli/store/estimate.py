@@ -1,0 +1,97 @@
+"""The estimate directory: estimate.json (what was found), estimate.zarr (the curves), report.html and figures."""
+
+from __future__ import annotations
+
+from capture_cli.store.document_shape import FLAG, NUMBER, OBJECT, TEXT, WHOLE, or_none
+from capture_cli.store.result import Result
+from capture_cli.store.schema import STARTS, ArraySpec, Schema
+
+FORMAT = "capture/estimate"
+VERSION = 1
+_CURE = "make it again with `capture identify`"
+# the rounds in context, as an identifier reads them
+HISTORY = ("history/parameters", "history/actions", "history/simulated", "history/measured")
+_POINTS = ("entry", "point", "feature")
+
+SCHEMA = Schema(
+    format="capture/estimate-arrays",
+    version=1,
+    arrays=(
+        ArraySpec("window/episode", ("window",), "int64", "-", "episode each window comes from"),
+        ArraySpec("window/first", ("window",), "int64", "steps", "first step of each window in the log"),
+        ArraySpec("window/is_test", ("window",), "bool", "-", "True: held out; only its start is fitted"),
+        ArraySpec("window/start_offset", ("window", "state"), "float64", "SI", "refinement of the start"),
+        *STARTS,
+        ArraySpec("step/window", ("step",), "int64", "-", "window each step belongs to"),
+        ArraySpec("step/time", ("step",), "float64", "s", "time of each step, on the log's clock"),
+        ArraySpec("step/measured", ("step", "output"), "float64", "per output", "measured; NaN: no sample"),
+        ArraySpec("step/simulated", ("step", "output"), "float64", "per output", "simulated at the estimate"),
+        ArraySpec(
+            "step/nominal", ("step", "output"), "float64", "per output", "simulated at the nominal values"
+        ),
+        ArraySpec("parameter/estimate", ("parameter",), "float64", "per parameter", "the estimate"),
+        ArraySpec(
+            "parameter/covariance", ("parameter", "parameter"), "float64", "per parameter", "its covariance"
+        ),
+        ArraySpec(
+            "parameter/recordings",
+            ("recording", "parameter"),
+            "float64",
+            "per parameter",
+            "from each alone",
+            optional=True,
+        ),
+        ArraySpec(
+            "parameter/recordings_sd",
+            ("recording", "parameter"),
+            "float64",
+            "per parameter",
+            "their sd",
+            optional=True,
+        ),
+        ArraySpec("round/parameters", ("round", "parameter"), "float64", "per parameter", "best so far"),
+        ArraySpec("round/error", ("round",), "float64", "1", "normalized fit error of the best so far"),
+        ArraySpec(
+            HISTORY[0],
+            ("entry", "parameter"),
+            "float64",
+            "per parameter",
+            "rounds in context: simulated with",
+            optional=True,
+        ),
+        ArraySpec(
+            HISTORY[1], ("entry", "action"), "float64", "per action", "under this action", optional=True
+        ),
+        ArraySpec(HISTORY[2], _POINTS, "float64", "per feature", "the trajectory simulated", optional=True),
+        ArraySpec(HISTORY[3], _POINTS, "float64", "per feature", "the one measured", optional=True),
+    ),
+    attributes={
+        "parameters": "parameter names",
+        "outputs": "list of {name, unit}",
+        "recordings": "recording names",
+    },
+    cure_for_other_version=_CURE,
+)
+
+
+SHAPE = {  # of what is read of estimate.json
+    "task": TEXT,
+    "log": {"path": TEXT, "sha256": TEXT, "input_peaks?": or_none({str: NUMBER})},
+    "parameters": {str: {"value": NUMBER, "low?": NUMBER, "high?": NUMBER}},
+    "noise_floor": {str: NUMBER},
+    "lack_of_fit": {"normalized": NUMBER, "autocorrelation_time": NUMBER},
+    "in_context?": or_none({"fallback": FLAG}),
+    "rollouts": {"measured": WHOLE},
+    "rounds": [OBJECT],
+    "split": {"how": TEXT},
+    "verdict": TEXT,
+    "summary?": TEXT,
+}
+
+
+class Estimate(Result):
+    """estimate.json and estimate.zarr."""
+
+    NAME, CURE = "estimate", _CURE
+    FORMAT, VERSION, SCHEMA = FORMAT, VERSION, SCHEMA
+    SHAPE = SHAPE

@@ -1,0 +1,101 @@
+"""The evaluation directory: evaluation.json (the tables), evaluation.zarr (every round of every pair), figures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from capture_cli.store.document_shape import COUNT, NUMBER, NUMBERS, TEXT, or_none
+from capture_cli.store.result import Result
+from capture_cli.store.schema import ArraySpec, Schema
+
+FORMAT = "capture/evaluation"
+VERSION = 1
+_CURE = "make it again with `capture eval-sim2sim`"
+SHAPE = {  # of what is read of evaluation.json
+    "task": TEXT,
+    "policy": TEXT,
+    "noise": TEXT,
+    "pairs": COUNT,
+    "seeds": COUNT,
+    "rounds": COUNT,
+    "identifiers": {
+        str: {
+            "parameter_difference": {"mean": NUMBERS},
+            "trajectory_difference": NUMBERS,
+            "success": or_none([NUMBER]),
+            "coverage?": or_none([NUMBER]),
+        }
+    },
+}
+_AXES = ("identifier", "seed", "pair", "round")
+
+SCHEMA = Schema(
+    format="capture/evaluation-arrays",
+    version=1,
+    arrays=(
+        ArraySpec(
+            "source", ("seed", "pair", "parameter"), "float64", "per parameter", "where each pair begins"
+        ),
+        ArraySpec("target", ("seed", "pair", "parameter"), "float64", "per parameter", "the truth"),
+        ArraySpec(
+            "estimates",
+            (*_AXES, "parameter"),
+            "float64",
+            "per parameter",
+            "after so many rounds; the first is the source",
+        ),
+        ArraySpec(
+            "sd", (*_AXES, "parameter"), "float64", "per parameter", "its standard deviation; NaN: not known"
+        ),
+        ArraySpec(
+            "trajectory_difference",
+            _AXES,
+            "float64",
+            "per feature",
+            "sum over the points of the distance between simulated (under the estimate) and measured (without noise), "
+            "under the action that the policy chooses for the estimate",
+        ),
+        ArraySpec(
+            "success", _AXES, "bool", "-", "whether that action succeeded under the truth", optional=True
+        ),
+        ArraySpec(
+            "simulated_rollouts",
+            _AXES,
+            "int64",
+            "1",
+            "what the identifier has simulated, up to there, for the pair",
+        ),
+    ),
+    attributes={
+        "task": "name of the task",
+        "parameters": "list of {name, unit, low, high}, one per parameter",
+        "features": "list of {name, unit, scale}, one per feature of a trajectory",
+        "identifiers": "list of {label, identifier, checkpoint, sha256, ...}, one per identifier",
+        "policy": "{name, sha256 of its checkpoint or null} of what chose the actions",
+        "noise": "kind of noise in what identifiers were told was measured",
+        "seed": "of every random choice",
+    },
+    cure_for_other_version=_CURE,
+)
+
+
+class Evaluation(Result):
+    """evaluation.json and evaluation.zarr."""
+
+    NAME, CURE = "evaluation", _CURE
+    FORMAT, VERSION, SCHEMA = FORMAT, VERSION, SCHEMA
+    SHAPE = SHAPE
+
+
+def joined(parts: list[Mapping[str, np.ndarray]], axis: str) -> dict[str, np.ndarray]:
+    """Arrays of several evaluations as one, put after each other along the axis `axis`; others must agree."""
+    result = {}
+    for spec in SCHEMA.arrays:
+        present = [p[spec.path] for p in parts if spec.path in p]
+        if not present:
+            continue
+        along = axis in spec.dims
+        result[spec.path] = np.concatenate(present, axis=spec.dims.index(axis)) if along else present[0]
+    return result

@@ -1,0 +1,115 @@
+"""A result on disk: a folder with NAME.json, what was found, NAME.zarr, the curves, and how it was made."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar, Self
+
+import numpy as np
+
+from capture_cli.common.documents import LARGEST, read_json
+from capture_cli.errors import StoreError
+from capture_cli.store import provenance
+from capture_cli.store.document_shape import OBJECT, TEXT, check_shape
+from capture_cli.store.output import PROVENANCE
+from capture_cli.store.provenance import write_json
+from capture_cli.store.schema import Schema
+
+ROUNDING = 1e-9  # of a range: a value at one end may be beyond it in its last digits
+
+
+@dataclass(frozen=True)
+class Result:
+    """NAME.json as a dict (`document`) and the arrays of NAME.zarr by path.
+
+    FORMAT and VERSION are those of NAME.json, and SCHEMA is that of NAME.zarr. CURE: of one that cannot be read.
+    SHAPE: of what stages read of NAME.json.
+    """
+
+    NAME: ClassVar[str]
+    FORMAT: ClassVar[str]
+    VERSION: ClassVar[int]
+    SCHEMA: ClassVar[Schema]
+    CURE: ClassVar[str]
+    SHAPE: ClassVar[Mapping[str, Any]] = {}
+
+    document: dict[str, Any]
+    arrays: dict[str, np.ndarray]
+    attributes: dict[str, Any]
+
+    def write(self, folder: Path) -> None:
+        write_json(folder / f"{self.NAME}.json", self.document)
+        self.SCHEMA.write(folder / f"{self.NAME}.zarr", self.arrays, self.attributes)
+
+    @classmethod
+    def read(cls, folder: Path) -> Self:
+        """The result in `folder`. Raises StoreError where it is none, damaged or of another version."""
+        document = cls.read_document(folder)
+        return cls(document, *cls.SCHEMA.read(Path(folder) / f"{cls.NAME}.zarr"))
+
+    @classmethod
+    def read_document(cls, folder: Path) -> dict[str, Any]:
+        """NAME.json alone. Raises StoreError where there is none, or it is damaged or of another version."""
+        name = f"{cls.NAME}.json"
+        document = read_result(Path(folder), name, cls.FORMAT, cls.VERSION, cls.CURE, cls.SHAPE)
+        check_bounds(document, Path(folder) / name, cls.CURE)
+        return document
+
+
+def check_bounds(document: Mapping[str, Any], where: object, cure: str) -> None:
+    """Raise StoreError where a parameter is outside of the bounds that are written beside it, or an effect's is larger
+    than any quantity: no fit goes there.
+    """
+    declared, effects = document.get("parameters"), document.get("effects")
+    for name, parameter in declared.items() if isinstance(declared, dict) else ():
+        if "low" not in parameter or "high" not in parameter:
+            continue
+        value, low, high = (parameter[key] for key in ("value", "low", "high"))
+        if not is_within(value, low, high):
+            raise StoreError(
+                f"{where}: {name} = {value:g} is outside of its bounds, {low:g} to {high:g}", cure=cure
+            )
+    for effect in effects or ():
+        for name, parameter in effect["parameters"].items():
+            if abs(parameter["value"]) > LARGEST:
+                raise StoreError(
+                    f"{where}: {effect['name']}@{effect['site']}.{name} = {parameter['value']:g}, and no quantity is "
+                    f"larger than {LARGEST:g} in SI units",
+                    cure=cure,
+                )
+
+
+def is_within(value: float, low: float, high: float) -> bool:
+    """Whether a fit between these bounds may have ended at the value."""
+    slack = ROUNDING * (high - low)
+    return low - slack <= value <= high + slack
+
+
+def read_provenance(folder: Path, cure: str) -> dict[str, Any]:
+    """The provenance.json of a result directory. Raises StoreError where it is none, damaged or of another version."""
+    shape = {"options": OBJECT, "inputs": {str: {"path": TEXT, "sha256": TEXT}}}
+    return read_result(folder, PROVENANCE, provenance.FORMAT, provenance.VERSION, cure, shape)
+
+
+def read_result(
+    folder: Path, name: str, form: str, version: int, cure: str, shape: Mapping[str, Any] | None = None
+) -> dict[str, Any]:
+    """The JSON document `name` of a result directory. Raises StoreError where it is not one of `form`, or lacks or
+    mistypes what `shape` says.
+    """
+    path = folder / name
+    if not folder.exists():
+        raise StoreError(f"{folder} does not exist", cure="check the path")
+    if not path.is_file():
+        raise StoreError(f"{folder} holds no {name}", cure=f"give the directory that holds it; {cure}")
+    document = read_json(path, StoreError, cure=cure)
+    if not isinstance(document, dict) or document.get("format") != form:
+        raise StoreError(f"{path} is not of the format {form}", cure=cure)
+    if document.get("version") != version:
+        raise StoreError(
+            f"{path}: {form} version {document.get('version')!r}; this program reads {version}", cure=cure
+        )
+    check_shape(document, shape or {}, path, cure)
+    return document

@@ -1,0 +1,184 @@
+"""A schema is a table of arrays; it writes a store, reads and checks one, and prints itself for the docs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from capture_cli.common.signals import uninterrupted
+from capture_cli.errors import StoreError, did_you_mean
+from capture_cli.store.array_metadata import ArrayMetadata
+from capture_cli.store.zarr_store import MAKE_AGAIN, ZarrStore
+
+CHUNK_BYTES = 4 << 20
+_WRITTEN_AS = {"f": "fiu", "i": "iu", "u": "iu", "b": "b"}  # kinds of numbers, by that of the schema
+
+
+@dataclass(frozen=True)
+class ArraySpec:
+    """One array of a store: where it is, its axes by name, and what its numbers mean."""
+
+    path: str
+    dims: tuple[str, ...]
+    dtype: str
+    unit: str
+    meaning: str
+    optional: bool = False
+
+
+# where the simulation of each window begins; results of before these were written have none
+STARTS = (
+    ArraySpec(
+        "window/start_time",
+        ("window",),
+        "float64",
+        "s",
+        "when its simulation begins, on the log's clock",
+        True,
+    ),
+    ArraySpec("window/start_qpos", ("window", "qpos"), "float64", "SI", "in which positions", True),
+    ArraySpec("window/start_qvel", ("window", "qvel"), "float64", "SI", "with which velocities", True),
+    ArraySpec("window/start_act", ("window", "act"), "float64", "SI", "and activations of actuators", True),
+)
+
+
+@dataclass(frozen=True)
+class Schema:
+    """The arrays and attributes of one kind of Zarr store, at one version."""
+
+    format: str
+    version: int
+    arrays: tuple[ArraySpec, ...]
+    attributes: Mapping[str, str]
+    cure_for_other_version: str
+
+    @uninterrupted()  # zarr has threads, which would go on to write where the folder was cleared away
+    def write(self, path: Path, arrays: Mapping[str, np.ndarray], attributes: Mapping[str, Any]) -> None:
+        """Write `arrays` (by path) and `attributes` into a new Zarr v3 group at `path`.
+
+        Every chunk is written, zeros too, and carries a checksum, so that one that goes missing or is damaged
+        later is noticed on reading.
+        """
+        import zarr
+
+        missing = set(self.attributes) - set(attributes)
+        if missing:
+            raise ValueError(f"{self.format}: attributes {sorted(missing)} are not given")
+        with zarr.config.set({"array.write_empty_chunks": True}):
+            group = zarr.open_group(str(path), mode="w", zarr_format=3)
+            group.attrs.update({"format": self.format, "version": self.version, **attributes})
+            for spec in self.arrays:
+                if spec.path not in arrays:
+                    if not spec.optional:
+                        raise ValueError(f"{self.format}: array {spec.path} is not given")
+                    continue
+                self._write_array(group, spec, np.asarray(arrays[spec.path]))
+
+    @staticmethod
+    def _write_array(group, spec: ArraySpec, values: np.ndarray) -> None:
+        from zarr.codecs import ZstdCodec
+
+        values = np.ascontiguousarray(values, dtype=spec.dtype)
+        row_bytes = max(1, values[:1].nbytes)
+        rows = max(1, min(values.shape[0] if values.ndim else 1, CHUNK_BYTES // row_bytes))
+        chunks = (rows, *(max(1, n) for n in values.shape[1:]))
+        array = group.create_array(
+            spec.path,
+            shape=values.shape,
+            dtype=values.dtype,
+            chunks=chunks,
+            compressors=ZstdCodec(level=0, checksum=True),
+            dimension_names=spec.dims,
+            attributes={"unit": spec.unit, "meaning": spec.meaning},
+        )
+        array[...] = values
+
+    def read(
+        self, path: Path, most: int | None = None, larger: str = MAKE_AGAIN
+    ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """The arrays by path and the attributes of the store at `path`.
+
+        most: bytes that its arrays may take in memory; None: as `ZarrStore.read` has it. larger: the cure of more.
+        Raises StoreError if it is not there, foreign, of another version, too large or truncated, or its axes disagree.
+        """
+        store = ZarrStore(path)
+        self.check_header(path, store.attributes)
+        found = {}
+        for spec in self.arrays:
+            metadata = store.metadata(spec.path)
+            if metadata is not None:
+                found[spec.path] = metadata
+            elif not spec.optional:
+                there_are = did_you_mean(spec.path, store.names())
+                raise StoreError(f"{path}: the array {spec.path!r} is missing; {there_are}", cure=MAKE_AGAIN)
+        self._check_axes(path, {name: metadata.shape for name, metadata in found.items()})
+        self._check_types(path, found)
+        arrays = store.read(found, most, larger)
+        types = {spec.path: spec.dtype for spec in self.arrays}
+        return {name: a.astype(types[name], copy=False) for name, a in arrays.items()}, store.attributes
+
+    def _check_types(self, path: Path, found: Mapping[str, ArrayMetadata]) -> None:
+        """Raise StoreError where what counts or is a flag has another type of numbers."""
+        for spec in self.arrays:
+            kinds = _WRITTEN_AS[np.dtype(spec.dtype).kind]
+            metadata = found.get(spec.path)
+            if metadata is not None and metadata.is_of_numbers and np.dtype(metadata.dtype).kind not in kinds:
+                raise StoreError(
+                    f"{path}: {spec.path} is of type {metadata.kind}; expected {spec.dtype}", cure=MAKE_AGAIN
+                )
+
+    def check_header(self, path: Path, attributes: Mapping[str, Any]) -> None:
+        found = attributes.get("format")
+        if found != self.format:
+            what = f"its format is {found!r}" if found else "it has no 'format' attribute"
+            raise StoreError(
+                f"{path} is not a {self.format} store: {what}",
+                cure="`capture inspect PATH` tells what it is; `capture import-log` reads other tools' logs",
+            )
+        if attributes.get("version") != self.version:
+            raise StoreError(
+                f"{path}: {self.format} version {attributes.get('version')!r}; "
+                f"this program reads {self.version}",
+                cure=self.cure_for_other_version,
+            )
+        missing = [name for name in self.attributes if name not in attributes]
+        if missing:
+            raise StoreError(
+                f"{path}: attributes missing: {', '.join(missing)}",
+                cure=MAKE_AGAIN,
+            )
+
+    def _check_axes(self, path: Path, shapes: Mapping[str, tuple[int, ...]]) -> None:
+        sizes: dict[str, tuple[int, str]] = {}
+        for spec in self.arrays:
+            if spec.path not in shapes:
+                continue
+            shape = shapes[spec.path]
+            if len(shape) != len(spec.dims):
+                raise StoreError(
+                    f"{path}: {spec.path} has shape {shape}; expected axes ({', '.join(spec.dims)})",
+                    cure=MAKE_AGAIN,
+                )
+            for axis, size in zip(spec.dims, shape, strict=True):
+                first, where = sizes.setdefault(axis, (size, spec.path))
+                if first != size:
+                    raise StoreError(
+                        f"{path}: axis {axis!r} has {first} entries in {where} and {size} in {spec.path}",
+                        cure=MAKE_AGAIN,
+                    )
+
+    def markdown(self) -> str:
+        """The schema as the tables of docs/schemas.md."""
+        lines = [f"### {self.format}, version {self.version}", "", "| array | axes | type, unit | meaning |"]
+        lines.append("|---|---|---|---|")
+        for a in self.arrays:
+            optional = " (optional)" if a.optional else ""
+            unit = "" if a.unit == "-" else f", {a.unit}"
+            lines.append(f"| `{a.path}`{optional} | {', '.join(a.dims)} | {a.dtype}{unit} | {a.meaning} |")
+        lines += ["", "| attribute | meaning |", "|---|---|"]
+        lines += [f"| `{name}` | {meaning} |" for name, meaning in self.attributes.items()]
+        return "\n".join(lines)
