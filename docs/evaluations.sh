@@ -1,5 +1,5 @@
 #!/bin/sh
-# The commands behind docs/evaluation.md: runs/evaluation, made again. Run those that you need.
+# The commands behind docs/dev/evaluation.md: runs/evaluation, made again. Run those that you need.
 set -eu
 
 # Air hockey: the main table, then fits, COMPASS and noise on the same pairs.

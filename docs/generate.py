@@ -95,8 +95,8 @@ def _command(name: str, callback: Callable, options: list[str], common: list[str
     if example:
         lines += ["```sh", " ".join(example.split()), "```", ""]
     lines += [*_OPTIONS, *(row for row in options if row not in common)]
-    shared = ", ".join(row.split(" | ")[0].removeprefix("| ") for row in options if row in common)
-    return [*lines, "", f"Common options: {shared}.", ""]
+    shared = " ".join(row.split("`")[1].split()[0] for row in options if row in common)
+    return [*lines, "", f"Common: `{shared}`", ""]
 
 
 def _options(callback: Callable) -> list[str]:
@@ -311,6 +311,28 @@ _NOTES = {
 }
 _DOCUMENT = {"version, task": "1, and the name of the task"}
 PARTS_OF_DOCUMENTS: dict[str, tuple[str, dict[str, str | Part]]] = {
+    "evaluated": (
+        "One identifier in evaluation.json. Lists are by round.",
+        {
+            "identifier": "its name",
+            "checkpoint, sha256": "null, or the name of the directory it was read from, and its hash",
+            "search, history_rounds, history_noise": "of the histories it was trained on; L in the paper",
+            "pairs_trained": "how many of them",
+            "window, tokens": "rounds that it reads (k in the paper); token per trajectory or per step",
+            "parameter_difference.NAME[]": "mean of \\|estimate - truth\\| over the range; also `mean` and `median`, "
+            "over all parameters",
+            "trajectory_difference[], trajectory_difference_sd[]": "sum over the points of the distance, mean of "
+            "pairs and seeds; standard deviation of the seeds' means",
+            "ratio[]": "of the trajectory difference to that of the yardstick; or null",
+            "success[], success_sd[]": "share of the actions chosen for the estimate that succeed; standard "
+            "deviation of the seeds' means; or null",
+            "coverage": "share of the truths in the 95 % intervals, from the first round; or null",
+            "simulated_rollouts[]": "mean over the pairs, summed up to the round",
+            "paired": "null, or against this one, by round: `nearer`, `as_near` (within 0.001 of the range) and "
+            "`further`, pairs in which capture-refined is so; `gained`, `gained_se`, by how much; `p` of the sign "
+            "test",
+        },
+    ),
     "parameter": (
         "An estimate of one parameter.",
         {
@@ -517,32 +539,7 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str | Part]]] = {
             "table_rounds[]": "rounds that the tables show",
             "parameters[]": "names of the parameters",
             "yardstick": "null, or the identifier that `ratio` compares with",
-            **{
-                f"identifiers.LABEL.{k}": v
-                for k, v in {
-                    "identifier": "name of the identifier",
-                    "checkpoint": "null, or the name of the directory it was read from",
-                    "sha256": "null, or the hash of that directory",
-                    "search": "of the histories it was trained on",
-                    "history_rounds": "their length, L in the paper",
-                    "history_noise": "and their noise",
-                    "pairs_trained": "how many of them it was trained on",
-                    "window": "rounds that it reads, k in the paper",
-                    "tokens": "token per trajectory or per step",
-                    "parameter_difference.NAME[]": "mean of |estimate - truth| over the range, by round; also "
-                    "`mean` and `median`, over all parameters",
-                    "trajectory_difference[]": "sum over the points of the distance, by round; mean of pairs and seeds",
-                    "trajectory_difference_sd[]": "standard deviation of the seeds' means",
-                    "ratio[]": "of the trajectory difference to that of the yardstick; or null",
-                    "success[]": "share of the actions chosen for the estimate that succeed, by round; or null",
-                    "success_sd[]": "standard deviation of the seeds' means; or null",
-                    "coverage": "share of the truths in the 95 % intervals, by round from the first; or null",
-                    "simulated_rollouts[]": "mean over the pairs, summed up to the round",
-                    "paired": "null, or against this one, by round: `nearer`, `as_near` (within 0.001 of the range) "
-                    "and `further`, pairs in which capture-refined is so; `gained` and `gained_se`, the mean by which "
-                    "its parameter difference is smaller and its standard error; `p` of the sign test",
-                }.items()
-            },
+            "identifiers.LABEL": Part("evaluated"),
         },
     ),
     "truth.json": (
@@ -581,16 +578,19 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str | Part]]] = {
 
 
 def targets() -> str:
-    """Everything a parameter can set."""
+    """Everything a parameter can set; those that are likewise in one row."""
     from capture_cli.sim.target_attributes import ATTRIBUTES
 
-    lines = ["| target | unit | what it is |", "|---|---|---|"]
+    rows: list[list[str]] = []
     for kind, attributes in ATTRIBUTES.items():
         for name, attribute in attributes.items():
+            if rows and not attribute.meaning and rows[-1][1] == attribute.unit:
+                rows[-1][0] += f", `{name}`"
+                continue
             form = f"option:{name}" if kind == "option" else f"{kind}:NAME:{name}"
-            meaning = attribute.meaning.replace("|", BAR) or "likewise"
-            lines.append(f"| `{form}` | {attribute.unit} | {meaning} |")
-    return "\n".join(lines)
+            rows.append([f"`{form}`", attribute.unit, attribute.meaning.replace("|", BAR) or "likewise"])
+    lines = ["| target | unit | what it is |", "|---|---|---|"]
+    return "\n".join([*lines, *(f"| {' | '.join(row)} |" for row in rows)])
 
 
 def folders() -> str:
@@ -768,8 +768,7 @@ This page is made from the command line itself (`make docs`).
 _LIMITS = """
 ## What is read of a file
 
-Files come from others, and are read as such. What goes beyond this ends with exit code 2 and says where, before
-anything of it is unpacked or simulated.
+What goes beyond this ends with exit code 2 and says where, before anything of it is unpacked or simulated.
 """
 
 _JSON = """
@@ -784,7 +783,8 @@ estimate is a folder: `estimate.json`, the curves in `estimate.zarr`, `report.ht
 
 ## Stores
 
-Stores are Zarr v3 groups; measured logs are read from v2 as well. Numbers are in SI units. Arrays that share an axis
+Stores are Zarr v3 groups; measured logs are read from v2 as well. Numbers are in SI units; where no unit is given, in
+that of each parameter, output or feature. Arrays that share an axis
 have the same length along it. A version that the program does not read is refused with the command that mends it.
 """
 

@@ -137,8 +137,7 @@ ranges in your model.
 
 ## Companions
 
-What MJCF cannot hold is exported as `model_effects.py` beside `model.xml`: MuJoCo and numpy alone, numbers filled in,
-the functions of `capture`, so that both give the same trajectories.
+What MJCF cannot hold is exported as `model_effects.py` beside `model.xml`, of MuJoCo and numpy alone.
 
 ```python
 effects = Effects(model)
@@ -153,8 +152,8 @@ reported = effects.sense(model, np.array(recorded))
 A window of a diagnosis begins at `window/start_time` with `start_qpos`, `start_qvel` and `start_act` of its store.
 What came before it:
 
-- *Control*: step through the controls before the window first, on data that is then forgotten (`effects.step(model,
-  mujoco.MjData(model), ctrl)`), for as long as the table says, of several effects added up.
+- *Control*: step through the controls before the window first, on an MjData that is then forgotten, for as long as
+  the table says, of several effects added up.
 
   | effect | remembers the controls of |
   |---|---|

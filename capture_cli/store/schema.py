@@ -177,7 +177,7 @@ class Schema:
         lines.append("|---|---|---|---|")
         for a in self.arrays:
             optional = " (optional)" if a.optional else ""
-            unit = "" if a.unit == "-" else f", {a.unit}"
+            unit = "" if a.unit == "-" or a.unit.startswith("per ") else f", {a.unit}"
             lines.append(f"| `{a.path}`{optional} | {', '.join(a.dims)} | {a.dtype}{unit} | {a.meaning} |")
         lines += ["", "| attribute | meaning |", "|---|---|"]
         lines += [f"| `{name}` | {meaning} |" for name, meaning in self.attributes.items()]
