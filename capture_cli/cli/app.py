@@ -5,8 +5,11 @@ stdout carries results only (tables, or with --json exactly one JSON document); 
 
 from __future__ import annotations
 
+import importlib
+import pkgutil
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -15,35 +18,37 @@ from typer.core import TyperCommand, TyperGroup
 from capture_cli import __version__
 from capture_cli.cli._surroundings import check_surroundings
 from capture_cli.cli._wrong_usage import UsageError, check_numbers, wrong_usage
-from capture_cli.cli.diagnose import diagnose
-from capture_cli.cli.effects import effects
-from capture_cli.cli.eval_sim2sim import eval_sim2sim
-from capture_cli.cli.export import export
-from capture_cli.cli.gen_histories import gen_histories
-from capture_cli.cli.identify import identify
-from capture_cli.cli.import_log import import_log
-from capture_cli.cli.inspect import inspect
-from capture_cli.cli.propose import propose
-from capture_cli.cli.record import record
-from capture_cli.cli.tasks import tasks
-from capture_cli.cli.train_policy import train_policy
-from capture_cli.cli.train_sysid import train_sysid
 
-_COMMANDS = {  # in the order of --help
-    "identify": identify,
-    "diagnose": diagnose,
-    "import-log": import_log,
-    "inspect": inspect,
-    "record": record,
-    "train-policy": train_policy,
-    "gen-histories": gen_histories,
-    "train-sysid": train_sysid,
-    "eval-sim2sim": eval_sim2sim,
-    "propose": propose,
-    "export": export,
-    "tasks": tasks,
-    "effects": effects,
-}
+_NO_COMMANDS = ("app", "program")
+_FIRST = (  # in this order in --help, before those of other files
+    "identify",
+    "diagnose",
+    "import-log",
+    "inspect",
+    "record",
+    "train-policy",
+    "gen-histories",
+    "train-sysid",
+    "eval-sim2sim",
+    "propose",
+    "export",
+    "tasks",
+    "effects",
+)
+
+
+def _commands() -> dict[str, Callable[..., None]]:
+    """Every command by its name: the function in a module of this folder that has the module's name."""
+    stems = [m.name for m in pkgutil.iter_modules([str(Path(__file__).parent)]) if not m.name.startswith("_")]
+    names = {stem.replace("_", "-"): stem for stem in stems if stem not in _NO_COMMANDS}
+    ordered = sorted(names, key=lambda name: (_FIRST.index(name) if name in _FIRST else len(_FIRST), name))
+    return {
+        name: getattr(importlib.import_module(f"{__package__}.{names[name]}"), names[name])
+        for name in ordered
+    }
+
+
+_COMMANDS = _commands()
 
 
 class _PassedOn(Exception):
