@@ -161,7 +161,7 @@ def schemas() -> str:
 def _limits() -> list[str]:
     """What is refused of files, whoever wrote them."""
     from capture_cli.common import documents
-    from capture_cli.log.readers import source_files
+    from capture_cli.log.readers.csv import LONGEST_LINE
     from capture_cli.store import array_metadata, zarr_store
 
     known = array_metadata.CODECS
@@ -179,7 +179,7 @@ def _limits() -> list[str]:
         f"{zarr_store.MOST_TIMES} times what it takes on disk; of a log, what `--max-log-size` says",
         "a CSV or Parquet file": f"at most {zarr_store.size(zarr_store.MOST)}, also in memory; or what "
         "`--max-log-size` says",
-        "a line of a CSV file": f"fewer than {source_files.LONGEST_LINE} characters",
+        "a line of a CSV file": f"fewer than {LONGEST_LINE} characters",
         "names of files that are given": "UTF-8",
     }
     lines = [_LIMITS.strip(), "", "| of | what is read |", "|---|---|"]

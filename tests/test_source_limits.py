@@ -10,7 +10,8 @@ import pytest
 from pyarrow import parquet
 
 from capture_cli.errors import LogError
-from capture_cli.log.readers.source_files import LONGEST_LINE, open_source
+from capture_cli.log.readers import open_source
+from capture_cli.log.readers.csv import LONGEST_LINE
 
 ROWS = 200
 

@@ -18,7 +18,8 @@ from capture_cli.log.checks.equal_episodes import refuse_repeated
 from capture_cli.log.checks.even_times import with_even_times
 from capture_cli.log.checks.held_outputs import without_repeats
 from capture_cli.log.measured_log import LARGEST, MeasuredLog
-from capture_cli.log.readers.source_files import SourceFile, open_source
+from capture_cli.log.readers import open_source
+from capture_cli.log.readers.base import SourceFile
 from capture_cli.model.tasks import load_task
 from capture_cli.model.tasks.base import ActionTask, Task
 from capture_cli.protocol.log_checks import check_fits

@@ -9,15 +9,13 @@ from typing import Any
 
 from capture_cli.common.documents import read_json
 from capture_cli.errors import StoreError
-from capture_cli.log.readers.source_files import SUFFIXES
+from capture_cli.log.readers import readers
 
 _OTHERS = {
     ".toml": "a task.toml is read by `capture tasks --task {path}`",
     ".xml": "a model is read with the task.toml that names it: `capture tasks --task task.toml`",
-    **dict.fromkeys(
-        SUFFIXES, "read it in first: `capture import-log {path} --task task.toml --out NAME.zarr`"
-    ),
 }
+_READ_IN = "read it in first: `capture import-log {path} --task task.toml --out NAME.zarr`"
 
 
 def read_header(path: Path) -> Mapping[str, Any]:
@@ -29,8 +27,9 @@ def read_header(path: Path) -> Mapping[str, Any]:
         document = read_json(path, StoreError, cure="")
         if isinstance(document, dict) and str(document.get("format")).startswith("capture/"):
             return document
+    others = _OTHERS | dict.fromkeys(readers(), _READ_IN)
     otherwise = "give a log (.zarr), an estimate, a diagnosis or another output of `capture`"
     raise StoreError(
         f"{path} is a file, and neither a Zarr store nor JSON that `capture` wrote",
-        cure=_OTHERS.get(path.suffix.lower(), otherwise).format(path=path),
+        cure=others.get(path.suffix.lower(), otherwise).format(path=path),
     )
