@@ -44,8 +44,9 @@ CAPTIONS = {
     "pyproject.toml": "the package, its dependencies, the settings of pytest and ruff",
     "constraints": "the exact versions that are installed",
     "datasets": "two logs with an effect that their models lack, and how they were made",
+    "capture_cli": "the package, a room a folder",
     "docs": "these pages, and what writes those that come from the code (generate.py)",
-    "docs/dev": "for developers: findings, benchmarks",
+    "docs/dev": "for developers: architecture, findings, benchmarks, evaluation",
     "docs/examples": "task files of machines that were measured by others",
     "runs": "what is shipped ready-made, with provenance: policies, identifiers, results of the benchmarks",
     "tests": "one file for each thing that is tested",
@@ -601,7 +602,10 @@ def folders() -> str:
             files.add(path)
         else:
             within |= {Path(path.parts[0]), Path(*path.parts[:-1][:2])}
-    lines = [(path, _caption(path)) for path in [*sorted(files), *sorted(within)] if _is_listed(path)]
+    listed = [path for path in [*sorted(files), *sorted(within)] if _is_listed(path)]
+    lines = [
+        (path, _caption(path).split(": ")[0] if len(path.parts) > 1 else _caption(path)) for path in listed
+    ]
     return "\n".join(["```", *(_line(path, caption) for path, caption in lines), "```"])
 
 
@@ -623,13 +627,27 @@ def _caption(path: Path) -> str:
     """The first sentence of what `path` is for."""
     if path.as_posix() in CAPTIONS:
         return CAPTIONS[path.as_posix()]
-    module = ROOT / path / "__init__.py"
+    module = ROOT / path if path.suffix else ROOT / path / "__init__.py"
     text = ast.get_docstring(ast.parse(module.read_text(encoding="utf-8"))) if module.is_file() else None
     if not text:
         raise ValueError(
             f"{path} has no caption: give it a docstring, or a line in CAPTIONS of docs/generate.py"
         )
     return text.splitlines()[0].split(". ")[0].rstrip(".")
+
+
+def rooms() -> str:
+    """What each row of tests/test_architecture.py is for: the highest first."""
+    tree = ast.parse((ROOT / "tests" / "test_architecture.py").read_text(encoding="utf-8"))
+    assigned = {n.targets[0].id: n.value for n in tree.body if isinstance(n, ast.Assign)}
+    lines = ["| may import what is below it | what it is for |", "|---|---|"]
+    for row in ast.literal_eval(assigned["ROWS"]):
+        for name in (n for n in row if not n.startswith("__")):
+            path = Path("capture_cli", *name.split("."))
+            lines.append(
+                f"| `{name}` | {_caption(path if (ROOT / path).is_dir() else path.with_suffix('.py'))} |"
+            )
+    return "\n".join(lines)
 
 
 def kept_files(folder: Path) -> list[Path]:
@@ -802,6 +820,7 @@ PAGES: dict[str, Callable[[], str]] = {
 }
 PARTS: dict[str, dict[str, Callable[[], str]]] = {
     "docs/task-file.md": {"targets": targets},
+    "docs/dev/architecture.md": {"rooms": rooms},
     "docs/dev/benchmarks.md": {"figures": measured},
     "README.md": {"found": found, "tree": folders},
 }

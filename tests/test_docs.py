@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import importlib.util
 import json
 import re
@@ -253,6 +254,15 @@ def test_a_link_resolves(page, target):
     if heading:
         headings = re.findall(r"^#+ (.+)$", path.read_text(encoding="utf-8"), re.MULTILINE)
         assert heading in {re.sub(r"[^\w\- ]", "", h.lower()).replace(" ", "-") for h in headings}
+
+
+def test_what_the_developers_pages_name_is_there():
+    text = "".join(page.read_text(encoding="utf-8") for page in sorted((ROOT / "docs" / "dev").glob("*.md")))
+    files = set(re.findall(r"`(capture_cli/[\w/]+\.py)`", text))
+    values = set(re.findall(r"^\| `([a-z_.]+)\.([A-Z]\w+)` \|", text, re.MULTILINE))
+    assert len(files) > 5 and len(values) > 5
+    assert not {file for file in files if not (ROOT / file).is_file()}
+    assert all(hasattr(importlib.import_module(f"capture_cli.{module}"), value) for module, value in values)
 
 
 # --- nothing of the machine it was written on ---

@@ -1,0 +1,113 @@
+"""docs/contributing.md, to the letter: its examples are put into a copy of the package, and what is shown is run."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from capture_cli.stages.record import record
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGE = (ROOT / "docs" / "contributing.md").read_text(encoding="utf-8")
+FILES = re.findall(r"^`(capture_cli/\S+\.py)`\n\n```python\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
+SESSIONS = re.findall(r"^```console\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory) -> Path:
+    """A folder with the package and every example in it, a task, and a recording as an archive of arrays."""
+    folder = tmp_path_factory.mktemp("project")
+    shutil.copytree(
+        ROOT / "capture_cli", folder / "capture_cli", ignore=shutil.ignore_patterns("__pycache__")
+    )
+    for path, text in FILES:
+        assert not (folder / path).exists(), f"{path} is there already"
+        (folder / path).write_text(text, encoding="utf-8")
+    for name in ("model.xml", "task.toml"):
+        shutil.copy(ROOT / "datasets" / "cart" / name, folder)
+    log = record(
+        task=str(folder / "task.toml"), out=folder / "made.zarr", noise=1e-3, rate=100, duration=4.0
+    ).log
+    run = np.ones(len(log.time))
+    np.savez(
+        folder / "run.npz", t_s=log.time, run=run, force_N=log.inputs[:, 0], position_m=log.outputs[:, 0]
+    )
+    return folder
+
+
+def in_copy(project: Path, *arguments: str) -> subprocess.CompletedProcess:
+    """Python in the folder of the copy, which goes before the package that is installed."""
+    environment = {**os.environ, "PYTHONPATH": str(project)}
+    return subprocess.run(
+        [sys.executable, *arguments],
+        cwd=project,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+def words(text: str) -> str:
+    return " ".join(text.split())
+
+
+def test_every_kind_of_plug_in_has_an_example():
+    assert {Path(path).parent.as_posix() for path, _ in FILES} >= {
+        "capture_cli/effects",
+        "capture_cli/log/readers",
+        "capture_cli/identifiers",
+        "capture_cli/cli",
+    }
+    assert all(len(text.splitlines()) <= 40 for _, text in FILES)
+
+
+def test_what_is_shown_happens(project):
+    assert len(SESSIONS) >= 4
+    for session in SESSIONS:
+        for step in session.split("$ ")[1:]:
+            command, _, shown = step.partition("\n")
+            program, *arguments = command.split()
+            assert program == "capture"
+            done = in_copy(project, "-m", "capture_cli", *arguments)
+            assert done.returncode == 0, f"{command}\n{done.stderr}"
+            assert words(shown) in words(done.stdout), f"{command}\n{done.stdout}"
+
+
+def test_the_effect_keeps_the_contract_of_effects(project):
+    """It does so without a line in a test: the contract asks every file of the folder."""
+    asked = [
+        "-q",
+        "-p",
+        "no:cacheprovider",
+        str(ROOT / "tests" / "test_effects.py"),
+        "-k",
+        "square-root-drag",
+    ]
+    done = in_copy(project, "-m", "pytest", *asked)
+    assert done.returncode == 0, done.stdout
+    assert int(re.search(r"(\d+) passed", done.stdout).group(1)) >= 5
+
+
+def test_the_identifier_asks_within_bounds_and_twice_the_same(project):
+    estimates = []
+    for out in ("a", "b"):
+        options = {
+            "real-log": "made.zarr",
+            "out": out,
+            "task": "task.toml",
+            "identifier": "random-search",
+            "rounds": "2",
+        }
+        arguments = [word for option, value in options.items() for word in (f"--{option}", value)]
+        done = in_copy(project, "-m", "capture_cli", "identify", "--json", *arguments)
+        assert done.returncode == 0, done.stderr
+        estimates.append(re.findall(r'"value": \S+', done.stdout))
+    assert estimates[0] and estimates[0] == estimates[1]
