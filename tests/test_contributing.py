@@ -62,6 +62,7 @@ def words(text: str) -> str:
 def test_every_kind_of_plug_in_has_an_example():
     assert {Path(path).parent.as_posix() for path, _ in FILES} >= {
         "capture_cli/effects",
+        "capture_cli/log/checks",
         "capture_cli/log/readers",
         "capture_cli/identifiers",
         "capture_cli/cli",
@@ -70,7 +71,7 @@ def test_every_kind_of_plug_in_has_an_example():
 
 
 def test_what_is_shown_happens(project):
-    assert len(SESSIONS) >= 4
+    assert len(SESSIONS) >= 5
     for session in SESSIONS:
         for step in session.split("$ ")[1:]:
             command, _, shown = step.partition("\n")

@@ -20,7 +20,7 @@ from capture_cli.common.documents import (
     read_toml,
 )
 from capture_cli.errors import LONGEST, OptionError, StoreError, TaskError, shortened
-from capture_cli.log.checks.log_findings import finding
+from capture_cli.log.checks.base import finding
 
 DEEP = "[" * 100_000
 OTHER_FAULTS = {  # of a value: as TOML and JSON write it, and what the message has

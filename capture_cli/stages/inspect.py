@@ -13,10 +13,11 @@ import numpy as np
 
 from capture_cli.common.documents import read_json
 from capture_cli.errors import CaptureError, StoreError
+from capture_cli.log.checks.base import finding
 from capture_cli.log.checks.equal_episodes import equal_episodes
 from capture_cli.log.checks.even_times import scatter
 from capture_cli.log.checks.held_outputs import rows_per_sample, sample_rate, slices_within
-from capture_cli.log.checks.log_findings import finding, log_findings, task_findings
+from capture_cli.log.checks.log_findings import log_findings, task_findings
 from capture_cli.log.checks.log_health import channel, excitation, quantisation, sampling, spikes, timing
 from capture_cli.log.checks.wide_bounds import wide_bounds
 from capture_cli.log.measured_log import LARGEST, MeasuredLog

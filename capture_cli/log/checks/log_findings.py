@@ -8,22 +8,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
-import mujoco
 import numpy as np
 
 from capture_cli.common.quantities import percent, with_unit
-from capture_cli.errors import LONGEST, LONGEST_CURE, cut
+from capture_cli.log.checks import in_order
+from capture_cli.log.checks.base import Finding, Inspected, finding
 from capture_cli.log.measured_log import FEWEST_OF_A_SPARSE, LARGEST, MeasuredLog
 from capture_cli.model.tasks.base import Channel, Task
 from capture_cli.sim.contacts import can_touch
-from capture_cli.sim.quaternion_order import W_FIRST, W_LAST, is_w_last, order_in_names
-from capture_cli.sim.quaternion_signs import quaternion_columns
-from capture_cli.sim.sensor_units import unit_in_name
-from capture_cli.sim.shorter_window import set_shorter
-from capture_cli.sim.step_length import unsuitable_step
-from capture_cli.sim.windows import SHORTEST_EPISODE
-
-Finding = dict[str, str]
 
 UNEVEN = 0.1  # sd of the interval, over its median
 SATURATED = 0.05  # share of the samples at exactly one extreme
@@ -31,23 +23,7 @@ SEVERAL_VISITS = 3  # a channel that returns to exactly the same extreme is held
 PILED_UP = 5.0  # times the share at the values next to an extreme: a quantised sine has 3
 MANY_LEVELS = 10  # fewer are a switched signal, which is at its extremes by design
 MOSTLY_AT_REST = 0.5
-WINDOW_SAMPLES = 5  # fewer in a window say little
-TURN_SLACK = 1.0  # rad that a hinge moves between two samples, beside a jump by a turn
-RANGE_SLACK = 0.05  # of a joint's range
-ROUNDED = 1e-6  # of an actuator's range: numbers in files are rounded
-LEAST_IN_MS = 0.1  # s, between samples: times in ms of a sensor that reports at 10 kHz
-LONG_INTERVAL = 0.5  # s, between samples, at most, if a unit of time is to be taken for theirs
-SMALL_UNITS = {"ms": "1e-3", "us": "1e-6", "ns": "1e-9"}  # as a task.toml has them
 EXAMPLES = 3
-DEGREES = 180 / np.pi
-LIKE_DEGREES = 0.1  # of that factor, is how near to it the one between two channels is
-ALIKE = 0.95  # correlation of two channels that show the same motion
-
-
-def finding(severity: str, where: str, message: str, cure: str) -> Finding:
-    """severity: "error", "warning" or "note". where: the channel, recording or file. cure: what to do."""
-    shown = (cut(message, LONGEST - LONGEST_CURE), cut(cure, LONGEST_CURE))
-    return {"severity": severity, "where": where, "message": shown[0], "cure": shown[1]}
 
 
 def log_findings(document: Mapping[str, Any], task: Task | None = None) -> list[Finding]:
@@ -68,16 +44,8 @@ def task_findings(log: MeasuredLog, document: Mapping[str, Any], task: Task) -> 
     found = list(_names(log, task))
     if any(f["severity"] == "error" for f in found):
         return found
-    return [
-        *found,
-        *_shared_columns(task),
-        *_units_in_names(task),
-        *_quaternion_order(log, task),
-        *_lengths(document["episodes"], task),
-        *_ranges(log, task),
-        *_turns(log, task),
-        *_degrees(log, task),
-    ]
+    given = Inspected(log, task, document["episodes"])
+    return [*found, *(f for check in in_order() for f in check().findings(given))]
 
 
 # --- timing ---
@@ -351,263 +319,3 @@ def _channel_names(kind: str, names, units, channels: Sequence[Channel], task: s
         if unit != c.unit:
             message = f"the log has it in {unit!r}, task {task!r} in {c.unit!r}"
             yield finding("error", f"{kind[:-1]} {c.name}", message, again)
-
-
-def _shared_columns(task: Task) -> Iterator[Finding]:
-    """Channels that read a column which another reads, too."""
-    driving: dict[str, Channel] = {}
-    for channel in task.inputs:
-        if driving.setdefault(channel.column, channel) is not channel:
-            yield finding(
-                "warning",
-                f"input {channel.name}",
-                f"reads column {channel.column!r}, as input {driving[channel.column].name} does",
-                "nothing to do if one command drives both; otherwise give each its column, and import the files again",
-            )
-    readers = {c.column: ("input", c) for c in reversed(task.inputs)}
-    for output in task.outputs:
-        kind, first = readers.setdefault(output.column, ("output", output))
-        if first is not output:
-            why = "what drives the machine is no measurement of it" if kind == "input" else "it counts twice"
-            yield finding(
-                "warning",
-                f"output {output.name}",
-                f"reads column {output.column!r}, as {kind} {first.name} does: {why}",
-                "give the column that this output is measured by, or remove it, and import the files again",
-            )
-
-
-def _lengths(episodes: Sequence[Mapping[str, Any]], task: Task) -> Iterator[Finding]:
-    known = [e for e in episodes if e["duration"] is not None]
-    intervals = [e["interval"] for e in episodes if e["interval"] is not None]
-    if not known or not intervals:
-        return
-    longest = max(known, key=lambda e: e["duration"])
-    window, interval = task.log.window, float(np.median(intervals))
-    if window is not None and longest["duration"] < SHORTEST_EPISODE * window:
-        yield finding(
-            "error",
-            "episodes",
-            f"the longest lasts {longest['duration']:.3g} s, and a window {window:g} s",
-            set_shorter(longest["duration"], longest["steps"], option=True),
-        )
-    elif window is not None and window < WINDOW_SAMPLES * interval:
-        yield finding(
-            "warning",
-            "time",
-            f"a window of {window:g} s holds {window / interval:.2g} samples, {interval:.3g} s apart",
-            f"set a longer [log] window{_time_unit(interval, task.log.time_scale)}",
-        )
-    unsuitable = unsuitable_step(task.timestep, interval, longest["duration"] if window is None else window)
-    if unsuitable is not None:
-        yield finding("error", "time", *unsuitable)
-    elif task.timestep > 1.001 * interval:
-        yield finding(
-            "warning",
-            "time",
-            f"the model steps by {task.timestep:g} s, coarser than the log's {interval:.3g} s",
-            "set a smaller timestep in the model's <option>",
-        )
-
-
-def _time_unit(interval: float, time_scale: float) -> str:
-    """What else to do about samples so many seconds apart: their times may be in another unit."""
-    if time_scale != 1:
-        return f"; if one unit of time is not {time_scale:g} s, correct [log] time_scale, and import the files again"
-    if interval < LEAST_IN_MS:
-        return ""
-    short = (u for u, scale in SMALL_UNITS.items() if interval * float(scale) < LONG_INTERVAL)
-    unit = next(short, "ns")
-    return (
-        f"; if the time column is in {unit}, write time_scale = {SMALL_UNITS[unit]} under [log] and import the files "
-        "again"
-    )
-
-
-def _ranges(log: MeasuredLog, task: Task) -> Iterator[Finding]:
-    """Inputs that MuJoCo would clip, and joint positions outside the joint's range."""
-    model = task.model
-    for k, c in enumerate(task.inputs):
-        if model.actuator_ctrllimited[c.index]:
-            share, low, high = _outside(log.inputs[:, k], model.actuator_ctrlrange[c.index], slack=ROUNDED)
-            if share:
-                yield finding(
-                    "warning",
-                    f"input {c.name}",
-                    f"{percent(share, 1)} of the samples are outside ctrlrange ({low:g}, {high:g}): MuJoCo clips",
-                    "widen ctrlrange in the model, or correct scale and offset",
-                )
-    sampled = log.sampled
-    for k, c in enumerate(task.outputs):
-        joint = int(model.sensor_objid[c.sensor])
-        is_position = model.sensor_type[c.sensor] == mujoco.mjtSensor.mjSENS_JOINTPOS
-        if is_position and model.jnt_limited[joint]:
-            share, low, high = _outside(
-                log.outputs[sampled[:, k], k], model.jnt_range[joint], slack=RANGE_SLACK
-            )
-            if share:
-                yield finding(
-                    "warning",
-                    f"output {c.name}",
-                    f"{percent(share, 1)} of the samples lie outside the joint's range ({low:g}, {high:g})",
-                    "check scale and offset (degrees, another zero?), or the joint's range",
-                )
-
-
-def _units_in_names(task: Task) -> Iterator[Finding]:
-    """Columns whose name ends in another unit than they are read in, with no scale."""
-    columns = [
-        *((f"input {c.name}", c.column, c.unit, c.scale) for c in task.inputs),
-        *((f"output {c.name}", c.column, c.unit, c.scale) for c in task.outputs),
-        ("time", task.log.time, "s", task.log.time_scale),
-    ]
-    for where, column, unit, scale in columns:
-        named = unit_in_name(column, unit) if scale == 1 else None
-        if named:
-            written, factor = named
-            key = f"[log] time_scale = {factor:.8g}" if where == "time" else f'column_unit = "{written}"'
-            yield finding(
-                "warning",
-                where,
-                f"column {column!r} is read as {unit}, and its name ends in {written}",
-                f"write {key} if it is in {written}, and import again",
-            )
-
-
-def _quaternion_order(log: MeasuredLog, task: Task) -> Iterator[Finding]:
-    """Attitudes whose columns are not w, x, y, z, by their names or, where these say nothing, by their values."""
-    if task.path is None:  # its columns are what they are
-        return
-    for own in quaternion_columns(task.model, [c.sensor for c in task.outputs]):
-        sensor, columns = task.outputs[own[0]].sensor, [task.outputs[k].column for k in own]
-        order, said = order_in_names(columns), ", and their names say {}"
-        if order is None:
-            values = log.outputs[np.ix_(log.sampled[:, own].all(axis=1), own)]
-            order = W_LAST if is_w_last(values, task.model, sensor) else W_FIRST
-            said = ": so the body is half a turn from upright throughout, and as {} it stays upright"
-        if order != W_FIRST:
-            found = ", ".join("wxyz"[order.index(k)] for k in range(4))
-            mended = ", ".join(f'"{columns[k]}"' for k in order)
-            yield finding(
-                "warning",
-                f"output {task.model.sensor(sensor).name}",
-                f"its columns, {', '.join(columns)}, are read as w, x, y, z{said.format(found)}",
-                f"write column = [{mended}] if that is their order, and import the files again",
-            )
-
-
-def _turns(log: MeasuredLog, task: Task) -> Iterator[Finding]:
-    """Angles of hinges that begin anew after a whole turn, as a heading from -180 to 180 degrees does."""
-    model = task.model
-    episode = np.searchsorted(log.episode_ends, np.arange(len(log.time)), side="right")
-    for k, c in enumerate(task.outputs):
-        if model.sensor_type[c.sensor] != mujoco.mjtSensor.mjSENS_JOINTPOS:
-            continue
-        if model.jnt_type[model.sensor_objid[c.sensor]] != mujoco.mjtJoint.mjJNT_HINGE:
-            continue
-        own = np.flatnonzero(log.sampled[:, k])
-        together = episode[own[1:]] == episode[own[:-1]]
-        with np.errstate(invalid="ignore"):
-            steps = np.abs(np.diff(log.outputs[own, k]))[together]
-            jumps = np.abs(steps - 2 * np.pi) < TURN_SLACK
-        if jumps.any() and np.median(steps) < TURN_SLACK:
-            count = int(jumps.sum())
-            yield finding(
-                "warning",
-                f"output {c.name}",
-                f"jumps by a whole turn in {count} place{'s' * (count > 1)}, and the angle of a hinge does not",
-                f"write period = {2 * np.pi / abs(c.scale):.6g} under [outputs.{c.name}] and import again",
-            )
-
-
-def _degrees(log: MeasuredLog, task: Task) -> Iterator[Finding]:
-    """Angles of hinges that are 57.3 times, or a 57.3th of, what another channel says of the same motion; or go against
-    it.
-    """
-    for k, c, joint in _hinge_outputs(task, mujoco.mjtSensor.mjSENS_JOINTPOS):
-        angle = log.outputs[:, k]
-        others = [
-            (f"output {o.name}", "the integral of ", _integral(log.outputs[:, i], log))
-            for i, o, of in _hinge_outputs(task, mujoco.mjtSensor.mjSENS_JOINTVEL)
-            if of == joint
-        ]
-        others += [
-            (f"input {i.name}", "", log.inputs[:, n])
-            for n, i in enumerate(task.inputs)
-            if _follows(task.model, i.index, joint)
-        ]
-        for name, how, reference in others:
-            likeness, factor = _likeness(angle, reference, log.episodes)
-            if likeness < -ALIKE:
-                yield finding(
-                    "warning",
-                    f"output {c.name}",
-                    f"goes down where {how}{name} goes up: does one of them count the other way?",
-                    "write a negative scale under the one that does, and import again",
-                )
-            if (
-                abs(likeness) < ALIKE
-                or min(abs(factor * DEGREES - 1), abs(factor / DEGREES - 1)) > LIKE_DEGREES
-            ):
-                continue
-            large, small = (f"output {c.name}", name) if factor > 1 else (name, f"output {c.name}")
-            degrees = "deg/s" if how and large == name else "deg"
-            yield finding(
-                "warning",
-                f"output {c.name}",
-                f"moves {factor:.3g} times as far as {how}{name} says: is {large} in degrees, and {small} in rad?",
-                f'write column_unit = "{degrees}" under {large}, as the model is in rad, and import again',
-            )
-
-
-def _hinge_outputs(task: Task, kind: mujoco.mjtSensor) -> Iterator[tuple[int, Channel, int]]:
-    """Outputs of sensors of `kind` at hinges: which, the channel, and the joint."""
-    model = task.model
-    for k, c in enumerate(task.outputs):
-        joint = int(model.sensor_objid[c.sensor])
-        if model.sensor_type[c.sensor] == kind and model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_HINGE:
-            yield k, c, joint
-
-
-def _follows(model: mujoco.MjModel, actuator: int, joint: int) -> bool:
-    """Whether the actuator is a servo that brings the joint to where its control says."""
-    at_joint = model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT
-    gain, back = model.actuator_gainprm[actuator, 0], model.actuator_biasprm[actuator, 1]
-    return bool(
-        at_joint
-        and model.actuator_trnid[actuator, 0] == joint
-        and model.actuator_gear[actuator, 0] == 1
-        and gain == -back != 0
-    )
-
-
-def _integral(speed: np.ndarray, log: MeasuredLog) -> np.ndarray:
-    """Of an output (step,) over the time of each episode, by trapezoids."""
-    grown = np.zeros(len(speed))
-    for e in log.episodes:
-        grown[e][1:] = np.cumsum(np.diff(log.time[e]) * (speed[e][1:] + speed[e][:-1]) / 2)
-    return grown
-
-
-def _likeness(values: np.ndarray, reference: np.ndarray, episodes: Sequence[slice]) -> tuple[float, float]:
-    """Correlation of `values` (step,) with `reference` within episodes, and how many times as far they go.
-
-    0 and 1 where samples lack or nothing moves.
-    """
-    both = np.stack([values, reference])
-    moves = np.concatenate([both[:, e] - both[:, e].mean(axis=1, keepdims=True) for e in episodes], axis=1)
-    with np.errstate(invalid="ignore", over="ignore"):
-        (own, cross), (_, theirs) = moves @ moves.T
-    if not (np.isfinite([own, cross, theirs]).all() and own > 0 and theirs > 0):
-        return 0.0, 1.0
-    return float(cross / np.sqrt(own) / np.sqrt(theirs)), float(np.sqrt(own / theirs))
-
-
-def _outside(values: np.ndarray, limits: np.ndarray, *, slack: float) -> tuple[float, float, float]:
-    """Share of `values` (step,) farther outside `limits` (2,) than `slack` of their span, and the limits."""
-    low, high = map(float, limits)
-    margin = slack * (high - low)
-    if not len(values):
-        return 0.0, low, high
-    with np.errstate(invalid="ignore"):
-        return float(np.mean((values < low - margin) | (values > high + margin))), low, high

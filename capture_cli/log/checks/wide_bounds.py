@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 
 from capture_cli.common.quantities import bound, significant, with_unit
-from capture_cli.log.checks.log_findings import Finding, finding
+from capture_cli.log.checks.base import Finding, finding
 from capture_cli.model.tasks.base import Task
 
 # Times the nominal value: beyond it a finite difference, 1e-4 of the range, is longer than a tenth of the value, and of

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from capture_cli.errors import OptionError
-from capture_cli.log.checks.log_findings import finding
+from capture_cli.log.checks.base import finding
 from capture_cli.store.proposal import read_action, read_inputs
 
 BRIEF = ("task", "kind", "text", "band_hz", "peaks", "action", "information", "expected_sd")

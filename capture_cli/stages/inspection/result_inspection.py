@@ -12,7 +12,7 @@ from capture_cli.common.quantities import told
 from capture_cli.context.checkpoints import identifier_checkpoint, policy_checkpoint
 from capture_cli.context.checkpoints.training_state import METRICS
 from capture_cli.errors import CaptureError
-from capture_cli.log.checks.log_findings import Finding, finding
+from capture_cli.log.checks.base import Finding, finding
 from capture_cli.model.tasks import REGISTRY as TASKS
 from capture_cli.model.tasks import load_task
 from capture_cli.report.findings import STAMPS_ALONE, behind, cut_short, is_fit_explained, not_alike
