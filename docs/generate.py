@@ -394,10 +394,12 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str | Part]]] = {
         "What `capture identify` found; also what its `--json` prints.",
         {
             "format": '"capture/estimate"',
-            **_DOCUMENT,
+            "version, task": "2 (of 1 `effects` is read as empty), and the name of the task",
             **_LOG,
             "log.input_peaks.INPUT": "how far from 0 each input went, in its unit: `capture propose` drives no further",
             "identifier": "who searched: least-squares, cma-es, or the learned one that proposed",
+            "effects": "list of what the fitted model has beside the task's, as a learned identifier's histories had: "
+            "{name, site, parameters: {NAME: {value, unit, low, high}}}",
             "parameters.NAME": Part("parameter"),
             "error.fit": Part("error", "windows that were fitted"),
             "error.test": Part("error", "windows held out"),
@@ -492,7 +494,7 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str | Part]]] = {
         "What `capture train-sysid` trained; the weights are in `identifier.safetensors` beside it.",
         {
             "format": '"capture/identifier"',
-            "version": "1",
+            "version": "2; of 1 `histories.effects` is read as empty",
             "identifier": "what was trained: capture, capture-refined, expert-distillation, posterior or tunenet",
             "task": "name of the task",
             "architecture.NAME": "sizes of the transformer, and how trajectories become tokens",
@@ -514,12 +516,15 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str | Part]]] = {
         "curve in `metrics.jsonl` and `training.png`.",
         {
             "format": '"capture/policy"',
-            "version": "1",
+            "version": "2; of 1 `effects` is read as empty",
             "policy": "what was trained: sac",
             "task": "name of the task",
             "parameters[], actions[]": "names of the parameters that the policy knows, and of its actions' components",
             "bounds.parameters[][], bounds.actions[][]": "low and high of each parameter, and component of an action",
             "settings.layers": "layers of the network",
+            "settings.mirrored": "whether half of its actions are those of a mirrored actor in a mirrored world",
+            "effects": "what the machine had, in which it was trained and judged, beside the task's model; list as in "
+            "capture/histories",
             "training.NAME": "how it was trained: episodes (steps), how many at once (envs), entropy, seed",
             "result.episodes": "how many parameter sets it was judged on, all unseen",
             "result.reward, result.random.reward": "mean reward there, and that of the random policy",

@@ -234,7 +234,7 @@ def test_a_limit_beyond_what_the_model_alone_lets_expect_is_exported(name, which
     as_driven = mujoco.MjModel.from_xml_path(str(tmp_path / "model.xml"))
     as_driven.actuator_ctrllimited[0], as_driven.actuator_ctrlrange[0] = True, (-driven, driven)
     effect = effects.REGISTRY.get(name)(as_driven, "drive")
-    [(_, here)], given = parse_effects([f"{name}@drive={limit}"], loaded(str(task)).model)
+    [((_, here), given)] = parse_effects([f"{name}@drive={limit}"], loaded(str(task)).model).at_middle
     assert here.space.high[0] < limit < effect.space.high[0]
     found = {
         "diagnosed": (effect, np.array([limit])),

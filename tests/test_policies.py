@@ -23,6 +23,7 @@ from capture_cli.context.policies.sac import BLOCK, Sac
 from capture_cli.errors import FitError, OptionError, OutputError, StoreError
 from capture_cli.model.tasks.air_hockey import AirHockey
 from capture_cli.simulate.simulator import Simulator
+from capture_cli.stages import simulated_machine
 from capture_cli.stages import train_policy as stage
 from capture_cli.stages.gen_histories import gen_histories
 from capture_cli.store.histories import Histories
@@ -36,15 +37,16 @@ TINY |= {"updates": 25, "learning_rate": 5e-3}
 @pytest.fixture(autouse=True)
 def reaching(monkeypatch):
     """`train_policy` finds the task "reaching"."""
-    load = stage.load_task
-    monkeypatch.setattr(stage, "load_task", lambda name: Reaching() if name == "reaching" else load(name))
+    load = simulated_machine.load_task
+    known = lambda name: Reaching() if name == "reaching" else load(name)  # noqa: E731
+    monkeypatch.setattr(simulated_machine, "load_task", known)
 
 
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory, learn) -> Path:
     """A policy for `Reaching`, trained in one go."""
     patch = pytest.MonkeyPatch()
-    patch.setattr(stage, "load_task", lambda name: Reaching())
+    patch.setattr(simulated_machine, "load_task", lambda name: Reaching())
     out = tmp_path_factory.mktemp("trained") / "policy"
     stage.train_policy(out=out, **TINY)
     patch.undo()

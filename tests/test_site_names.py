@@ -91,10 +91,13 @@ def test_an_effect_is_named_where_sites_have_dots(text, name):
         )
         + "</worldbody>",
     )
-    placed, values = parse_effects([text], mujoco.MjModel.from_xml_string(xml))
-    [(kind, effect)] = placed
+    found = parse_effects([text], mujoco.MjModel.from_xml_string(xml))
+    [(kind, effect)] = found.placed
     at = effect.space.names.index(name.rpartition(".")[2])
-    assert f"{Placed(kind, effect).name}.{effect.space.names[at]}" == name and values[at] == 3
+    assert (
+        f"{Placed(kind, effect).name}.{effect.space.names[at]}" == name
+        and found.low[at] == found.high[at] == 3
+    )
 
 
 @pytest.mark.parametrize(

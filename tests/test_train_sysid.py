@@ -474,7 +474,7 @@ def test_a_checkpoint_of_something_else(checkpoint, other, message):
         (lambda c: (c / "identifier.safetensors").unlink(), "holds no identifier.safetensors"),
         (lambda c: (c / "identifier.safetensors").write_bytes(b"no"), "cannot be read"),
         (lambda c: (c / "identifier.json").unlink(), "holds no identifier.json"),
-        (lambda c: edit(c, version=2), "version 2; this program reads 1"),
+        (lambda c: edit(c, version=3), "version 3; this program reads 2"),
         (lambda c: edit(c, format="capture/policy"), "not of the format capture/identifier"),
         (lambda c: edit(c, signature={}), "cannot be read"),
         (lambda c: edit(c, architecture={"width": 8}), "cannot be read"),

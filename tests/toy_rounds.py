@@ -74,7 +74,7 @@ def write(rounds: Rounds, location: Path, **attributes) -> Path:
         {
             **{name: "" for name in ("model", "mujoco")},
             **{"library": None, "search": "randomized-binary", "alpha": 5.0, "seed": 0},
-            **{"noise": "none", "noise_sd": {}, "policy": {"name": "random", "sha256": None}},
+            **{"effects": [], "noise": "none", "noise_sd": {}, "policy": {"name": "random", "sha256": None}},
             "task": SIGNATURE.task,
             **boxes,
             "features": [vars(f) for f in SIGNATURE.features],

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from capture_cli.cli._completion import tasks, words
+from capture_cli.cli._completion import effects, tasks, words
 from capture_cli.cli._texts import byte_count
 
 MOST_THREADS, MOST_STARTS = 1024, 10_000
@@ -67,6 +67,18 @@ ActionPolicy = Annotated[
         help="Who chooses actions: random, or a checkpoint directory.",
         autocompletion=words("random"),
     ),
+]
+AddedEffect = Annotated[
+    list[str],
+    typer.Option(
+        "--effect",
+        help="NAME@SITE.PARAMETER=VALUE, or =LOW:HIGH, drawn anew each time; NAME@SITE alone: over its ranges.",
+        autocompletion=effects,
+    ),
+]
+AddedEstimate = Annotated[
+    Path | None,
+    typer.Option("--estimate", help="Diagnosis directory: what was found is in the simulated machine."),
 ]
 ObservationNoise = Annotated[
     str,

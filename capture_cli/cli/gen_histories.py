@@ -11,6 +11,8 @@ from capture_cli.cli._completion import searches, words
 from capture_cli.cli._config import Config
 from capture_cli.cli._options import (
     ActionPolicy,
+    AddedEffect,
+    AddedEstimate,
     Force,
     Json,
     MaxLogSize,
@@ -42,6 +44,8 @@ def gen_histories(
     alpha: Annotated[
         float | None, typer.Option("--alpha", help="Shape of the symmetric Beta; 5 by default.")
     ] = None,
+    effect: AddedEffect = [],  # noqa: B006
+    estimate: AddedEstimate = None,
     noise: ObservationNoise = "none",
     noise_sd: Annotated[
         list[str], typer.Option("--noise-sd", help="White noise besides: SD for all features, or FEATURE=SD.")
@@ -98,6 +102,8 @@ def gen_histories(
         pairs=pairs,
         rounds=rounds,
         alpha=alpha,
+        effects=effect,
+        estimate=estimate,
         noise=noise,
         noise_sd=standard_deviations(noise_sd, "--noise-sd"),
         inputs_from=inputs_from,

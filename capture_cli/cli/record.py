@@ -31,8 +31,19 @@ def record(
         bool, typer.Option("--random-parameters", help="Draw the others at random.")
     ] = False,
     effect: Annotated[
-        list[str], typer.Option("--effect", help="NAME@SITE.PARAMETER=VALUE.", autocompletion=effects)
+        list[str],
+        typer.Option(
+            "--effect",
+            help="NAME@SITE.PARAMETER=VALUE, or =LOW:HIGH, drawn from.",
+            autocompletion=effects,
+        ),
     ] = [],  # noqa: B006
+    estimate: Annotated[
+        Path | None,
+        typer.Option(
+            "--estimate", help="Estimate or diagnosis directory, whose values and effects the machine has."
+        ),
+    ] = None,
     noise: Annotated[list[str], typer.Option("--noise", help="SD for all outputs, or OUTPUT=SD.")] = [],  # noqa: B006
     episodes: Annotated[int, typer.Option("--episodes", min=1, help="Number of episodes.")] = 1,
     policy: Annotated[
@@ -99,6 +110,7 @@ def record(
         parameters=named_numbers(param, "--param"),
         random_parameters=random_parameters,
         effects=effect,
+        estimate=estimate,
         noise=standard_deviations(noise, "--noise"),
         episodes=episodes,
         policy=policy,

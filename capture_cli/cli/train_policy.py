@@ -8,7 +8,17 @@ import typer
 
 from capture_cli.cli._completion import tasks, words
 from capture_cli.cli._config import Config
-from capture_cli.cli._options import CheckpointOut, Device, Force, Json, Quiet, Seed, Threads
+from capture_cli.cli._options import (
+    AddedEffect,
+    AddedEstimate,
+    CheckpointOut,
+    Device,
+    Force,
+    Json,
+    Quiet,
+    Seed,
+    Threads,
+)
 from capture_cli.cli._results import console, print_json
 
 
@@ -18,6 +28,8 @@ def train_policy(
     policy: Annotated[
         str, typer.Option("--policy", help="What to train: sac.", autocompletion=words("sac"))
     ] = "sac",
+    effect: AddedEffect = [],  # noqa: B006
+    estimate: AddedEstimate = None,
     steps: Annotated[int, typer.Option("--steps", help="Episodes.")] = 150_000,
     envs: Annotated[int, typer.Option("--envs", help="Episodes simulated at once.")] = 64,
     updates: Annotated[int, typer.Option("--updates", help="Gradient steps after each of these.")] = 16,
@@ -53,6 +65,8 @@ def train_policy(
         task=task,
         out=out,
         policy=policy,
+        effects=effect,
+        estimate=estimate,
         steps=steps,
         envs=envs,
         updates=updates,

@@ -14,7 +14,7 @@ from capture_cli.effects.base import PLACES, Effect
 from capture_cli.model.parameters import Parameter
 
 REGISTRY: Registry[Effect] = Registry(
-    "capture_cli.effects", "Effect", "effect", not_listed=("companion", "placed")
+    "capture_cli.effects", "Effect", "effect", not_listed=("companion", "placed", "ranges")
 )
 EXAMPLE = Path(__file__).with_name("_example_machine.xml")
 

@@ -111,10 +111,22 @@ class _Slot:
     states: slice
 
 
+def _slots(effects: Sequence[Effect], first: int, hidden: int) -> list[_Slot]:
+    """One after the other, from there on among all parameters and hidden states."""
+    slots = []
+    for effect in effects:
+        parameters = slice(first, first + len(effect.parameters))
+        states = slice(hidden, hidden + len(effect.states))
+        slots.append(_Slot(effect, parameters, states))
+        first, hidden = parameters.stop, states.stop
+    return slots
+
+
 class Simulator:
     """Simulates windows of a log under candidate parameters: those of the task, then those of each effect.
 
-    An effect's parameters are named EFFECT@SITE.PARAMETER. `rollouts` counts the simulations run so far.
+    An effect's parameters are named EFFECT@SITE.PARAMETER. Effects that the task has at known values act before these,
+    and are no part of `space`. `rollouts` counts the simulations run so far.
     difference_step: the least share of a parameter's range that finite differences take, for the task's sake or an
     effect's.
     """
@@ -131,28 +143,31 @@ class Simulator:
         self.effects = tuple(Placed(*e) for e in effects)
         self.engine = engine or Engine(task.model, threads)
         self.rollouts = 0
-        self.difference_step = max([difference_step, *(effect.difference_step for _, effect in self.effects)])
+        all_effects = [effect for _, effect in (*(placed for placed, _ in task.effects), *self.effects)]
+        self.difference_step = max([difference_step, *(effect.difference_step for effect in all_effects)])
         longest = max([self.difference_step, *task.space.steps])
         self.space = ParameterSpace([p.with_step_of(self.difference_step) for p in task.space])
-        self._placed: list[_Slot] = []
-        self.hidden_states = 0
         for placed in self.effects:
-            effect = placed.effect
-            parameters = slice(len(self.space), len(self.space) + len(effect.parameters))
-            states = slice(self.hidden_states, self.hidden_states + len(effect.states))
-            self._placed.append(_Slot(effect, parameters, states))
-            self.hidden_states = states.stop
             self.space = self.space + ParameterSpace(
-                [replace(p.with_step_of(longest), name=f"{placed.name}.{p.name}") for p in effect.parameters]
+                [
+                    replace(p.with_step_of(longest), name=f"{placed.name}.{p.name}")
+                    for p in placed.effect.parameters
+                ]
             )
+        self._known = np.concatenate([np.zeros(0), *(values for _, values in task.effects)])
+        # known values stand after those of candidates
+        self._placed = _slots([effect for (_, effect), _ in task.effects], len(self.space), 0)
+        hidden = sum(len(own.effect.states) for own in self._placed)
+        self._placed += _slots([effect for _, effect in self.effects], len(task.space), hidden)
+        self.hidden_states = sum(len(own.effect.states) for own in self._placed)
         self._sensors = np.array([c.index for c in task.outputs])
         self._own_states = 2 * task.model.nv + task.model.na
-        self.substeps = math.prod(effect.substeps for _, effect in self.effects)
+        self.substeps = math.prod(effect.substeps for effect in all_effects)
 
     @property
     def begins_early(self) -> bool:
         """Whether a simulation may begin before its window does: where a sensor reports late."""
-        return any(effect.reports_late for _, effect in self.effects)
+        return any(own.effect.reports_late for own in self._placed)
 
     def hidden_sd(self, windows: Windows) -> np.ndarray:
         """How well hidden states are known at the start of each window, (window, hidden state): 0 for certain.
@@ -206,7 +221,7 @@ class Simulator:
             steps = part.measured.shape[1]
             for few in self._at_a_time(row, part):
                 own = None if moved is None else moved[candidate[few], row[few]]
-                each = parameters[candidate[few]]
+                each = self._with_known(parameters[candidate[few]])
                 rollouts = self._rollout(_Runs(part, starts.rows(group), row[few], each, own, motion))
                 number, window = candidate[few], group[row[few]]
                 outputs[number, window, :steps] = part.sample(rollouts.sensors, row[few])
@@ -219,11 +234,16 @@ class Simulator:
             self.rollouts += len(row)
         return Simulated(outputs, diverged)
 
+    def _with_known(self, parameters: np.ndarray) -> np.ndarray:
+        """Parameters (simulation, parameter) of candidates, and after them those of known values."""
+        known = np.broadcast_to(self._known, (len(parameters), len(self._known)))
+        return np.concatenate([parameters, known], axis=1)
+
     def _at_a_time(self, row: np.ndarray, windows: Windows) -> list[np.ndarray]:
         """Numbers of the simulations of the windows `row` (simulation,) that are run at a time."""
         order, steps, bound = np.arange(len(row)), windows.grid, SENSOR_BYTES
         columns = len(self._sensors)
-        if self.begins_early or any(effect.place == "control" for _, effect in self.effects):
+        if self.begins_early or any(own.effect.place == "control" for own in self._placed):
             # each has controls of its own
             steps, columns, bound = windows.tapes.lead + windows.tapes.stop, self.task.model.nu, TAPE_BYTES
         else:
@@ -245,12 +265,14 @@ class Simulator:
     def _trajectories(self, parameters: np.ndarray, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         task, count = self.task, len(actions)
         episodes = task.episodes(actions)
+        each = self._with_known(np.asarray(parameters, dtype=float))
+        length = (task.grid_steps - 1) * task.timestep
         none = np.zeros(count)
         rollouts = self._step(
             Begun(episodes.starts, hidden=np.zeros((count, self.hidden_states)), early=none, drift=none),
             _Drives(KeptTapes(episodes.inputs), np.arange(count), known=none.astype(int)),
-            task.grid_steps,
-            np.asarray(parameters, dtype=float),
+            task.grid_steps + self._steps_beyond(each, np.zeros(count), length),
+            each,
             began=none,
         )
         self.rollouts += count
@@ -266,7 +288,8 @@ class Simulator:
         reported: ReportedMotion | None = None,
     ) -> Motion:
         """What happens inside every window at one point (parameter,); the rest is as for `simulate`."""
-        rollouts = self._rollout(_Runs.at(windows, starts, point, offsets, reported), keep_states=True)
+        runs = _Runs.at(windows, starts, self._with_known(point[None])[0], offsets, reported)
+        rollouts = self._rollout(runs, keep_states=True)
         self.rollouts += len(windows)
         return Motion(
             rollouts.qpos,
@@ -286,7 +309,7 @@ class Simulator:
         reported: ReportedMotion | None = None,
     ) -> Begun:
         """Where the simulation of every window begins at one point (parameter,); the rest is as for `simulate`."""
-        return self._begun(_Runs.at(windows, starts, point, offsets, reported))
+        return self._begun(_Runs.at(windows, starts, self._with_known(point[None])[0], offsets, reported))
 
     def _begun(self, runs: _Runs) -> Begun:
         windows, row, each = runs.windows, runs.row, runs.each
@@ -309,20 +332,31 @@ class Simulator:
         """Rollouts whose sensors are the outputs on the grid of the windows."""
         windows, row, each = runs.windows, runs.row, runs.each
         begun, length = self._begun(runs), windows.grid * windows.timestep
-        # each by itself: a clock that runs ahead is read before what is late after it
-        late = self._each_lateness(each, windows.elapsed[row] + length)
-        ahead = sum(-np.minimum(own[:, self._sensors], 0.0).min(axis=1, initial=0.0) for own in late)
-        more = begun.early + ahead + self._drift(each, np.full(len(row), length))
         rollouts = self._step(
             begun,
             _Drives(windows.tapes, row, windows.known_lead[row]),
-            windows.grid + int(np.ceil(more.max(initial=0.0) / windows.timestep)),
+            windows.grid + self._steps_beyond(each, windows.elapsed[row], length, begun.early),
             each,
             began=(windows.time - windows.elapsed)[row],
             first=None if windows.first is None else windows.first[row],
             keep_states=keep_states,
         )
         return _from(rollouts, begun.early / windows.timestep) if begun.early.any() else rollouts
+
+    def _steps_beyond(
+        self, each: np.ndarray, elapsed: np.ndarray, length: float, early: np.ndarray | float = 0.0
+    ) -> int:
+        """How many steps simulations have to go on for after `length` s: sensors that are ahead, or whose clock is
+        late, show what is then.
+
+        each (simulation, parameter); elapsed, early (simulation,): s, since the episode began, and before that, where
+        they begin.
+        """
+        # each by itself: a clock that runs ahead is read before what is late after it
+        late = self._each_lateness(each, elapsed + length)
+        ahead = sum(-np.minimum(own[:, self._sensors], 0.0).min(axis=1, initial=0.0) for own in late)
+        more = early + ahead + self._drift(each, np.full(len(each), length))
+        return int(np.ceil(np.max(more, initial=0.0) / self.task.timestep))
 
     def _step(
         self,
@@ -353,7 +387,7 @@ class Simulator:
             forces=self._forces(each, hidden, began, first),
             columns=None if measures else self._sensors,
             states=keep_states,
-            actuator_forces=any(effect.reads_actuators for _, effect in self.effects),
+            actuator_forces=any(own.effect.reads_actuators for own in self._placed),
             substeps=self.substeps,
         )
         if not measures:
@@ -415,7 +449,7 @@ class Simulator:
 
     @property
     def _measures(self) -> bool:
-        return any(effect.place == "measurement" for _, effect in self.effects)
+        return any(own.effect.place == "measurement" for own in self._placed)
 
     def _drift(self, each: np.ndarray, elapsed: np.ndarray) -> np.ndarray:
         """How far the sensors' clock is behind that of the controls, s, (simulation,)."""

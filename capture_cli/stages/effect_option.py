@@ -1,9 +1,10 @@
-"""`--effect NAME@SITE.PARAMETER=VALUE` of `capture record`, read: which effects, where, with which values."""
+"""`--effect NAME@SITE.PARAMETER=VALUE`, or `=LOW:HIGH`, read: which effects, where, with which values."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from capture_cli.effects import REGISTRY
 from capture_cli.effects.base import GLOBAL, Effect
 from capture_cli.effects.placed import Placed
+from capture_cli.effects.ranges import EffectRanges
 from capture_cli.errors import OptionError, did_you_mean
 from capture_cli.model.parameters import Parameter
 from capture_cli.model.tasks.base import Task
@@ -22,30 +24,61 @@ _EFFECT = re.compile(
 )
 
 
-def parse_effects(texts: Sequence[str], model: mujoco.MjModel) -> tuple[list[Placed], np.ndarray]:
-    """Placed effects and the values of all their parameters (parameter,). Raises OptionError."""
-    found: dict[str, tuple[Placed, np.ndarray]] = {}
+@dataclass(frozen=True)
+class _Given:
+    """One --effect. parameter: which of the effect's it sets; None: none, it is there, or all over their ranges."""
+
+    placed: Placed
+    parameter: int | None
+    low: float = 0.0
+    high: float = 0.0
+
+
+def parse_effects(
+    texts: Sequence[str],
+    model: mujoco.MjModel,
+    *,
+    found: Sequence[tuple[Placed, np.ndarray]] = (),
+    over_own_range: bool = False,
+) -> EffectRanges:
+    """The effects of `texts`, after those `found` before, with the values (parameter,) of each. Raises OptionError.
+
+    A text goes before what was found, and parameters that nobody names are null. over_own_range: those of an effect
+    that is named alone go over the whole range in which each is looked for; otherwise a value has to be given.
+    """
+    ranges = {placed.name: (placed, values.copy(), values.copy()) for placed, values in found}
     for text in texts:
-        match = _EFFECT.match(text)
-        if match is None:
-            raise OptionError(
-                f"--effect {text!r} is not of the form NAME@SITE.PARAMETER=VALUE",
-                cure="for example --effect coulomb-friction@x=3.5; `capture effects` lists what there is",
-            )
-        cls = REGISTRY.get(match["name"])
-        site, parameter = match["place"], match["parameter"]
-        if site is not None:
-            site, parameter = _site_and_parameter(site, cls, model)
-        effect = cls(model, _site(match["name"], site, cls, model))
-        placed = Placed(match["name"], effect)
-        (_, effect), values = found.setdefault(placed.name, (placed, effect.space.nominal.copy()))
-        if not effect.parameters and not parameter and not match["value"]:
-            continue
-        which = _parameter(text, match, parameter, effect.space.names)
-        values[which] = _number(text, match["value"], placed.name, effect.space.names)
-        refuse_negative(f"--effect {text}", effect.space.parameters[which], values[which])
-    effects = [placed for placed, _ in found.values()]
-    return effects, np.concatenate([np.zeros(0), *(values for _, values in found.values())])
+        given = _parse(text, model, over_own_range)
+        space = given.placed.effect.space
+        start = (given.placed, space.nominal.copy(), space.nominal.copy())
+        _, low, high = ranges.setdefault(given.placed.name, start)
+        if given.parameter is None:
+            low[:], high[:] = space.low, space.high
+        else:
+            low[given.parameter], high[given.parameter] = given.low, given.high
+    return EffectRanges.of(ranges.values())
+
+
+def _parse(text: str, model: mujoco.MjModel, over_own_range: bool) -> _Given:
+    match = _EFFECT.match(text)
+    if match is None:
+        raise OptionError(
+            f"--effect {text!r} is not of the form NAME@SITE.PARAMETER=VALUE, or =LOW:HIGH",
+            cure="for example --effect coulomb-friction@x=3.5; `capture effects` lists what there is",
+        )
+    cls = REGISTRY.get(match["name"])
+    site, parameter = match["place"], match["parameter"]
+    if site is not None:
+        site, parameter = _site_and_parameter(site, cls, model)
+    effect = cls(model, _site(match["name"], site, cls, model))
+    placed = Placed(match["name"], effect)
+    if not parameter and not match["value"] and (over_own_range or not effect.parameters):
+        return _Given(placed, None)
+    which = _parameter(text, match, parameter, effect.space.names)
+    low, high = _range(text, match["value"], placed.name, effect.space.names)
+    for value in (low, high):
+        refuse_negative(f"--effect {text}", effect.space.parameters[which], value)
+    return _Given(placed, which, low, high)
 
 
 def refuse_negative(option: str, parameter: Parameter, value: float) -> None:
@@ -69,29 +102,28 @@ def beyond_range(parameters: Sequence[Parameter], values: np.ndarray) -> list[st
     ]
 
 
-def refuse_without_effect(
-    task: Task, point: np.ndarray, placed: Sequence[Placed], values: np.ndarray
-) -> None:
-    """Raise OptionError where the model at `point` (parameter,) takes less of an effect than `values` (parameter,) say.
+def refuse_without_effect(task: Task, point: np.ndarray, effects: EffectRanges) -> None:
+    """Raise OptionError where the model at `point` (parameter,) takes less of an effect than an end of its range says.
 
     A joint has no less friction than none, and a truth must not say that it had. Only what is written into the model
-    can be less than was asked for, and only beyond its range.
+    can be less than was asked for, and only beyond the range in which it is looked for.
     """
-    first = 0
-    for one in placed:
-        effect = one.effect
-        own = values[first : first + len(effect.space)]
-        first += len(effect.space)
-        for k, parameter in enumerate(effect.space.parameters if effect.place == "model" else ()):
-            nearest = np.clip(own[k], parameter.low, parameter.high)
-            less = own.copy()
-            less[k] += 1e-3 * (nearest - own[k])
-            if own[k] != nearest and _same_model(task, point, effect, own, less):
-                raise OptionError(
-                    f"--effect {one.name}.{parameter.name}={own[k]:g}: the model takes no more of it "
-                    f"than of values nearer to its range, {parameter.low:g} to {parameter.high:g} {parameter.unit}",
-                    cure="choose one from this range",
-                )
+    for ends in (effects.low, effects.high):
+        first = 0
+        for one in effects.placed:
+            effect = one.effect
+            own = ends[first : first + len(effect.space)]
+            first += len(effect.space)
+            for k, parameter in enumerate(effect.space.parameters if effect.place == "model" else ()):
+                nearest = np.clip(own[k], parameter.low, parameter.high)
+                less = own.copy()
+                less[k] += 1e-3 * (nearest - own[k])
+                if own[k] != nearest and _same_model(task, point, effect, own, less):
+                    raise OptionError(
+                        f"--effect {one.name}.{parameter.name}={own[k]:g}: the model takes no more of it "
+                        f"than of values nearer to its range, {parameter.low:g} to {parameter.high:g} {parameter.unit}",
+                        cure="choose one from this range",
+                    )
 
 
 def _same_model(task: Task, point: np.ndarray, effect: Effect, *values: np.ndarray) -> bool:
@@ -155,8 +187,22 @@ def _site(name: str, site: str | None, cls: type[Effect], model: mujoco.MjModel)
     return site
 
 
+def _range(text: str, value: str, placed: str, names: Sequence[str]) -> tuple[float, float]:
+    """`value` of `--effect text`, LOW:HIGH or one number, which is both; placed: the effect's name and site, which has
+    parameters of these names.
+    """
+    low, colon, high = value.partition(":")
+    ends = tuple(_number(text, end, placed, names) for end in ((low, high) if colon else (low, low)))
+    if colon and not ends[0] < ends[1]:
+        raise OptionError(
+            f"--effect {text!r}: nothing lies between {low} and {high}",
+            cure="give the lower end first, and a higher one; of one value, leave the colon out",
+        )
+    return ends
+
+
 def _number(text: str, value: str, placed: str, names: Sequence[str]) -> float:
-    """`value` of `--effect text`; placed: the effect's name and site, which has parameters of these names."""
+    """`value` of `--effect text`, or an end of its range; the others are as of `_range`."""
     try:
         number = float(value)
     except ValueError:

@@ -4,29 +4,20 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from capture_cli.diagnosis.expression import expression_terms
 from capture_cli.effects.companion import MADE_BY_EXPORT, companion_module
-from capture_cli.effects.placed import placed_name
-from capture_cli.errors import OptionError, OutputError, StoreError
+from capture_cli.effects.ranges import WithValues
+from capture_cli.errors import OutputError
 from capture_cli.model.parameters import Parameter, ParameterSpace
-from capture_cli.model.tasks.base import Task
 from capture_cli.sim.engine import ModelFields
 from capture_cli.sim.mjcf import to_mjcf
-from capture_cli.stages.recorded.recorded_effects import WithValues, declared_values, recorded_effects
-from capture_cli.stages.recorded.recorded_task import load_recorded, task_inputs
-from capture_cli.store.diagnosis import Diagnosis
-from capture_cli.store.estimate import Estimate
+from capture_cli.stages.recorded.found_model import FoundModel
+from capture_cli.stages.recorded.recorded_task import task_inputs
 from capture_cli.store.output import New, new_outputs, refuse_existing, refuse_inputs, refuse_misnamed
-from capture_cli.store.result import check_bounds, is_within, read_provenance
-
-MADE_BY = {"capture/estimate": "identify", "capture/diagnosis": "diagnose"}
 
 
 @dataclass(frozen=True)
@@ -52,23 +43,10 @@ def export(*, result: Path, out: Path, task: str | None = None, force: bool = Fa
     or removed if it is not needed any more. Raises CaptureError for whatever the user can mend; then nothing is
     written.
     """
-    found = _read(result)
-    command = MADE_BY[found["format"]]
-    provenance = read_provenance(result, f"make it again with `capture {command}`")
-    machine = load_recorded(result, provenance, task, found["log"]["path"])
+    model = FoundModel.read(result, task)
+    machine, values, effects, found = model.task, model.values, model.effects, model.document
     refuse_inputs(out, [result, *task_inputs(machine).values()])
     refuse_misnamed(out, ".xml")
-    if machine.name != found["task"]:
-        raise OptionError(
-            f"{result} belongs to the task {found['task']!r}, and --task is {machine.name!r}",
-            cure=f"give the task that {result} was made with",
-        )
-    expression = found.get("expression") or {}
-    if expression.get("terms"):
-        found = _with_expression(found, expression, str(result))
-    values = declared_values(found["parameters"], machine.space, str(result), command)
-    effects = recorded_effects(found.get("effects", []), machine.model, command)
-    effects |= _terms(expression.get("terms", []), machine, command)
     fields = ModelFields(machine.model, 1)
     machine.write(fields, values[None])
     for effect, own in effects.values():
@@ -81,7 +59,7 @@ def export(*, result: Path, out: Path, task: str | None = None, force: bool = Fa
     stale = not beside and _is_exported(module_path)
     if stale:
         refuse_existing(module_path, force=force)
-    header = _header(found, command, machine.space, values, effects, companion)
+    header = _header(found, model.command, machine.space, values, effects, companion)
     texts = {out: to_mjcf(machine.model_path, fields, out, header)}
     if companion:
         texts[companion] = companion_module(out.name, machine.name, beside, _substeps(effects))
@@ -106,71 +84,9 @@ def _refuse_foreign(companion: Path) -> None:
         )
 
 
-def _read(result: Path) -> Mapping[str, Any]:
-    """The document of an estimate or diagnosis directory."""
-    if (result / "diagnosis.json").is_file():
-        return Diagnosis.read(result).document
-    if (result / "estimate.json").is_file():
-        return Estimate.read(result).document
-    raise StoreError(
-        f"{result} holds neither estimate.json nor diagnosis.json",
-        cure="give a directory that `capture identify` or `capture diagnose` made",
-    )
-
-
 def _substeps(effects: WithValues) -> int:
     """Steps of the exported model in one of the task's own."""
     return math.prod(effect.substeps for effect, _ in effects.values())
-
-
-def _with_expression(
-    found: Mapping[str, Any], expression: Mapping[str, Any], whose: str
-) -> Mapping[str, Any]:
-    """The diagnosis with the values that parameters and effects have beside its formula."""
-    if "values" not in expression:
-        raise StoreError(
-            f"{whose} has a formula without the values that go with it", cure="run `capture diagnose` again"
-        )
-
-    def there(parameters: Mapping[str, Any], owner: str = "") -> dict[str, Any]:
-        missing = [owner + n for n in parameters if owner + n not in expression["values"]]
-        if missing:
-            raise StoreError(
-                f"{whose} has a formula, and among the values that go with it none of {', '.join(missing)}",
-                cure="run `capture diagnose` again",
-            )
-        return {n: {**p, "value": expression["values"][owner + n]} for n, p in parameters.items()}
-
-    effects = [
-        {**row, "parameters": there(row["parameters"], f"{placed_name(row['name'], row['site'])}.")}
-        for row in found["effects"]
-    ]
-    beside = {**found, "parameters": there(found["parameters"]), "effects": effects}
-    check_bounds(beside, f"{whose}: the values that go with its formula", "run `capture diagnose` again")
-    return beside
-
-
-def _terms(rows: Sequence[Mapping[str, Any]], machine: Task, command: str) -> WithValues:
-    """The terms of a formula. Raises StoreError where the model has no place for one any more."""
-    if not rows:
-        return {}
-    terms = expression_terms(machine.model, [c.index for c in machine.inputs])
-    there = {placed.effect.site: placed for placed in terms}
-    for row in rows:
-        if row["site"] not in there:
-            raise StoreError(
-                f"the formula has the term {row['site']!r}, which the model has not",
-                cure=f"run `capture {command}` again with the task as it is now",
-            )
-        (coefficient,) = there[row["site"]].effect.parameters
-        if not is_within(row["coefficient"], coefficient.low, coefficient.high):
-            raise StoreError(
-                f"the formula has {row['coefficient']:g} times {row['site']!r}, outside of its bounds, "
-                f"{coefficient.low:g} to {coefficient.high:g}",
-                cure=f"run `capture {command}` again with the task as it is now",
-            )
-    chosen = [(there[row["site"]], np.array([row["coefficient"]])) for row in rows]
-    return {placed.name: (placed.effect, value) for placed, value in chosen}
 
 
 def _header(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -27,10 +27,10 @@ from capture_cli.context.search.base import ALPHA, Search
 from capture_cli.errors import OptionError, did_you_mean
 from capture_cli.model.model_hash import model_hash
 from capture_cli.model.parameters import ParameterSpace
-from capture_cli.model.tasks import load_task
 from capture_cli.model.tasks.base import ActionTask, Task
 from capture_cli.model.tasks.sequence_task import TapeTask
 from capture_cli.stages.recorded.recorded_task import task_inputs
+from capture_cli.stages.simulated_machine import SimulatedMachine
 from capture_cli.store.histories import SHARD_PAIRS, HistoriesWriter, is_url, shard_rows
 from capture_cli.store.output import refuse_inputs
 from capture_cli.store.provenance import Provenance
@@ -48,6 +48,8 @@ def gen_histories(
     pairs: int = 1000,
     rounds: int = ROUNDS,
     alpha: float | None = None,
+    effects: Sequence[str] = (),
+    estimate: Path | None = None,
     noise: str = "none",
     noise_sd: Mapping[str, float] | float = 0.0,
     inputs_from: Path | None = None,
@@ -69,6 +71,8 @@ def gen_histories(
 
     policy: a name, or a checkpoint directory. alpha: shape of the Beta that `search` draws from. noise: one of
     `observation_noise.NOISES`; noise_sd: standard deviation of white noise besides, per feature or one for all.
+    effects, estimate: what machines have that the task's model lacks, see `SimulatedMachine`; in simulated trajectories
+    at the middle of its range, in measured ones anywhere in it, anew for each pair.
     inputs_from, window, points, amplitude, band, max_log_size: what the actions of a task.toml are, see `tape_task`.
     executor: where shards are made, "local" or "ray" (at `address`). With `resume` a run that ended early goes on,
     and one that is complete is left as it is. The bytes written do not depend on threads, executor or hosts.
@@ -79,10 +83,13 @@ def gen_histories(
         require("ray", "--executor ray")
     out = str(out).removeprefix("file://")
     _check(pairs, rounds, executor, address)
-    machine = load_task(task)
+    asked = SimulatedMachine.to_learn_in(
+        task, estimate, effects, why="histories go over all values of the parameters"
+    )
+    machine = asked.task
     checkpoints = [policy] if Path(policy).exists() else []
     if not is_url(out):
-        refuse_inputs(Path(out), [inputs_from, *checkpoints, *task_inputs(machine).values()])
+        refuse_inputs(Path(out), [inputs_from, estimate, *checkpoints, *task_inputs(machine).values()])
     machine = _action_task(
         machine,
         seed,
@@ -98,6 +105,7 @@ def gen_histories(
     recipe = Recipe(
         task=machine,
         policy=load_policy(policy, machine),
+        effects=asked.effects,
         search=_search(search, alpha),
         rounds=rounds,
         noise=noise,
@@ -105,11 +113,14 @@ def gen_histories(
         seed=seed,
     )
     attributes = _attributes(recipe, policy, search, pairs, shard_pairs)
-    provenance = Provenance("gen-histories", options, {"task": machine.path, "inputs_from": inputs_from})
+    inputs = {"task": machine.path, "inputs_from": inputs_from, "estimate": estimate}
+    provenance = Provenance("gen-histories", options, inputs)
     if resume and not force and is_complete(HistoriesWriter(out), attributes, checkpoints):
         return _summary(out, attributes, made=0, seconds=0.0)
     if isinstance(machine, TapeTask):
-        check_parameters_move_trajectories(machine, seed=seed, threads=threads)
+        check_parameters_move_trajectories(
+            machine.with_effects(asked.effects.at_middle), seed=seed, threads=threads
+        )
     began = time.monotonic()
     with _shard_maker(executor, address) as make_shards, place(out, force=force, resume=resume) as location:
         writer = HistoriesWriter(location)
@@ -182,6 +193,7 @@ def _attributes(recipe: Recipe, policy: str, search: str, pairs: int, shard_pair
         "rounds": recipe.rounds,
         "search": search,
         "alpha": float(recipe.search.alpha) if recipe.search.takes_alpha else None,
+        "effects": recipe.effects.rows(),
         "noise": recipe.noise,
         "noise_sd": {f.name: s for f, s in zip(task.features, recipe.noise_sd, strict=True)},
         "policy": {

@@ -86,6 +86,8 @@ def identify(
     if earlier is not None:
         earlier.check(found, log)
     chosen = choose_identifier(options["identifier"], found, log)
+    if chosen.checkpoint is not None:
+        found = chosen.checkpoint.machine(found)
     to_fit = LogToFit.of("identify", log, found, options, out=out, identifier=chosen.path)
     warn_of_wide_bounds(found)
     options = to_fit.options
@@ -102,7 +104,9 @@ def identify(
         if suspicions(estimate):
             _look_for_misread(estimate.document, search, options["window"])
         elif _lacks(estimate.document):
-            diagnose = ["capture", "diagnose", "--real-log", str(real_log), "--estimate", THIS_ESTIMATE]
+            diagnose = ["capture", "diagnose", "--real-log", str(real_log)]
+            if not estimate.document["effects"]:
+                diagnose += ["--estimate", THIS_ESTIMATE]
             estimate.document["next_command"] = shlex.join(diagnose)
     with new_directory(out, force=force or resume) as folder:
         estimate.write(folder)

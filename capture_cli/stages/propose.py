@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from capture_cli.context.checkpoints.policy_checkpoint import load_policy
+from capture_cli.diagnosis.recorded_effects import placed_effects, recorded_effects, recorded_values
 from capture_cli.errors import OptionError
 from capture_cli.model.tasks.base import ActionTask, Task
 from capture_cli.protocol.expected_information import Axes, information, sensitivities
@@ -34,7 +35,6 @@ from capture_cli.simulate.simulator import Simulator
 from capture_cli.stages.excitation.drive import Drive, acted
 from capture_cli.stages.excitation.planned_episodes import Known, planned
 from capture_cli.stages.recorded.proposed_machine import is_diagnosis, proposed_machine
-from capture_cli.stages.recorded.recorded_effects import recorded_effects, recorded_values
 from capture_cli.stages.recorded.recorded_log import recorded_log
 from capture_cli.stages.recorded.recorded_task import task_inputs
 from capture_cli.store.diagnosis import EXPERIMENT, Diagnosis
@@ -294,8 +294,8 @@ def _driven_to(
     `ShownMotion.judged`. Raises OptionError where it diverges.
     """
     values = recorded_values(diagnosis["parameters"], task.space, "the diagnosis", "diagnose")
-    effects = recorded_effects(diagnosis["effects"], task.model, "diagnose")
-    placed = [(name.split("@")[0], effect) for name, (effect, _) in effects.items()]
+    effects = recorded_effects(diagnosis["effects"], task, "diagnose")
+    placed = [placed for placed, _ in placed_effects(effects)]
     point = np.concatenate([values, *(own for _, own in effects.values())])
     windows = driven_windows(task, time, tape[None])
     outputs, qpos, diverged = driven_motion(Simulator(task, placed, threads), windows, point)

@@ -16,25 +16,19 @@ from capture_cli.common.extras import require
 from capture_cli.context.observation_noise import standard_deviations
 from capture_cli.errors import FitError, OptionError, did_you_mean
 from capture_cli.log.measured_log import MeasuredLog
-from capture_cli.model.parameters import ParameterSpace
-from capture_cli.model.tasks import load_task
 from capture_cli.model.tasks.base import ActionTask, Task
 from capture_cli.sim.windows import cut
 from capture_cli.simulate.multisine import BAND
 from capture_cli.simulate.simulator import Simulator
-from capture_cli.stages.effect_option import (
-    beyond_range,
-    parse_effects,
-    refuse_negative,
-    refuse_without_effect,
-)
+from capture_cli.stages.effect_option import beyond_range, refuse_negative, refuse_without_effect
 from capture_cli.stages.excitation.drive import Drive, DriveOptions, drive
 from capture_cli.stages.recorded.recorded_task import task_inputs
+from capture_cli.stages.simulated_machine import SimulatedMachine
 from capture_cli.store.output import New, new_outputs, refuse_existing, refuse_inputs, refuse_misnamed
 from capture_cli.store.provenance import Provenance, write_json
 
 WORLDS = ("plant", "robosuite")
-TRUTH = ("parameters", "effects")  # options that a log's provenance keeps to itself
+TRUTH = ("parameters", "effects", "estimate")  # options that a log's provenance keeps to itself
 
 
 @dataclass(frozen=True)
@@ -54,6 +48,7 @@ def record(
     parameters: Mapping[str, float] | None = None,
     random_parameters: bool = False,
     effects: Sequence[str] = (),
+    estimate: Path | None = None,
     noise: Mapping[str, float] | float = 0.0,
     episodes: int = 1,
     policy: str | None = None,
@@ -75,8 +70,10 @@ def record(
     """Record `episodes` of `duration` s at `rate` Hz (the model's own where None) and write a measured log at `out`.
 
     world: "plant" simulates the task's model; "robosuite" the whole scene of a built-in task, in which a robot's own
-    controller drives it. effects, of the plant: "NAME@SITE.PARAMETER=VALUE" each; site and parameter may be left out
-    where there is only one. noise: standard deviation of white noise per output, or one for all.
+    controller drives it. effects, of the plant: "NAME@SITE.PARAMETER=VALUE" each, or "=LOW:HIGH", between which the
+    value is drawn; site and parameter may be left out where there is only one. estimate: of which the machine has the
+    values, where `parameters` has none and they are not random, and the effects, where `effects` has none. noise:
+    standard deviation of white noise per output, or one for all.
 
     A task of actions is driven by one action per episode, chosen by `policy` (a checkpoint, or a name; random where
     None) for parameters that are nominal or drawn anew for each episode (`belief`), or proposed in the file
@@ -91,8 +88,9 @@ def record(
     refuse_existing(out, force=force)
     truth = truth or out.with_suffix(".truth.json")
     _refuse_truth(truth, out, force=force)
-    machine = load_task(task)
-    read = [inputs_from, actions_from, _if_path(policy), *task_inputs(machine).values()]
+    asked = SimulatedMachine.of(task, estimate, effects)
+    machine = asked.task
+    read = [inputs_from, actions_from, estimate, _if_path(policy), *task_inputs(machine).values()]
     refuse_inputs(out, read)
     refuse_inputs(truth, read, option="--truth")
     refuse_misnamed(truth, ".json", option="--truth")
@@ -101,15 +99,12 @@ def record(
         options,
         {"task": machine.path, "inputs_from": inputs_from, "policy": _if_path(policy)},
     )
-    placed, effect_values = parse_effects(effects, machine.model)
-    simulator = Simulator(machine, placed, threads)
+    simulator = Simulator(machine, asked.effects.placed, threads)
     noise_sd = _noise_sd(noise, machine)
     generator = np.random.default_rng(seed)
-    point = _point(machine.space, parameters or {}, generator if random_parameters else None)
-    refuse_without_effect(machine, point, placed, effect_values)
-    point = np.concatenate([point, effect_values])
-    asked = DriveOptions(**{field.name: options[field.name] for field in fields(DriveOptions)})
-    driven, outputs = _outputs(world, simulator, point, drive(machine, asked, generator))
+    point = _point(asked, parameters or {}, generator, random_parameters=random_parameters)
+    driving = DriveOptions(**{field.name: options[field.name] for field in fields(DriveOptions)})
+    driven, outputs = _outputs(world, simulator, point, drive(machine, driving, generator))
     outputs = outputs + np.array([*noise_sd.values()]) * generator.standard_normal(outputs.shape)
     log = driven.log(machine, outputs, name=out.stem, source="capture record")
     known = _truth(world, simulator, point, noise_sd, seed)
@@ -146,9 +141,10 @@ def _outputs(world: str, simulator: Simulator, point: np.ndarray, driven: Drive)
     if world == "plant":
         return driven, _simulate(simulator, driven, point)
     if simulator.effects:
+        names = ", ".join(placed.name for placed in simulator.effects)
         raise OptionError(
-            f"--effect means nothing: --world {world} lacks nothing that could be added to it",
-            cure="leave it out",
+            f"{names} means nothing: --world {world} lacks nothing that could be added to it",
+            cure="leave --effect out; of --estimate, give the values with --param",
         )
     return _in_scene(world, simulator.task, point, driven)
 
@@ -186,14 +182,22 @@ def _repeated(actions: np.ndarray | None, policy: str | None, belief: str) -> li
 
 
 def _point(
-    space: ParameterSpace, values: Mapping[str, float], generator: np.random.Generator | None
+    asked: SimulatedMachine,
+    values: Mapping[str, float],
+    generator: np.random.Generator,
+    *,
+    random_parameters: bool,
 ) -> np.ndarray:
-    """The parameters (parameter,): those without a value are drawn from `generator`, or nominal where it is None."""
-    default = None if generator is None else space.from_unit(generator.uniform(size=len(space)))
+    """The parameters (parameter,) of the task and its effects. Those of the task without a value are drawn, or as the
+    machine has them; those of effects are drawn where they have a range. Raises OptionError.
+    """
+    space, effects = asked.task.space, asked.effects
+    default = space.from_unit(generator.uniform(size=len(space))) if random_parameters else asked.values
     point = space.to_vector(values, default=default)
     for parameter, value in zip(space.parameters, point, strict=True):
         refuse_negative("--param", parameter, value)
-    return point
+    refuse_without_effect(asked.task, point, effects)
+    return np.concatenate([point, effects.drawn(generator, 1)[0] if effects.vary else effects.middle])
 
 
 def _if_path(name: str | None) -> Path | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -22,19 +22,22 @@ from capture_cli.context.checkpoints.training_state import (
     write_metrics,
 )
 from capture_cli.context.policies import REGISTRY
-from capture_cli.context.policies._evaluation import evaluate
+from capture_cli.context.policies._evaluation import evaluate, judge
 from capture_cli.context.policies.base import Policy, Trainer, TrainingSettings
 from capture_cli.context.torch_device import torch_device
+from capture_cli.effects.ranges import EffectRanges
 from capture_cli.errors import OptionError
-from capture_cli.model.tasks import load_task
-from capture_cli.model.tasks.base import ActionTask
+from capture_cli.model.tasks.base import ActionTask, Task
 from capture_cli.simulate.simulator import Simulator
-from capture_cli.store.output import is_complete, resumable_directory, unfinished
+from capture_cli.stages.simulated_machine import SimulatedMachine
+from capture_cli.store.output import is_complete, refuse_inputs, resumable_directory, unfinished
 from capture_cli.store.provenance import Provenance
 
 EVALUATED = 200  # parameter sets of the evaluation curve, the same ones every time
 UNSEEN = 500  # others, that the finished policy is judged on, and the random one
 EVALUATIONS = 30
+# Episodes that are seen in a mirror as well, and by how much of the reward, whose scale is 1, they may differ there
+MIRRORED, AS_GOOD = 64, 1e-3
 
 
 def train_policy(
@@ -42,6 +45,8 @@ def train_policy(
     task: str,
     out: Path,
     policy: str = "sac",
+    effects: Sequence[str] = (),
+    estimate: Path | None = None,
     steps: int = 150_000,
     envs: int = 64,
     updates: int = 16,
@@ -60,15 +65,19 @@ def train_policy(
 ) -> dict[str, Any]:
     """Train `policy` for `task`; write its checkpoint directory at `out`; returns policy.json.
 
-    steps: episodes, `envs` of them at once. updates: gradient steps per such batch. entropy: its weight beside the
-    reward; the task's own where None. threads: of the simulator; the learner has one. With `resume` a run that was
-    killed goes on from its last evaluation to the same result, and one that is complete is read. Raises CaptureError
-    before anything is written.
+    effects, estimate: what the simulated machine has that the task's model lacks, see `SimulatedMachine`; where it has
+    a range, every episode draws from it, and the policy does not know what. steps: episodes, `envs` of them at once.
+    updates: gradient steps per such batch. entropy: its weight beside the reward; the task's own where None. threads:
+    of the simulator; the learner has one. With `resume` a run that was killed goes on from its last evaluation to the
+    same result, and one that is complete is read. Raises CaptureError before anything is written.
     """
     options = {k: v for k, v in locals().items() if k not in ("resume", "force", "quiet")}
     require("learn", "train-policy")
     complete = is_complete(out, force=force, resume=resume)
-    machine = _trainable(task)
+    asked = SimulatedMachine.to_learn_in(
+        task, estimate, effects, why="a policy is trained for all values of the parameters"
+    )
+    machine = _trainable(asked.task)
     settings = TrainingSettings(
         steps=steps,
         envs=envs,
@@ -83,14 +92,21 @@ def train_policy(
     kind = _trained(policy)
     _check_settings(settings, evaluations)
     settings = replace(settings, device=torch_device(device, threads=1))
-    made = {"policy": policy, "task": machine.name, "training": asdict(settings)}
+    made = {
+        "policy": policy,
+        "task": machine.name,
+        "effects": asked.effects.rows(),
+        "training": asdict(settings),
+    }
     if complete:
         document = read_policy(Path(out), trained=True)
         check_recipe({name: document.get(name) for name in made}, made)
         return document
-    provenance = Provenance("train-policy", options, {"task": machine.path})
-    simulator = Simulator(machine, threads=threads)
-    run = _Run(kind.trainer(simulator, settings), simulator, evaluations)
+    refuse_inputs(out, [estimate])
+    provenance = Provenance("train-policy", options, {"task": machine.path, "estimate": estimate})
+    simulator = Simulator(machine, asked.effects.placed, threads)
+    machine.mirrored = machine.mirrored and _is_mirrored(simulator, asked.effects)
+    run = _Run(kind.trainer(simulator, settings, asked.effects), simulator, asked.effects, evaluations)
     recipe = {**made, "evaluations": evaluations}
     if resume:
         run.restore(unfinished(out), recipe)
@@ -104,11 +120,11 @@ def train_policy(
 # --- checks, before anything is written ---
 
 
-def _trainable(name: str) -> ActionTask:
-    machine = load_task(name)
+def _trainable(machine: Task) -> ActionTask:
     if not (isinstance(machine, ActionTask) and machine.trainable):
         raise OptionError(
-            f"--task {name}: {machine.name!r} does not say what an episode is worth, so nothing can be learned",
+            f"--task {machine.path or machine.name}: {machine.name!r} does not say what an episode is worth, so "
+            "nothing can be learned",
             cure="for histories of it no training is needed: `capture gen-histories --policy random`",
         )
     return machine
@@ -139,12 +155,29 @@ def _check_settings(settings: TrainingSettings, evaluations: int) -> None:
 # --- the work ---
 
 
+def _is_mirrored(simulator: Simulator, effects: EffectRanges) -> bool:
+    """Whether a machine with the effects is worth in a mirror what it is worth without, as its task is."""
+    if not effects.placed:
+        return True
+    task, generator = simulator.task, np.random.default_rng(0)
+    parameters = task.space.from_unit(generator.random((MIRRORED, len(task.space))))
+    actions = task.draw_actions(generator.random((MIRRORED, len(task.actions))))
+    of_effects = effects.drawn(generator, MIRRORED)
+    sides = ((parameters, actions), (task.mirror_parameters(parameters), task.mirror_actions(actions)))
+    rewards = [
+        judge(task, acted, *simulator.trajectories(np.concatenate([under, of_effects], axis=1), acted))[0]
+        for under, acted in sides
+    ]
+    return float(np.abs(rewards[0] - rewards[1]).mean()) < AS_GOOD
+
+
 class _Run:
     """A training and its evaluations: on sets of parameters that stay the same, drawn apart from the training's."""
 
-    def __init__(self, trainer: Trainer, simulator: Simulator, evaluations: int):
+    def __init__(self, trainer: Trainer, simulator: Simulator, effects: EffectRanges, evaluations: int):
         self.trainer = trainer
         self.simulator = simulator
+        self.effects = effects
         batches = trainer.settings.batches
         self.every = max(1, batches // evaluations)  # batches
         self.metrics: list[dict[str, Any]] = []
@@ -177,7 +210,11 @@ class _Run:
     def finish(self, name: str, folder: Path) -> dict[str, Any]:
         """Write the policy, whose kind is `name`; returns policy.json."""
         policy = self.trainer.policy()
-        about = {"training": asdict(self.trainer.settings), "result": self._result(policy)}
+        about = {
+            "effects": self.effects.rows(),
+            "training": asdict(self.trainer.settings),
+            "result": self._result(policy),
+        }
         document = save_policy(policy, name, folder, about)
         _write_figure(self.metrics, document["result"], folder)
         return document
@@ -208,7 +245,8 @@ class _Run:
         generator = np.random.default_rng(key)
         parameters = task.space.from_unit(generator.random((episodes, len(task.space))))
         uniform = generator.random((episodes, len(task.actions)))
-        rewards, successes = evaluate(policy, self.simulator, parameters, uniform)
+        points = np.concatenate([parameters, self.effects.drawn(generator, episodes)], axis=1)
+        rewards, successes = evaluate(policy, self.simulator, points, uniform)
         return {"reward": float(rewards.mean()), "success": float(successes.mean())}
 
     def _save(self, folder: Path, recipe: Mapping[str, Any]) -> None:

@@ -47,9 +47,18 @@ NUMBERS = Kind(
     "a list of numbers, one or more", lambda v: isinstance(v, list) and bool(v) and all(map(_is_number, v))
 )
 OBJECT = Kind("an object", lambda v: isinstance(v, dict))
-# as spaces and features are written
+# as spaces, effects and features are written
 PARAMETERS = [
     {"name": TEXT, "unit": TEXT, "low": NUMBER, "high": NUMBER, "nominal?": NUMBER, "step?": POSITIVE}
+]
+EFFECTS = [
+    {
+        "name": TEXT,
+        "site": TEXT,
+        "parameters": {
+            str: {"value": NUMBER, "unit": TEXT, "low": NUMBER, "high": NUMBER, "drawn": [NUMBER]}
+        },
+    }
 ]
 FEATURES = [{"name": TEXT, "unit": TEXT, "scale": POSITIVE}]
 

@@ -7,7 +7,7 @@ from capture_cli.store.result import Result
 from capture_cli.store.schema import STARTS, ArraySpec, Schema
 
 FORMAT = "capture/estimate"
-VERSION = 1
+VERSION = 2
 _CURE = "make it again with `capture identify`"
 # the rounds in context, as an identifier reads them
 HISTORY = ("history/parameters", "history/actions", "history/simulated", "history/measured")
@@ -76,6 +76,7 @@ SCHEMA = Schema(
 
 SHAPE = {  # of what is read of estimate.json
     "task": TEXT,
+    "effects": [{"name": TEXT, "site": TEXT, "parameters": {str: {"value": NUMBER, "high": NUMBER}}}],
     "log": {"path": TEXT, "sha256": TEXT, "input_peaks?": or_none({str: NUMBER})},
     "parameters": {str: {"value": NUMBER, "low?": NUMBER, "high?": NUMBER}},
     "noise_floor": {str: NUMBER},
@@ -95,3 +96,4 @@ class Estimate(Result):
     NAME, CURE = "estimate", _CURE
     FORMAT, VERSION, SCHEMA = FORMAT, VERSION, SCHEMA
     SHAPE = SHAPE
+    EARLIER = {1: lambda document: {**document, "effects": []}}  # noqa: RUF012

@@ -22,6 +22,7 @@ from capture_cli.errors import StoreError
 from capture_cli.store.array_metadata import ArrayMetadata, array_metadata
 from capture_cli.store.document_shape import (
     COUNT,
+    EFFECTS,
     FEATURES,
     FLAG,
     NUMBER,
@@ -40,7 +41,7 @@ MARKS = "written"
 
 SCHEMA = Schema(
     format="capture/histories",
-    version=1,
+    version=2,
     arrays=(
         ArraySpec(
             "parameters",
@@ -93,6 +94,9 @@ SCHEMA = Schema(
         "rounds": "entries per history",
         "search": "strategy that walked from source to target",
         "alpha": "shape of its symmetric Beta; null where it draws from none",
+        "effects": "list of {name, site, parameters: {NAME: {value, unit, low, high, drawn}}}: what machines have "
+        "beside the task's model; in `simulated` at `value`, in `measured` between the two of `drawn`, anew for each "
+        "pair; low, high: between which it is looked for. Version 1 had none, and is read so",
         "noise": "kind of noise in `measured`: none, label (every third label is random) or scale (times U(0.9, 1.1))",
         "noise_sd": "{FEATURE: standard deviation} of white noise in `measured`, besides",
         "policy": "{name, sha256 of its checkpoint or null} of what chose the actions",
@@ -115,6 +119,7 @@ SHAPE = {
     "rounds": COUNT,
     "search": TEXT,
     "alpha": or_none(NUMBER),
+    "effects": EFFECTS,
     "noise": TEXT,
     "noise_sd": {str: NUMBER},
     "policy": {"name": TEXT, "sha256": or_none(TEXT)},
@@ -170,6 +175,7 @@ class HistoriesWriter:
             return None
         if not found:
             return None  # a run that was killed before it had described the store
+        found = _migrated(found)
         SCHEMA.check_header(self.location, found)
         return found
 
@@ -238,7 +244,7 @@ class Histories:
             self._store = _open(self.location)
         except FileNotFoundError as error:
             raise StoreError(f"{location} does not exist", cure=_CHECK_URL) from error
-        self.attributes = dict(self._store.attributes)
+        self.attributes = _migrated(self._store.attributes)
         SCHEMA.check_header(self.location, self.attributes)
         check_shape(self.attributes, SHAPE, self.location, SCHEMA.cure_for_other_version)
         if not self.attributes["complete"]:
@@ -280,6 +286,14 @@ class Histories:
                     f"{self.location}: {spec.path} has shape {found}; its attributes say {expected}",
                     cure="make the histories again with `capture gen-histories`",
                 )
+
+
+def _migrated(attributes: Mapping[str, Any]) -> dict[str, Any]:
+    """Those of the store, as of the version that is written now: the first knew no effects."""
+    found = dict(attributes)
+    if found.get("format") == SCHEMA.format and found.get("version") == 1:
+        found |= {"version": SCHEMA.version, "effects": []}
+    return found
 
 
 def shard_rows(shard: int, shard_pairs: int, pairs: int) -> slice:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Self
@@ -17,6 +17,7 @@ from capture_cli.store.output import PROVENANCE
 from capture_cli.store.provenance import write_json
 from capture_cli.store.schema import Schema
 
+Migrations = Mapping[int, Callable[[Mapping[str, Any]], Mapping[str, Any]]]
 ROUNDING = 1e-9  # of a range: a value at one end may be beyond it in its last digits
 
 
@@ -25,7 +26,7 @@ class Result:
     """NAME.json as a dict (`document`) and the arrays of NAME.zarr by path.
 
     FORMAT and VERSION are those of NAME.json, and SCHEMA is that of NAME.zarr. CURE: of one that cannot be read.
-    SHAPE: of what stages read of NAME.json.
+    SHAPE: of what stages read of NAME.json. EARLIER: as `read_result` takes it.
     """
 
     NAME: ClassVar[str]
@@ -34,6 +35,7 @@ class Result:
     SCHEMA: ClassVar[Schema]
     CURE: ClassVar[str]
     SHAPE: ClassVar[Mapping[str, Any]] = {}
+    EARLIER: ClassVar[Migrations] = {}
 
     document: dict[str, Any]
     arrays: dict[str, np.ndarray]
@@ -53,7 +55,9 @@ class Result:
     def read_document(cls, folder: Path) -> dict[str, Any]:
         """NAME.json alone. Raises StoreError where there is none, or it is damaged or of another version."""
         name = f"{cls.NAME}.json"
-        document = read_result(Path(folder), name, cls.FORMAT, cls.VERSION, cls.CURE, cls.SHAPE)
+        document = read_result(
+            Path(folder), name, cls.FORMAT, cls.VERSION, cls.CURE, cls.SHAPE, earlier=cls.EARLIER
+        )
         check_bounds(document, Path(folder) / name, cls.CURE)
         return document
 
@@ -94,10 +98,18 @@ def read_provenance(folder: Path, cure: str) -> dict[str, Any]:
 
 
 def read_result(
-    folder: Path, name: str, form: str, version: int, cure: str, shape: Mapping[str, Any] | None = None
+    folder: Path,
+    name: str,
+    form: str,
+    version: int,
+    cure: str,
+    shape: Mapping[str, Any] | None = None,
+    earlier: Migrations | None = None,
 ) -> dict[str, Any]:
-    """The JSON document `name` of a result directory. Raises StoreError where it is not one of `form`, or lacks or
-    mistypes what `shape` says.
+    """The JSON document `name` of a result directory, as of `version`. Raises StoreError where it is not one of `form`,
+    or lacks or mistypes what `shape` says.
+
+    earlier: for each version before this one that is read, what makes its document one of the next.
     """
     path = folder / name
     if not folder.exists():
@@ -107,6 +119,8 @@ def read_result(
     document = read_json(path, StoreError, cure=cure)
     if not isinstance(document, dict) or document.get("format") != form:
         raise StoreError(f"{path} is not of the format {form}", cure=cure)
+    while isinstance(document.get("version"), int) and document["version"] in (earlier or {}):
+        document = {**earlier[document["version"]](document), "version": document["version"] + 1}
     if document.get("version") != version:
         raise StoreError(
             f"{path}: {form} version {document.get('version')!r}; this program reads {version}", cure=cure

@@ -10,10 +10,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from capture_cli.context import observation_noise
+from capture_cli.diagnosis.recorded_effects import placed_effects, recorded_effects
 from capture_cli.errors import OptionError, StoreError
 from capture_cli.identifiers import round_identifier
 from capture_cli.identifiers.rounds import RoundIdentifier, Signature
-from capture_cli.store.document_shape import COUNT, FEATURES, FLAG, NUMBER, PARAMETERS, TEXT, WHOLE
+from capture_cli.model.tasks.base import Task
+from capture_cli.store.document_shape import COUNT, EFFECTS, FEATURES, FLAG, NUMBER, PARAMETERS, TEXT, WHOLE
 from capture_cli.store.provenance import write_json
 from capture_cli.store.result import read_result
 from capture_cli.store.tensors import read_weights, save_arrays
@@ -21,7 +23,7 @@ from capture_cli.store.tensors import read_weights, save_arrays
 if TYPE_CHECKING:
     from capture_cli.identifiers._learned import TrainedModel
 
-FORMAT, VERSION = "capture/identifier", 1
+FORMAT, VERSION = "capture/identifier", 2
 DOCUMENT, WEIGHTS = "identifier.json", "identifier.safetensors"
 _AGAIN = "train it again with `capture train-sysid`"
 SHAPE = {
@@ -45,6 +47,7 @@ SHAPE = {
         "model": TEXT,
         "rounds": COUNT,
         "search": TEXT,
+        "effects": EFFECTS,
         "noise": TEXT,
         "noise_sd": {str: NUMBER},
         "mujoco": TEXT,
@@ -67,6 +70,17 @@ SHAPE = {
     },
 }
 OF_PARAMETERS = ("mean_absolute_error", "coverage")  # of its result, one number for each
+
+
+def _of_no_effects(document: Mapping[str, Any]) -> Mapping[str, Any]:
+    """identifier.json as of version 2: the histories of the first knew no effects."""
+    histories = document.get("histories")
+    return (
+        {**document, "histories": {**histories, "effects": []}} if isinstance(histories, dict) else document
+    )
+
+
+EARLIER = {1: _of_no_effects}
 
 
 @dataclass(frozen=True)
@@ -94,6 +108,13 @@ class IdentifierCheckpoint:
         had = np.hypot(white, scaled)
         return np.sqrt(np.maximum(np.square(noise_sd) - np.square(had), 0)) if had.any() else noise_sd
 
+    def machine(self, task: Task) -> Task:
+        """`task` with the effects that its simulated trajectories were made with; of another task, which `check` tells,
+        as it is. Raises CaptureError where the model has no place for one any more.
+        """
+        rows = self.document["histories"]["effects"] if task.name == self.document["task"] else []
+        return task.with_effects(placed_effects(recorded_effects(rows, task, "gen-histories")))
+
     def check(self, signature: Signature, where: str | Path) -> None:
         """Raise OptionError where it was trained for another task, or for other parameters, actions or points."""
         differences = self.model.signature.differences(signature)
@@ -115,7 +136,7 @@ def save_identifier(model: TrainedModel, document: Mapping[str, Any], folder: Pa
 
 def read_document(path: Path) -> Mapping[str, Any]:
     """identifier.json in the directory `path`. Raises StoreError where it is missing, damaged or of another version."""
-    found = read_result(path, DOCUMENT, FORMAT, VERSION, _AGAIN, SHAPE)
+    found = read_result(path, DOCUMENT, FORMAT, VERSION, _AGAIN, SHAPE, EARLIER)
     names = [p["name"] for p in found["signature"]["parameters"]]
     for key in OF_PARAMETERS:
         if sorted(found["result"][key]) != sorted(names):

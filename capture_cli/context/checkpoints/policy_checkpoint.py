@@ -14,12 +14,12 @@ from capture_cli.context.policies.base import Policy
 from capture_cli.errors import OptionError, StoreError, did_you_mean
 from capture_cli.model.parameters import ParameterSpace
 from capture_cli.model.tasks.base import ActionTask
-from capture_cli.store.document_shape import BOUNDS, COUNT, NUMBER, OBJECT, TEXT, check_shape
+from capture_cli.store.document_shape import BOUNDS, COUNT, EFFECTS, NUMBER, OBJECT, TEXT, check_shape
 from capture_cli.store.provenance import write_json
 from capture_cli.store.result import read_result
 from capture_cli.store.tensors import read_weights, save_arrays
 
-FORMAT, VERSION = "capture/policy", 1
+FORMAT, VERSION = "capture/policy", 2
 SETTINGS, WEIGHTS = "policy.json", "policy.safetensors"
 _JUDGED = {"reward": NUMBER, "success": NUMBER}
 SHAPE = {
@@ -29,9 +29,11 @@ SHAPE = {
     "actions": [TEXT],
     "bounds": {"parameters": [BOUNDS], "actions": [BOUNDS]},
     "settings": OBJECT,
+    "effects": EFFECTS,
     "training?": {"steps": COUNT},
     "result?": {"episodes": COUNT, **_JUDGED, "random": _JUDGED},
 }
+EARLIER = {1: lambda document: {**document, "effects": []}}
 TRAINED = {"training": OBJECT, "result": OBJECT}  # of what `train-policy` wrote, too
 AGAIN = "train the policy again with `train-policy`"
 
@@ -54,6 +56,7 @@ def save_policy(
         "actions": list(actions.names),
         "bounds": {"parameters": _bounds(space), "actions": _bounds(actions)},
         "settings": settings,
+        "effects": [],
         **(more or {}),
     }
     write_json(folder / SETTINGS, document)
@@ -143,7 +146,7 @@ def read_policy(path: Path, *, trained: bool = False) -> dict[str, Any]:
 
     trained: it has to say how it was trained and judged, too.
     """
-    found = read_result(path, SETTINGS, FORMAT, VERSION, AGAIN, SHAPE)
+    found = read_result(path, SETTINGS, FORMAT, VERSION, AGAIN, SHAPE, EARLIER)
     if trained:
         check_shape(found, TRAINED, path / SETTINGS, AGAIN)
     for kind, bounds in found["bounds"].items():

@@ -10,6 +10,7 @@ import numpy as np
 from capture_cli.context import observation_noise
 from capture_cli.context.policies.base import Policy
 from capture_cli.context.search.base import Search
+from capture_cli.effects.ranges import NO_EFFECTS, EffectRanges
 from capture_cli.errors import FitError
 from capture_cli.model.tasks.base import ActionTask
 from capture_cli.simulate.simulator import Simulator
@@ -23,7 +24,8 @@ Arrays = dict[str, np.ndarray]
 class Recipe:
     """What histories are made from. Nothing else enters: a pair is the same in whatever company it is made.
 
-    noise: one of `observation_noise.NOISES`. noise_sd (feature,): standard deviation of white noise besides.
+    noise: one of `observation_noise.NOISES`. noise_sd (feature,): standard deviation of white noise besides. effects:
+    what machines have beside the task's model; in simulated trajectories at the middle of its range.
     """
 
     task: ActionTask
@@ -33,13 +35,14 @@ class Recipe:
     noise: str
     noise_sd: tuple[float, ...]
     seed: int
+    effects: EffectRanges = NO_EFFECTS
 
     def make(self, pairs: Sequence[int], threads: int | None = None) -> Arrays:
         """The histories of these pairs, by the names of the histories store.
 
         A pair with a simulation that diverges is drawn anew. Raises FitError where that does not help.
         """
-        simulator = Simulator(self.task, threads=threads)
+        simulator = Simulator(self.task, self.effects.placed, threads)
         pairs = np.asarray(pairs)
         arrays, diverged = self._histories(pairs, 0, simulator)
         for attempt in range(1, ATTEMPTS):
@@ -62,13 +65,24 @@ class Recipe:
         generators = [self._generator(int(pair), attempt) for pair in pairs]
         parameters, actions = self._walk(generators)
         target = parameters[:, -1]
-        rounds = self.rounds
-        # the last round simulates the target itself: one simulation is both trajectories
-        under = np.concatenate([parameters[:, :-1], np.repeat(target[:, None], rounds, axis=1)], axis=1)
-        driven = np.concatenate([actions[:, :-1], actions], axis=1)
+        of_machines = np.stack([self.effects.drawn(g, 1)[0] for g in generators])
+        # where machines have no effects of their own, the last round simulates the target itself: one simulation is
+        # both trajectories
+        alike = not self.effects.vary
+        own = self.rounds - alike
+        under = np.concatenate(
+            [
+                _with(parameters[:, :own], self.effects.middle),
+                _with(np.repeat(target[:, None], self.rounds, axis=1), of_machines[:, None]),
+            ],
+            axis=1,
+        )
+        driven = np.concatenate([actions[:, :own], actions], axis=1)
         trajectories, diverged = _simulate(simulator, under, driven)
-        simulated = np.concatenate([trajectories[:, : rounds - 1], trajectories[:, -1:]], axis=1)
-        measured = observation_noise.apply(self.noise, trajectories[:, rounds - 1 :], generators)
+        simulated, measured = trajectories[:, :own], trajectories[:, own:]
+        if alike:
+            simulated = np.concatenate([simulated, measured[:, -1:]], axis=1)
+        measured = observation_noise.apply(self.noise, measured, generators)
         if any(self.noise_sd):
             measured += self.noise_sd * np.stack([g.standard_normal(measured.shape[1:]) for g in generators])
         arrays = {
@@ -95,6 +109,12 @@ class Recipe:
         # to single precision: matrix products of a policy's network may round their last bits by processor
         chosen = np.clip(np.float32(each).astype(float), actions.low, actions.high)
         return parameters, chosen.reshape(choices.shape)
+
+
+def _with(parameters: np.ndarray, of_effects: np.ndarray) -> np.ndarray:
+    """Parameters (pair, episode, parameter), and after them those of effects, (..., parameter)."""
+    shape = (*parameters.shape[:2], of_effects.shape[-1])
+    return np.concatenate([parameters, np.broadcast_to(of_effects, shape)], axis=2)
 
 
 def _simulate(simulator: Simulator, parameters: np.ndarray, actions: np.ndarray):

@@ -9,6 +9,7 @@ from gymnasium import spaces
 from stable_baselines3.common.vec_env import VecEnv
 
 from capture_cli.context.policies._evaluation import judge
+from capture_cli.effects.ranges import NO_EFFECTS, EffectRanges
 from capture_cli.simulate.simulator import Simulator
 
 
@@ -17,12 +18,14 @@ class EpisodeVecEnv(VecEnv):
 
     Observation: the parameters' place in the unit cube, drawn anew for every episode. Action: [-1, 1] per component,
     the task's range. Reward: the task's. An episode that diverges is worth what the worst of its batch is.
+    effects: the simulator's, whose values are drawn anew for every episode as well, and which nobody observes.
     """
 
     render_mode = None
 
-    def __init__(self, simulator: Simulator, count: int, seed: int):
+    def __init__(self, simulator: Simulator, count: int, seed: int, effects: EffectRanges = NO_EFFECTS):
         self.simulator = simulator
+        self.effects = effects
         self.task = simulator.task
         self.generator = np.random.default_rng(seed)
         self.rewards = np.zeros(count)  # of the last step
@@ -43,7 +46,8 @@ class EpisodeVecEnv(VecEnv):
     def step_wait(self):
         parameters = self.task.space.from_unit(self.coordinates)
         actions = self.task.actions.from_unit((np.asarray(self._chosen, dtype=float) + 1) / 2)
-        trajectories, diverged = self.simulator.trajectories(parameters, actions)
+        points = np.concatenate([parameters, self.effects.drawn(self.generator, self.num_envs)], axis=1)
+        trajectories, diverged = self.simulator.trajectories(points, actions)
         self.rewards, self.successes = judge(self.task, actions, trajectories, diverged)
         infos: list[dict[str, Any]] = [{"terminal_observation": before} for before in self.coordinates]
         return self.reset(), self.rewards.astype(np.float32), np.ones(self.num_envs, dtype=bool), infos

@@ -11,14 +11,15 @@ from capture_cli.simulate.simulator import Simulator
 
 
 def evaluate(
-    policy: Policy, simulator: Simulator, parameters: np.ndarray, uniform: np.ndarray
+    policy: Policy, simulator: Simulator, points: np.ndarray, uniform: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Rewards and successes, both (episode,), of one episode under each of parameters (episode, parameter).
+    """Rewards and successes, both (episode,), of one episode under each of points (episode, parameter).
 
-    uniform (episode, action): the draws that the policy may use. Raises FitError where all diverge.
+    points: parameters of the task, which the policy knows, and then of the simulator's effects. uniform (episode,
+    action): the draws that the policy may use. Raises FitError where all diverge.
     """
-    actions = policy.act(parameters, uniform)
-    return judge(policy.task, actions, *simulator.trajectories(parameters, actions))
+    actions = policy.act(points[:, : len(policy.task.space)], uniform)
+    return judge(policy.task, actions, *simulator.trajectories(points, actions))
 
 
 def judge(

@@ -14,6 +14,7 @@ from capture_cli.common.named_arrays import by_part
 from capture_cli.context.policies._episode_env import EpisodeVecEnv
 from capture_cli.context.policies.base import Trainer, TrainingSettings
 from capture_cli.context.policies.sac import Sac
+from capture_cli.effects.ranges import NO_EFFECTS, EffectRanges
 from capture_cli.errors import FitError
 from capture_cli.simulate.simulator import Simulator
 
@@ -24,10 +25,10 @@ BUFFER = ("observations", "actions", "rewards")  # the rest of what the replay b
 class SacTrainer(Trainer):
     """Episodes are one step long: the critic learns the reward itself, and nothing is discounted."""
 
-    def __init__(self, simulator: Simulator, settings: TrainingSettings):
+    def __init__(self, simulator: Simulator, settings: TrainingSettings, effects: EffectRanges = NO_EFFECTS):
         self.settings = settings
         self.task = simulator.task
-        self.env = EpisodeVecEnv(simulator, settings.envs, settings.seed)
+        self.env = EpisodeVecEnv(simulator, settings.envs, settings.seed, effects)
         self.sac = SAC(
             "MlpPolicy",
             self.env,

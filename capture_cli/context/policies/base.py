@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from capture_cli.effects.ranges import NO_EFFECTS, EffectRanges
 from capture_cli.model.tasks.base import ActionTask
 from capture_cli.simulate.simulator import Simulator
 
@@ -110,6 +111,11 @@ class Policy(ABC):
         return cls(task)
 
     @classmethod
-    def trainer(cls, simulator: Simulator, settings: TrainingSettings) -> Trainer:
-        """Who trains such a policy for the simulator's task. Imports what that needs, torch and the like."""
+    def trainer(
+        cls, simulator: Simulator, settings: TrainingSettings, effects: EffectRanges = NO_EFFECTS
+    ) -> Trainer:
+        """Who trains such a policy for the simulator's task. Imports what that needs, torch and the like.
+
+        effects: the simulator's, with the values between which each episode draws, and which the policy does not know.
+        """
         raise NotImplementedError(f"{cls.__name__} is not trained")

@@ -13,6 +13,7 @@ import numpy as np
 
 from capture_cli.common.named_arrays import check_shapes
 from capture_cli.context.policies.base import Policy, Trainer
+from capture_cli.effects.ranges import NO_EFFECTS
 
 BLOCK = 1024  # rows at once: bounds memory
 
@@ -22,21 +23,22 @@ class Sac(Policy):
 
     Where the task has a mirror, half of the actions are those of a mirrored actor in a mirrored world. They are worth
     the same; but a Gaussian has one mode, so training settles for one side, and the other's parameters would never
-    show.
+    show. Effects may make the two sides differ: a policy that was trained with such does not do so.
 
     layers: (weights (out, in), biases (out,)) of each, with ReLU in between and tanh at the end, which makes it an
-    action in [-1, 1] per component.
+    action in [-1, 1] per component. mirrored: whether half of the actions are so; as the task has it where None.
     """
 
     summary = "Soft Actor-Critic, which knows the parameters; its most likely action"
     trained = True
 
-    def __init__(self, task, layers):
+    def __init__(self, task, layers, mirrored=None):
         super().__init__(task)
+        self.mirrored = task.mirrored if mirrored is None else mirrored
         self.layers = [(np.asarray(w, dtype=float), np.asarray(b, dtype=float)) for w, b in layers]
 
     def act(self, parameters, uniform):
-        if not self.task.mirrored:
+        if not self.mirrored:
             return self._best(parameters)
         turned = np.asarray(uniform)[:, :1] < 0.5
         seen = np.where(turned, self.task.mirror_parameters(parameters), parameters)
@@ -47,7 +49,7 @@ class Sac(Policy):
         arrays = {}
         for k, (weights, biases) in enumerate(self.layers):
             arrays |= {f"{k}.weight": np.float32(weights), f"{k}.bias": np.float32(biases)}
-        return {"layers": len(self.layers)}, arrays
+        return {"layers": len(self.layers), "mirrored": self.mirrored}, arrays
 
     @classmethod
     def weight_shapes(cls, settings, weights, parameters, actions):
@@ -65,13 +67,14 @@ class Sac(Policy):
     @classmethod
     def from_state(cls, task, settings, weights):
         check_shapes(weights, cls.weight_shapes(settings, weights, len(task.space), len(task.actions)))
-        return cls(task, [(weights[f"{k}.weight"], weights[f"{k}.bias"]) for k in range(settings["layers"])])
+        layers = [(weights[f"{k}.weight"], weights[f"{k}.bias"]) for k in range(settings["layers"])]
+        return cls(task, layers, task.mirrored and settings.get("mirrored", True))
 
     @classmethod
-    def trainer(cls, simulator, settings) -> Trainer:
+    def trainer(cls, simulator, settings, effects=NO_EFFECTS) -> Trainer:
         from capture_cli.context.policies._sac_training import SacTrainer
 
-        return SacTrainer(simulator, settings)
+        return SacTrainer(simulator, settings, effects)
 
     def _best(self, parameters: np.ndarray) -> np.ndarray:
         """The actor's most likely actions (row, action)."""

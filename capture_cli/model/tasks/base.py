@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterable
+from copy import copy
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, Self
 
 import mujoco
 import numpy as np
@@ -60,7 +63,8 @@ class LogColumns:
 class Task(ABC):
     """A machine: `model`, `space` (its open parameters), `inputs`, `outputs`, and how its logs are cut.
 
-    model_path: the MJCF that the model is made from. path: its task.toml; None where it is built in.
+    model_path: the MJCF that the model is made from. path: its task.toml; None where it is built in. effects: what a
+    machine of it has beside the model: (Placed, values (parameter,)) each; `with_effects` adds them.
     """
 
     name: str
@@ -71,6 +75,13 @@ class Task(ABC):
     inputs: tuple[Channel, ...]
     outputs: tuple[Channel, ...]
     log: LogColumns
+    effects: tuple[tuple[Any, np.ndarray], ...] = ()
+
+    def with_effects(self, effects: Iterable[tuple[Any, np.ndarray]]) -> Self:
+        """The task of machines that have these effects as well."""
+        mended = copy(self)
+        mended.effects = (*self.effects, *effects)
+        return mended
 
     @abstractmethod
     def write(self, fields: ModelFields, parameters: np.ndarray) -> None:

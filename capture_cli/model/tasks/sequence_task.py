@@ -26,6 +26,7 @@ class TapeTask(ActionTask):
         self.machine = machine
         self.name, self.model, self.space = machine.name, machine.model, machine.space
         self.inputs, self.outputs, self.log = machine.inputs, machine.outputs, machine.log
+        self.effects = machine.effects
         self.point_times = self.on_grid(point_times)
         self.library = np.asarray(library, dtype=float)
         names, units = action_names(machine, self.point_times)

@@ -10,6 +10,7 @@ import numpy as np
 from capture_cli.common.progress import Progress
 from capture_cli.common.quantities import significant
 from capture_cli.diagnosis.lack_of_fit import LackOfFit, lack_of_fit
+from capture_cli.effects.ranges import effect_rows
 from capture_cli.identifiers.base import Trial
 from capture_cli.identifiers.intervals import Intervals, intervals
 from capture_cli.identifiers.least_squares import CONVERGED_GAIN
@@ -190,6 +191,7 @@ class Report:
             "format": FORMAT,
             "version": VERSION,
             **common,
+            "effects": effect_rows(prepared.task.effects),
             "log": {**common["log"], "input_peaks": prepared.log.input_peaks},
             "identifier": self.identifier,
             "error": {name: error_of(prepared, whole.rows(part)) for name, part in parts.items()},

@@ -185,6 +185,9 @@ class InContext:
                 f"{self.logged.task.point_times[-1]:g} s: it would go "
                 "beyond what is fitted, or the one before goes on there."
             )
+        if effects := self.logged.task.effects:
+            names = ", ".join(placed.name for placed, _ in effects)
+            said.append(f"The model has {names} as in the histories of the identifier, in the fit as well.")
         if self.other_model:
             said.append(
                 "The identifier was trained on histories of another model, or of this one before it was changed: what "

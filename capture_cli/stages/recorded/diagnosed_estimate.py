@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from capture_cli.diagnosis.split import EarlierSplit
+from capture_cli.effects.placed import placed_name
 from capture_cli.errors import CaptureError, OptionError, StoreError
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model.tasks.base import Task
@@ -42,6 +43,12 @@ class DiagnosedEstimate:
         task's model is not what it was.
         """
         self._check(log, given)
+        if effects := self.estimate.document["effects"]:
+            names = ", ".join(placed_name(row["name"], row["site"]) for row in effects)
+            raise OptionError(
+                f"{self.path} was fitted with {names} in the model, and a diagnosis begins with the model as declared",
+                cure="leave --estimate out",
+            )
         return load_recorded(self.path, self.provenance, given, str(log.path))
 
     def taken_over(self, options: Mapping[str, Any]) -> dict[str, Any]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from capture_cli.diagnosis.recorded_effects import placed_effects, recorded_effects
 from capture_cli.model.tasks.base import Task
 from capture_cli.stages.recorded.recorded_task import load_recorded
 from capture_cli.store.diagnosis import Diagnosis
@@ -19,6 +20,11 @@ def is_diagnosis(folder: Path) -> bool:
 def proposed_machine(folder: Path, task: str | None) -> tuple[Task, str]:
     """The task of the result in `folder`, `task` where that is given, and where its log was. Raises CaptureError."""
     kind: type[Result] = Diagnosis if is_diagnosis(folder) else Estimate
-    log = kind.read_document(folder)["log"]["path"]
-    provenance = read_provenance(folder, kind.CURE)
-    return load_recorded(folder, provenance, task, log), log
+    document = kind.read_document(folder)
+    provenance, log = read_provenance(folder, kind.CURE), document["log"]["path"]
+    machine = load_recorded(folder, provenance, task, log)
+    if kind is Estimate:  # that of a diagnosis is the declared one, beside which its effects are judged
+        machine = machine.with_effects(
+            placed_effects(recorded_effects(document["effects"], machine, "identify"))
+        )
+    return machine, log

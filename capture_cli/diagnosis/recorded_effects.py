@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
 
+from capture_cli.diagnosis.expression import NAME as FORMULA
+from capture_cli.diagnosis.expression import expression_terms
 from capture_cli.effects import REGISTRY
 from capture_cli.effects.base import Effect
 from capture_cli.effects.placed import Placed
+from capture_cli.effects.ranges import WithValues
 from capture_cli.errors import StoreError
 from capture_cli.model.parameters import ParameterSpace
-from capture_cli.store.result import is_within
-
-WithValues = Mapping[str, tuple[Effect, np.ndarray]]  # {NAME@SITE: (effect, its values (parameter,))}
+from capture_cli.model.tasks.base import Task
 
 
 def recorded_values(
@@ -30,32 +31,38 @@ def recorded_values(
     return space.to_vector({name: p["value"] for name, p in parameters.items()})
 
 
-def declared_values(
-    parameters: Mapping[str, Any], space: ParameterSpace, whose: str, command: str
-) -> np.ndarray:
-    """As `recorded_values`, of the parameters of a task. Raises StoreError where one is outside of its bounds, too."""
-    values = recorded_values(parameters, space, whose, command)
-    for parameter, value in zip(space, values, strict=True):
-        if not is_within(value, parameter.low, parameter.high):
-            raise StoreError(
-                f"{whose} has {parameter.name} = {value:g}, and the task lets it be {parameter.low:g} to "
-                f"{parameter.high:g}",
-                cure=f"run `capture {command}` again with the task as it is now",
-            )
-    return values
-
-
-def recorded_effects(rows, model, command: str) -> WithValues:
-    """The effects of a diagnosis. Raises CaptureError where the model has no place for one any more."""
+def recorded_effects(rows: Iterable[Mapping[str, Any]], task: Task, command: str) -> WithValues:
+    """The effects that a document has in `rows`, which `command` wrote. Raises CaptureError where the task's model has
+    no place for one any more.
+    """
     effects = {}
     for row in rows:
-        effect = REGISTRY.get(row["name"])(model, row["site"])
+        if row["name"] == FORMULA:
+            effect = formula_term(row["site"], task, command)
+        else:
+            effect = REGISTRY.get(row["name"])(task.model, row["site"])
         name = Placed(row["name"], effect).name
         known = {n: p for n, p in row["parameters"].items() if not effect.of_one_recording(n)}
         known = _of_what_was_not_logged(effect) | known
         values = recorded_values(known, effect.space, name, command)
         effects[name] = (effect, _null_of_here(effect.space, values, known))
     return effects
+
+
+def placed_effects(effects: WithValues) -> list[tuple[Placed, np.ndarray]]:
+    """The effects where they sit, with their values (parameter,)."""
+    return [(Placed(name.partition("@")[0], effect), own) for name, (effect, own) in effects.items()]
+
+
+def formula_term(site: str, task: Task, command: str) -> Effect:
+    """The term of a formula, "JOINT: TERM". Raises StoreError where the task's model has no such joint or input."""
+    there = {p.effect.site: p.effect for p in expression_terms(task.model, [c.index for c in task.inputs])}
+    if site not in there:
+        raise StoreError(
+            f"the formula has the term {site!r}, which the model has not",
+            cure=f"run `capture {command}` again with the task as it is now",
+        )
+    return there[site]
 
 
 def _of_what_was_not_logged(effect: Effect) -> dict[str, dict[str, float]]:

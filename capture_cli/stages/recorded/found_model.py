@@ -1,0 +1,133 @@
+"""The model that `identify` or `diagnose` found: the task, values of its parameters, effects and terms of a formula."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from capture_cli.diagnosis.expression import NAME as FORMULA
+from capture_cli.diagnosis.recorded_effects import formula_term, recorded_effects, recorded_values
+from capture_cli.effects.placed import Placed, placed_name
+from capture_cli.effects.ranges import WithValues
+from capture_cli.errors import OptionError, StoreError
+from capture_cli.model.parameters import ParameterSpace
+from capture_cli.model.tasks.base import Task
+from capture_cli.stages.recorded.recorded_task import load_recorded
+from capture_cli.store.diagnosis import Diagnosis
+from capture_cli.store.estimate import Estimate
+from capture_cli.store.result import check_bounds, is_within, read_provenance
+
+MADE_BY = {"capture/estimate": "identify", "capture/diagnosis": "diagnose"}
+
+
+@dataclass(frozen=True)
+class FoundModel:
+    """values (parameter,): of the task's parameters. effects: those of a diagnosis, and the terms of its formula, with
+    which all values then are. document: of the estimate or the diagnosis.
+    """
+
+    task: Task
+    values: np.ndarray
+    effects: WithValues
+    document: Mapping[str, Any]
+
+    @classmethod
+    def read(cls, result: Path, task: str | None = None) -> FoundModel:
+        """Of the estimate or diagnosis directory `result`; task: where its task is now, if it was moved since. Raises
+        CaptureError.
+        """
+        found = _read(result)
+        command = MADE_BY[found["format"]]
+        provenance = read_provenance(result, f"make it again with `capture {command}`")
+        machine = load_recorded(result, provenance, task, found["log"]["path"])
+        if machine.name != found["task"]:
+            raise OptionError(
+                f"{result} belongs to the task {found['task']!r}, and --task is {machine.name!r}",
+                cure=f"give the task that {result} was made with",
+            )
+        expression = found.get("expression") or {}
+        if expression.get("terms"):
+            found = _with_expression(found, expression, str(result))
+        values = declared_values(found["parameters"], machine.space, str(result), command)
+        effects = recorded_effects(found["effects"], machine, command)
+        effects |= _terms(expression.get("terms", []), machine, command)
+        return cls(machine, values, effects, found)
+
+    @property
+    def command(self) -> str:
+        """That made it."""
+        return MADE_BY[self.document["format"]]
+
+
+def _read(result: Path) -> Mapping[str, Any]:
+    """The document of an estimate or diagnosis directory."""
+    if (result / "diagnosis.json").is_file():
+        return Diagnosis.read(result).document
+    if (result / "estimate.json").is_file():
+        return Estimate.read(result).document
+    raise StoreError(
+        f"{result} holds neither estimate.json nor diagnosis.json",
+        cure="give a directory that `capture identify` or `capture diagnose` made",
+    )
+
+
+def _with_expression(
+    found: Mapping[str, Any], expression: Mapping[str, Any], whose: str
+) -> Mapping[str, Any]:
+    """The diagnosis with the values that parameters and effects have beside its formula."""
+    if "values" not in expression:
+        raise StoreError(
+            f"{whose} has a formula without the values that go with it", cure="run `capture diagnose` again"
+        )
+
+    def there(parameters: Mapping[str, Any], owner: str = "") -> dict[str, Any]:
+        missing = [owner + n for n in parameters if owner + n not in expression["values"]]
+        if missing:
+            raise StoreError(
+                f"{whose} has a formula, and among the values that go with it none of {', '.join(missing)}",
+                cure="run `capture diagnose` again",
+            )
+        return {n: {**p, "value": expression["values"][owner + n]} for n, p in parameters.items()}
+
+    effects = [
+        {**row, "parameters": there(row["parameters"], f"{placed_name(row['name'], row['site'])}.")}
+        for row in found["effects"]
+    ]
+    beside = {**found, "parameters": there(found["parameters"]), "effects": effects}
+    check_bounds(beside, f"{whose}: the values that go with its formula", "run `capture diagnose` again")
+    return beside
+
+
+def _terms(rows: Sequence[Mapping[str, Any]], machine: Task, command: str) -> WithValues:
+    """The terms of a formula. Raises StoreError where the model has no place for one any more."""
+    terms = {}
+    for row in rows:
+        effect = formula_term(row["site"], machine, command)
+        (coefficient,) = effect.parameters
+        if not is_within(row["coefficient"], coefficient.low, coefficient.high):
+            raise StoreError(
+                f"the formula has {row['coefficient']:g} times {row['site']!r}, outside of its bounds, "
+                f"{coefficient.low:g} to {coefficient.high:g}",
+                cure=f"run `capture {command}` again with the task as it is now",
+            )
+        terms[Placed(FORMULA, effect).name] = (effect, np.array([row["coefficient"]]))
+    return terms
+
+
+def declared_values(
+    parameters: Mapping[str, Any], space: ParameterSpace, whose: str, command: str
+) -> np.ndarray:
+    """As `recorded_values`, of the parameters of a task. Raises StoreError where one is outside of its bounds, too."""
+    values = recorded_values(parameters, space, whose, command)
+    for parameter, value in zip(space, values, strict=True):
+        if not is_within(value, parameter.low, parameter.high):
+            raise StoreError(
+                f"{whose} has {parameter.name} = {value:g}, and the task lets it be {parameter.low:g} to "
+                f"{parameter.high:g}",
+                cure=f"run `capture {command}` again with the task as it is now",
+            )
+    return values
