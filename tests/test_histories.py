@@ -557,7 +557,7 @@ def test_a_policy_from_its_checkpoint(checkpoint, generate, slider):
         ({"task": "air-hockey"}, OptionError, "is for the task 'air-hockey'"),
         ({"parameters": ["mass", "gain"]}, OptionError, r"its parameters are \(mass, gain\)"),
         ({"parameters": ["mass"]}, StoreError, "2 bounds of 1 parameters"),
-        ({"version": 2}, StoreError, "version 2; this program reads"),
+        ({"version": 3}, StoreError, "version 3; this program reads"),
     ],
 )
 def test_a_policy_of_something_else(checkpoint, slider, change, error, message):

@@ -143,8 +143,9 @@ def _outputs(world: str, simulator: Simulator, point: np.ndarray, driven: Drive)
     if simulator.effects:
         names = ", ".join(placed.name for placed in simulator.effects)
         raise OptionError(
-            f"{names} means nothing: --world {world} lacks nothing that could be added to it",
-            cure="leave --effect out; of --estimate, give the values with --param",
+            f"--effect means nothing, and so do effects of --estimate ({names}): --world {world} lacks nothing that "
+            "could be added to it",
+            cure="leave it out; the values of an estimate can be given with --param",
         )
     return _in_scene(world, simulator.task, point, driven)
 
