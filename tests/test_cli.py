@@ -94,7 +94,7 @@ def test_from_record_to_export(tmp_path):
     assert run("inspect", "run.zarr", "--task", SLIDER)["kind"] == "measured-log"
     document = run(*identify("run.zarr", "--out", "run.estimate"))
     assert document == json.loads((tmp_path / "run.estimate" / "estimate.json").read_text())
-    assert (document["format"], document["version"], document["task"]) == ("capture/estimate", 1, "slider")
+    assert (document["format"], document["version"], document["task"]) == ("capture/estimate", 2, "slider")
     assert document["verdict"] == "explained"
     for name, p in document["parameters"].items():
         assert p["value"] == pytest.approx(truth["parameters"][name], abs=4 * p["sd"])
