@@ -6,6 +6,7 @@ import ast
 import importlib
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -194,3 +195,17 @@ def test_models_of_users_are_compiled_in_one_place():
         "model.tasks.air_hockey",
     }
     assert found - own == {"sim.model_file", "sim.mjcf"}
+
+
+def test_a_wheel_holds_what_is_no_module():
+    """Models and templates: by the patterns of pyproject.toml, each of a package and not of its subfolders."""
+    project = tomllib.loads((PACKAGE.parent / "pyproject.toml").read_text(encoding="utf-8"))
+    patterns = project["tool"]["setuptools"]["package-data"]
+    for file in PACKAGE.rglob("*"):
+        if file.is_dir() or file.suffix in (".py", ".pyc"):
+            continue
+        package = next(folder for folder in file.parents if (folder / "__init__.py").is_file())
+        inside = file.relative_to(package)
+        own = patterns["*"] + patterns.get(".".join(package.relative_to(PACKAGE.parent).parts), [])
+        fits = [p for p in own if inside.match(p) and len(Path(p).parts) == len(inside.parts)]
+        assert fits, f"{inside} of {package.name} is in no wheel"
