@@ -7,6 +7,7 @@ import importlib
 import inspect
 import json
 import pkgutil
+import re
 import subprocess
 import sys
 from collections import Counter
@@ -115,7 +116,7 @@ def _option(kind, option, parameter: inspect.Parameter) -> str:
         # inside Annotated, typer.Option takes its first name for a default, and corrects that when it runs
         form = " ".join([str(option.default), *_value(kind)])
     text = option.help.removesuffix(".").replace("|", BAR)
-    often = "; may be given several times" if several and isinstance(option, OptionInfo) else ""
+    often = "; repeatable" if several and isinstance(option, OptionInfo) else ""
     return f"| `{form}` | {text}{often} | {_default(parameter.default)} |"
 
 
@@ -609,7 +610,8 @@ def folders() -> str:
             within |= {Path(path.parts[0]), Path(*path.parts[:-1][:2])}
     listed = [path for path in [*sorted(files), *sorted(within)] if _is_listed(path)]
     lines = [
-        (path, _caption(path).split(": ")[0] if len(path.parts) > 1 else _caption(path)) for path in listed
+        (path, re.split(r": |(?<=[?]) ", _caption(path))[0] if len(path.parts) > 1 else _caption(path))
+        for path in listed
     ]
     return "\n".join(["```", *(_line(path, caption) for path, caption in lines), "```"])
 

@@ -35,6 +35,7 @@ PAGES = sorted(
     [
         ROOT / "README.md",
         ROOT / "CHANGELOG.md",
+        ROOT / "SECURITY.md",
         ROOT / "datasets" / "README.md",
         *(ROOT / "docs").rglob("*.md"),
     ]
@@ -254,6 +255,16 @@ def test_a_link_resolves(page, target):
     if heading:
         headings = re.findall(r"^#+ (.+)$", path.read_text(encoding="utf-8"), re.MULTILINE)
         assert heading in {re.sub(r"[^\w\- ]", "", h.lower()).replace(" ", "-") for h in headings}
+
+
+def test_pages_are_read_once():
+    """Who adds a page takes something out: users have 150 kB to read, developers 60."""
+    developers = [
+        p for p in PAGES if "dev" in p.parts or p.name == "contributing.md" or p.parent.name == "images"
+    ]
+    users = [p for p in PAGES if p not in developers]
+    assert sum(p.stat().st_size for p in users) <= 150_000
+    assert sum(p.stat().st_size for p in developers) <= 60_000
 
 
 def test_what_the_developers_pages_name_is_there():

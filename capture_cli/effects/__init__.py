@@ -90,7 +90,9 @@ def _row(entry: Entry) -> str:
         f"`{p.name}`{'*' if p.name in entry.shapes else ''}{f' {p.unit}' * (p.unit != '1')}"
         for p in entry.parameters
     )
-    where = entry.where.replace("every hinge and slide joint", "joints")
+    where = entry.where.replace("every hinge and slide joint", "joints").replace(
+        " of them together where there are several", " together"
+    )
     exported = "" if entry.exported_as else " Not exported."
     return f"| `{entry.name}` | {_law(entry)}{exported} | {', '.join(parameters)} | {where} |"
 
