@@ -137,15 +137,16 @@ def columns(
     offsets: np.ndarray,
     *,
     parameters: bool = True,
-    known: Linearization | None = None,
+    known: Known | None = None,
 ) -> Trial:
-    """The point x (parameter,), in the unit cube, and one finite difference per parameter and start coordinate.
-
-    known: there, with fewer starts that may move; the differences are then those that it lacks.
+    """The point x (parameter,), in the unit cube, and one finite difference per parameter and start coordinate; those
+    that are `known` do not move, so that nothing is simulated for them.
     """
-    parameters = parameters and known is None
     moves = np.eye(len(x)) * parameter_steps(evidence.space, x) if parameters else np.zeros((0, len(x)))
-    shifts = _start_steps(evidence) * (1.0 if known is None else known.evidence.start_sd == 0)
+    shifts = _start_steps(evidence)
+    if known is not None:
+        moves *= ~known.parameters[:, None]
+        shifts = shifts * ~known.starts
     movable = evidence.movable
     points = np.concatenate([x[None], x + moves, np.repeat(x[None], len(movable), axis=0)])
     moved = np.repeat(offsets[None], len(points), axis=0)
@@ -161,6 +162,30 @@ def parameter_steps(space: ParameterSpace, x: np.ndarray) -> np.ndarray:
 
 def _start_steps(evidence: Evidence) -> np.ndarray:
     return np.maximum(evidence.start_step * np.minimum(evidence.start_sd, LONGEST), SHORTEST)
+
+
+@dataclass(frozen=True)
+class Known:
+    """Sensitivities that were measured elsewhere, by another model or with fewer starts that may move.
+
+    parameters (parameter,), starts (window, state): which. by_parameter (window, row, parameter) and by_start (window,
+    row, movable state), 0 for the others. carried: as of a linearization.
+    """
+
+    parameters: np.ndarray
+    starts: np.ndarray
+    by_parameter: np.ndarray
+    by_start: np.ndarray
+    carried: int
+
+    def completed(self, measured: Linearization) -> Linearization:
+        """The linearization with these, from one in which what is known did not move."""
+        return replace(
+            measured,
+            by_parameter=measured.by_parameter + self.by_parameter,
+            by_start=measured.by_start + self.by_start,
+            carried=self.carried,
+        )
 
 
 @dataclass(frozen=True)
@@ -235,16 +260,25 @@ class Linearization:
             self, x=x, offsets=offsets, residual=residual, by_parameter=by_parameter, carried=self.carried + 1
         )
 
-    def with_more_starts(
-        self, evidence: Evidence, outputs: np.ndarray, diverged: np.ndarray
-    ) -> Linearization:
-        """This linearization for `evidence`, of which more starts may move; from what its `columns` gave."""
-        there = Linearization.from_columns(
-            evidence, self.x, self.offsets, outputs, diverged, parameters=False
-        )
-        known = np.searchsorted(evidence.movable, self.evidence.movable)
-        there.by_start[:, :, known] += self.by_start
-        return replace(there, by_parameter=self.by_parameter, carried=self.carried)
+    def known_in(self, evidence: Evidence, parameters: int, states: int) -> Known | None:
+        """What this says of `evidence`, whose first `parameters` and `states` are those of this one; None where it has
+        other samples.
+        """
+        own = self.evidence
+        if own.measured.shape != evidence.measured.shape or not np.array_equal(own.mask, evidence.mask):
+            return None
+        by_parameter = np.zeros((*self.residual.shape, len(evidence.space)))
+        by_parameter[..., :parameters] = self.by_parameter[..., :parameters]
+        sd, now = own.start_sd[:, :states], evidence.start_sd[:, :states]
+        starts = np.zeros(evidence.start_sd.shape, dtype=bool)
+        starts[:, :states] = (sd == now) & (sd > 0)
+        by_start = np.zeros((*self.residual.shape, len(evidence.movable)))
+        for column, state in enumerate(evidence.movable):
+            if starts[:, state].any():
+                known = self.by_start[..., np.searchsorted(own.movable, state)]
+                by_start[..., column] = known * starts[:, state, None]
+        which = np.arange(len(evidence.space)) < parameters
+        return Known(which, starts, by_parameter, by_start, self.carried)
 
     def windows(self, keep: np.ndarray) -> Linearization:
         """The linearization of the windows at `keep`."""

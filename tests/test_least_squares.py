@@ -80,7 +80,8 @@ def test_what_is_known_of_held_starts_is_not_measured_again_where_they_are_freed
     best = run(before, evaluate)
 
     evidence, evaluate, simulated = linear_machine(windows, states, rows, free)
-    known = LeastSquares(evidence, start=best.parameters, offsets=best.offsets, starts=1, known=before.at)
+    known = before.at.known_in(evidence, len(evidence.space), states)
+    known = LeastSquares(evidence, start=best.parameters, offsets=best.offsets, starts=1, known=known)
     known.tell(*evaluate(known.ask()))
     full = LeastSquares(evidence, start=best.parameters, offsets=best.offsets, starts=1)
     full.tell(*evaluate(full.ask()))

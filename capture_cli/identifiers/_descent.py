@@ -10,6 +10,7 @@ import numpy as np
 from capture_cli.identifiers.base import Best
 from capture_cli.linearization import (
     Evidence,
+    Known,
     Linearization,
     Trial,
     best_trials,
@@ -53,7 +54,9 @@ class Descent:
         x: np.ndarray,
         offsets: np.ndarray,
         tolerance: float,
-        known: Linearization | None = None,
+        known: Known | None = None,
+        *,
+        measured: bool = True,
     ):
         self.evidence = evidence
         self.tolerance = tolerance
@@ -64,6 +67,7 @@ class Descent:
         self.given_up = False  # by whoever asks, who knows of a better one
         self.rounds = 0
         self._known = known
+        self._measured = measured
         self._at: Linearization | None = None
         self._k = np.inf
         self._settled = SETTLED
@@ -76,6 +80,8 @@ class Descent:
         self._vain = 0
         self._restarted_with = np.inf
         self._errors: list[float] = []  # after each round
+        self._promises: list[float] = []  # the least error by each linearization that was measured
+        self._since = np.inf  # the objective at the last of them
         self._try(self.x, self.offsets)
 
     @property
@@ -128,6 +134,10 @@ class Descent:
         gained = self._errors[-1 - PACE] - self.error
         return self.error - rounds / PACE * gained <= error
 
+    def falls_short_of(self, error: float) -> bool:
+        """Whether the last two linearizations that were measured put their least error above `error`."""
+        return len(self._promises) > 1 and min(self._promises[-2:]) > error
+
     def _try(self, x: np.ndarray, offsets: np.ndarray) -> None:
         """Ask next for the point x (parameter,) with starts at `offsets`."""
         self._trials, self._told = [(x, offsets)], self._tell_candidate
@@ -136,11 +146,10 @@ class Descent:
         x, offsets = self._trials[0]
         if self._carry:
             there = self._at.moved(x, offsets, self.evidence.residual(outputs[0]))
-        elif self._known:
-            there = self._known.with_more_starts(self.evidence, outputs, diverged)
-            self._known = None
         else:
             there = Linearization.from_columns(self.evidence, x, offsets, outputs, diverged)
+            if self._known is not None:
+                there, self._known = self._known.completed(there), None
         if self._at is None:
             if diverged[0].any() or not np.isfinite(there.residual).all():
                 self.converged = True
@@ -199,8 +208,11 @@ class Descent:
         self._try(x, np.where(windows[:, None], back, offsets))
 
     def _settle(self) -> None:
-        """Nothing more to gain: done, if the sensitivities that say so were measured here."""
-        if self._carried:
+        """Nothing more to gain: done, if the sensitivities that say so were measured here, or need not be and nothing
+        was gained since they were.
+        """
+        gained = self._since - float(self._at.objectives(self._k).sum())
+        if self._carried and (self._measured or gained > self._little):
             self._refresh()
         elif self._searches:
             self._propose_other_starts()
@@ -251,6 +263,15 @@ class Descent:
         if self.rounds <= self._settled:
             self._k = there.scatter
         self.error = float(np.sqrt(np.square(there.residual).sum() / self.evidence.count))
+        if not there.carried:
+            self._since = float(there.objectives(self._k).sum())
+            self._promises.append(self._least_error())
+
+    def _least_error(self) -> float:
+        """Of the linearization, within the unit cube."""
+        dx, k = self._at.whole_step, self._k
+        gain = self._at.predicted_gain(dx, self._at.start_offsets(dx, k), k)
+        return float(np.sqrt(max(self.error**2 - gain / self.evidence.count, 0.0)))
 
     def _propose(self) -> None:
         k = self._k

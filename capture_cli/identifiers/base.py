@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from capture_cli.linearization import Evidence, Linearization, Trial
+from capture_cli.linearization import Evidence, Known, Linearization, Trial
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Identifier(AskTell):
     """Finds the parameters that `evidence` was made with.
 
     start: where to begin (parameter,), and offsets (window, state): with which offsets of the windows' starts (none
-    where None). known: the linearization there of the same evidence with fewer starts that may move, if there is one.
+    where None). known: sensitivities near there that need not be measured, if there are any.
     rounds: at most so many ask / tell. Trials stay inside the space's bounds.
     """
 
@@ -54,7 +54,7 @@ class Identifier(AskTell):
         *,
         start: np.ndarray,
         offsets: np.ndarray | None = None,
-        known: Linearization | None = None,
+        known: Known | None = None,
         seed: int = 0,
         rounds: int = 100,
         starts: int = 3,

@@ -23,7 +23,9 @@ class LeastSquares(Identifier):
     """Least squares from `starts` places: the given start, then the best of a screening.
 
     The screening is no round of its own. tolerance: a descent is done when its objective over k falls by less. to_beat:
-    an error that is known to be possible; a descent that stays far above it for `patience` rounds is given up.
+    an error that is known to be possible; a descent that stays far above it for `patience` rounds is given up. needed:
+    an error above which the answer is of no use; a descent that does not promise to get there is given up. measured:
+    whether sensitivities are to be measured where it ends.
     """
 
     summary = "Gauss-Newton from several places through the simulator"
@@ -35,12 +37,16 @@ class LeastSquares(Identifier):
         tolerance: float = CONVERGED_GAIN,
         to_beat: float = np.inf,
         patience: int = PATIENCE,
+        needed: float = np.inf,
+        measured: bool = True,
         **options,
     ):
         super().__init__(evidence, **options)
         self.tolerance = tolerance
         self.to_beat = to_beat
         self.patience = patience
+        self.needed = needed
+        self.measured = measured
         self._screening = self.starts > 1 and len(self.space) > 0
         self._descents = [] if self._screening else [self._descent(self.space.to_unit(self.start))]
         self._asked: list[tuple[Descent, int]] = []
@@ -91,9 +97,8 @@ class LeastSquares(Identifier):
         self._drop_hopeless()
 
     def _descent(self, x: np.ndarray) -> Descent:
-        return Descent(
-            self.evidence, x, self.offsets, self.tolerance, None if self._screening else self.known
-        )
+        known = None if self._screening else self.known
+        return Descent(self.evidence, x, self.offsets, self.tolerance, known, measured=self.measured)
 
     def _active(self) -> list[Descent]:
         return [d for d in self._descents if not d.converged]
@@ -127,6 +132,7 @@ class LeastSquares(Identifier):
             beaten = descent.rounds >= self.patience and descent.expected > HOPELESS * possible
             beaten |= descent.rounds >= LONG_PATIENCE and descent.error > HOPELESS * possible
             beaten |= not descent.would_reach(possible, self.rounds_left)
+            beaten |= descent.falls_short_of(self.needed)
             descent.given_up |= beaten
             close = np.abs(descent.x - self.space.to_unit(best.parameters)).max(initial=0.0) < 1e-3
             if beaten or (close and descent.best.error > best.error):

@@ -14,7 +14,7 @@ from capture_cli.protocol.candidates import Candidate
 from capture_cli.protocol.fit import Fit, least
 from capture_cli.protocol.forward_round import RIVALS, SIMILAR, by_score, reject_at_first_sight
 from capture_cli.protocol.model_comparison import FittedSet, ModelComparison
-from capture_cli.protocol.plausibility import MATERIAL, implausible, slight
+from capture_cli.protocol.plausibility import MATERIAL, implausible, needed_error, slight
 from capture_cli.select.beam import SETTINGS as BEAM
 from capture_cli.select.beam import Level, grown
 from capture_cli.select.screening import BalancedModel, Screening
@@ -163,7 +163,8 @@ class BalanceRound:
     def _fitted(self, model: BalancedModel, smaller: Fit) -> list[FittedSet]:
         """The model fitted by simulation, if it holds on what judges and explains materially more than `smaller`."""
         added = model.effects[len(self.current.effects) :]
-        fit = self.models.fit(model.effects, model.start, self.current, self._best)
+        needed = needed_error(smaller, MATERIAL)
+        fit = self.models.fit(model.effects, model.start, self.current, self._best, needed=needed)
         reason = self._unfit(fit, added, smaller) or self._unsupported(fit, added)
         self._best = least([self._best, fit])
         if reason is None:
@@ -174,7 +175,7 @@ class BalanceRound:
     def _unfit(self, fit: Fit | None, added: Sequence[Placed], smaller: Fit) -> str | None:
         """What speaks against a fit before it is judged."""
         if fit is None or fit.penalised_squares >= self.current.penalised_squares:
-            if fit is not None and not fit.finished:
+            if fit is not None and not fit.finished and self._best is not None:
                 return f"fitted jointly it stays far behind {self._best.effects[-1].name}"
             return "fitted jointly it explains nothing more"
         reasons = (implausible(self.models, self.current, fit, placed) for placed in added)

@@ -284,8 +284,8 @@ class _Protocol:
             self.parts.windows(FIT, SELECT),
             fit.effects,
             fit.point,
+            near=fit,
             offsets=starts_found(self.parts, fit, judged),
-            offsets_with=fit.effects,
             tolerance=EXACT,
         )
 
@@ -311,8 +311,8 @@ class _Protocol:
             self.parts.windows(FIT),
             last.effects,
             again.point,
+            near=last,
             offsets=again.offsets[seen == FIT],
-            offsets_with=last.effects,
         )
         return least([last, other])
 

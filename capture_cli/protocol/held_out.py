@@ -66,8 +66,8 @@ def _whole(fits: ModelFits, fit: Fit, covariance: np.ndarray, on: PartFit, is_te
         fits.prepared,
         fit.effects,
         _begin(fits, fit, in_unit, on),
+        near=fit,
         offsets=on.offsets,
-        offsets_with=fit.effects,
         tolerance=EXACT,
     )
     if whole is None or not _leaves_nothing(whole, is_test):

@@ -42,7 +42,7 @@ def _begun_anew(fits: ModelFits, part: PreparedLog, fit: Fit, seed: int) -> list
     for _ in range(BEGUN_ANEW):
         begin = fit.at.x + BEGUN_AWAY * spread @ generator.standard_normal(len(sd))
         point = fit.space.from_unit(np.clip(begin, 0, 1))
-        other = fits.fit(part, fit.effects, point, offsets=fit.offsets, offsets_with=fit.effects, rival=fit)
+        other = fits.fit(part, fit.effects, point, near=fit, rival=fit)
         if other is None:
             continue
         found.append(other)

@@ -103,11 +103,12 @@ class ModelComparison:
         near: Fit,
         rival: Fit | None = None,
         elsewhere: Sequence[np.ndarray] = (),
+        needed: float = np.inf,
     ) -> Fit | None:
         """The fit of the declared model with `effects`: made once, and taken up again where it was given up.
 
         near: another model's, whose windows' starts it begins with. elsewhere: other points to begin at where the fit
-        from `start` (parameter,) leaves something.
+        from `start` (parameter,) leaves something. needed: the error above which it is of no use, as of `ModelFits`.
         """
         key = _key(effects)
         made = self._fitted.get(key)
@@ -115,7 +116,7 @@ class ModelComparison:
             start, near = made.point, made
             del self._fitted[key]
         if key not in self._fitted:
-            self._fitted[key] = self._fit_from([start, *elsewhere], effects, near, rival)
+            self._fitted[key] = self._fit_from([start, *elsewhere], effects, near, rival, needed=needed)
         return self._fitted[key]
 
     def _fit_from(
@@ -125,6 +126,7 @@ class ModelComparison:
         near: Fit,
         rival: Fit | None,
         to_reach: float = np.inf,
+        needed: float = np.inf,
     ) -> Fit | None:
         """The best fit from `starts`, of which one is taken after the other until nothing is left."""
         found = None
@@ -134,11 +136,11 @@ class ModelComparison:
                 self.fit_part,
                 effects,
                 start,
-                offsets=near.offsets,
-                offsets_with=near.effects,
+                near=near,
                 seed=self.seed,
                 rival=beaten,
                 to_reach=to_reach,
+                needed=needed,
             )
             found = least([found, fit])
             if found is not None and self.is_explained(found):
@@ -162,8 +164,7 @@ class ModelComparison:
             self.fit_part,
             current.effects,
             found.point[: len(current.point)],
-            offsets=found.offsets,
-            offsets_with=found.effects,
+            near=found,
             rounds=AGAIN_ROUNDS,
             seed=self.seed,
         )

@@ -15,7 +15,14 @@ from capture_cli.identifiers.base import Best, Trial, run
 from capture_cli.identifiers.intervals import unit_covariance
 from capture_cli.identifiers.least_squares import HOPELESS, LONG_PATIENCE, PATIENCE, LeastSquares
 from capture_cli.identifiers.undetermined import is_confounded
-from capture_cli.linearization import Linearization, best_trials, columns, trial_objectives
+from capture_cli.linearization import (
+    Evidence,
+    Known,
+    Linearization,
+    best_trials,
+    columns,
+    trial_objectives,
+)
 from capture_cli.model.parameters import ParameterSpace
 from capture_cli.protocol.fit import TOLERANCE, Fit
 from capture_cli.protocol.kept import Kept, kept_fit, kept_part
@@ -64,28 +71,35 @@ class ModelFits:
         effects: Sequence[Placed],
         start: np.ndarray,
         *,
+        near: Fit | None = None,
         offsets: np.ndarray | None = None,
-        offsets_with: Sequence[Placed] = (),
         starts: int = 1,
         rounds: int = FIT_ROUNDS,
         tolerance: float = TOLERANCE,
         seed: int = 0,
         rival: Fit | None = None,
         to_reach: float = np.inf,
+        needed: float = np.inf,
     ) -> Fit | None:
         """Fit from `start` (parameter,); None where every trial diverged. Other options are those of LeastSquares.
 
-        offsets (window, state): of the starts, where they begin, from a model `offsets_with` effects; hidden states are
-        those of the effects that it begins with as this one does.
+        near: another fit of the same part. This one begins with its starts of windows, with its values where they are
+        better than those of `start`, and with its sensitivities until it measures its own: as far as they concern the
+        declared parameters, and the effects that both begin with.
+        offsets (window, state): of the starts, where they begin, if not where `near` has them.
+        needed: the error above which the model is of no use; it is given up where it does not promise to get there.
         rival: a fit of the same part; this one is given up where it stays far behind, later where it has fewer
         parameters: of two that do as well it would be the better.
         to_reach: the error that is asked of it; it is given up, as late, where it stays far above.
         """
-        new = effects
+        new, theirs = effects, () if near is None else near.effects
+        if offsets is None and near is not None:
+            offsets = near.offsets
         if offsets is not None:
-            carried = self._carried(offsets, offsets_with, effects)
-            offsets = self._nearer(part, effects, start, [carried, np.zeros_like(carried)])
-            new = effects[_in_common(offsets_with, effects) :]
+            carried = self._carried(offsets, theirs, effects)
+            points = [start] if near is None else [start, self._as_near(near, effects, start)]
+            start, offsets = self._nearer(part, effects, points, [carried, np.zeros_like(carried)])
+            new = effects[_in_common(theirs, effects) :]
         offsets = self._with_states_found(part, effects, start, offsets, new)
         descend = partial(
             self._descended,
@@ -96,27 +110,41 @@ class ModelFits:
             seed=seed,
             rival=rival,
             to_reach=to_reach,
+            needed=needed,
         )
-        fit = descend(start, offsets, starts=starts)
-        carried = {e.name for e in offsets_with}
+        fit = descend(start, offsets, starts=starts, near=near)
+        carried = {e.name for e in theirs}
         tried = any(len(e.effect.states_tried) and e.name not in carried for e in effects)
         if tried or (part.difference_step and not effects and not self.from_balance):
             fit = unstuck(self, part, fit, rival, descend)
         return fit
 
+    def _as_near(self, near: Fit, effects: Sequence[Placed], start: np.ndarray) -> np.ndarray:
+        """`start` (parameter,) of a model with `effects`, with what it has in common with `near` as it is there."""
+        known = self._parameters_in_common(near, effects)
+        return np.concatenate([near.point[:known], start[known:]])
+
     def _nearer(
-        self, part: PreparedLog, effects: Sequence[Placed], point: np.ndarray, begins: Sequence[np.ndarray]
-    ) -> np.ndarray:
-        """Of each window the one of `begins`, each (window, state), that is best at `point` (parameter,).
+        self,
+        part: PreparedLog,
+        effects: Sequence[Placed],
+        points: Sequence[np.ndarray],
+        begins: Sequence[np.ndarray],
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Of `points`, each (parameter,), the best, and there of each window the best of `begins`, each (window,
+        state).
 
         Starts that stood in for what a model lacked are far from those of a model that has it.
         """
         simulator = self.simulator(effects)
         evidence = part.evidence(simulator)
-        trials = np.stack(begins)
-        points = np.repeat(point[None], len(trials), axis=0)
-        outputs, diverged = part.evaluate(simulator, Trial(points, trials))
-        return best_trials(trials, trial_objectives(evidence, trials, outputs, diverged, 1.0))[0]
+        trials = np.tile(np.stack(begins), (len(points), 1, 1))
+        each = np.repeat(np.stack(points), len(begins), axis=0)
+        outputs, diverged = part.evaluate(simulator, Trial(each, trials))
+        values = trial_objectives(evidence, trials, outputs, diverged, 1.0)
+        values = values.reshape(len(points), len(begins), -1)
+        best = int(np.argmin(values.min(axis=1).sum(axis=1)))
+        return points[best], best_trials(np.stack(begins), values[best])[0]
 
     def _with_states_found(
         self,
@@ -160,31 +188,50 @@ class ModelFits:
         seed: int,
         rival: Fit | None,
         to_reach: float,
+        needed: float,
         starts: int = 1,
+        near: Fit | None = None,
     ) -> Fit | None:
         """The fit where least squares from `start` (parameter,) and `offsets` (window, state) ends; None where every
         trial diverged. The other options are those of `fit`.
         """
         simulator = self.simulator(effects)
         evidence = part.evidence(simulator)
+        measured = tolerance < TOLERANCE
         simpler = rival is not None and len(simulator.space) < len(rival.space)
         to_beat = to_reach if rival is None else min(to_reach, rival.error)
         solver = LeastSquares(
             evidence,
             start=start,
             offsets=offsets,
+            known=None if near is None else self._known(near, effects, evidence),
             starts=starts,
             rounds=rounds,
             tolerance=tolerance,
             seed=seed,
             to_beat=to_beat,
+            measured=measured,
+            needed=needed,
             patience=LONG_PATIENCE if simpler or np.isfinite(to_reach) else PATIENCE,
         )
         best = run(solver, lambda trial: part.evaluate(simulator, trial))
         if not np.isfinite(best.error):
             return None
-        fit = self.at(part, effects, best, solver.at)
+        fit = self.at(part, effects, best, solver.at, measured=measured)
         return replace(fit, finished=not (solver.gave_up or fit.error > HOPELESS * to_beat))
+
+    def _known(self, near: Fit, effects: Sequence[Placed], evidence: Evidence) -> Known | None:
+        """What `near` says of the sensitivities of a model with `effects`."""
+        same = near.effects[: _in_common(near.effects, effects)]
+        parameters = self._parameters_in_common(near, effects)
+        states = self.prepared.starts.sd.shape[1] + sum(len(e.states) for _, e in same)
+        known = near.at.known_in(evidence, parameters, states)
+        return known and replace(known, carried=known.carried + 1)
+
+    def _parameters_in_common(self, near: Fit, effects: Sequence[Placed]) -> int:
+        """How many of its first parameters a model with `effects` has in common with `near`."""
+        same = near.effects[: _in_common(near.effects, effects)]
+        return len(self.prepared.task.space) + sum(len(e.parameters) for _, e in same)
 
     def at(
         self,
@@ -192,12 +239,14 @@ class ModelFits:
         effects: Sequence[Placed],
         best: Best,
         known: Linearization | None = None,
+        *,
+        measured: bool = True,
     ) -> Fit:
-        """The fit at what an identifier found on `part`, with the linearization there: `known`, if measured, or a
-        new one.
+        """The fit at what an identifier found on `part`, with the linearization there: a new one where none is `known`,
+        or it was carried along and has to be `measured`.
         """
         simulator = self.simulator(effects)
-        if known is not None and not known.carried:
+        if known is not None and not (measured and known.carried):
             return Fit(tuple(effects), simulator.space, best.parameters, known)
         evidence = part.evidence(simulator)
         x = simulator.space.to_unit(best.parameters)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from capture_cli.effects.placed import Placed
 from capture_cli.identifiers.intervals import intervals
 from capture_cli.protocol.fit import Fit
@@ -50,6 +52,11 @@ def at_end(fit: Fit, placed: Placed) -> dict[str, str]:
                 f"it would have to be at the end of its range ({space.names[i]} = {fit.point[i]:.3g})"
             )
     return found
+
+
+def needed_error(current: Fit, material: float) -> float:
+    """The error above which a fit is `slight` beside `current`, which has to lose this share of its excess."""
+    return float(np.sqrt(1.0 + (1.0 - material) * current.excess))
 
 
 def slight(current: Fit, fit: Fit, material: float) -> str | None:

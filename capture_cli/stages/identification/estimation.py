@@ -136,8 +136,15 @@ def by_physics(
         if idle:
             solver.rounds_left = 0
 
+    every = len(simulator.space), evidence.start_sd.shape[1]
     solver = method(
-        evidence, start=start, seed=seed, rounds=rounds, starts=starts, offsets=offsets, known=known
+        evidence,
+        start=start,
+        seed=seed,
+        rounds=rounds,
+        starts=starts,
+        offsets=offsets,
+        known=known and known.known_in(evidence, *every),
     )
     progress.doing(f"{what}, round 1 of at most {rounds}")
     best = run(solver, lambda trial: part.evaluate(simulator, trial), on_round)
