@@ -20,15 +20,17 @@ from capture_cli.select.screening import Addition, BalancedModel, Screening
 @dataclass(frozen=True)
 class BeamSettings:
     """width: models of each size that are grown, of single effects such that differ; branches: effects that are added
-    to each. of_a_kind: of a group of alike effects, and fitted: of larger models, that may be fitted. united: single
-    effects that hold in simulations, which are put beside the best model there. sure: standard errors over blocks by
-    which a larger model has to predict better than all smaller ones, and least: of log likelihood; one that is as good
-    as the best may be so far behind it, or `near` of what that gains over smaller ones. worth: standard errors by which
-    a single effect has to predict better than none, to be fitted by simulation.
+    to each. pairs: of two effects, that are asked whether either is good alone or not. of_a_kind: of a group of alike
+    effects, and fitted: of larger models, that may be fitted. united: single effects that hold in simulations, which
+    are put beside the best model there. sure: standard errors over blocks by which a larger model has to predict better
+    than all smaller ones, and least: of log likelihood; one that is as good as the best may be so far behind it, or
+    `near` of what that gains over smaller ones. worth: standard errors by which a single effect has to predict better
+    than none, to be fitted by simulation.
     """
 
     width: int = 4
     branches: int = 2
+    pairs: int = 12
     fitted: int = 8
     of_a_kind: int = 3
     united: int = 3
@@ -91,10 +93,13 @@ def grown(
         yield Level([], models)
     alike = {a.placed.name: [o.model for o in g if o is not a] for g in groups for a in g}
     growing = [g[0].model for g in groups]
-    for _ in range(most - 1):
+    for size in range(2, most + 1):
         growing = growing[: settings.width]
         more = [_more(screening, model, len(effects), settings) for model in growing]
-        models = _best([m for found, _ in more for m in found])
+        models = [m for found, _ in more for m in found]
+        if size == 2:
+            models += [screening.fitted(m) for m in screening.pairs(effects, values, settings.pairs)]
+        models = _best(models)
         if not models:
             return
         for _, others in more:
@@ -102,8 +107,23 @@ def grown(
         models = _best([*models, *_with_others(screening, models[0], len(effects), alike, settings)])
         if not _is_better(models[0], growing[0], settings.least, settings.sure):
             return
+        fewer = _best(_with_one_less(screening, models[0], len(effects)) if size > 2 else [])
+        if fewer and _is_better(fewer[0], growing[0], settings.least, settings.sure):
+            yield Level.of(fewer, fewer[0].gain(growing[0])[0], settings)
         yield Level.of(models[: settings.fitted], models[0].gain(growing[0])[0], settings)
         growing = models
+
+
+def _with_one_less(screening: Screening, model: BalancedModel, known: int) -> list[BalancedModel]:
+    """The model without each of its effects beyond the `known` but the last: what led to the others need not be there
+    with them (a floating search: Pudil, Novovicova & Kittler, 1994).
+    """
+    found = []
+    for k in range(known, len(model.effects) - 1):
+        effects, values = list(model.effects), list(model.values)
+        del effects[k], values[k]
+        found.append(screening.fitted(replace(model, effects=tuple(effects), values=tuple(values))))
+    return found
 
 
 def _with_others(

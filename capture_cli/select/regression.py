@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+TINY = 1e-300
 ROUNDING = 1e-12  # of a column's square: some times what double precision loses of it
 
 
@@ -68,9 +69,37 @@ def additions(base: Sums, across: np.ndarray, gram: np.ndarray, pull: np.ndarray
             + 2 * np.einsum("mi,ima,ma->m", first, across[b], added)
             + np.einsum("ma,mac,mc->m", added, gram[b], added)
         )
-    gains = 0.5 * base.count[:, None] * np.log(alone[:, None] / np.maximum(errors, 1e-300))
+    gains = 0.5 * base.count[:, None] * np.log(alone[:, None] / np.maximum(errors, TINY))
     error = gains.std(axis=0, ddof=1) * np.sqrt(len(base.count))
     return Gain(gains.sum(axis=0), error, _solved(base, across, gram, pull, leave=None))
+
+
+def best_pairs(
+    responses: np.ndarray, target: np.ndarray, sizes: np.ndarray, alike: float, count: int
+) -> list[tuple[int, int]]:
+    """Of all pairs of responses (effect, row) the `count` that take most of the target (row,) together, by BIC, best
+    first; sizes (effect,): how many parameters each stands for. Of pairs whose responses are alike, beyond that cosine,
+    the best.
+    """
+    gram, pull = responses @ responses.T, responses @ target
+    own = 1 + np.diag(gram)
+    determinant = np.outer(own, own) - np.square(gram)
+    taken = (
+        np.square(pull)[:, None] * own + np.square(pull) * own[:, None] - 2 * np.outer(pull, pull) * gram
+    ) / determinant
+    left = np.maximum(target @ target - taken, TINY)
+    score = -len(target) * np.log(left) - np.log(len(target)) * np.add.outer(sizes, sizes)
+    first, second = np.triu_indices(len(pull), 1)
+    same = np.abs(gram) > alike * np.sqrt(np.outer(np.diag(gram), np.diag(gram)))
+    found: list[tuple[int, int]] = []
+    for k in np.argsort(-score[first, second], kind="stable"):
+        i, j = int(first[k]), int(second[k])
+        if same[i, j] or any((same[i, a] and same[j, b]) or (same[i, b] and same[j, a]) for a, b in found):
+            continue
+        found.append((i, j))
+        if len(found) == count:
+            break
+    return found
 
 
 def predicted(base: Sums) -> np.ndarray:
@@ -81,7 +110,7 @@ def predicted(base: Sums) -> np.ndarray:
         gram = with_prior(base.gram[keep].sum(axis=0))
         own = np.linalg.solve(gram, base.pull[keep].sum(axis=0))
         errors[b] = base.target[b] - 2 * own @ base.pull[b] + own @ base.gram[b] @ own
-    return np.maximum(errors, 1e-300)
+    return np.maximum(errors, TINY)
 
 
 def with_prior(gram: np.ndarray) -> np.ndarray:

@@ -21,7 +21,7 @@ from capture_cli.estimate.motion import SmoothedLog
 from capture_cli.estimate.whitening import Whitening
 from capture_cli.select.dictionary import SETTINGS as DICTIONARY
 from capture_cli.select.dictionary import Atom, atoms
-from capture_cli.select.regression import Sums, additions, predicted, with_prior
+from capture_cli.select.regression import Sums, additions, best_pairs, predicted, with_prior
 
 
 @dataclass(frozen=True)
@@ -193,6 +193,32 @@ class Screening:
         with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
             return self._judged(self._fitted(model))
 
+    def pairs(
+        self, effects: Sequence[Placed], values: Sequence[np.ndarray], count: int
+    ) -> list[BalancedModel]:
+        """The model with two effects more than `effects`, which have these values: of those pairs that differ in their
+        responses the `count` which take most of what it leaves, best first, by what they explain together.
+
+        All pairs of effects are compared, each by its response at the values that it has alone: neither has to be among
+        the best alone, where a third does more than either.
+        """
+        self.whitening.reset()
+        begin = BalancedModel(tuple(effects), self.balance.point, tuple(values))
+        model = self._judged(self.fitted(self._judged(self._with_slow_noise(begin))))
+        additions = self._screened(model)
+        left, found = self._white_left(model), []
+        for one, other in best_pairs(
+            np.array([a.response for a in additions]),
+            left,
+            np.array([len(a.placed.effect.parameters) for a in additions]),
+            self.settings.alike,
+            count,
+        ):
+            first, second = additions[one].model, additions[other].model
+            both = (*first.effects, second.effects[-1]), (*first.values, second.values[-1])
+            found.append(replace(first, effects=both[0], values=both[1]))
+        return found
+
     def groups(self, additions: Sequence[Addition]) -> list[list[Addition]]:
         """`additions`, best first, with those together whose responses are alike."""
         groups: list[list[Addition]] = []
@@ -291,6 +317,13 @@ class Screening:
         free = self._free(model, white, slope)
         step = _solved(slope[:, free], white)
         return [t[..., 0] + c[..., free] @ step for t, c in zip(target, columns, strict=True)]
+
+    def _white_left(self, model: BalancedModel) -> np.ndarray:
+        """What the model leaves of the target once its parameters took a linear step, white, (row,)."""
+        target, columns = self._system(model)
+        target, columns = -self._white(target)[:, 0], self._white(columns)
+        own = columns[:, self._free(model, target, columns)]
+        return target - own @ _solved(own, target)
 
     def _with_slow_noise(self, model: BalancedModel) -> BalancedModel:
         """The model with the slow noise of the sensors that it leaves."""
