@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from capture_cli.protocol.balance_scores import log_of
 from capture_cli.protocol.candidates import all_candidates
 from capture_cli.protocol.prepare import prepare
 from capture_cli.select.beam import BeamSettings, Level, grown
-from capture_cli.select.regression import Sums, additions, predicted
+from capture_cli.select.regression import Sums, additions, best_pairs, predicted
 from capture_cli.select.screening import BalancedModel, Screening
 
 # small: columns are taken where the declared parameters fit best without the effect, and a large one bends those
@@ -118,14 +119,44 @@ def test_additions_are_what_refits_one_by_one_give(seed, own, models, added):
         np.testing.assert_allclose(gain.coefficients[m], _refitted(target, whole, block, -1), atol=1e-9)
 
 
-def additions_of(case: Case, *names: str) -> dict[str, float]:
-    """Gains of these effects, NAME@SITE, in the log of a case."""
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 10**6), effects=st.integers(2, 7), count=st.integers(1, 5))
+def test_the_best_pairs_are_those_that_leave_least_one_by_one(seed, effects, count):
+    generator = np.random.default_rng(seed)
+    responses, target = 3 * generator.standard_normal((effects, 40)), generator.standard_normal(40)
+
+    def left(pair):
+        columns = responses[list(pair)].T
+        rows, prior = np.vstack([columns, np.eye(2)]), np.append(target, np.zeros(2))
+        return np.square(prior - rows @ np.linalg.lstsq(rows, prior, rcond=None)[0]).sum()
+
+    every = sorted(combinations(range(effects), 2), key=left)
+    assert best_pairs(responses, target, np.ones(effects), 1.0, count) == every[:count]
+
+
+def test_two_that_stand_in_each_others_way_are_a_pair_and_two_that_are_alike_are_none():
+    generator = np.random.default_rng(0)
+    one, third, noise = generator.standard_normal((3, 2000))
+    other = one + 0.3 * noise
+    responses = np.array([one, other, third, third + 1e-3 * noise])
+    target = 5 * (one - other) + 0.1 * third  # of which neither shows alone
+    sizes = np.ones(4)
+    assert best_pairs(responses, target, sizes, 0.99, 1) == [(0, 1)]
+    found = best_pairs(responses, target, sizes, 0.99, 10)
+    assert (2, 3) not in found and sum({2, 3} & set(pair) != set() for pair in found) == 2
+
+
+def screening_of_case(case: Case, *names: str) -> Screening:
+    """Of these effects, NAME@SITE, or of all, in the log of a case."""
     task, log, _ = case.build()
     prepared = prepare(log, task, window=None, test=None, seed=0)
-    placed = [c.placed for c in all_candidates(prepared) if c.name in names]
-    smoothed = SmoothedLog.of(log_of(prepared), prepared.task)
-    found = Screening(smoothed, placed, task.space.nominal, threads=1).additions((), ())
-    return {a.placed.name: a.gain for a in found}
+    placed = [c.placed for c in all_candidates(prepared) if not names or c.name in names]
+    return Screening(SmoothedLog.of(log_of(prepared), prepared.task), placed, task.space.nominal, threads=1)
+
+
+def additions_of(case: Case, *names: str) -> dict[str, float]:
+    """Gains of these effects in the log of a case."""
+    return {a.placed.name: a.gain for a in screening_of_case(case, *names).additions((), ())}
 
 
 def test_a_spring_that_needs_both_of_its_sides_is_asked_of_each():
@@ -172,6 +203,19 @@ def test_two_effects_are_found_of_which_a_third_does_more_than_either():
     (level,) = grown(alone.screening(few), (), (), 3)
     best = level.as_good[0]
     assert [e.kind for e in best.effects] == ["coulomb-friction"]
+
+
+def test_a_pair_is_found_of_which_one_is_not_among_the_best_alone():
+    """Before a gear's coupling come more single effects than are grown."""
+    pair = ("coupled-drive@tilt", "viscoelastic-spring@pan")
+    others = ("preloaded-spring", "cogging", "one-sided-spring", "sensor-eccentricity", "hysteretic-friction")
+    case = Case("pair", "pan_tilt", pair, 3.0, 1224827016)
+    screening = screening_of_case(case, *pair, *(f"{kind}@pan" for kind in others))
+    ranked = [a.placed.name for a in screening.additions((), ())]
+    assert ranked.index("coupled-drive@tilt") >= BeamSettings().width
+    *_, level = grown(screening, (), (), 2)
+    assert {e.name for e in level.as_good[0].effects} == set(pair)
+    assert {e.name for e in screening.pairs((), (), 1)[0].effects} == set(pair)
 
 
 def test_a_law_that_all_joints_lack_is_found_at_all_of_them():

@@ -107,23 +107,8 @@ def grown(
         models = _best([*models, *_with_others(screening, models[0], len(effects), alike, settings)])
         if not _is_better(models[0], growing[0], settings.least, settings.sure):
             return
-        fewer = _best(_with_one_less(screening, models[0], len(effects)) if size > 2 else [])
-        if fewer and _is_better(fewer[0], growing[0], settings.least, settings.sure):
-            yield Level.of(fewer, fewer[0].gain(growing[0])[0], settings)
         yield Level.of(models[: settings.fitted], models[0].gain(growing[0])[0], settings)
         growing = models
-
-
-def _with_one_less(screening: Screening, model: BalancedModel, known: int) -> list[BalancedModel]:
-    """The model without each of its effects beyond the `known` but the last: what led to the others need not be there
-    with them (a floating search: Pudil, Novovicova & Kittler, 1994).
-    """
-    found = []
-    for k in range(known, len(model.effects) - 1):
-        effects, values = list(model.effects), list(model.values)
-        del effects[k], values[k]
-        found.append(screening.fitted(replace(model, effects=tuple(effects), values=tuple(values))))
-    return found
 
 
 def _with_others(
