@@ -64,6 +64,18 @@ def test_where_an_effect_is_missing_it_is_told_with_the_effect_in(effect, magnit
     assert with_timings(task, found).linear.tolist() == [linear]
 
 
+def test_where_two_effects_are_missing_it_is_told_with_both_in():
+    """Either alone is best with the inputs read in its own way, and neither reading is surely better."""
+    pair = ("sensor-bias@q2", "sensor-clock-rate")
+    task, log, _ = Case("pair", "arm", pair, 3.0, 275583650).build()
+    prepared = prepare(log, task, **QUIET)
+    few = [c for c in all_candidates(prepared) if c.name in pair]
+    unread, as_read = replace(prepared, task=task), partial(prepare, log, **QUIET)
+    found, _ = timings_with_effects(unread, few, as_read, 1)
+    assert [t.linear for t in found] == [False, False]
+    assert all(t.gain > 3 * t.error for t in found)
+
+
 def test_simulations_tell_where_the_balance_is_not_sure(monkeypatch):
     monkeypatch.setattr(input_readings, "is_surely_better", lambda *_: False)
     name = "direction-dependent-viscous@x"

@@ -55,14 +55,21 @@ def timings_with_effects(
 
 
 def _best(screenings: Sequence[Screening]) -> list[BalancedModel]:
-    """The best model of each reading with one effect at most; where that leaves more than noise in all of them, with
-    two at most: what else is missing may look like another reading. Where it leaves far more, two will not do either.
+    """The best model of each reading with one effect at most; where these do not decide, with two at most: what else
+    is missing may look like another reading. Where they leave far more than noise, two will not do either.
     """
     models = [own.best() for own in screenings]
-    if not SETTINGS.else_missing <= min(m.beyond_noise for m in models) < SETTINGS.hopeless:
+    if _decide(*models) or min(m.beyond_noise for m in models) >= SETTINGS.hopeless:
         return models
     largest = [list(grown(own, (), (), 2, settings=NARROW))[-1:] for own in screenings]
     return [levels[0].best if levels else one for levels, one in zip(largest, models, strict=True)]
+
+
+def _decide(one: BalancedModel, other: BalancedModel) -> bool:
+    """Whether one reading is surely better, and no more is left than noise."""
+    explained = min(one.beyond_noise, other.beyond_noise) < SETTINGS.else_missing
+    gains = (one.likelihood, other.likelihood), (other.likelihood, one.likelihood)
+    return explained and any(is_surely_better(*pair) for pair in gains)
 
 
 def _read(task: Task, linear: bool) -> Task:
