@@ -106,3 +106,9 @@ def test_a_log_that_is_mostly_impacts_has_no_balance(puck):
     )
     with pytest.raises(LogError, match="impacts"):
         SmoothedLog.of(at_wall, puck.experiment.task)
+
+
+def test_what_acts_on_a_joint_that_no_sensor_shows_is_none_of_the_balance(puck):
+    few = [p for p in puck.placed if p.kind in ("constant-force", "loose-mass")]
+    at_height = {p.name for p in few if p.name.endswith("@z")}
+    assert at_height and puck.screening(few).covered == {p.name for p in few} - at_height

@@ -102,6 +102,8 @@ def atoms(
     amplitudes = tuple(i for i, n in enumerate(space.names) if n not in effect.shapes)
     if not amplitudes or (effect.place == "force" and effect.reported):
         return  # of a force that moves its own sensors the reported motion is not the joint's
+    if _acts_unshown(balance, effect):
+        return
     if isinstance(effect, PeriodicForce):
         yield from _repeating(balance, placed, amplitudes, settings)
         return
@@ -140,6 +142,12 @@ def atoms(
             continue
         yield atom, columns
         yield from atom.alone(columns)
+
+
+def _acts_unshown(balance: ForceBalance, effect: Effect) -> bool:
+    """Whether it acts on a joint that no sensor shows: contacts take up what it does there, as far as they need to."""
+    joint = getattr(effect, "joint", None)
+    return joint is not None and int(balance.model.jnt_dofadr[joint]) in balance.unshown
 
 
 def _shares(effect: Effect, settings: DictionarySettings) -> tuple[float, ...]:
