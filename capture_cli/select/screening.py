@@ -202,11 +202,9 @@ class Screening:
         All pairs of effects are compared, each by its response at the values that it has alone: neither has to be among
         the best alone, where a third does more than either.
         """
+        model, additions = self._fitted_and_additions(effects, values)
         self.whitening.reset()
-        begin = BalancedModel(tuple(effects), self.balance.point, tuple(values))
-        model = self._judged(self.fitted(self._judged(self._with_slow_noise(begin))))
-        additions = self._screened(model)
-        left, found = self._white_left(model), []
+        left, found = self._white_left(self._judged(model)), []
         for one, other in best_pairs(
             np.array([a.response for a in additions]),
             left,
