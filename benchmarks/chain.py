@@ -18,7 +18,7 @@ from benchmarks._planted_logs.cases import direction
 from benchmarks._planted_logs.machines import Experiment, Machine
 from benchmarks._planted_logs.sizes import Refit, size
 from benchmarks.base import Benchmark, Figure, Result
-from capture_cli.effects import REGISTRY
+from capture_cli.model.effects import REGISTRY
 
 JOINTS = (3, 6, 12, 24)
 EPISODES = 4

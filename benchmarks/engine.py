@@ -15,10 +15,12 @@ from mujoco import rollout
 from benchmarks import EMPS, MACHINES
 from benchmarks._speeds import interleaved
 from benchmarks.base import Benchmark, Figure, Result
+from capture_cli.estimate.initial_states.from_outputs import model_starts
+from capture_cli.model.fields import ModelFields
 from capture_cli.model.tasks import load_task
 from capture_cli.model.tasks.base import Task
-from capture_cli.sim.engine import Engine, ModelFields, World
-from capture_cli.sim.starts import model_starts
+from capture_cli.model.world import World
+from capture_cli.simulate.engine import Engine
 
 SIMULATIONS, STEPS, REPEATS = 256, 500, 9
 SPREAD = 0.05  # of the nominal values: simulations must differ, and cost the same

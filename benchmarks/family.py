@@ -15,7 +15,7 @@ from benchmarks import ROOT
 from benchmarks.base import Benchmark, Figure, Result
 from capture_cli.context.checkpoints.identifier_checkpoint import load_identifier
 from capture_cli.context.checkpoints.policy_checkpoint import load_policy
-from capture_cli.identifiers.rounds import Rounds, finite
+from capture_cli.context.identifiers.base import Rounds, finite
 from capture_cli.model.tasks import load_task
 from capture_cli.model.tasks.base import ActionTask
 from capture_cli.simulate.simulator import Simulator

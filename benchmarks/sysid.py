@@ -27,12 +27,12 @@ import numpy as np
 from benchmarks import EMPS, ROOT
 from benchmarks.base import Benchmark, Figure, Result
 from capture_cli.errors import OptionError
-from capture_cli.identifiers.base import Evidence, Trial, run
-from capture_cli.identifiers.least_squares import LeastSquares
+from capture_cli.estimate.prepare import prepare
+from capture_cli.estimate.prepared_log import PreparedLog
+from capture_cli.estimate.solve.base import Evidence, Trial, run
+from capture_cli.estimate.solve.least_squares import LeastSquares
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model.tasks import load_task
-from capture_cli.protocol.prepare import prepare
-from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.simulate.simulator import Simulator
 from capture_cli.stages.import_log import import_log
 from capture_cli.stages.record import record

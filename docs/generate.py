@@ -586,7 +586,7 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str | Part]]] = {
 
 def targets() -> str:
     """Everything a parameter can set; those that are likewise in one row."""
-    from capture_cli.sim.target_attributes import ATTRIBUTES
+    from capture_cli.model.target_attributes import ATTRIBUTES
 
     rows: list[list[str]] = []
     for kind, attributes in ATTRIBUTES.items():
@@ -815,7 +815,7 @@ have the same length along it. A version that the program does not read is refus
 
 
 def _effects() -> str:
-    from capture_cli.effects import markdown
+    from capture_cli.model.effects import markdown
 
     return markdown()
 

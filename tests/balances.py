@@ -9,17 +9,17 @@ from functools import cached_property
 import numpy as np
 
 from benchmarks._planted_logs.machines import MACHINE, Experiment
-from capture_cli.effects import REGISTRY
-from capture_cli.effects.base import Effect
-from capture_cli.effects.placed import Placed
-from capture_cli.estimate.force_balance import ForceBalance
-from capture_cli.estimate.motion import SmoothedLog
-from capture_cli.estimate.whitening import Whitening
-from capture_cli.protocol.balance_scores import log_of
-from capture_cli.protocol.candidates import all_candidates
-from capture_cli.protocol.prepare import prepare
-from capture_cli.protocol.prepared_log import PreparedLog
-from capture_cli.select.screening import Screening
+from capture_cli.estimate.balance.force_balance import ForceBalance
+from capture_cli.estimate.balance.motion import SmoothedLog
+from capture_cli.estimate.balance.screening import Screening
+from capture_cli.estimate.balance.whitening import Whitening
+from capture_cli.estimate.log_balance import log_of
+from capture_cli.estimate.prepare import prepare
+from capture_cli.estimate.prepared_log import PreparedLog
+from capture_cli.model.effects import REGISTRY
+from capture_cli.model.effects.base import Effect
+from capture_cli.model.effects.placed import Placed
+from capture_cli.select.candidates import all_candidates
 
 COVERED = tuple(MACHINE)
 

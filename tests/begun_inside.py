@@ -7,9 +7,11 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
-from capture_cli.effects._joint_effect import JointEffect
-from capture_cli.effects.base import JointMotion
-from capture_cli.sim.engine import Engine, ModelFields, Starts
+from capture_cli.model.effects._joint_effect import JointEffect
+from capture_cli.model.effects.base import JointMotion
+from capture_cli.model.fields import ModelFields
+from capture_cli.model.states import Starts
+from capture_cli.simulate.engine import Engine
 
 LENGTH = 100  # steps of a simulation that begins inside
 

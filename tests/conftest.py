@@ -25,7 +25,7 @@ import pytest  # noqa: E402
 from capture_cli.cli import main  # noqa: E402
 from capture_cli.common.extras import EXTRAS, missing  # noqa: E402
 from capture_cli.common.signals import ENDING  # noqa: E402
-from capture_cli.sim import model_file  # noqa: E402
+from capture_cli.model.mjcf import model_file  # noqa: E402
 from capture_cli.store.output import PLACED  # noqa: E402
 
 SLIDER_XML = """\

@@ -8,11 +8,11 @@ from typing import Any
 import pytest
 
 from capture_cli.common.progress import Progress
+from capture_cli.estimate.prepare import prepare
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model.tasks.base import Task
-from capture_cli.protocol.candidates import Candidate, all_candidates
-from capture_cli.protocol.explain import Settings
-from capture_cli.protocol.prepare import prepare
+from capture_cli.select.candidates import Candidate, all_candidates
+from capture_cli.select.explain import Settings
 from capture_cli.stages.diagnose import diagnose_prepared
 
 
@@ -40,7 +40,7 @@ def look_beside_slow(patch: pytest.MonkeyPatch) -> None:
 
 
 def _look(patch: pytest.MonkeyPatch, is_wanted: Callable[[Candidate], bool]) -> None:
-    for module in ("protocol.attribution", "stages.diagnose"):
+    for module in ("select.search", "stages.diagnose"):
         patch.setattr(
             f"capture_cli.{module}.all_candidates",
             lambda log: [c for c in all_candidates(log) if is_wanted(c)],

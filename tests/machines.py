@@ -8,8 +8,10 @@ from functools import cache
 import mujoco
 import numpy as np
 
-from capture_cli import effects
-from capture_cli.sim.engine import Engine, ModelFields, Starts
+from capture_cli.model import effects
+from capture_cli.model.fields import ModelFields
+from capture_cli.model.states import Starts
+from capture_cli.simulate.engine import Engine
 
 SLIDER = """
 <mujoco model="slider">

@@ -6,8 +6,8 @@ import mujoco
 import numpy as np
 
 from capture_cli.model.parameters import Parameter, ParameterSpace
+from capture_cli.model.states import Starts
 from capture_cli.model.tasks.base import ActionTask, Channel, Episodes, Feature, LogColumns
-from capture_cli.sim.engine import Starts
 
 XML = """\
 <mujoco>

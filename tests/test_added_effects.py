@@ -10,13 +10,13 @@ import pytest
 from reaching import Reaching
 
 from capture_cli.context.checkpoints.policy_checkpoint import load_policy
-from capture_cli.effects import REGISTRY
-from capture_cli.effects.placed import Placed
 from capture_cli.errors import OptionError
+from capture_cli.log.windows import cut
+from capture_cli.model.effects import REGISTRY
+from capture_cli.model.effects.placed import Placed
+from capture_cli.model.states import Starts
 from capture_cli.model.tasks import load_task
 from capture_cli.model.tasks.air_hockey import AirHockey
-from capture_cli.sim.engine import Starts
-from capture_cli.sim.windows import cut
 from capture_cli.simulate.simulator import Simulator
 from capture_cli.stages import simulated_machine
 from capture_cli.stages import train_policy as train_policy_stage

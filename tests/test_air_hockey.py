@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from capture_cli.model.fields import ModelFields
+from capture_cli.model.states import Starts
+from capture_cli.model.targets import restitution
 from capture_cli.model.tasks import load_task
 from capture_cli.model.tasks.air_hockey import TARGET, TARGET_RADIUS, AirHockey
-from capture_cli.sim.engine import Engine, ModelFields, Starts
-from capture_cli.sim.targets import restitution
+from capture_cli.simulate.engine import Engine
 from capture_cli.simulate.simulator import Simulator
 
 TASK = AirHockey(far_wall=True)

@@ -12,9 +12,10 @@ import gymnasium
 import robosuite
 
 from capture_cli.context.worlds import air_hockey
-from capture_cli.effects import REGISTRY
 from capture_cli.errors import OptionError
-from capture_cli.sim.engine import Engine, ModelFields
+from capture_cli.model.effects import REGISTRY
+from capture_cli.model.fields import ModelFields
+from capture_cli.simulate.engine import Engine
 from capture_cli.stages.record import record
 
 PLANT = air_hockey.AirHockey()

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 from balances import COVERED, Made
 
-from capture_cli.protocol import balance_scores
-from capture_cli.protocol.balance_scores import balanced_point, screening_of
+from capture_cli.estimate import log_balance as balance_scores
+from capture_cli.estimate.log_balance import balanced_point
+from capture_cli.select.balance_scores import screening_of
 
 LOOP = """
 <mujoco><option timestep="0.002"/><default><geom contype="0" conaffinity="0"/></default>

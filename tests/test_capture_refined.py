@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import binom
 
-from capture_cli.identifiers._learned import Prediction
-from capture_cli.identifiers._refinement import _corrected
-from capture_cli.identifiers.capture_refined import CaptureRefined
-from capture_cli.identifiers.rounds import Signature, run_rounds
+from capture_cli.context.identifiers._learned import Prediction
+from capture_cli.context.identifiers._refinement import _corrected
+from capture_cli.context.identifiers.base import Signature, run_rounds
+from capture_cli.context.identifiers.capture_refined import CaptureRefined
 from capture_cli.model.parameters import Parameter, ParameterSpace
 from capture_cli.model.tasks.base import Feature
 

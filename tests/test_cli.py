@@ -20,9 +20,9 @@ from fuzz.forked_run import CAN_RUN, run
 from capture_cli.cli._config import _read_config
 from capture_cli.cli.app import app
 from capture_cli.errors import OptionError
+from capture_cli.estimate.prepare import prepare
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model.tasks import load_task
-from capture_cli.protocol.prepare import prepare
 from capture_cli.simulate.simulator import Simulator
 from capture_cli.stages import identify as stage
 from capture_cli.store import output

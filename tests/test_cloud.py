@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import binom
 
-from capture_cli.identifiers._cloud import Cloud, _law, improve
+from capture_cli.context.identifiers._cloud import Cloud, _law, improve
 
 FEATURES, VALUES = 2, 40  # values of a round, of both features in turn
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from capture_cli.identifiers.cma_es import CmaEs
-from capture_cli.linearization import Evidence
+from capture_cli.estimate.solve.cma_es import CmaEs
+from capture_cli.estimate.solve.linearization import Evidence
 from capture_cli.model.parameters import Parameter, ParameterSpace
 
 WINDOWS, STEPS = 6, 60

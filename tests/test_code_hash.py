@@ -16,7 +16,11 @@ def names(modules) -> set[str]:
 
 def test_it_follows_imports_and_leaves_out_what_draws():
     found = names([MODULE])
-    assert {"capture_cli/stages/diagnose.py", "capture_cli/sim/engine.py", "capture_cli/errors.py"} <= found
+    assert {
+        "capture_cli/stages/diagnose.py",
+        "capture_cli/simulate/engine.py",
+        "capture_cli/errors.py",
+    } <= found
     assert not any(name.startswith("capture_cli/report/") for name in found)
     assert "capture_cli/stages/record.py" not in found
 
@@ -29,7 +33,7 @@ def test_it_changes_with_the_code_it_depends_on_and_with_no_other(tmp_path, monk
     for path, matters in (
         ("capture_cli/stages/record.py", False),
         ("capture_cli/report/terminal.py", False),
-        ("capture_cli/sim/engine.py", True),
+        ("capture_cli/simulate/engine.py", True),
         ("benchmarks/machines/arm/model.xml", True),
     ):
         file = tmp_path / path

@@ -11,10 +11,10 @@ import pytest
 from balances import Made
 
 from capture_cli.errors import LogError
-from capture_cli.estimate.force_balance import ForceBalance
-from capture_cli.estimate.impacts import impacts
-from capture_cli.estimate.motion import SmoothedLog
-from capture_cli.protocol.balance_scores import log_of
+from capture_cli.estimate.balance.force_balance import ForceBalance
+from capture_cli.estimate.balance.impacts import impacts
+from capture_cli.estimate.balance.motion import SmoothedLog
+from capture_cli.estimate.log_balance import log_of
 
 WALL_AT = 1.2 - 0.2 - 0.04  # m: its middle, half its width, and the radius of the puck
 CORNER = """<mujoco>

@@ -7,7 +7,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from capture_cli.sim.contacts import can_touch, touching_pairs
+from capture_cli.model.contacts import can_touch, touching_pairs
 
 
 @st.composite

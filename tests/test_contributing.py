@@ -61,10 +61,10 @@ def words(text: str) -> str:
 
 def test_every_kind_of_plug_in_has_an_example():
     assert {Path(path).parent.as_posix() for path, _ in FILES} >= {
-        "capture_cli/effects",
+        "capture_cli/model/effects",
         "capture_cli/log/checks",
         "capture_cli/log/readers",
-        "capture_cli/identifiers",
+        "capture_cli/estimate/solve",
         "capture_cli/cli",
     }
     assert all(len(text.splitlines()) <= 40 for _, text in FILES)

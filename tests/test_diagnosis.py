@@ -20,44 +20,44 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import ttest_1samp
 
 from capture_cli.common.progress import Progress
-from capture_cli.diagnosis.acceptance import (
-    bic_gain,
-    block_squares,
-    correlation_steps,
-    paired_p_value,
-    ratio_p_value,
-)
-from capture_cli.diagnosis.folds import ENOUGH_WINDOWS, Folds, select_folds
-from capture_cli.diagnosis.lack_of_fit import LackOfFit, lack_held_out
-from capture_cli.diagnosis.localisation import HALF_WIDTH, accelerations, curve, largest_around
-from capture_cli.diagnosis.noise_floor import from_differences, noise_floor, trimmed_sd
-from capture_cli.diagnosis.score import score
-from capture_cli.diagnosis.split import UNEQUAL, split_windows
 from capture_cli.errors import LogError, OptionError, OutputError
-from capture_cli.identifiers.base import Best
-from capture_cli.identifiers.intervals import intervals
-from capture_cli.linearization import Evidence, Linearization
+from capture_cli.estimate.fit import Fit
+from capture_cli.estimate.held_out import HeldOut
+from capture_cli.estimate.model_fits import ModelFits
+from capture_cli.estimate.noise.autocorrelation import block_squares, correlation_steps
+from capture_cli.estimate.noise.lack_of_fit import LackOfFit, lack_held_out
+from capture_cli.estimate.noise.noise_floor import noise_floor
+from capture_cli.estimate.part_fit import PartFit
+from capture_cli.estimate.prepare import prepare
+from capture_cli.estimate.solve.base import Best
+from capture_cli.estimate.solve.intervals import intervals
+from capture_cli.estimate.solve.linearization import Evidence, Linearization
+from capture_cli.estimate.split import UNEQUAL, split_windows
 from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.log.white_noise import from_differences, trimmed_sd
 from capture_cli.model.parameters import Parameter, ParameterSpace
 from capture_cli.model.tasks import load_task
-from capture_cli.protocol.attribution import MOST_EFFECTS
-from capture_cli.protocol.candidates import REFITTED, all_candidates, worth_a_refit
-from capture_cli.protocol.explain import Settings, starts_found
-from capture_cli.protocol.explanation import verdict as judged_as
-from capture_cli.protocol.fit import Fit
-from capture_cli.protocol.held_out import HeldOut
-from capture_cli.protocol.log_parts import FIT, SELECT, TEST, LogParts
-from capture_cli.protocol.model_fits import ModelFits
-from capture_cli.protocol.part_fit import PartFit
-from capture_cli.protocol.plausibility import MATERIAL, slight
-from capture_cli.protocol.prepare import prepare
-from capture_cli.protocol.residual_curves import residual_curves
 from capture_cli.report.diagnosis_findings import summary
+from capture_cli.select.candidates import REFITTED, all_candidates, worth_a_refit
+from capture_cli.select.criterion import bic_gain, paired_p_value, ratio_p_value
+from capture_cli.select.explain import Settings, starts_found
+from capture_cli.select.explanation import verdict as judged_as
+from capture_cli.select.log_parts import ENOUGH_WINDOWS, FIT, SELECT, TEST, Folds, LogParts, select_folds
+from capture_cli.select.rejection import MATERIAL, slight
+from capture_cli.select.residual_curves import (
+    HALF_WIDTH,
+    accelerations,
+    curve,
+    largest_around,
+    residual_curves,
+)
+from capture_cli.select.score import score
+from capture_cli.select.search import MOST_EFFECTS
 from capture_cli.stages import diagnose as diagnose_stage
 from capture_cli.stages.diagnose import diagnose, diagnose_prepared
 from capture_cli.stages.identify import identify
-from capture_cli.stages.kept_steps import StepFiles
 from capture_cli.stages.record import record
+from capture_cli.stages.search_checkpoint import StepFiles
 from capture_cli.store.estimate import Estimate
 
 ALIKE_LAGS = ("control-lag", "control-second-order-lag", "control-gain", "sensor-delay")

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from benchmarks import MACHINES as BENCHMARKS
-from capture_cli.identifiers.base import Best
-from capture_cli.identifiers.intervals import intervals, unit_covariance
-from capture_cli.linearization import UNSEEN, Linearization
+from capture_cli.estimate.model_fits import ModelFits
+from capture_cli.estimate.prepare import prepare
+from capture_cli.estimate.prepared_log import PreparedLog
+from capture_cli.estimate.solve.base import Best
+from capture_cli.estimate.solve.intervals import intervals, unit_covariance
+from capture_cli.estimate.solve.linearization import UNSEEN, Linearization
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model.tasks import load_task
-from capture_cli.protocol.model_fits import ModelFits
-from capture_cli.protocol.prepare import prepare
-from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.stages.identify import identify
 from capture_cli.stages.record import record
 

@@ -21,7 +21,7 @@ from benchmarks import REGISTRY as BENCHMARKS
 from capture_cli.cli.app import app
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model.tasks import load_task
-from capture_cli.protocol.candidates import Candidate, all_candidates
+from capture_cli.select.candidates import Candidate, all_candidates
 from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.evaluation.evaluation_run import evaluate
 from capture_cli.stages.gen_histories import gen_histories
@@ -123,7 +123,7 @@ def written(tmp_path_factory, learn) -> dict[str, dict]:
         for stage in ("identify", "diagnose"):
             patch.setattr(f"capture_cli.stages.{stage}._write_pages", lambda *_: None)
         identify(real_log=folder / "log.zarr", task=task, out=folder / "e", starts=1, rounds=2, quiet=True)
-        for module in ("protocol.attribution", "stages.diagnose"):
+        for module in ("select.search", "stages.diagnose"):
             patch.setattr(f"capture_cli.{module}.all_candidates", friction_only)
         diagnose(real_log=folder / "log.zarr", task=task, out=folder / "d", starts=1, quiet=True)
     histories = write(toy_histories(20, rounds=3), folder / "h.zarr")

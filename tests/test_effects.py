@@ -25,16 +25,18 @@ from machines import (
 )
 from scipy.linalg import expm
 
-from capture_cli import effects
-from capture_cli.effects._joint_force import inertia_felt
-from capture_cli.effects.base import GLOBAL, PLACES, Driven, Effect, JointMotion, Recordings, Reports
 from capture_cli.errors import ModelError
+from capture_cli.estimate.initial_states.from_outputs import model_starts
+from capture_cli.log.input_sequences import KeptTapes
+from capture_cli.log.windows import LEAD, cut
+from capture_cli.model import effects
+from capture_cli.model.effects._joint_force import inertia_felt
+from capture_cli.model.effects.base import GLOBAL, PLACES, Driven, Effect, JointMotion, Recordings, Reports
+from capture_cli.model.fields import ModelFields
+from capture_cli.model.states import Starts
 from capture_cli.model.tasks import load_task
-from capture_cli.sim import engine as engine_module
-from capture_cli.sim.engine import Engine, ModelFields, Starts
-from capture_cli.sim.input_tapes import KeptTapes
-from capture_cli.sim.starts import model_starts
-from capture_cli.sim.windows import LEAD, cut
+from capture_cli.simulate import engine as engine_module
+from capture_cli.simulate.engine import Engine
 from capture_cli.simulate.simulator import Simulator
 
 SLIDER = Path(__file__).parents[1] / "benchmarks" / "machines" / "slider" / "task.toml"

@@ -9,8 +9,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from capture_cli.sim import engine as engine_module
-from capture_cli.sim.engine import Engine, ModelFields, Starts, World
+from capture_cli.model.fields import ModelFields
+from capture_cli.model.states import Starts
+from capture_cli.model.world import World
+from capture_cli.simulate import engine as engine_module
+from capture_cli.simulate.engine import Engine
 
 # A pole on a driven cart, and a ball that drops on the floor beside it: joints, an activation, a contact.
 XML = """
@@ -352,7 +355,7 @@ def test_a_force_that_blows_up_is_marked(model, starts, controls):
 def test_divergence_prints_nothing_and_writes_no_log_file(tmp_path):
     program = f"""
 import mujoco, numpy as np
-from capture_cli.sim.engine import Engine, ModelFields, Starts
+from capture_cli.simulate.engine import Engine, ModelFields, Starts
 model = mujoco.MjModel.from_xml_string('''{XML}''')
 fields = ModelFields(model, 50)
 fields["opt.gravity"][:, 0] = 1e13

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from capture_cli.common.progress import Progress
-from capture_cli.identifiers.base import Best
+from capture_cli.estimate.model_fits import ModelFits
+from capture_cli.estimate.prepare import prepare
+from capture_cli.estimate.prepared_log import PreparedLog
+from capture_cli.estimate.solve.base import Best
 from capture_cli.model.tasks import load_task
-from capture_cli.protocol.model_fits import ModelFits
-from capture_cli.protocol.prepare import prepare
-from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.stages.identification import estimation
 from capture_cli.stages.identification.estimation import by_physics, from_where_all_show
 from capture_cli.stages.record import record

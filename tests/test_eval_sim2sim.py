@@ -15,9 +15,9 @@ from capture_cli.context.checkpoints.checkpoint_hash import checkpoint_hash
 from capture_cli.context.evaluation.evaluated_identifier import PAPER
 from capture_cli.context.evaluation.evaluation_summary import ours_among, paired_comparison
 from capture_cli.context.evaluation.sim2sim import Sim2Sim
+from capture_cli.context.identifiers import round_identifier
 from capture_cli.context.policies.random import Random
 from capture_cli.errors import CaptureError, OptionError, OutputError, StoreError, TaskError
-from capture_cli.identifiers import round_identifier
 from capture_cli.model.tasks import load_task
 from capture_cli.report import paper_numbers
 from capture_cli.report.evaluation_tables import markdown, print_evaluation, tables

@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from capture_cli.diagnosis.noise_floor import NoiseFloor
-from capture_cli.linearization import Evidence, Linearization
+from capture_cli.estimate.initial_states.from_outputs import model_starts
+from capture_cli.estimate.noise.noise_floor import NoiseFloor
+from capture_cli.estimate.solve.linearization import Evidence, Linearization
 from capture_cli.model.parameters import Parameter, ParameterSpace
 from capture_cli.model.tasks import load_task
-from capture_cli.protocol.expected_information import LARGEST_STEP, Axes, Sensitivities, information
-from capture_cli.sim.starts import model_starts
+from capture_cli.select.experiment.expected_information import LARGEST_STEP, Axes, Sensitivities, information
 from capture_cli.stages.excitation.drive import Drive
 from capture_cli.stages.excitation.planned_episodes import Known, planned
 from capture_cli.stages.identify import identify

@@ -15,14 +15,14 @@ import pytest
 from machines import MACHINES, NAMES, away, controls, machine, placed, start
 from plain_loop import imported, looped
 
-from capture_cli import effects
-from capture_cli.diagnosis.expression import expression_terms
-from capture_cli.effects.base import Effect
-from capture_cli.effects.companion import companion_module
-from capture_cli.effects.placed import Placed
 from capture_cli.errors import ModelError, OutputError, StoreError
+from capture_cli.log.windows import MOST_DRIFT, cut
+from capture_cli.model import effects
+from capture_cli.model.effects.base import Effect
+from capture_cli.model.effects.companion import companion_module
+from capture_cli.model.effects.placed import Placed
 from capture_cli.model.tasks import load_task
-from capture_cli.sim.windows import MOST_DRIFT, cut
+from capture_cli.select.expression import expression_terms
 from capture_cli.simulate.simulator import Simulator
 from capture_cli.stages.effect_option import parse_effects
 from capture_cli.stages.export import Exported, export

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from held_inputs import MACHINES, held_machine
 
-from capture_cli.diagnosis.expression import REST, expression_terms, formula
-from capture_cli.effects._scales import characteristic_speed
+from capture_cli.estimate.model_fits import ModelFits
+from capture_cli.model.effects._scales import characteristic_speed
 from capture_cli.model.tasks import load_task
-from capture_cli.protocol import attribution
-from capture_cli.protocol.model_fits import ModelFits
+from capture_cli.select import search as attribution
+from capture_cli.select.expression import REST, expression_terms, formula
 from capture_cli.simulate.simulator import Simulator
 from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.record import record

@@ -33,8 +33,8 @@ sys.meta_path[sys.meta_path.index(PathFinder)] = WithoutExtras
 """
 # what trains networks, and robosuite's scenes
 NOT_OF_THE_CORE = {
-    "identifiers._training",
-    "identifiers._transformer",
+    "context.identifiers._training",
+    "context.identifiers._transformer",
     "context.policies._episode_env",
     "context.policies._sac_training",
     "context.worlds._gymnasium",

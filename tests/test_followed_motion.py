@@ -8,12 +8,12 @@ import mujoco
 import numpy as np
 import pytest
 
+from capture_cli.estimate.initial_states import of_windows as log_starts
+from capture_cli.estimate.initial_states.nominal_motion import nominal_motion
+from capture_cli.estimate.prepare import prepare
 from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model.coordinate_sources import measured_states
 from capture_cli.model.tasks import load_task
-from capture_cli.protocol import log_starts
-from capture_cli.protocol.nominal_motion import nominal_motion
-from capture_cli.protocol.prepare import prepare
-from capture_cli.sim.coordinate_sources import measured_states
 from capture_cli.stages.import_log import import_log
 
 BALANCING = """<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody><body name="cart">

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from balances import COVERED, Made, away
 
-from capture_cli.effects import REGISTRY
-from capture_cli.effects._periodic_force import PeriodicForce
-from capture_cli.select.dictionary import atoms
+from capture_cli.estimate.balance.dictionary import atoms
+from capture_cli.model.effects import REGISTRY
+from capture_cli.model.effects._periodic_force import PeriodicForce
 
 # EFFECT, SITE and share of its range on the cart-pole
 PLANTED = {

@@ -9,12 +9,12 @@ from diagnosing import diagnose
 from machines import DRONE, build, run
 from plain_loop import imported, looped
 
-from capture_cli.effects.companion import companion_module
-from capture_cli.effects.ground_effect import GroundEffect, lift_near_floor
 from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.log.windows import cut
+from capture_cli.model.effects.companion import companion_module
+from capture_cli.model.effects.ground_effect import GroundEffect, lift_near_floor
+from capture_cli.model.states import Starts
 from capture_cli.model.tasks import load_task
-from capture_cli.sim.engine import Starts
-from capture_cli.sim.windows import cut
 from capture_cli.simulate.multisine import multisine
 from capture_cli.simulate.simulator import Simulator
 

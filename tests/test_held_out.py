@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from capture_cli.protocol.beyond_fitted import beyond_fitted
+from capture_cli.estimate.extrapolation import beyond_fitted
 from capture_cli.report import findings
 from capture_cli.stages import identify as stage
 from capture_cli.stages.diagnose import diagnose
@@ -47,14 +47,14 @@ def test_a_rod_that_tips_for_the_first_time_where_it_is_held_out_is_explained(tm
 
 def test_parameters_that_the_fit_hardly_minds_need_not_be_within_their_intervals(tmp_path, monkeypatch):
     """As intervals take the simulator for exact; the same log as above."""
-    monkeypatch.setattr("capture_cli.protocol.held_out._by_chance", lambda *_: False)
+    monkeypatch.setattr("capture_cli.estimate.held_out._by_chance", lambda *_: False)
     record(
         task="scooping", out=tmp_path / "log.zarr", random_parameters=True, noise=2e-3, episodes=10, seed=1
     )
     options = {"real_log": tmp_path / "log.zarr", "quiet": True, "threads": 1}
     found = identify(out=tmp_path / "estimate", **options).document
     assert (found["verdict"], found["held_out"] is None) == ("explained", False)
-    monkeypatch.setattr("capture_cli.protocol.held_out.NEXT_TO_NOTHING", -1.0)
+    monkeypatch.setattr("capture_cli.estimate.held_out.NEXT_TO_NOTHING", -1.0)
     assert identify(out=tmp_path / "minded", **options).document["verdict"] == "unexplained"
 
 

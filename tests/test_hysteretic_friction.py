@@ -13,14 +13,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from machines import build
 
-from capture_cli.effects.hysteretic_friction import Bristles, HystereticFriction
+from capture_cli.estimate.model_fits import ModelFits
+from capture_cli.estimate.prepare import prepare
+from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.log.turning_points import REMEMBERED, ways_before
+from capture_cli.model.effects.hysteretic_friction import Bristles, HystereticFriction
 from capture_cli.model.tasks import load_task
-from capture_cli.protocol.candidates import all_candidates
-from capture_cli.protocol.model_fits import ModelFits
-from capture_cli.protocol.prepare import prepare
-from capture_cli.protocol.prepared_log import PreparedLog
-from capture_cli.sim.turning_points import REMEMBERED, ways_before
+from capture_cli.select.candidates import all_candidates
 from capture_cli.stages.record import record
 
 SLIDER = Path(__file__).parents[1] / "benchmarks" / "machines" / "slider" / "task.toml"

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from held_inputs import hold
 
+from capture_cli.context.identifiers import REGISTRY
 from capture_cli.errors import FitError, LogError, OptionError
-from capture_cli.identifiers import REGISTRY
-from capture_cli.identifiers.least_squares import LeastSquares
+from capture_cli.estimate.solve.least_squares import LeastSquares
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model.parameters import Parameter, ParameterSpace
 from capture_cli.report import diagnosis_findings, findings

@@ -8,11 +8,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from capture_cli.effects import REGISTRY
-from capture_cli.effects.placed import Placed
-from capture_cli.linearization import Evidence, Linearization
+from capture_cli.estimate.solve.linearization import Evidence, Linearization
+from capture_cli.model.effects import REGISTRY
+from capture_cli.model.effects.placed import Placed
 from capture_cli.model.parameters import Parameter, ParameterSpace
-from capture_cli.protocol.candidates import Candidate, score_at_null
+from capture_cli.select.candidates import Candidate, score_at_null
 
 STEPS = 2000
 MODEL = mujoco.MjModel.from_xml_string(

@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 from pyarrow import parquet
 
 from capture_cli.errors import CaptureError, LogError, OutputError
+from capture_cli.estimate.log_requirements import check_fits
 from capture_cli.log.measured_log import LARGEST, MeasuredLog
 from capture_cli.log.readers import open_source
 from capture_cli.model.tasks import load_task
-from capture_cli.protocol.log_checks import check_fits
 from capture_cli.stages import import_log as stage
 from capture_cli.stages.import_log import import_log
 from capture_cli.stages.inspect import inspect

@@ -14,9 +14,9 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from capture_cli.identifiers._architecture import TOKENS, Architecture
-from capture_cli.identifiers._inference import answer
-from capture_cli.identifiers._transformer import Inputs, Transformer
+from capture_cli.context.identifiers._architecture import TOKENS, Architecture
+from capture_cli.context.identifiers._inference import answer
+from capture_cli.context.identifiers._transformer import Inputs, Transformer
 
 
 def _network(architecture: Architecture, seed: int) -> Transformer:
@@ -79,8 +79,9 @@ def test_numpy_and_torch_agree(tokens, residual, parameters, features, layers, h
 
 def test_a_checkpoint_is_read_without_torch():
     code = (
-        "import sys; import capture_cli.context.checkpoints.identifier_checkpoint, capture_cli.identifiers._learned; "
-        "import capture_cli.identifiers.capture, capture_cli.identifiers.posterior; "
+        "import sys; import capture_cli.context.checkpoints.identifier_checkpoint; "
+        "import capture_cli.context.identifiers._learned; "
+        "import capture_cli.context.identifiers.capture, capture_cli.context.identifiers.posterior; "
         "sys.exit('torch' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code]).returncode == 0

@@ -8,11 +8,11 @@ from functools import partial
 import pytest
 
 from benchmarks._planted_logs.cases import NOTHING, PLANTED, Case
-from capture_cli.protocol import input_readings
-from capture_cli.protocol.balance_scores import with_timings
-from capture_cli.protocol.candidates import all_candidates
-from capture_cli.protocol.input_readings import timings_with_effects
-from capture_cli.protocol.prepare import prepare
+from capture_cli.estimate.log_balance import with_timings
+from capture_cli.estimate.prepare import prepare
+from capture_cli.select import input_readings
+from capture_cli.select.candidates import all_candidates
+from capture_cli.select.input_readings import timings_with_effects
 
 # what a search among a few has to find
 ASKED = (

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from capture_cli.identifiers.intervals import Intervals, unit_covariance
-from capture_cli.linearization import Evidence, Linearization
+from capture_cli.estimate.solve.intervals import Intervals, unit_covariance
+from capture_cli.estimate.solve.linearization import Evidence, Linearization
 from capture_cli.model.parameters import Parameter, ParameterSpace
 
 

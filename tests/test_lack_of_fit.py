@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from capture_cli.diagnosis.lack_of_fit import by_chance, lack_held_out, lack_of_fit
 from capture_cli.errors import LogError
-from capture_cli.linearization import Evidence, Linearization
+from capture_cli.estimate.noise.lack_of_fit import by_chance, lack_held_out, lack_of_fit
+from capture_cli.estimate.prepare import prepare
+from capture_cli.estimate.solve.linearization import Evidence, Linearization
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model.parameters import ParameterSpace
 from capture_cli.model.tasks import load_task
-from capture_cli.protocol.prepare import prepare
 from capture_cli.stages.record import record
 
 ARM = Path(__file__).parents[1] / "benchmarks" / "machines" / "arm" / "task.toml"

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from capture_cli.identifiers.base import run
-from capture_cli.identifiers.least_squares import LeastSquares
-from capture_cli.linearization import Evidence, Trial
+from capture_cli.estimate.solve.base import run
+from capture_cli.estimate.solve.least_squares import LeastSquares
+from capture_cli.estimate.solve.linearization import Evidence, Trial
 from capture_cli.model.parameters import Parameter, ParameterSpace
 
 ROUNDS = 60

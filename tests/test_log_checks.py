@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from capture_cli.errors import FitError
+from capture_cli.estimate.log_requirements import check_parameters_move_outputs
+from capture_cli.estimate.prepare import prepare
 from capture_cli.model.tasks import load_task
-from capture_cli.protocol.log_checks import check_parameters_move_outputs
-from capture_cli.protocol.prepare import prepare
 from capture_cli.stages.import_log import import_log
 
 XML = """

@@ -10,9 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from capture_cli.sim.engine import Engine, Starts
-from capture_cli.sim.loop_closure import LoopClosure
-from capture_cli.sim.starts import PRIOR_INFLATION, StartEstimate, estimate_starts, offsets_between, shift
+from capture_cli.estimate.initial_states.from_outputs import PRIOR_INFLATION, StartEstimate, estimate_starts
+from capture_cli.model.loop_closure import LoopClosure
+from capture_cli.model.states import Starts, offsets_between, shift
+from capture_cli.simulate.engine import Engine
 
 PRESS = """
 <mujoco>

@@ -10,10 +10,7 @@ import numpy as np
 import pytest
 from held_inputs import held_machine
 
-from capture_cli.log.measured_log import MeasuredLog
-from capture_cli.model.tasks import load_task
-from capture_cli.model.tasks.base import Channel
-from capture_cli.protocol.misread_channels import (
+from capture_cli.estimate.misread_channels import (
     FACTORS,
     MOST_PAIRS,
     Misread,
@@ -25,9 +22,12 @@ from capture_cli.protocol.misread_channels import (
     _values,
     misread_channels,
 )
-from capture_cli.protocol.prepare import prepare
+from capture_cli.estimate.prepare import prepare
+from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model.tasks import load_task
+from capture_cli.model.tasks.base import Channel
 from capture_cli.report.findings import suspicions
-from capture_cli.sim.engine import Engine
+from capture_cli.simulate.engine import Engine
 from capture_cli.stages import identify as stage
 from capture_cli.stages.inspect import inspect
 from capture_cli.stages.record import record

@@ -16,12 +16,12 @@ import pytest
 from conftest import SLIDER_XML
 
 from capture_cli.errors import LogError, ModelError, shortened
-from capture_cli.sim import limited_process, model_file
-from capture_cli.sim.engine import ModelFields
-from capture_cli.sim.limited_process import Exceeded, limited
-from capture_cli.sim.mjcf import to_mjcf
-from capture_cli.sim.model_file import compile_file, files_of
-from capture_cli.sim.target_names import parse_target
+from capture_cli.model.fields import ModelFields
+from capture_cli.model.mjcf import limited_process, model_file
+from capture_cli.model.mjcf.limited_process import Exceeded, limited
+from capture_cli.model.mjcf.mjcf_writer import to_mjcf
+from capture_cli.model.mjcf.model_file import compile_file, files_of
+from capture_cli.model.target_names import parse_target
 from capture_cli.stages import identify as identify_stage
 from capture_cli.stages.inspect import inspect
 from capture_cli.stages.record import record
@@ -291,7 +291,7 @@ def log(slider_task) -> Path:
 def test_a_time_step_has_to_suit_the_log(slider_task, log, monkeypatch, step):
     """A step that a model may have, of another log."""
     if step == "0.000001":
-        monkeypatch.setattr("capture_cli.sim.step_length.MOST_PER_SAMPLE", 1000)
+        monkeypatch.setattr("capture_cli.log.step_length.MOST_PER_SAMPLE", 1000)
     edit(slider_task.with_name("model.xml"), STEP, f'timestep="{step}"')
     with pytest.raises(ModelError, match=f"the model steps by {float(step):g} s") as caught:
         identify_stage.identify(

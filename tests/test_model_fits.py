@@ -10,22 +10,22 @@ import numpy as np
 import pytest
 from held_inputs import held_machine
 
-from capture_cli.diagnosis.folds import select_folds
-from capture_cli.effects import REGISTRY
-from capture_cli.effects._transmission import TransmissionEffect
-from capture_cli.effects.base import Effect
-from capture_cli.effects.placed import Placed
-from capture_cli.identifiers.intervals import unit_covariance
+from capture_cli.estimate.fit import EXACT, Fit
+from capture_cli.estimate.model_fits import ModelFits
+from capture_cli.estimate.part_fit import PartFit
+from capture_cli.estimate.prepare import prepare
+from capture_cli.estimate.prepared_log import PreparedLog
+from capture_cli.estimate.solve.intervals import unit_covariance
 from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.log.windows import LEAD
+from capture_cli.model.effects import REGISTRY
+from capture_cli.model.effects._transmission import TransmissionEffect
+from capture_cli.model.effects.base import Effect
+from capture_cli.model.effects.placed import Placed
 from capture_cli.model.tasks import load_task
-from capture_cli.protocol.fit import EXACT, Fit
-from capture_cli.protocol.minima import RETURNED, minima
-from capture_cli.protocol.model_comparison import ModelComparison
-from capture_cli.protocol.model_fits import ModelFits
-from capture_cli.protocol.part_fit import PartFit
-from capture_cli.protocol.prepare import prepare
-from capture_cli.protocol.prepared_log import PreparedLog
-from capture_cli.sim.windows import LEAD
+from capture_cli.select.log_parts import select_folds
+from capture_cli.select.minima import RETURNED, minima
+from capture_cli.select.model_comparison import ModelComparison
 from capture_cli.simulate.simulator import Simulator
 from capture_cli.stages.record import record
 

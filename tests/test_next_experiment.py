@@ -11,16 +11,22 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from capture_cli.effects import REGISTRY
-from capture_cli.effects.base import JointMotion
-from capture_cli.effects.placed import Placed
+from capture_cli.estimate.initial_states.from_outputs import model_starts
+from capture_cli.estimate.model_fits import ModelFits
+from capture_cli.estimate.prepare import prepare
+from capture_cli.model.effects import REGISTRY
+from capture_cli.model.effects.base import JointMotion
+from capture_cli.model.effects.placed import Placed
 from capture_cli.model.tasks import load_task
-from capture_cli.protocol import next_experiment as menu
-from capture_cli.protocol.model_fits import ModelFits
-from capture_cli.protocol.next_experiment import BANDS, SHARES, driven_motion, driven_windows, next_experiment
-from capture_cli.protocol.prepare import prepare
-from capture_cli.protocol.shown_motion import ShownMotion
-from capture_cli.sim.starts import model_starts
+from capture_cli.select.experiment import next_experiment as menu
+from capture_cli.select.experiment.excitation_range import ShownMotion
+from capture_cli.select.experiment.next_experiment import (
+    BANDS,
+    SHARES,
+    driven_motion,
+    driven_windows,
+    next_experiment,
+)
 from capture_cli.simulate.simulator import Simulator
 from capture_cli.stages.propose import propose
 from capture_cli.stages.record import record

@@ -11,11 +11,11 @@ import pytest
 from diagnosing import look_among
 from test_starts import GYROS
 
-from capture_cli.effects import REGISTRY
 from capture_cli.errors import TaskError
 from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model.coordinate_sources import sources_of
+from capture_cli.model.effects import REGISTRY
 from capture_cli.model.tasks import load_task
-from capture_cli.sim.coordinate_sources import sources_of
 from capture_cli.stages import diagnose as diagnose_stage
 from capture_cli.stages import identify as identify_stage
 from capture_cli.stages.export import export

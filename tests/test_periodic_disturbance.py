@@ -12,16 +12,17 @@ from held_inputs import held_machine
 from machines import machine
 
 from capture_cli.common.progress import Progress
-from capture_cli.effects.base import Recordings
-from capture_cli.effects.periodic_disturbance import PeriodicDisturbance
+from capture_cli.estimate.prepare import prepare
+from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model.effects.base import Recordings
+from capture_cli.model.effects.periodic_disturbance import PeriodicDisturbance
+from capture_cli.model.states import Starts
 from capture_cli.model.tasks import load_task
-from capture_cli.protocol import attribution
-from capture_cli.protocol.candidates import all_candidates
-from capture_cli.protocol.explain import Settings
-from capture_cli.protocol.prepare import prepare
-from capture_cli.protocol.prepared_log import PreparedLog
-from capture_cli.sim.engine import Engine, Starts
+from capture_cli.select import search as attribution
+from capture_cli.select.candidates import all_candidates
+from capture_cli.select.explain import Settings
+from capture_cli.simulate.engine import Engine
 from capture_cli.stages.diagnose import diagnose_prepared
 from capture_cli.stages.record import record
 

@@ -37,9 +37,9 @@ from benchmarks._planted_logs.dresses import FILTERED, HALF, NO_WINDOW, PLAIN
 from benchmarks._planted_logs.machines import MACHINE, Experiment
 from benchmarks._planted_logs.outside import OUTSIDE
 from benchmarks._share import share
-from capture_cli.effects import REGISTRY
 from capture_cli.errors import OptionError
 from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model.effects import REGISTRY
 from capture_cli.model.tasks import load_task
 
 # what steps that are too long could be taken for
@@ -97,7 +97,7 @@ def stub(tmp_path):
 def test_the_files_that_are_asked_about_are_those_of_the_dress(stub):
     task, log, _ = replace(FRICTION, dress=NO_WINDOW).build()
     (stub / "capture_cli" / "cli.py").write_text(
-        "import json, os, sys\nfrom pathlib import Path\nfrom capture_cli.effects import REGISTRY\n"
+        "import json, os, sys\nfrom pathlib import Path\nfrom capture_cli.model.effects import REGISTRY\n"
         "def main():\n"
         "    print(json.dumps([Path('task.toml').read_text(), sys.argv, REGISTRY.not_listed]))\n"
     )

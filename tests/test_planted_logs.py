@@ -23,7 +23,7 @@ from benchmarks._planted_logs.cases import (
 from benchmarks._planted_logs.dresses import CUTOFF, DRESSES, FILTERED, HALF, NO_WINDOW, PLAIN, QUARTER
 from benchmarks._planted_logs.machines import MACHINE, RATE, Experiment
 from benchmarks._planted_logs.sizes import Refit, size
-from capture_cli.effects import REGISTRY
+from capture_cli.model.effects import REGISTRY
 
 EPISODES = 2
 FRICTION = Case(PLANTED, "cart_pole", ("coulomb-friction@x",), 3.0, 0, episodes=EPISODES)

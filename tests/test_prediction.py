@@ -10,13 +10,13 @@ import mujoco
 import numpy as np
 import pytest
 
-from capture_cli.effects.placed import Placed
+from capture_cli.estimate.model_fits import ModelFits
+from capture_cli.estimate.prediction import HORIZONS, PredictingModel, prediction_errors
+from capture_cli.estimate.prepare import prepare
+from capture_cli.estimate.prepared_log import PreparedLog
+from capture_cli.model.effects.placed import Placed
 from capture_cli.model.tasks import load_task
-from capture_cli.protocol.candidates import all_candidates
-from capture_cli.protocol.model_fits import ModelFits
-from capture_cli.protocol.prediction import HORIZONS, PredictingModel, prediction_errors
-from capture_cli.protocol.prepare import prepare
-from capture_cli.protocol.prepared_log import PreparedLog
+from capture_cli.select.candidates import all_candidates
 from capture_cli.stages import identify as stage
 from capture_cli.stages.documents.prediction_document import prediction_of
 from capture_cli.stages.import_log import import_log

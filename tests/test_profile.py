@@ -11,9 +11,9 @@ import pytest
 
 from capture_cli.cli import main
 from capture_cli.common.quantities import significant
-from capture_cli.identifiers._profile import CLOSE, hanging, profile
-from capture_cli.identifiers.intervals import intervals
-from capture_cli.linearization import Evidence, Linearization, Trial, columns
+from capture_cli.estimate.solve._profile import CLOSE, hanging, profile
+from capture_cli.estimate.solve.intervals import intervals
+from capture_cli.estimate.solve.linearization import Evidence, Linearization, Trial, columns
 from capture_cli.model.parameters import Parameter, ParameterSpace
 from capture_cli.report import findings
 from capture_cli.stages.record import record

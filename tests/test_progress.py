@@ -13,7 +13,7 @@ from capture_cli.common import progress as module
 from capture_cli.common.progress import Progress
 from capture_cli.errors import Interrupted
 from capture_cli.log.measured_log import MeasuredLog
-from capture_cli.protocol.explain import Settings
+from capture_cli.select.explain import Settings
 from capture_cli.stages import diagnose as diagnose_stage
 from capture_cli.stages import identify as identify_stage
 from capture_cli.stages.log_to_fit import LogToFit

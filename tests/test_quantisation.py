@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from capture_cli.diagnosis.quantisation import distinct, grid_step, scatter_of_steps
+from capture_cli.log.quantisation import distinct, grid_step, scatter_of_steps
 
 TICK = 360 / 4096  # degrees
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from capture_cli.sim.quaternion_order import order_in_names
+from capture_cli.model.quaternion_order import order_in_names
 from capture_cli.stages.import_log import import_log
 from capture_cli.stages.inspect import inspect
 

@@ -12,7 +12,7 @@ from episodes_of import episodes_of
 from gimbal import gimbal
 
 from capture_cli.errors import OptionError
-from capture_cli.sim.quaternion_signs import aligned, continuous, quaternion_columns
+from capture_cli.model.quaternion_signs import aligned, continuous, quaternion_columns
 from capture_cli.stages.identify import identify
 from capture_cli.stages.record import record
 

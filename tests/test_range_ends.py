@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from capture_cli.sim.range_ends import largest_of, piled_up_from
+from capture_cli.log.range_ends import largest_of, piled_up_from
 from capture_cli.simulate.multisine import multisine
 
 TIME = 0.004 * np.arange(3000)

@@ -10,10 +10,10 @@ import pytest
 
 from capture_cli.common.extras import missing
 from capture_cli.errors import LogError, OptionError
+from capture_cli.estimate.initial_states.of_windows import as_acted, begins_as_acted
+from capture_cli.estimate.prepare import prepare
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model.tasks import load_task
-from capture_cli.protocol.log_starts import as_acted, begins_as_acted
-from capture_cli.protocol.prepare import prepare
 from capture_cli.simulate.simulator import Simulator
 from capture_cli.stages.excitation.drive import ACTION_RATE
 from capture_cli.stages.identify import identify

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from capture_cli.errors import LogError, OptionError, OutputError, StoreError
+from capture_cli.estimate.log_requirements import all_diverged
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model.tasks import load_task
-from capture_cli.protocol.log_checks import all_diverged
 from capture_cli.stages import diagnose as diagnose_stage
 from capture_cli.stages import identify as identify_stage
 from capture_cli.stages.export import export

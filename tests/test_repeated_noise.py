@@ -13,10 +13,10 @@ from gimbal import gimbal
 from held_inputs import held_machine
 from scipy.spatial.transform import Rotation
 
+from capture_cli.estimate.noise.repeated_noise import with_noise_of_repeats
+from capture_cli.estimate.prepare import prepare
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model.tasks import load_task
-from capture_cli.protocol.prepare import prepare
-from capture_cli.protocol.repeated_noise import with_noise_of_repeats
 from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.identify import identify
 from capture_cli.stages.record import record

@@ -11,14 +11,14 @@ from diagnosing import look_among
 from held_inputs import hold
 from slow_sensors import regular, thinned, with_sparse
 
-from capture_cli.diagnosis.noise_floor import from_differences, white_noise
+from capture_cli.estimate.fit import Fit
+from capture_cli.estimate.model_fits import ModelFits
+from capture_cli.estimate.noise.residual_noise import _of_outliers, with_noise_of_residual
+from capture_cli.estimate.prepare import prepare
+from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.log.white_noise import from_differences, white_noise
 from capture_cli.model.tasks import load_task
-from capture_cli.protocol.fit import Fit
-from capture_cli.protocol.model_fits import ModelFits
-from capture_cli.protocol.prepare import prepare
-from capture_cli.protocol.prepared_log import PreparedLog
-from capture_cli.protocol.residual_noise import _of_outliers, with_noise_of_residual
 from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.identify import identify
 from capture_cli.stages.record import record

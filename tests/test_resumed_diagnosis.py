@@ -13,13 +13,13 @@ import pytest
 from held_inputs import held_machine
 
 from capture_cli.errors import FitError, OptionError, OutputError
-from capture_cli.protocol import attribution
-from capture_cli.protocol.candidates import all_candidates
+from capture_cli.select import search as attribution
+from capture_cli.select.candidates import all_candidates
 from capture_cli.stages import diagnose as stage
 from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.inspect import inspect
-from capture_cli.stages.kept_steps import STEPS, StepFiles
 from capture_cli.stages.record import record
+from capture_cli.stages.search_checkpoint import STEPS, StepFiles
 from capture_cli.store.output import unfinished
 
 FEW = ("coulomb-friction", "cubic-stiffness", "viscous-damping", "control-lag")  # the last has a state
@@ -237,7 +237,7 @@ PROGRAM = """
 import signal, sys, time
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs start with it ignored
 from capture_cli import cli
-from capture_cli.stages.kept_steps import StepFiles
+from capture_cli.stages.search_checkpoint import StepFiles
 
 step = StepFiles.step
 

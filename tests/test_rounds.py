@@ -9,12 +9,12 @@ import pytest
 from toy_rounds import SIGNATURE, draw_actions, histories, simulate, trajectories
 
 from capture_cli.common.extras import missing
+from capture_cli.context.identifiers import REGISTRY, log_identifier, round_identifier
+from capture_cli.context.identifiers.base import Rounds, Signature, run_rounds
+from capture_cli.context.identifiers.compass import Compass
+from capture_cli.context.identifiers.domain_randomization import DomainRandomization
 from capture_cli.errors import OptionError
-from capture_cli.identifiers import REGISTRY, log_identifier, round_identifier
-from capture_cli.identifiers.base import Identifier
-from capture_cli.identifiers.compass import Compass
-from capture_cli.identifiers.domain_randomization import DomainRandomization
-from capture_cli.identifiers.rounds import Rounds, Signature, run_rounds
+from capture_cli.estimate.solve.base import Identifier
 
 PLAIN = [
     pytest.param(

@@ -16,13 +16,13 @@ from toy_rounds import SIGNATURE, histories, write
 from benchmarks.family import Logs
 from capture_cli.context.checkpoints.identifier_checkpoint import load_identifier
 from capture_cli.context.histories.action_library import log_tapes
+from capture_cli.context.identifiers._family import Family
+from capture_cli.context.identifiers._normalisation import Normalisation
+from capture_cli.context.identifiers.base import Rounds
 from capture_cli.errors import FitError, LogError, OptionError, StoreError
-from capture_cli.identifiers._family import Family
-from capture_cli.identifiers._normalisation import Normalisation
-from capture_cli.identifiers.rounds import Rounds
+from capture_cli.estimate.prepare import prepare
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model.tasks import load_task
-from capture_cli.protocol.prepare import prepare
 from capture_cli.stages.gen_histories import gen_histories
 from capture_cli.stages.identify import identify
 from capture_cli.stages.record import record

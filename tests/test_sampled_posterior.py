@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.stats import binom, truncnorm
 
-from capture_cli.identifiers._sampled_posterior import AWAY, is_rough, sampled_posterior
-from capture_cli.identifiers.intervals import intervals, unit_covariance
-from capture_cli.linearization import Evidence, Linearization, Trial, columns
+from capture_cli.estimate.solve._sampled_posterior import AWAY, is_rough, sampled_posterior
+from capture_cli.estimate.solve.intervals import intervals, unit_covariance
+from capture_cli.estimate.solve.linearization import Evidence, Linearization, Trial, columns
 from capture_cli.model.parameters import Parameter, ParameterSpace
 
 STEPS = 400

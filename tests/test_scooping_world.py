@@ -13,8 +13,9 @@ import robosuite
 
 from capture_cli.context.worlds import _robosuite, scooping
 from capture_cli.errors import OptionError
+from capture_cli.model.fields import ModelFields
 from capture_cli.model.tasks import load_task
-from capture_cli.sim.engine import Engine, ModelFields
+from capture_cli.simulate.engine import Engine
 
 CASES = [(0.0, 0.0), (0.5, 0.3), (1.0, 0.8), (-0.4, 0.7), (-1.0, -1.0)]  # com, scoop point
 

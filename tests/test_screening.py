@@ -13,13 +13,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from benchmarks._planted_logs.cases import PLANTED, Case
-from capture_cli.estimate.motion import SmoothedLog
-from capture_cli.protocol.balance_scores import log_of
-from capture_cli.protocol.candidates import all_candidates
-from capture_cli.protocol.prepare import prepare
+from capture_cli.estimate.balance.motion import SmoothedLog
+from capture_cli.estimate.balance.regression import Sums, additions, best_pairs, predicted
+from capture_cli.estimate.balance.screening import BalancedModel, Screening
+from capture_cli.estimate.log_balance import log_of
+from capture_cli.estimate.prepare import prepare
 from capture_cli.select.beam import BeamSettings, Level, grown
-from capture_cli.select.regression import Sums, additions, best_pairs, predicted
-from capture_cli.select.screening import BalancedModel, Screening
+from capture_cli.select.candidates import all_candidates
 
 # small: columns are taken where the declared parameters fit best without the effect, and a large one bends those
 CASES = [

@@ -9,8 +9,8 @@ import pytest
 from diagnosing import diagnose, look_among
 from machines import ARM, build, machine, run
 
-from capture_cli import effects
 from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model import effects
 from capture_cli.model.tasks import load_task
 from capture_cli.stages.record import record
 

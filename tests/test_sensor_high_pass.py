@@ -11,9 +11,9 @@ from diagnosing import diagnose, look_among
 from machines import build
 from scipy.signal import bilinear, lfilter, lsim
 
-from capture_cli.effects.base import Reports
-from capture_cli.effects.sensor_high_pass import SensorHighPass, high_passed, integrated
 from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model.effects.base import Reports
+from capture_cli.model.effects.sensor_high_pass import SensorHighPass, high_passed, integrated
 from capture_cli.model.tasks import load_task
 from capture_cli.model.tasks.mjcf_file import MjcfFile
 from capture_cli.stages.record import record

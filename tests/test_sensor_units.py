@@ -8,7 +8,7 @@ from math import pi
 import pytest
 
 from capture_cli.errors import TaskError
-from capture_cli.sim.sensor_units import factor_between, refuse_period_in_other_unit, unit_in_name
+from capture_cli.model.sensor_units import factor_between, refuse_period_in_other_unit, unit_in_name
 
 TIMES = {
     **{"s": 1, "sec": 1, "second": 1, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},

@@ -15,17 +15,19 @@ from held_inputs import MACHINES, held_machine
 from machines import away, build, run
 from plain_loop import looped
 
-from capture_cli import effects
-from capture_cli.effects.companion import companion_module
-from capture_cli.effects.servo_integral import IntegralTerm, ServoIntegral
+from capture_cli.estimate.model_fits import ModelFits
+from capture_cli.estimate.prepare import prepare
 from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model import effects
+from capture_cli.model.effects.companion import companion_module
+from capture_cli.model.effects.servo_integral import IntegralTerm, ServoIntegral
+from capture_cli.model.fields import ModelFields
+from capture_cli.model.states import Starts
 from capture_cli.model.tasks import load_task
 from capture_cli.model.tasks.base import Task
-from capture_cli.protocol.candidates import Candidate, all_candidates, score_at_null
-from capture_cli.protocol.model_fits import ModelFits
-from capture_cli.protocol.narrow_shapes import NarrowShapes
-from capture_cli.protocol.prepare import prepare
-from capture_cli.sim.engine import Engine, ModelFields, Starts
+from capture_cli.select.candidates import Candidate, all_candidates, score_at_null
+from capture_cli.select.narrow_peaks import NarrowShapes
+from capture_cli.simulate.engine import Engine
 from capture_cli.stages.record import record
 
 EMPS = Path(__file__).parents[1] / "docs" / "examples" / "emps" / "model.xml"

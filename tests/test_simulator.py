@@ -10,12 +10,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from capture_cli.context.histories.action_library import tape_task
-from capture_cli.effects import REGISTRY
-from capture_cli.effects.base import GLOBAL
-from capture_cli.effects.placed import Placed
+from capture_cli.estimate.initial_states.from_outputs import model_starts
+from capture_cli.log.windows import Windows, cut
+from capture_cli.model.effects import REGISTRY
+from capture_cli.model.effects.base import GLOBAL
+from capture_cli.model.effects.placed import Placed
 from capture_cli.model.tasks import load_task
-from capture_cli.sim.starts import model_starts
-from capture_cli.sim.windows import Windows, cut
 from capture_cli.simulate.simulator import Simulator
 
 
@@ -94,7 +94,7 @@ def test_inputs_that_are_read_off_the_log_drive_as_those_kept_do(slider, name, s
     points = np.array([[1.0, 2.0, value], [2.0, 2.0, value / 2]])
     outputs = []
     for bound in (math.inf, 0):
-        monkeypatch.setattr("capture_cli.sim.input_tapes.KEPT_BYTES", bound)
+        monkeypatch.setattr("capture_cli.log.input_sequences.KEPT_BYTES", bound)
         windows = cut_windows(task)
         placed = Placed(name, REGISTRY.get(name)(task.model, site))
         for effects, at in (([placed], points), ([], points[:, :2])):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_array
 
-from capture_cli.estimate.smoothing import FEWEST, ORDER, smooth
+from capture_cli.estimate.balance.smoothing import FEWEST, ORDER, smooth
 
 RATE, NOISE = 250.0, 1e-3  # Hz; sd of the samples
 FREQUENCIES = (0.7, 1.9)  # Hz

@@ -14,15 +14,19 @@ import pytest
 from held_inputs import hold
 from slow_sensors import EVERY, MACHINES, jittered, regular, thinned, with_sparse
 
-from capture_cli.autocorrelation import autocorrelation_time, autocovariance
 from capture_cli.cli import main
 from capture_cli.context.histories.action_library import tape_task
-from capture_cli.diagnosis.acceptance import correlation_samples, correlation_steps
-from capture_cli.diagnosis.noise_floor import noise_floor
 from capture_cli.errors import LogError
+from capture_cli.estimate.noise.autocorrelation import (
+    autocorrelation_time,
+    autocovariance,
+    correlation_samples,
+    correlation_steps,
+)
+from capture_cli.estimate.noise.noise_floor import noise_floor
+from capture_cli.estimate.prepare import prepare
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model.tasks import load_task
-from capture_cli.protocol.prepare import prepare
 from capture_cli.report.curves import Curves
 from capture_cli.stages import diagnose as diagnose_stage
 from capture_cli.stages import identify as identify_stage

@@ -11,12 +11,12 @@ from diagnosing import look_among
 from held_inputs import held_machine
 from plain_loop import imported, looped
 
-from capture_cli.effects import REGISTRY
-from capture_cli.effects._scales import control_scale
+from capture_cli.estimate.prepare import prepare
 from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model.effects import REGISTRY
+from capture_cli.model.effects._scales import control_scale
+from capture_cli.model.states import Starts
 from capture_cli.model.tasks import load_task
-from capture_cli.protocol.prepare import prepare
-from capture_cli.sim.engine import Starts
 from capture_cli.simulate.simulator import Simulator
 from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.export import export

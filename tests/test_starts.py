@@ -6,20 +6,19 @@ import mujoco
 import numpy as np
 import pytest
 
-from capture_cli import effects
-from capture_cli.sim.coordinate_sources import measures_every_coordinate, sources_of, unmeasured_joints
-from capture_cli.sim.engine import Engine, Rollouts, Starts
-from capture_cli.sim.local_motion import Neighbours, local_motion
-from capture_cli.sim.starts import (
+from capture_cli.estimate.initial_states.from_outputs import (
     PRIOR_INFLATION,
     StartEstimate,
     estimate_starts,
     from_episodes,
     known_starts,
     model_starts,
-    offsets_between,
-    shift,
 )
+from capture_cli.estimate.initial_states.local_motion import Neighbours, local_motion
+from capture_cli.model import effects
+from capture_cli.model.coordinate_sources import measures_every_coordinate, sources_of, unmeasured_joints
+from capture_cli.model.states import Starts, offsets_between, shift
+from capture_cli.simulate.engine import Engine, Rollouts
 
 # A carriage on a spring, a pendulum on a ball joint, and a body that flies: every kind of coordinate.
 XML = """

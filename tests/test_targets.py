@@ -11,12 +11,14 @@ from matplotlib import image
 from mujoco import batch
 
 from capture_cli.errors import ModelError
-from capture_cli.sim import mjcf
-from capture_cli.sim.engine import Engine, ModelFields, Starts, model_field
-from capture_cli.sim.mjcf import to_mjcf
-from capture_cli.sim.target_attributes import ATTRIBUTES
-from capture_cli.sim.target_names import parse_target
-from capture_cli.sim.targets import damping_ratio, restitution
+from capture_cli.model.fields import ModelFields, model_field
+from capture_cli.model.mjcf import mjcf_writer as mjcf
+from capture_cli.model.mjcf.mjcf_writer import to_mjcf
+from capture_cli.model.states import Starts
+from capture_cli.model.target_attributes import ATTRIBUTES
+from capture_cli.model.target_names import parse_target
+from capture_cli.model.targets import damping_ratio, restitution
+from capture_cli.simulate.engine import Engine
 
 # Something of everything that can be set, none of it at a default.
 XML = """

@@ -9,12 +9,14 @@ import mujoco
 import numpy as np
 import pytest
 
-from capture_cli.effects.com_shift import ComShift
 from capture_cli.errors import CaptureError, ModelError, TaskError
 from capture_cli.log.checks.wide_bounds import wide_bounds
+from capture_cli.model.effects.com_shift import ComShift
+from capture_cli.model.fields import ModelFields
+from capture_cli.model.mjcf.mjcf_writer import to_mjcf
+from capture_cli.model.states import Starts
 from capture_cli.model.tasks import load_task
-from capture_cli.sim.engine import Engine, ModelFields, Starts
-from capture_cli.sim.mjcf import to_mjcf
+from capture_cli.simulate.engine import Engine
 
 MODEL = """
 <mujoco>

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from machines import build, run
 
-from capture_cli import effects
-from capture_cli.effects.base import JointMotion
 from capture_cli.errors import OptionError
-from capture_cli.sim.engine import ModelFields
+from capture_cli.model import effects
+from capture_cli.model.effects.base import JointMotion
+from capture_cli.model.fields import ModelFields
 from capture_cli.stages.effect_option import parse_effects
 
 PENDULUM = """

@@ -7,9 +7,9 @@ from diagnosing import look_among
 from held_inputs import held_machine
 
 from capture_cli.errors import CaptureError
-from capture_cli.protocol.attribution import Attribution
-from capture_cli.protocol.explain import Settings
 from capture_cli.report.diagnosis_findings import notes
+from capture_cli.select.explain import Settings
+from capture_cli.select.search import Attribution
 from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.record import record
 from capture_cli.store.diagnosis import Diagnosis

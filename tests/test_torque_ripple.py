@@ -8,8 +8,8 @@ import pytest
 from held_inputs import held_machine
 from machines import ARM, build, machine, run
 
-from capture_cli.effects import REGISTRY
-from capture_cli.sim.engine import Starts
+from capture_cli.model.effects import REGISTRY
+from capture_cli.model.states import Starts
 from capture_cli.stages import diagnose as diagnose_stage
 from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.record import record

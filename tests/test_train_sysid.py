@@ -22,13 +22,13 @@ from typer.testing import CliRunner
 
 from capture_cli.cli.app import app
 from capture_cli.context.checkpoints.identifier_checkpoint import load_identifier, save_identifier
+from capture_cli.context.identifiers import REGISTRY, _batches
+from capture_cli.context.identifiers._batches import Batches, Place, windows
+from capture_cli.context.identifiers._learned import LearnedIdentifier
+from capture_cli.context.identifiers._training import Device, Settings, Trainer
+from capture_cli.context.identifiers._transformer import Architecture
+from capture_cli.context.identifiers.base import Signature, run_rounds
 from capture_cli.errors import FitError, OptionError, OutputError, StoreError
-from capture_cli.identifiers import REGISTRY, _batches
-from capture_cli.identifiers._batches import Batches, Place, windows
-from capture_cli.identifiers._learned import LearnedIdentifier
-from capture_cli.identifiers._training import Device, Settings, Trainer
-from capture_cli.identifiers._transformer import Architecture
-from capture_cli.identifiers.rounds import Signature, run_rounds
 from capture_cli.model.parameters import Parameter, ParameterSpace
 from capture_cli.stages import train_sysid as stage
 from capture_cli.stages.train_sysid import signature_of, train_sysid

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from capture_cli.identifiers.intervals import Intervals
-from capture_cli.identifiers.undetermined import (
+from capture_cli.estimate.solve.intervals import Intervals
+from capture_cli.estimate.solve.undetermined import (
     COMBINATION,
     NOTHING,
     PRODUCT,

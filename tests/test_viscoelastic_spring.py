@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from machines import build
 from test_hysteretic_friction import RIG
 
-from capture_cli.effects._followed_log import measured_stretches
-from capture_cli.effects.viscoelastic_spring import MaxwellElement, ViscoelasticSpring, followed
 from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model.effects._followed_log import measured_stretches
+from capture_cli.model.effects.viscoelastic_spring import MaxwellElement, ViscoelasticSpring, followed
 from capture_cli.model.tasks import load_task
 from capture_cli.stages.record import record
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from capture_cli.identifiers import _window_starts
-from capture_cli.identifiers._window_starts import fit_starts
-from capture_cli.linearization import Evidence
+from capture_cli.estimate.initial_states import refined as _window_starts
+from capture_cli.estimate.initial_states.refined import fit_starts
+from capture_cli.estimate.solve.linearization import Evidence
 from capture_cli.model.parameters import ParameterSpace
 
 WINDOWS, STEPS = 5, 20

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from capture_cli.sim.windows import GAP_FACTOR, LEAD, MOST_DRIFT, Windows, cut, stretches
+from capture_cli.log.windows import GAP_FACTOR, LEAD, MOST_DRIFT, Windows, cut, stretches
 
 TIMESTEP = 1 / 512  # s; this and all times are dyadic, so that sums of them are exact
 TICK = TIMESTEP / 4

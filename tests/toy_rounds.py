@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from capture_cli.identifiers.rounds import Rounds, Signature
+from capture_cli.context.identifiers.base import Rounds, Signature
 from capture_cli.model.parameters import Parameter, ParameterSpace
 from capture_cli.model.tasks.base import Feature
 from capture_cli.store.histories import HistoriesWriter

@@ -14,7 +14,7 @@ from benchmarks import MACHINES
 from capture_cli.context.checkpoints.training_state import STATE
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.stages.evaluation.evaluation_run import PARTS
-from capture_cli.stages.kept_steps import STEPS
+from capture_cli.stages.search_checkpoint import STEPS
 from capture_cli.store.histories import HistoriesWriter, shard_rows
 
 SLIDER = MACHINES / "slider"

@@ -25,7 +25,10 @@ LONGEST = 3600.0  # s: a diagnosis that takes longer has failed
 # `capture`, with the effects hidden that the first argument names.
 _CAPTURE = """
 import sys
-from capture_cli.effects import REGISTRY
+try:
+    from capture_cli.model.effects import REGISTRY
+except ModuleNotFoundError:  # an earlier version
+    from capture_cli.effects import REGISTRY
 REGISTRY.not_listed += tuple(sys.argv.pop(1).split())
 from capture_cli.cli import main
 main()

@@ -34,7 +34,7 @@ def freeze(folder: Path, root: Path, seed: int | None) -> Frozen:
     Raises OptionError where code or seed are no longer those.
     """
     capture = capture_hash(root)
-    logs = code_hash(["benchmarks._planted_logs.cases"], ["capture_cli/effects", "benchmarks/machines"])
+    logs = code_hash(["benchmarks._planted_logs.cases"], ["capture_cli/model/effects", "benchmarks/machines"])
     path = folder / NAME
     if not path.is_file():
         new = Frozen(capture, logs, secrets.randbits(31) if seed is None else seed, sealed=seed is None)

@@ -8,7 +8,7 @@ from typing import Any
 
 from benchmarks._planted_logs.cases import LEFT, NOTHING, UNKNOWN, WEAK, Case
 from benchmarks._planted_logs.dresses import FILTERED
-from capture_cli.effects.placed import placed_name
+from capture_cli.model.effects.placed import placed_name
 
 NEAR_FLOOR = 1.2
 EXACT, TIED, EQUIVALENT = "exact", "tied", "equivalent"

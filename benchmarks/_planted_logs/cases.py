@@ -28,11 +28,11 @@ from benchmarks._planted_logs.dresses import PLAIN, dressed
 from benchmarks._planted_logs.machines import EPISODES, MACHINE, Experiment
 from benchmarks._planted_logs.outside import LEFT_OUT, OUTSIDE
 from benchmarks._planted_logs.sizes import Refit, Shown, size
-from capture_cli.effects import REGISTRY
-from capture_cli.effects.base import Effect
-from capture_cli.effects.placed import placed_name
 from capture_cli.errors import CaptureError
 from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model.effects import REGISTRY
+from capture_cli.model.effects.base import Effect
+from capture_cli.model.effects.placed import placed_name
 from capture_cli.model.tasks.base import Task
 
 PLANTED, PAIR, NOTHING, WEAK, UNKNOWN, LEFT = "planted", "pair", "nothing", "weak", "outside", "left-out"

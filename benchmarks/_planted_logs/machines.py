@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks import MACHINES
-from capture_cli.effects.base import Effect
 from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.log.windows import cut
+from capture_cli.model.effects.base import Effect
+from capture_cli.model.states import Starts
 from capture_cli.model.tasks import load_task
 from capture_cli.model.tasks.base import Task
-from capture_cli.sim.engine import Starts
-from capture_cli.sim.windows import cut
 from capture_cli.simulate.multisine import multisine
 from capture_cli.simulate.simulator import Simulator
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from capture_cli.effects._joint_effect import JointEffect
+from capture_cli.model.effects._joint_effect import JointEffect
 from capture_cli.model.parameters import Parameter
-from capture_cli.sim.engine import World
+from capture_cli.model.world import World
 
 WALK_STEP = 0.1  # s, between the knots of the random walk
 WALK_KNOTS = 40

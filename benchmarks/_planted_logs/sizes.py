@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks._planted_logs.machines import Experiment
-from capture_cli.sim.engine import Starts
-from capture_cli.sim.windows import Windows
+from capture_cli.log.windows import Windows
+from capture_cli.model.states import Starts
 from capture_cli.simulate.simulator import Simulator
 
 WINDOW = 0.5  # s

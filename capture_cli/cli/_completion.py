@@ -36,6 +36,6 @@ def _beginning(offered: Callable[[], Iterable[str]]) -> Completion:
     return complete
 
 
-effects = plug_ins("capture_cli.effects")
-identifiers = plug_ins("capture_cli.identifiers")
+effects = plug_ins("capture_cli.model.effects")
+identifiers = plug_ins("capture_cli.context.identifiers")
 searches = plug_ins("capture_cli.context.search")

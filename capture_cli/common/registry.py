@@ -20,19 +20,32 @@ T = TypeVar("T")
 
 
 class Registry(Generic[T]):
-    """The plug-ins of `package` (say "capture_cli.effects"), each a subclass of `base` in a file of its own.
+    """The plug-ins of `package` (say "capture_cli.model.effects"), each a subclass of `base` in a file of its own.
 
-    Files named base.py or in `not_listed`, and files that begin with an underscore, are not plug-ins.
+    Files named base.py or in `not_listed`, and files that begin with an underscore, are not plug-ins. besides: another
+    registry, whose plug-ins are found here, too.
     """
 
-    def __init__(self, package: str, base: str, kind: str, not_listed: tuple[str, ...] = ()):
+    def __init__(
+        self,
+        package: str,
+        base: str,
+        kind: str,
+        not_listed: tuple[str, ...] = (),
+        besides: Registry | None = None,
+    ):
         self.package = package
         self.base = base
         self.kind = kind
         self.not_listed = ("base", *not_listed)
+        self.besides = besides
 
     def names(self) -> list[str]:
         """Public names, sorted; reads the folder, imports no plug-in."""
+        return sorted([*self.own_names(), *(self.besides.names() if self.besides is not None else ())])
+
+    def own_names(self) -> list[str]:
+        """Those of the package itself."""
         folder = Path(importlib.import_module(self.package).__file__).parent
         stems = (m.name for m in pkgutil.iter_modules([str(folder)]) if not m.name.startswith("_"))
         return sorted({s.replace("_", "-") for s in stems} - set(self.not_listed))
@@ -45,6 +58,8 @@ class Registry(Generic[T]):
         if name not in self.names():
             names = self.names() if offered is None else [n for n, c in self.items() if offered(c)]
             raise OptionError(f"unknown {self.kind} {name!r}", cure=did_you_mean(name, names))
+        if name not in self.own_names():
+            return self.besides.get(name)
         module = importlib.import_module(f"{self.package}.{name.replace('-', '_')}")
         base = getattr(importlib.import_module(f"{self.package}.base"), self.base)
         own = [

@@ -1,6 +1,6 @@
-"""What a log says before any simulation: its motion with the noise on it, and the forces that the motion needs.
+"""From a log to parameters: the log made ready, its force balance, initial states and noise, and fits by simulation.
 
-In: a measured log and a task. Out: smoothed positions, velocities and accelerations with their covariance
-(`smoothing`), and the generalised force that the model cannot account for, with what each declared parameter and each
-effect would add to it (`force_balance`). Arrays in, arrays out; nothing is simulated over time.
+In: a measured log and a task. Out: a `PreparedLog` (`prepare`): windows, initial states with their covariance, noise
+floor, what is held out; what the motion needs and the model does not give (`balance`); the best point of a model with
+its intervals (`model_fits`, `solve`); what it predicts of what was not fitted (`prediction`, `held_out`).
 """

@@ -14,7 +14,7 @@ from capture_cli.common.quantities import (
     to_precision_of,
     with_unit,
 )
-from capture_cli.effects.placed import placed_name
+from capture_cli.model.effects.placed import placed_name
 from capture_cli.report.findings import (
     UNTRUSTED,
     behind,

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from capture_cli.common.quantities import MISSING, bound, percent, significant, to_precision_of, with_unit
-from capture_cli.effects.placed import placed_name
+from capture_cli.model.effects.placed import placed_name
 
 Rows = tuple[list[str], list[list[str]]]  # a head, and rows of as many cells
 

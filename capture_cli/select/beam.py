@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from capture_cli.effects.base import GLOBAL
-from capture_cli.effects.placed import Placed
-from capture_cli.select.screening import Addition, BalancedModel, Screening
+from capture_cli.estimate.balance.screening import Addition, BalancedModel, Screening
+from capture_cli.model.effects.base import GLOBAL
+from capture_cli.model.effects.placed import Placed
 
 
 @dataclass(frozen=True)

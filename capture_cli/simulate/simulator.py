@@ -8,15 +8,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from capture_cli.effects.base import Effect
-from capture_cli.effects.placed import Placed
+from capture_cli.log.input_sequences import InputTapes, KeptTapes
+from capture_cli.log.reported_motion import ReportedMotion
+from capture_cli.log.windows import Windows, at_times
+from capture_cli.model.effects.base import Effect
+from capture_cli.model.effects.placed import Placed
+from capture_cli.model.fields import ModelFields
 from capture_cli.model.parameters import ParameterSpace
+from capture_cli.model.states import Starts, shift
 from capture_cli.model.tasks.base import Task
-from capture_cli.sim.engine import Engine, Force, ModelFields, Rollouts, Starts
-from capture_cli.sim.input_tapes import InputTapes, KeptTapes
-from capture_cli.sim.reported_motion import ReportedMotion
-from capture_cli.sim.starts import shift
-from capture_cli.sim.windows import Windows, at_times
+from capture_cli.model.world import Force
+from capture_cli.simulate.engine import Engine, Rollouts
 
 EPISODES = 1024  # simulated at once: bounds the memory that recorded sensors take
 TAPE_BYTES = 64 << 20  # of controls of one call, of which effects make several copies

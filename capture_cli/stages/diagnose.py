@@ -12,20 +12,20 @@ import numpy as np
 
 from capture_cli.common.progress import Progress
 from capture_cli.context.checkpoints.training_state import check_recipe
-from capture_cli.diagnosis.split import EarlierSplit
 from capture_cli.errors import Interrupted
+from capture_cli.estimate.log_balance import with_timings
+from capture_cli.estimate.prepared_log import PreparedLog
+from capture_cli.estimate.split import EarlierSplit
 from capture_cli.log.checks.wide_bounds import warn_of_wide_bounds
-from capture_cli.protocol.attribution import MOST_EFFECTS
-from capture_cli.protocol.balance_scores import with_timings
-from capture_cli.protocol.candidates import all_candidates
-from capture_cli.protocol.explain import Settings, explain
-from capture_cli.protocol.input_readings import timings_with_effects
-from capture_cli.protocol.prepared_log import PreparedLog
+from capture_cli.select.candidates import all_candidates
+from capture_cli.select.explain import Settings, explain
+from capture_cli.select.input_readings import timings_with_effects
+from capture_cli.select.search import MOST_EFFECTS
 from capture_cli.stages.documents.diagnosis_document import diagnosis_of
-from capture_cli.stages.kept_steps import ENDS, OPTIONS, recipe_of, unfinished_diagnosis
 from capture_cli.stages.log_to_fit import LogToFit, read_log
 from capture_cli.stages.recorded.diagnosed_estimate import DiagnosedEstimate
 from capture_cli.stages.recorded.recorded_task import find_task
+from capture_cli.stages.search_checkpoint import ENDS, OPTIONS, recipe_of, unfinished_diagnosis
 from capture_cli.store.diagnosis import Diagnosis
 from capture_cli.store.output import is_complete
 from capture_cli.store.provenance import Provenance

@@ -9,14 +9,14 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from capture_cli.effects import REGISTRY
-from capture_cli.effects.base import GLOBAL, Effect
-from capture_cli.effects.placed import Placed
-from capture_cli.effects.ranges import EffectRanges
 from capture_cli.errors import OptionError, did_you_mean
+from capture_cli.model.effects import REGISTRY
+from capture_cli.model.effects.base import GLOBAL, Effect
+from capture_cli.model.effects.placed import Placed
+from capture_cli.model.effects.ranges import EffectRanges
+from capture_cli.model.fields import ModelFields
 from capture_cli.model.parameters import Parameter
 from capture_cli.model.tasks.base import Task
-from capture_cli.sim.engine import ModelFields
 
 # what stands after @ is a site, or a site and a parameter: names in a model may have dots and more in them
 _EFFECT = re.compile(

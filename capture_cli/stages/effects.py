@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from capture_cli.effects import REGISTRY, Entry, catalogue
+from capture_cli.model.effects import REGISTRY, Entry, catalogue
 from capture_cli.model.tasks import load_task
 
 

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from capture_cli.effects.companion import MADE_BY_EXPORT, companion_module
-from capture_cli.effects.ranges import WithValues
 from capture_cli.errors import OutputError
+from capture_cli.model.effects.companion import MADE_BY_EXPORT, companion_module
+from capture_cli.model.effects.ranges import WithValues
+from capture_cli.model.fields import ModelFields
+from capture_cli.model.mjcf.mjcf_writer import to_mjcf
 from capture_cli.model.parameters import Parameter, ParameterSpace
-from capture_cli.sim.engine import ModelFields
-from capture_cli.sim.mjcf import to_mjcf
 from capture_cli.stages.recorded.found_model import FoundModel
 from capture_cli.stages.recorded.recorded_task import task_inputs
 from capture_cli.store.output import New, new_outputs, refuse_existing, refuse_inputs, refuse_misnamed

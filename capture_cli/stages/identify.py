@@ -13,16 +13,16 @@ from typing import Any
 import numpy as np
 
 from capture_cli.common.progress import Progress
-from capture_cli.identifiers.least_squares import LeastSquares
+from capture_cli.estimate.log_balance import balanced_point
+from capture_cli.estimate.log_requirements import check_parameters_move_outputs
+from capture_cli.estimate.misread_channels import misread_channels
+from capture_cli.estimate.model_fits import ModelFits
+from capture_cli.estimate.noise.repeated_noise import with_noise_of_repeats
+from capture_cli.estimate.noise.residual_noise import with_noise_of_residual
+from capture_cli.estimate.prepared_log import PreparedLog
+from capture_cli.estimate.solve.least_squares import LeastSquares
 from capture_cli.log.checks.wide_bounds import warn_of_wide_bounds
 from capture_cli.model.tasks.base import ActionTask
-from capture_cli.protocol.balance_scores import balanced_point
-from capture_cli.protocol.log_checks import check_parameters_move_outputs
-from capture_cli.protocol.misread_channels import misread_channels
-from capture_cli.protocol.model_fits import ModelFits
-from capture_cli.protocol.prepared_log import PreparedLog
-from capture_cli.protocol.repeated_noise import with_noise_of_repeats
-from capture_cli.protocol.residual_noise import with_noise_of_residual
 from capture_cli.report.findings import STAMPS_ALONE, THIS_ESTIMATE, behind, is_fit_explained, suspicions
 from capture_cli.stages.documents.estimate_document import Report, unexplained
 from capture_cli.stages.identification.chosen_identifier import ChosenIdentifier, choose_identifier

@@ -14,17 +14,17 @@ import numpy as np
 from capture_cli.common.documents import resolved
 from capture_cli.common.quantities import with_unit
 from capture_cli.errors import LogError
+from capture_cli.estimate.log_requirements import check_fits
 from capture_cli.log.checks.equal_episodes import refuse_repeated
 from capture_cli.log.checks.even_times import with_even_times
 from capture_cli.log.checks.held_outputs import without_repeats
 from capture_cli.log.measured_log import LARGEST, MeasuredLog
 from capture_cli.log.readers import open_source
 from capture_cli.log.readers.base import SourceFile
+from capture_cli.log.shorter_window import set_shorter
+from capture_cli.log.windows import SHORTEST_EPISODE
 from capture_cli.model.tasks import load_task
 from capture_cli.model.tasks.base import ActionTask, Task
-from capture_cli.protocol.log_checks import check_fits
-from capture_cli.sim.shorter_window import set_shorter
-from capture_cli.sim.windows import SHORTEST_EPISODE
 from capture_cli.stages.recorded.recorded_task import task_inputs
 from capture_cli.store.output import new_directory, refuse_existing, refuse_inputs, sha256
 from capture_cli.store.provenance import Provenance

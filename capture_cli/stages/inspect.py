@@ -22,12 +22,11 @@ from capture_cli.log.checks.log_health import channel, excitation, quantisation,
 from capture_cli.log.checks.wide_bounds import wide_bounds
 from capture_cli.log.measured_log import LARGEST, MeasuredLog
 from capture_cli.log.measured_log import SCHEMA as LOG_SCHEMA
+from capture_cli.log.windows import usual_interval
 from capture_cli.model.tasks import load_task
 from capture_cli.model.tasks.base import Task
-from capture_cli.sim.windows import usual_interval
-from capture_cli.stages.inspection.file_header import read_header
-from capture_cli.stages.inspection.proposal_inspection import inspect_proposal
 from capture_cli.stages.inspection.result_inspection import OF_PROVENANCE, RESULTS, inspect_result
+from capture_cli.stages.inspection.single_file import inspect_proposal, read_header
 from capture_cli.stages.inspection.unfinished_inspection import inspect_unfinished, is_unfinished
 from capture_cli.stages.recorded.recorded_task import find_task
 from capture_cli.store.diagnosis import Diagnosis

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from capture_cli.common.progress import Progress
-from capture_cli.diagnosis.split import EarlierSplit
+from capture_cli.estimate.prepare import prepare
+from capture_cli.estimate.prepared_log import PreparedLog
+from capture_cli.estimate.split import EarlierSplit
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model.tasks.base import Task
-from capture_cli.protocol.prepare import prepare
-from capture_cli.protocol.prepared_log import PreparedLog
 from capture_cli.stages.recorded.recorded_task import named, task_inputs
 from capture_cli.store.output import refuse_inputs
 from capture_cli.store.provenance import Provenance

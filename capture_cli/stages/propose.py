@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 
 from capture_cli.context.checkpoints.policy_checkpoint import load_policy
-from capture_cli.diagnosis.recorded_effects import placed_effects, recorded_effects, recorded_values
 from capture_cli.errors import OptionError
+from capture_cli.estimate.initial_states.from_outputs import model_starts
 from capture_cli.model.tasks.base import ActionTask, Task
-from capture_cli.protocol.expected_information import Axes, information, sensitivities
-from capture_cli.protocol.next_experiment import (
+from capture_cli.select.experiment.excitation_range import ShownMotion
+from capture_cli.select.experiment.expected_information import Axes, information, sensitivities
+from capture_cli.select.experiment.next_experiment import (
     BANDS,
     SHARES,
     driven_motion,
@@ -21,8 +22,7 @@ from capture_cli.protocol.next_experiment import (
     experiment_tape,
     experiment_times,
 )
-from capture_cli.protocol.shown_motion import ShownMotion
-from capture_cli.sim.starts import model_starts
+from capture_cli.select.recorded_effects import placed_effects, recorded_effects, recorded_values
 from capture_cli.simulate.multisine import (
     BAND,
     check_above_zero,

@@ -16,8 +16,8 @@ from capture_cli.common.extras import require
 from capture_cli.context.observation_noise import standard_deviations
 from capture_cli.errors import FitError, OptionError, did_you_mean
 from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.log.windows import cut
 from capture_cli.model.tasks.base import ActionTask, Task
-from capture_cli.sim.windows import cut
 from capture_cli.simulate.multisine import BAND
 from capture_cli.simulate.simulator import Simulator
 from capture_cli.stages.effect_option import beyond_range, refuse_negative, refuse_without_effect

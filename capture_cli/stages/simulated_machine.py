@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from capture_cli.diagnosis.recorded_effects import placed_effects
-from capture_cli.effects.ranges import EffectRanges
 from capture_cli.errors import OptionError
+from capture_cli.model.effects.ranges import EffectRanges
 from capture_cli.model.tasks import load_task
 from capture_cli.model.tasks.base import Task
+from capture_cli.select.recorded_effects import placed_effects
 from capture_cli.stages.effect_option import parse_effects, refuse_without_effect
 from capture_cli.stages.recorded.found_model import FoundModel
 

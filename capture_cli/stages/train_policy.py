@@ -25,8 +25,8 @@ from capture_cli.context.policies import REGISTRY
 from capture_cli.context.policies._evaluation import evaluate, judge
 from capture_cli.context.policies.base import Policy, Trainer, TrainingSettings
 from capture_cli.context.torch_device import torch_device
-from capture_cli.effects.ranges import EffectRanges
 from capture_cli.errors import OptionError
+from capture_cli.model.effects.ranges import EffectRanges
 from capture_cli.model.tasks.base import ActionTask, Task
 from capture_cli.simulate.simulator import Simulator
 from capture_cli.stages.simulated_machine import SimulatedMachine

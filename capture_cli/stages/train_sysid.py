@@ -22,10 +22,10 @@ from capture_cli.context.checkpoints.training_state import (
     save_state,
     write_metrics,
 )
+from capture_cli.context.identifiers import REGISTRY, round_identifier
+from capture_cli.context.identifiers.base import Rounds, Signature
 from capture_cli.context.torch_device import torch_device
 from capture_cli.errors import OptionError, StoreError, did_you_mean
-from capture_cli.identifiers import REGISTRY, round_identifier
-from capture_cli.identifiers.rounds import Rounds, Signature
 from capture_cli.model.parameters import Parameter, ParameterSpace
 from capture_cli.model.tasks.base import Feature
 from capture_cli.store.histories import SCHEMA, Histories, is_url
@@ -33,9 +33,9 @@ from capture_cli.store.output import is_complete, refuse_inputs, resumable_direc
 from capture_cli.store.provenance import Provenance
 
 if TYPE_CHECKING:
-    from capture_cli.identifiers._learned import LearnedIdentifier
-    from capture_cli.identifiers._training import Device, Settings, Trainer
-    from capture_cli.identifiers._transformer import Architecture
+    from capture_cli.context.identifiers._learned import LearnedIdentifier
+    from capture_cli.context.identifiers._training import Device, Settings, Trainer
+    from capture_cli.context.identifiers._transformer import Architecture
 
 PRECISIONS = ("auto", "float32", "bfloat16")
 # options of the transformer and of its training, by their names there
@@ -95,7 +95,7 @@ def train_sysid(
     refuse_inputs(out, [trains_on])
     where = _device(device, precision, threads)
     # torch is imported from here on: its settings are made
-    from capture_cli.identifiers._training import Trainer
+    from capture_cli.context.identifiers._training import Trainer
 
     architecture, settings = _architecture(kind, signature, window, options), _settings(options)
     recipe = {
@@ -200,7 +200,7 @@ def _device(device: str, precision: str, threads: int) -> Device:
         raise OptionError(f"--precision {precision!r}", cure=did_you_mean(precision, PRECISIONS))
     name = torch_device(device, threads)
     # torch is imported from here on
-    from capture_cli.identifiers._training import Device
+    from capture_cli.context.identifiers._training import Device
 
     # on a CPU bfloat16 gains little or nothing, and rounds
     low = precision == "bfloat16" or (precision == "auto" and name == "cuda")
@@ -214,7 +214,7 @@ def _architecture(
     kind: type[LearnedIdentifier], signature: Signature, window: int, options: Mapping[str, Any]
 ) -> Architecture:
     """The transformer of the sizes in `options`, for histories of the signature's shapes."""
-    from capture_cli.identifiers._transformer import Architecture
+    from capture_cli.context.identifiers._transformer import Architecture
 
     points, features = signature.trajectory_shape
     return Architecture(
@@ -230,7 +230,7 @@ def _architecture(
 
 def _settings(options: Mapping[str, Any]) -> Settings:
     """How to train, from `options`; of a short training half is the warm-up at most."""
-    from capture_cli.identifiers._training import Settings
+    from capture_cli.context.identifiers._training import Settings
 
     warmup = min(options["warmup"], options["steps"] // 2)
     return Settings(warmup=warmup, **{name: options[name] for name in TRAINING})

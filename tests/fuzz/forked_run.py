@@ -45,19 +45,7 @@ WARM = (
     "matplotlib.backends.backend_agg",
     "plotly.graph_objects",
 )
-ROOMS = (
-    "cli",
-    "stages",
-    "store",
-    "log",
-    "sim",
-    "protocol",
-    "report",
-    "model",
-    "simulate",
-    "effects",
-    "diagnosis",
-)
+ROOMS = ("cli", "stages", "store", "log", "model", "simulate", "estimate", "select", "report")
 SLOW_IMPORTS = (
     "training",
     "train_",

@@ -10,18 +10,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from capture_cli.context import observation_noise
-from capture_cli.diagnosis.recorded_effects import placed_effects, recorded_effects
+from capture_cli.context.identifiers import round_identifier
+from capture_cli.context.identifiers.base import RoundIdentifier, Signature
 from capture_cli.errors import OptionError, StoreError
-from capture_cli.identifiers import round_identifier
-from capture_cli.identifiers.rounds import RoundIdentifier, Signature
 from capture_cli.model.tasks.base import Task
+from capture_cli.select.recorded_effects import placed_effects, recorded_effects
 from capture_cli.store.document_shape import COUNT, EFFECTS, FEATURES, FLAG, NUMBER, PARAMETERS, TEXT, WHOLE
 from capture_cli.store.provenance import write_json
 from capture_cli.store.result import read_result
 from capture_cli.store.tensors import read_weights, save_arrays
 
 if TYPE_CHECKING:
-    from capture_cli.identifiers._learned import TrainedModel
+    from capture_cli.context.identifiers._learned import TrainedModel
 
 FORMAT, VERSION = "capture/identifier", 2
 DOCUMENT, WEIGHTS = "identifier.json", "identifier.safetensors"
@@ -154,7 +154,7 @@ def load_identifier(path: str | Path, signature: Signature | None = None) -> Ide
     Raises StoreError for a checkpoint that is missing, damaged or of another version; OptionError for one of another
     task, parameter list, action or trajectory.
     """
-    from capture_cli.identifiers._learned import TrainedModel
+    from capture_cli.context.identifiers._learned import TrainedModel
 
     path = Path(path)
     document = read_document(path)

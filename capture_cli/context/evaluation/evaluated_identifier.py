@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any
 from capture_cli.common.extras import require
 from capture_cli.context.checkpoints.checkpoint_hash import checkpoint_hash
 from capture_cli.context.checkpoints.identifier_checkpoint import DOCUMENT, load_identifier
+from capture_cli.context.identifiers import REGISTRY, round_identifier
+from capture_cli.context.identifiers.base import RoundIdentifier, Signature
 from capture_cli.errors import OptionError
-from capture_cli.identifiers import REGISTRY, round_identifier
-from capture_cli.identifiers.base import AskTell
-from capture_cli.identifiers.rounds import RoundIdentifier, Signature
+from capture_cli.estimate.solve.base import AskTell
 
 if TYPE_CHECKING:
-    from capture_cli.identifiers._learned import TrainedModel
+    from capture_cli.context.identifiers._learned import TrainedModel
 
 # What a label leaves out: the paper's search, L and k, and our default for the tokens.
 PAPER = {"search": "randomized-binary", "history_rounds": 7, "window": 4, "tokens": "trajectory"}

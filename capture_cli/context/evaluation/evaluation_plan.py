@@ -12,8 +12,8 @@ from capture_cli.context.checkpoints.checkpoint_hash import checkpoint_hash
 from capture_cli.context.checkpoints.policy_checkpoint import SETTINGS, load_policy
 from capture_cli.context.evaluation.evaluated_identifier import Evaluated, load_evaluated, require_extras
 from capture_cli.context.evaluation.sim2sim import Sim2Sim
+from capture_cli.context.identifiers.base import Signature
 from capture_cli.errors import OptionError, TaskError
-from capture_cli.identifiers.rounds import Signature
 from capture_cli.model.tasks import load_task
 from capture_cli.model.tasks.base import ActionTask
 

@@ -11,8 +11,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from capture_cli.context import observation_noise
+from capture_cli.context.identifiers.base import (
+    RoundIdentifier,
+    Signature,
+    Simulate,
+    Walk,
+    finite,
+    run_rounds,
+)
 from capture_cli.context.policies.base import Policy
-from capture_cli.identifiers.rounds import RoundIdentifier, Signature, Simulate, Walk, finite, run_rounds
 from capture_cli.model.tasks.base import ActionTask
 from capture_cli.simulate.simulator import Simulator
 

@@ -9,16 +9,16 @@ from pathlib import Path
 import numpy as np
 
 from capture_cli.errors import FitError, LogError, OptionError
+from capture_cli.estimate.initial_states.nominal_motion import nominal_motion
+from capture_cli.estimate.log_windows import clock
+from capture_cli.estimate.prepare import prepare
+from capture_cli.estimate.prepared_log import PreparedLog
+from capture_cli.log.input_sequences import inputs_at
 from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.log.windows import Windows
+from capture_cli.model.states import Starts
 from capture_cli.model.tasks.base import Task
 from capture_cli.model.tasks.sequence_task import TapeTask, actions_of, resample
-from capture_cli.protocol.log_windows import clock
-from capture_cli.protocol.nominal_motion import nominal_motion
-from capture_cli.protocol.prepare import prepare
-from capture_cli.protocol.prepared_log import PreparedLog
-from capture_cli.sim.engine import Starts
-from capture_cli.sim.input_tapes import inputs_at
-from capture_cli.sim.windows import Windows
 from capture_cli.simulate.multisine import (
     BAND,
     check_above_zero,

@@ -10,8 +10,8 @@ import numpy as np
 from capture_cli.context import observation_noise
 from capture_cli.context.policies.base import Policy
 from capture_cli.context.search.base import Search
-from capture_cli.effects.ranges import NO_EFFECTS, EffectRanges
 from capture_cli.errors import FitError
+from capture_cli.model.effects.ranges import NO_EFFECTS, EffectRanges
 from capture_cli.model.tasks.base import ActionTask
 from capture_cli.simulate.simulator import Simulator
 

@@ -9,7 +9,7 @@ from gymnasium import spaces
 from stable_baselines3.common.vec_env import VecEnv
 
 from capture_cli.context.policies._evaluation import judge
-from capture_cli.effects.ranges import NO_EFFECTS, EffectRanges
+from capture_cli.model.effects.ranges import NO_EFFECTS, EffectRanges
 from capture_cli.simulate.simulator import Simulator
 
 

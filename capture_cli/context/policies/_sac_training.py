@@ -14,8 +14,8 @@ from capture_cli.common.named_arrays import by_part
 from capture_cli.context.policies._episode_env import EpisodeVecEnv
 from capture_cli.context.policies.base import Trainer, TrainingSettings
 from capture_cli.context.policies.sac import Sac
-from capture_cli.effects.ranges import NO_EFFECTS, EffectRanges
 from capture_cli.errors import FitError
+from capture_cli.model.effects.ranges import NO_EFFECTS, EffectRanges
 from capture_cli.simulate.simulator import Simulator
 
 WARM_UP = 0.02  # of the episodes, with random actions, before anything is learned

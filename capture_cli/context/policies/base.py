@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from capture_cli.effects.ranges import NO_EFFECTS, EffectRanges
+from capture_cli.model.effects.ranges import NO_EFFECTS, EffectRanges
 from capture_cli.model.tasks.base import ActionTask
 from capture_cli.simulate.simulator import Simulator
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from capture_cli.common.named_arrays import check_shapes
 from capture_cli.context.policies.base import Policy, Trainer
-from capture_cli.effects.ranges import NO_EFFECTS
+from capture_cli.model.effects.ranges import NO_EFFECTS
 
 BLOCK = 1024  # rows at once: bounds memory
 

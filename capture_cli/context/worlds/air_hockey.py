@@ -22,8 +22,8 @@ from robosuite.controllers import load_composite_controller_config
 from robosuite.models.base import MujocoXML
 
 from capture_cli.context.worlds._scene import TABLE_TOP, Scene, check_rate
+from capture_cli.model.fields import ModelFields
 from capture_cli.model.tasks.air_hockey import AirHockey
-from capture_cli.sim.engine import ModelFields
 
 RINK = (0.12, 0.0, 0.05)  # m, of the plant's origin from the middle of the table's top
 REACH = 0.15  # m, that one action can send the hand away at most: the stroke is ahead of the arm by less

@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from capture_cli.diagnosis.noise_floor import UNEVEN, from_differences
 from capture_cli.errors import LogError
 from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.log.white_noise import UNEVEN, from_differences
 
 FEWEST = 20  # steps of an episode whose interval can be told
 FOLLOWED = 0.05  # of what a stamp is off: how fast the even times follow the stamps

@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from capture_cli.diagnosis.quantisation import distinct
 from capture_cli.errors import LogError
 from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.log.quantisation import distinct
 from capture_cli.model.tasks.base import Task
 
 FEWEST_RUNS = 20  # of equal values: fewer may be of one length by accident

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from capture_cli.log.checks.base import Check, finding
-from capture_cli.sim.shorter_window import set_shorter
-from capture_cli.sim.step_length import unsuitable_step
-from capture_cli.sim.windows import SHORTEST_EPISODE
+from capture_cli.log.shorter_window import set_shorter
+from capture_cli.log.step_length import unsuitable_step
+from capture_cli.log.windows import SHORTEST_EPISODE
 
 WINDOW_SAMPLES = 5  # fewer in a window say little
 LEAST_IN_MS = 0.1  # s, between samples: times in ms of a sensor that reports at 10 kHz

@@ -14,8 +14,8 @@ from capture_cli.common.quantities import percent, with_unit
 from capture_cli.log.checks import in_order
 from capture_cli.log.checks.base import Finding, Inspected, finding
 from capture_cli.log.measured_log import FEWEST_OF_A_SPARSE, LARGEST, MeasuredLog
+from capture_cli.model.contacts import can_touch
 from capture_cli.model.tasks.base import Channel, Task
-from capture_cli.sim.contacts import can_touch
 
 UNEVEN = 0.1  # sd of the interval, over its median
 SATURATED = 0.05  # share of the samples at exactly one extreme

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from capture_cli.diagnosis.quantisation import distinct, grid_step
-from capture_cli.sim.windows import GAP_FACTOR
+from capture_cli.log.quantisation import distinct, grid_step
+from capture_cli.log.windows import GAP_FACTOR
 
 PLACES_LISTED = 5
 NEIGHBOURS = 3  # values next to an extreme

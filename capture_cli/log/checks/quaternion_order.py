@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from capture_cli.log.checks.base import Check, finding
-from capture_cli.sim.quaternion_order import W_FIRST, W_LAST, is_w_last, order_in_names
-from capture_cli.sim.quaternion_signs import quaternion_columns
+from capture_cli.model.quaternion_order import W_FIRST, W_LAST, is_w_last, order_in_names
+from capture_cli.model.quaternion_signs import quaternion_columns
 
 
 class QuaternionOrder(Check):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from capture_cli.log.checks.base import Check, finding
-from capture_cli.sim.sensor_units import unit_in_name
+from capture_cli.model.sensor_units import unit_in_name
 
 
 class UnitsInNames(Check):

@@ -15,7 +15,7 @@ REGISTRY: Registry[Task] = Registry(
 
 def load_task(name: str) -> Task:
     """The built-in task called `name`, or the one of the task.toml at that path (or in that folder)."""
-    from capture_cli.sim.engine import silence_mujoco
+    from capture_cli.model.mujoco_warnings import silence_mujoco
 
     silence_mujoco()  # before the first model, of which it may have something to say
     path = Path(name)

@@ -12,8 +12,8 @@ import mujoco
 import numpy as np
 
 from capture_cli.model.parameters import Parameter, ParameterSpace
+from capture_cli.model.states import Starts
 from capture_cli.model.tasks.base import ActionTask, Channel, Episodes, LogColumns
-from capture_cli.sim.engine import Starts
 
 MODEL = Path(__file__).with_name("scooping.xml")
 HALF_LENGTH = 0.08  # m

@@ -3,7 +3,7 @@
 The open parameters are the sliding friction of the left and the right half of the table, and how much mallet, left
 and right wall damp a contact: the second number of a contact's `solref="-stiffness -damping"`, 1/s, negative as in
 the paper's table. The nearer to 0, the livelier: the coefficient of restitution depends on it alone, not on the speed
-(`capture_cli.sim.targets.Restitution` has the formula). An action is one stroke of the mallet.
+(`capture_cli.model.targets.Restitution` has the formula). An action is one stroke of the mallet.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ import mujoco
 import numpy as np
 
 from capture_cli.model.parameters import Parameter, ParameterSpace
+from capture_cli.model.states import Starts
 from capture_cli.model.tasks.base import ActionTask, Channel, Episodes, Feature, LogColumns
-from capture_cli.sim.engine import Starts
 
 MODEL = Path(__file__).with_suffix(".xml")
 FRICTION = (0.03, 0.07)  # Table I

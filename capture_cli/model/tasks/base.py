@@ -12,8 +12,9 @@ from typing import Any, Self
 import mujoco
 import numpy as np
 
+from capture_cli.model.fields import ModelFields
 from capture_cli.model.parameters import ParameterSpace
-from capture_cli.sim.engine import ModelFields, Starts
+from capture_cli.model.states import Starts
 
 
 @dataclass(frozen=True)

@@ -10,13 +10,13 @@ import mujoco
 
 from capture_cli.common.documents import LARGEST, read_toml
 from capture_cli.errors import ModelError, TaskError, did_you_mean
+from capture_cli.model.mjcf.model_file import compile_file
 from capture_cli.model.parameters import Parameter, ParameterSpace
+from capture_cli.model.quaternion_signs import is_quaternion
+from capture_cli.model.sensor_units import factor_between, refuse_other_units, refuse_period_in_other_unit
+from capture_cli.model.target_names import least_value, object_id, parse_target, split_target
+from capture_cli.model.targets import Target
 from capture_cli.model.tasks.base import Channel, LogColumns, Task
-from capture_cli.sim.model_file import compile_file
-from capture_cli.sim.quaternion_signs import is_quaternion
-from capture_cli.sim.sensor_units import factor_between, refuse_other_units, refuse_period_in_other_unit
-from capture_cli.sim.target_names import least_value, object_id, parse_target, split_target
-from capture_cli.sim.targets import Target
 
 FORMAT = 1
 _JOINT_SENSORS = {

@@ -6,18 +6,18 @@ from typing import Any
 
 import numpy as np
 
-from capture_cli.identifiers.intervals import Intervals
+from capture_cli.estimate.fit import Fit
+from capture_cli.estimate.model_fits import ModelFits
+from capture_cli.estimate.prediction import Predicted, PredictingModel, prediction_errors
+from capture_cli.estimate.prepared_log import PreparedLog
+from capture_cli.estimate.solve.intervals import Intervals
 from capture_cli.log.measured_log import MeasuredLog
-from capture_cli.protocol.attribution import Accepted
-from capture_cli.protocol.candidates import Candidate
-from capture_cli.protocol.explanation import Explanation, Expression, JudgedModel
-from capture_cli.protocol.fit import Fit
-from capture_cli.protocol.log_parts import FIT, SELECT, TEST, LogParts
-from capture_cli.protocol.model_fits import ModelFits
-from capture_cli.protocol.prediction import Predicted, PredictingModel, prediction_errors
-from capture_cli.protocol.prepared_log import PreparedLog
-from capture_cli.protocol.residual_curves import ResidualCurve, residual_curves
 from capture_cli.report.diagnosis_findings import summary
+from capture_cli.select.candidates import Candidate
+from capture_cli.select.explanation import Explanation, Expression, JudgedModel
+from capture_cli.select.log_parts import FIT, SELECT, TEST, LogParts
+from capture_cli.select.residual_curves import ResidualCurve, residual_curves
+from capture_cli.select.search import Accepted
 from capture_cli.stages.documents.result_document import (
     attributes_of,
     common_part,

@@ -9,23 +9,23 @@ import numpy as np
 
 from capture_cli.common.progress import Progress
 from capture_cli.common.quantities import significant
-from capture_cli.diagnosis.lack_of_fit import LackOfFit, lack_of_fit
-from capture_cli.effects.ranges import effect_rows
-from capture_cli.identifiers.base import Trial
-from capture_cli.identifiers.intervals import Intervals, intervals
-from capture_cli.identifiers.least_squares import CONVERGED_GAIN
-from capture_cli.identifiers.rounds import Rounds
+from capture_cli.context.identifiers.base import Rounds
+from capture_cli.estimate.fit import TOLERANCE, Fit
+from capture_cli.estimate.held_out import HeldOut, held_out
+from capture_cli.estimate.noise.lack_of_fit import LackOfFit, lack_of_fit
+from capture_cli.estimate.noise.time_stamp_jitter import scattered_stamps
+from capture_cli.estimate.part_fit import PartFit
+from capture_cli.estimate.prediction import Predicted, PredictingModel, prediction_errors
+from capture_cli.estimate.prepared_log import PreparedLog
+from capture_cli.estimate.solve.base import Trial
+from capture_cli.estimate.solve.intervals import Intervals, intervals
+from capture_cli.estimate.solve.least_squares import CONVERGED_GAIN
+from capture_cli.estimate.time_step import shorter_step
+from capture_cli.model.coordinate_sources import unmeasured_joints
+from capture_cli.model.effects.ranges import effect_rows
 from capture_cli.model.parameters import Parameter, ParameterSpace
 from capture_cli.model.tasks.base import ActionTask, Task
-from capture_cli.protocol.fit import TOLERANCE, Fit
-from capture_cli.protocol.held_out import HeldOut, held_out
-from capture_cli.protocol.part_fit import PartFit
-from capture_cli.protocol.prediction import Predicted, PredictingModel, prediction_errors
-from capture_cli.protocol.prepared_log import PreparedLog
-from capture_cli.protocol.scattered_stamps import scattered_stamps
-from capture_cli.protocol.time_step import shorter_step
 from capture_cli.report.findings import behind, beyond_chance, not_alike
-from capture_cli.sim.coordinate_sources import unmeasured_joints
 from capture_cli.stages.documents.result_document import (
     attributes_of,
     common_part,

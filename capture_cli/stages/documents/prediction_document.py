@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from capture_cli.protocol.prediction import Predicted, PredictionError, PredictionErrors, Runs
-from capture_cli.protocol.prepared_log import PreparedLog
+from capture_cli.estimate.prediction import Predicted, PredictionError, PredictionErrors, Runs
+from capture_cli.estimate.prepared_log import PreparedLog
 
 
 def prediction_of(prepared: PreparedLog, found: Predicted) -> dict[str, Any]:

@@ -8,21 +8,21 @@ from typing import Any
 import numpy as np
 
 from capture_cli.common.quantities import bound, percent, scaled_unit, significant, with_unit
-from capture_cli.diagnosis.lack_of_fit import LackOfFit
-from capture_cli.effects.base import Effect
-from capture_cli.identifiers.intervals import Intervals
+from capture_cli.estimate.held_out import HeldOut
+from capture_cli.estimate.noise.lack_of_fit import LackOfFit
+from capture_cli.estimate.noise.time_stamp_jitter import ScatteredStamps
+from capture_cli.estimate.part_fit import PartFit
+from capture_cli.estimate.prediction import Predicted
+from capture_cli.estimate.prepared_log import PreparedLog
+from capture_cli.estimate.solve.intervals import Intervals
+from capture_cli.estimate.time_step import ShorterStep
 from capture_cli.log.checks.even_times import scatter
 from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model.effects.base import Effect
+from capture_cli.model.fields import ModelFields
+from capture_cli.model.mjcf.impossible_inertia import impossible_inertias
 from capture_cli.model.parameters import ParameterSpace
 from capture_cli.model.tasks.base import Task
-from capture_cli.protocol.held_out import HeldOut
-from capture_cli.protocol.part_fit import PartFit
-from capture_cli.protocol.prediction import Predicted
-from capture_cli.protocol.prepared_log import PreparedLog
-from capture_cli.protocol.scattered_stamps import ScatteredStamps
-from capture_cli.protocol.time_step import ShorterStep
-from capture_cli.sim.engine import ModelFields
-from capture_cli.sim.impossible_inertia import impossible_inertias
 from capture_cli.simulate.simulator import Begun
 from capture_cli.stages.documents.prediction_document import by_output, prediction_of
 from capture_cli.stages.documents.undetermined_document import undetermined_of

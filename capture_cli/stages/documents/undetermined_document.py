@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from capture_cli.common.quantities import significant, told, with_unit
-from capture_cli.identifiers.intervals import Intervals
-from capture_cli.identifiers.undetermined import NOTHING, PRODUCT, Undetermined, undetermined
+from capture_cli.estimate.solve.intervals import Intervals
+from capture_cli.estimate.solve.undetermined import NOTHING, PRODUCT, Undetermined, undetermined
 from capture_cli.model.parameters import ParameterSpace
 
 Rows = Mapping[str, Mapping[str, Any]]  # of parameters by name, as result files have them

@@ -24,8 +24,8 @@ from capture_cli.context.evaluation.evaluated_identifier import (
 )
 from capture_cli.context.evaluation.evaluation_plan import EvaluationPlan, evaluation_plan
 from capture_cli.context.evaluation.evaluation_time import Expected
+from capture_cli.context.identifiers import REGISTRY
 from capture_cli.errors import OptionError, StoreError, did_you_mean
-from capture_cli.identifiers import REGISTRY
 from capture_cli.stages.evaluation.evaluation_run import carry_out, completed, kept_parts, time_left
 from capture_cli.store.document_shape import OBJECT, check_shape
 from capture_cli.store.output import is_complete, refuse_inputs, resumable_directory, unfinished

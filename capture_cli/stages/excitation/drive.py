@@ -11,12 +11,12 @@ import numpy as np
 
 from capture_cli.context.checkpoints.policy_checkpoint import load_policy
 from capture_cli.errors import OptionError, did_you_mean
+from capture_cli.estimate.initial_states.from_outputs import model_starts
 from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.log.windows import gaps, usual_interval
+from capture_cli.model.states import Starts
+from capture_cli.model.target_names import object_names
 from capture_cli.model.tasks.base import ActionTask, Task
-from capture_cli.sim.engine import Starts
-from capture_cli.sim.starts import model_starts
-from capture_cli.sim.target_names import object_names
-from capture_cli.sim.windows import gaps, usual_interval
 from capture_cli.simulate.multisine import BAND, check_amplitude, check_band, multisine_tape, peaks
 from capture_cli.store.proposal import read_action, read_inputs
 from capture_cli.store.zarr_store import MOST, size

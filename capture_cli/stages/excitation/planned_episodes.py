@@ -7,18 +7,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from capture_cli.common.evenly_spread import evenly_spread
-from capture_cli.diagnosis.noise_floor import NoiseFloor
-from capture_cli.diagnosis.split import Split
+from capture_cli.estimate.difference_step import difference_step
+from capture_cli.estimate.initial_states.from_outputs import StartEstimate, states_of
+from capture_cli.estimate.initial_states.nominal_motion import motion_at
+from capture_cli.estimate.initial_states.of_windows import as_acted, in_whole_episodes, log_starts
+from capture_cli.estimate.log_windows import cut_log
+from capture_cli.estimate.noise.noise_floor import NoiseFloor
+from capture_cli.estimate.prepared_log import PreparedLog
+from capture_cli.estimate.split import Split
 from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.log.windows import Windows
 from capture_cli.model.tasks.base import ActionTask, Task
-from capture_cli.protocol.difference_step import difference_step
-from capture_cli.protocol.log_starts import as_acted, in_whole_episodes, log_starts
-from capture_cli.protocol.log_windows import cut_log
-from capture_cli.protocol.nominal_motion import motion_at
-from capture_cli.protocol.prepared_log import PreparedLog
-from capture_cli.sim.engine import Rollouts
-from capture_cli.sim.starts import StartEstimate, states_of
-from capture_cli.sim.windows import Windows
+from capture_cli.simulate.engine import Rollouts
 from capture_cli.stages.excitation.drive import Drive
 from capture_cli.store.estimate import Estimate
 

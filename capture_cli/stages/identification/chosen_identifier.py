@@ -11,10 +11,10 @@ from capture_cli.context.checkpoints.identifier_checkpoint import (
     IdentifierCheckpoint,
     load_identifier,
 )
+from capture_cli.context.identifiers import REGISTRY, log_identifier, log_identifiers
 from capture_cli.errors import OptionError, did_you_mean
-from capture_cli.identifiers import REGISTRY, log_identifier, log_identifiers
-from capture_cli.identifiers.base import Identifier
-from capture_cli.identifiers.least_squares import LeastSquares
+from capture_cli.estimate.solve.base import Identifier
+from capture_cli.estimate.solve.least_squares import LeastSquares
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model.tasks.base import Task
 

@@ -11,24 +11,24 @@ import numpy as np
 from capture_cli.common.evenly_spread import evenly_spread
 from capture_cli.common.progress import Progress
 from capture_cli.context.checkpoints.identifier_checkpoint import IdentifierCheckpoint
-from capture_cli.diagnosis.lack_of_fit import PRACTICAL, lack_of_fit
-from capture_cli.identifiers._profile import Profile
-from capture_cli.identifiers._sampled_posterior import SampledPosterior, is_rough, sampled_posterior
-from capture_cli.identifiers.base import Best, Identifier, run
-from capture_cli.identifiers.intervals import Intervals, intervals, unit_covariance
-from capture_cli.identifiers.least_squares import LeastSquares
-from capture_cli.identifiers.rounds import Rounds, finite
-from capture_cli.linearization import Linearization
+from capture_cli.context.identifiers.base import Rounds, finite
+from capture_cli.estimate.difference_step import difference_step, hits_something
+from capture_cli.estimate.escape import WAYS_OUT, way_out
+from capture_cli.estimate.fit import AS_GOOD, TOLERANCE, Fit
+from capture_cli.estimate.initial_states.of_windows import as_acted
+from capture_cli.estimate.limits import profiled
+from capture_cli.estimate.log_requirements import all_diverged
+from capture_cli.estimate.model_fits import ModelFits
+from capture_cli.estimate.noise.lack_of_fit import PRACTICAL, lack_of_fit
+from capture_cli.estimate.part_fit import PartFit
+from capture_cli.estimate.prepared_log import PreparedLog
+from capture_cli.estimate.solve._profile import Profile
+from capture_cli.estimate.solve._sampled_posterior import SampledPosterior, is_rough, sampled_posterior
+from capture_cli.estimate.solve.base import Best, Identifier, run
+from capture_cli.estimate.solve.intervals import Intervals, intervals, unit_covariance
+from capture_cli.estimate.solve.least_squares import LeastSquares
+from capture_cli.estimate.solve.linearization import Linearization
 from capture_cli.model.parameters import ParameterSpace
-from capture_cli.protocol.difference_step import difference_step, hits_something
-from capture_cli.protocol.fit import AS_GOOD, TOLERANCE, Fit
-from capture_cli.protocol.limits import profiled
-from capture_cli.protocol.log_checks import all_diverged
-from capture_cli.protocol.log_starts import as_acted
-from capture_cli.protocol.model_fits import ModelFits
-from capture_cli.protocol.part_fit import PartFit
-from capture_cli.protocol.prepared_log import PreparedLog
-from capture_cli.protocol.ways_out import WAYS_OUT, way_out
 from capture_cli.simulate.simulator import Simulator
 from capture_cli.stages.identification.in_context import InContext, LoggedRounds, logged_rounds, walk_log
 

@@ -14,14 +14,14 @@ import capture_cli
 from capture_cli.context.checkpoints.checkpoint_hash import checkpoint_hash
 from capture_cli.context.checkpoints.identifier_checkpoint import IdentifierCheckpoint
 from capture_cli.context.histories.action_library import log_tapes
+from capture_cli.context.identifiers.base import Rounds, Signature, Walk, run_rounds
 from capture_cli.errors import LogError, OptionError
-from capture_cli.identifiers.rounds import Rounds, Signature, Walk, run_rounds
+from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model.model_hash import model_hash
 from capture_cli.model.tasks.base import ActionTask, Task
 from capture_cli.model.tasks.sequence_task import TapeTask
-from capture_cli.protocol.prepared_log import PreparedLog
-from capture_cli.sim.engine import Engine
+from capture_cli.simulate.engine import Engine
 from capture_cli.simulate.simulator import Simulator
 
 ROUNDS = 10  # over a log, unless told otherwise; fewer where it has fewer episodes

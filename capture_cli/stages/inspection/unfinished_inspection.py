@@ -9,7 +9,7 @@ from capture_cli.context.checkpoints.training_state import METRICS, read_state
 from capture_cli.errors import StoreError
 from capture_cli.log.checks.base import finding
 from capture_cli.stages.evaluation.evaluation_run import PARTS, RECIPE
-from capture_cli.stages.kept_steps import STEPS
+from capture_cli.stages.search_checkpoint import STEPS
 from capture_cli.store.histories import HistoriesWriter
 from capture_cli.store.output import UNFINISHED
 

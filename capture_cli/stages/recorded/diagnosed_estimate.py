@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from capture_cli.diagnosis.split import EarlierSplit
-from capture_cli.effects.placed import placed_name
 from capture_cli.errors import CaptureError, OptionError, StoreError
+from capture_cli.estimate.split import EarlierSplit
 from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model.effects.placed import placed_name
 from capture_cli.model.tasks.base import Task
 from capture_cli.stages.recorded.earlier_estimate import continues
 from capture_cli.stages.recorded.recorded_task import load_recorded

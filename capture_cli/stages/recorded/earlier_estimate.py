@@ -9,16 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from capture_cli.diagnosis.split import TEST_SHARE, EarlierSplit, Split, episodes_held_out
+from capture_cli.context.identifiers.base import Rounds
 from capture_cli.errors import OptionError
-from capture_cli.identifiers.base import Best
-from capture_cli.identifiers.rounds import Rounds
+from capture_cli.estimate.log_requirements import check_fits
+from capture_cli.estimate.prepared_log import attitudes
+from capture_cli.estimate.solve.base import Best
+from capture_cli.estimate.split import TEST_SHARE, EarlierSplit, Split, episodes_held_out
 from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.log.windows import Windows
+from capture_cli.model.quaternion_signs import continuous
 from capture_cli.model.tasks.base import Task
-from capture_cli.protocol.log_checks import check_fits
-from capture_cli.protocol.prepared_log import attitudes
-from capture_cli.sim.quaternion_signs import continuous
-from capture_cli.sim.windows import Windows
 from capture_cli.stages.recorded.recorded_task import recorded_task
 from capture_cli.store.document_shape import NUMBER, TEXT, WHOLE, check_shape, or_none
 from capture_cli.store.estimate import HISTORY, Estimate

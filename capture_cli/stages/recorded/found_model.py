@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from capture_cli.diagnosis.expression import NAME as FORMULA
-from capture_cli.diagnosis.recorded_effects import formula_term, recorded_effects, recorded_values
-from capture_cli.effects.placed import Placed, placed_name
-from capture_cli.effects.ranges import WithValues
 from capture_cli.errors import OptionError, StoreError
+from capture_cli.model.effects.placed import Placed, placed_name
+from capture_cli.model.effects.ranges import WithValues
 from capture_cli.model.parameters import ParameterSpace
 from capture_cli.model.tasks.base import Task
+from capture_cli.select.expression import NAME as FORMULA
+from capture_cli.select.recorded_effects import formula_term, recorded_effects, recorded_values
 from capture_cli.stages.recorded.recorded_task import load_recorded
 from capture_cli.store.diagnosis import Diagnosis
 from capture_cli.store.estimate import Estimate

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from capture_cli.diagnosis.recorded_effects import placed_effects, recorded_effects
 from capture_cli.model.tasks.base import Task
+from capture_cli.select.recorded_effects import placed_effects, recorded_effects
 from capture_cli.stages.recorded.recorded_task import load_recorded
 from capture_cli.store.diagnosis import Diagnosis
 from capture_cli.store.estimate import Estimate

@@ -10,9 +10,9 @@ from typing import Any
 from capture_cli.common.documents import read_toml
 from capture_cli.errors import ModelError, OptionError, TaskError
 from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model.mjcf.model_file import files_of
 from capture_cli.model.tasks import REGISTRY, load_task
 from capture_cli.model.tasks.base import Task
-from capture_cli.sim.model_file import files_of
 from capture_cli.store.output import sha256
 
 MODEL = "model"  # what the inputs of provenance.json call it

@@ -1,0 +1,161 @@
+"""Refinement where a round shows a label, which has no slope: the posterior of every value of the one parameter.
+
+What label an action gives is a piecewise constant function of the parameter. Its changes are found by bisection with
+the simulator, over the values that are still possible; between two values with the same label it is taken to be the
+same. How often a measured label is wrong is estimated with the parameter.
+
+What the transformer says is made of the same labels. They are read once, off the simulator: a prior that has seen
+them too would count them twice, and be as sure of a wrong one as of a right one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from capture_cli.context.identifiers._learned import Prediction
+from capture_cli.context.identifiers.base import Rounds, Signature, Simulate, finite
+
+VALUES = 257  # of the parameter, in all its range
+# how often a measured label is wrong, and how likely that is beforehand: as like as not, never
+ERROR_RATES = np.array([1e-3, 0.03, 0.1, 0.2, 0.3])
+RATE_PRIOR = np.array([0.5, 0.125, 0.125, 0.125, 0.125])
+LABELS = 3
+NEGLIGIBLE = 1e-3  # share of the posterior, in all, that is not looked at
+AS_GOOD = 1 - 1e-9  # stretches that hold this much of the most are as good
+COVERED, NORMAL_QUANTILE = 0.95, 1.959964
+HALVINGS = 20  # of the range, until an interval is known
+
+
+class LabelRefinement:
+    """Refines the estimates of `pairs` pairs of one parameter; used like `Refinement`.
+
+    error_rate: how often a label of round n (0, 1, ...) is wrong, where that is known; estimated otherwise.
+    """
+
+    def __init__(
+        self,
+        signature: Signature,
+        pairs: int,
+        simulate: Simulate,
+        error_rate: Callable[[int], float] | None = None,
+    ):
+        self.signature = signature
+        self.simulate = simulate
+        self.error_rate = error_rate
+        self.rollouts = np.zeros(pairs, dtype=np.int64)
+        self._round = 0
+        self._values = np.linspace(0, 1, VALUES)
+        self._resolution = np.full(pairs, VALUES)  # as long as it is not known
+        prior = RATE_PRIOR if error_rate is None else np.ones(1)
+        self._log = np.tile(np.log(prior)[None, :, None], (pairs, 1, VALUES))
+
+    def refine(self, prior: Prediction, asked, actions, simulated, measured) -> Prediction:
+        """The estimate after one more round and its variance, in the task's units.
+
+        The estimate is the middle of the stretch of values that holds most of the posterior, as long as the shortest
+        that no label was seen to tell apart. Its standard deviation is that of a Gaussian whose 95 % interval is as
+        wide as the one about the estimate that holds 95 %. prior: not used, it is made of the same labels.
+        """
+        space = self.signature.space
+        self._weigh(asked, actions, measured)
+        cumulative = np.cumsum(self._posterior(), axis=1)
+        estimate = self._fullest(cumulative)
+        sd = _half_width(cumulative, estimate) / NORMAL_QUANTILE * space.span
+        return Prediction(space.from_unit(estimate[:, None]), np.square(sd)[:, None, None])
+
+    def recall(self, earlier: Rounds) -> None:
+        """Weigh the rounds that were made before."""
+        for n in range(earlier.rounds):
+            self._weigh(earlier.parameters[:, n], earlier.actions[:, n], earlier.measured[:, n])
+
+    def _weigh(self, asked, actions, measured) -> None:
+        """Multiply the posterior by what a round says."""
+        labels = self._labels(self._posterior(), actions)
+        self._resolve(labels, self.signature.space.to_unit(asked)[:, 0])
+        right = (labels == measured[:, -1])[:, None]
+        rate = (ERROR_RATES if self.error_rate is None else np.array([self.error_rate(self._round)]))[:, None]
+        self._log += np.log(np.where(right, 1 - rate, rate / (LABELS - 1)))
+        self._round += 1
+
+    def _posterior(self) -> np.ndarray:
+        """Of each value (pair, value), over all error rates."""
+        posterior = np.exp(self._log - self._log.max(axis=(1, 2), keepdims=True)).sum(axis=1)
+        return posterior / posterior.sum(axis=1, keepdims=True)
+
+    def _resolve(self, labels: np.ndarray, asked: np.ndarray) -> None:
+        """How many values about the one `asked` for (pair,) an action did not tell apart, the fewest so far: those
+        between two changes of the label.
+        """
+        at = np.rint(asked * (VALUES - 1)).astype(int)
+        other = labels != np.take_along_axis(labels, at[:, None], axis=1)
+        index = np.arange(VALUES)
+        below = np.where(other & (index < at[:, None]), index, -1).max(axis=1)
+        above = np.where(other & (index > at[:, None]), index, VALUES).min(axis=1)
+        between = (below >= 0) & (above < VALUES)
+        self._resolution = np.where(
+            between, np.minimum(self._resolution, above - below - 1), self._resolution
+        )
+
+    def _fullest(self, cumulative: np.ndarray) -> np.ndarray:
+        """The middle (pair,) of the stretch of `resolution` values that holds most; of several side by side, of all."""
+        index = np.arange(VALUES)
+        reach = (np.where(self._resolution < VALUES, self._resolution, 1) - 1)[:, None] // 2
+        padded = np.pad(cumulative, ((0, 0), (1, 0)))
+        last = np.take_along_axis(padded, np.minimum(index + reach + 1, VALUES), axis=1)
+        held = last - np.take_along_axis(padded, np.maximum(index - reach, 0), axis=1)
+        best = held >= AS_GOOD * held.max(axis=1, keepdims=True)
+        first = np.argmax(best, axis=1)
+        after = np.where(~best & (index > first[:, None]), index, VALUES).min(axis=1)
+        return (self._values[first] + self._values[after - 1]) / 2
+
+    def _labels(self, posterior: np.ndarray, actions: np.ndarray) -> np.ndarray:
+        """The label that each value would give under the action (pair, value); NaN where it does not matter."""
+        cumulative = np.cumsum(posterior, axis=1)
+        low = np.argmax(cumulative > NEGLIGIBLE / 2, axis=1)
+        high = np.argmax(cumulative >= 1 - NEGLIGIBLE / 2, axis=1)
+        labels = np.full(posterior.shape, np.nan)
+        pair = np.arange(len(labels))
+        self._look(labels, np.concatenate([pair, pair]), np.concatenate([low, high]), actions)
+        intervals = np.stack([pair, low, high], axis=1)
+        while len(intervals):
+            intervals = intervals[intervals[:, 2] - intervals[:, 1] > 1]
+            k, a, b = intervals.T
+            same = labels[k, a] == labels[k, b]
+            for row, first, last in intervals[same]:
+                labels[row, first:last] = labels[row, first]
+            k, a, b = intervals[~same].T
+            middle = (a + b) // 2
+            self._look(labels, k, middle, actions)
+            intervals = np.concatenate([np.stack([k, a, middle], axis=1), np.stack([k, middle, b], axis=1)])
+        return _extended(labels, low, high)
+
+    def _look(self, labels: np.ndarray, pair: np.ndarray, value: np.ndarray, actions: np.ndarray) -> None:
+        if not len(pair):
+            return
+        parameters = self.signature.space.from_unit(self._values[value][:, None])
+        labels[pair, value] = finite(*self.simulate(parameters, actions[pair]))[:, -1, 0]
+        np.add.at(self.rollouts, pair, 1)
+
+
+def _half_width(cumulative: np.ndarray, middle: np.ndarray) -> np.ndarray:
+    """Half the width (pair,) of the interval about `middle` (pair,) that holds 95 % of a posterior.
+
+    Each value stands for the cell of values that are nearest to it.
+    """
+    edges = np.concatenate([[0], (np.arange(VALUES - 1) + 0.5) / (VALUES - 1), [1]])
+    below = np.pad(cumulative, ((0, 0), (1, 0)))
+    low, high = np.zeros(len(middle)), np.ones(len(middle))
+    for _ in range(HALVINGS):
+        half = (low + high) / 2
+        ends = zip(below, middle - half, middle + half, strict=True)
+        held = np.array([np.interp(right, edges, f) - np.interp(left, edges, f) for f, left, right in ends])
+        low, high = np.where(held < COVERED, half, low), np.where(held < COVERED, high, half)
+    return high
+
+
+def _extended(labels: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Values outside of [low, high] (pair,) take the label of the nearest end."""
+    index = np.clip(np.arange(labels.shape[1]), low[:, None], high[:, None])
+    return np.take_along_axis(labels, index, axis=1)

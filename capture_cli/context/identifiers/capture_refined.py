@@ -1,0 +1,56 @@
+"""Ours: the transformer proposes, the simulator refines, and the two are weighed by their uncertainty."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from capture_cli.context.identifiers._label_refinement import LabelRefinement
+from capture_cli.context.identifiers._learned import LearnedIdentifier
+from capture_cli.context.identifiers._refinement import Refinement
+from capture_cli.context.identifiers.base import Rounds
+
+
+class CaptureRefined(LearnedIdentifier):
+    """The target's in-context posterior as the prior of a fit through the simulator to all rounds so far.
+
+    The transformer reads the whole history, as `posterior` does, and its mean and covariance are a Gaussian prior: a
+    start near the target where a descent from anywhere else may end in a wrong valley, and an answer about what no
+    round has shown. Gauss-Newton then makes the rounds agree (`_refinement`); where their noise keeps them from it, a
+    regression over many points says what they tell (`_cloud`). Where they show a label, which has no slope, the
+    posterior of every value takes the place of both (`_label_refinement`).
+    """
+
+    summary = (
+        "ours: the transformer's posterior, refined by least squares (labels: likelihood) in the simulator"
+    )
+    default_window = None
+    likelihood = True
+    any_order = True
+    simulates = True
+
+    def __init__(self, signature, start, *, model, **options):
+        super().__init__(signature, start, model=model, **options)
+        if self.simulate is None:
+            raise TypeError("capture-refined needs `simulate`")
+        labels = [f.name for f in signature.features] == ["label"] and len(signature.space) == 1
+        self._refinement = (
+            LabelRefinement(signature, len(self.start), self.simulate, self.error_rate)
+            if labels
+            else Refinement(signature, len(self.start), self.simulate, rough=self.rough)
+        )
+
+    @classmethod
+    def examples(cls, rounds: Rounds) -> tuple[Rounds, np.ndarray]:
+        """The target after every round."""
+        return rounds, np.repeat(rounds.target[:, None], rounds.rounds, axis=1)
+
+    def recall(self, earlier: Rounds) -> None:
+        super().recall(earlier)
+        self._refinement.recall(earlier)
+
+    def tell(self, actions, simulated, measured) -> None:
+        asked = self._best
+        super().tell(actions, simulated, measured)
+        self.prediction = self._refinement.refine(self.prediction, asked, actions, simulated[:, 0], measured)
+        self._best = self.prediction.mean
+        self.simulated_rollouts = self._refinement.rollouts.copy()

@@ -1,0 +1,29 @@
+"""Domain randomization (Peng et al. 2018, arXiv:1710.06537): no identification, parameters drawn from their range."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from capture_cli.context.identifiers.base import RoundIdentifier
+
+
+class DomainRandomization(RoundIdentifier):
+    """The yardstick: new random parameters every round, which ignore what was measured."""
+
+    summary = "no identification: random parameters every round"
+
+    def __init__(self, signature, start, **options):
+        super().__init__(signature, start, **options)
+        self._generator = np.random.default_rng(self.seed)
+        self._now = self.start
+
+    @property
+    def best(self) -> np.ndarray:
+        return self._now
+
+    def ask(self) -> np.ndarray:
+        return self._now[:, None]
+
+    def tell(self, actions, simulated, measured) -> None:
+        self.round += 1
+        self._now = self.space.from_unit(self._generator.random(self.start.shape))

@@ -1,0 +1,93 @@
+"""Identifiers of whole logs, judged round by round: after every round they fit all that was measured so far."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from capture_cli.context.identifiers.base import RoundIdentifier, finite
+from capture_cli.estimate.solve.base import Identifier
+from capture_cli.estimate.solve.linearization import Evidence, Trial
+
+WEIGHT_SD = 1e-3  # of a feature's scale: what weighs features against each other
+EFFORT = 20  # ask / tell of the fit in a round, at most
+REMEMBERED = 10  # rounds that are fitted: more cost more, and ten actions tell what can be told
+SCREENED_ROUNDS = 2  # first rounds, in which a fit begins at several places
+
+
+class Refitted(RoundIdentifier):
+    """Drives `method` in rounds: each pair has a fit of its own, which goes on from the last best.
+
+    The simulations of all pairs are run together.
+    """
+
+    method: type[Identifier]
+    simulates = True
+
+    def __init__(self, signature, start, **options):
+        super().__init__(signature, start, **options)
+        if self.simulate is None:
+            raise ValueError(f"{type(self).__name__} runs simulations of its own: give it `simulate`")
+        self.noise_sd = WEIGHT_SD * np.array([f.scale for f in signature.features])
+        self._best = self.start.copy()
+        self._actions: list[np.ndarray] = []
+        self._measured: list[np.ndarray] = []
+
+    @property
+    def best(self) -> np.ndarray:
+        return self._best.copy()
+
+    def ask(self) -> np.ndarray:
+        return self._best[:, None].copy()
+
+    def tell(self, actions, simulated, measured) -> None:
+        self.round += 1
+        self._actions = [*self._actions, actions][-REMEMBERED:]
+        self._measured = [*self._measured, measured][-REMEMBERED:]
+        actions, measured = np.stack(self._actions, axis=1), np.stack(self._measured, axis=1)
+        fits = [self._fit(pair, measured[pair]) for pair in range(len(measured))]
+        while going := [pair for pair, fit in enumerate(fits) if not fit.done]:
+            trials = [fits[pair].ask() for pair in going]
+            answers = self._evaluate(trials, actions[going], going)
+            for pair, answer in zip(going, answers, strict=True):
+                fits[pair].tell(*answer)
+                fits[pair].rounds_left -= 1
+        for pair, fit in enumerate(fits):
+            if np.isfinite(fit.best.error):
+                self._best[pair] = fit.best.parameters
+
+    def _fit(self, pair: int, measured: np.ndarray) -> Identifier:
+        """A new fit to measured (episode, point, feature); there are no starts to refine: an action fixes its own."""
+        evidence = Evidence(
+            self.space,
+            measured,
+            np.ones(measured.shape, dtype=bool),
+            self.noise_sd,
+            np.zeros((len(measured), 0)),
+        )
+        return self.method(
+            evidence,
+            start=self._best[pair],
+            seed=self.seed + pair,
+            rounds=EFFORT,
+            starts=3 if self.round <= SCREENED_ROUNDS else 1,
+        )
+
+    def _evaluate(self, trials: list[Trial], actions: np.ndarray, pairs: list[int]):
+        """What each pair's trial gives over its episodes, actions (pair, episode, action): all in one batch."""
+        episodes = actions.shape[1]
+        parameters = np.concatenate([np.repeat(t.parameters, episodes, axis=0) for t in trials])
+        driven = np.concatenate([np.tile(a, (len(t), 1)) for t, a in zip(trials, actions, strict=True)])
+        trajectories, diverged = self.simulate(parameters, driven)
+        trajectories = finite(trajectories, diverged)
+        first = 0
+        for pair, trial in zip(pairs, trials, strict=True):
+            rows = slice(first, first + len(trial) * episodes)
+            first = rows.stop
+            self.simulated_rollouts[pair] += len(trial) * episodes
+            shape = (len(trial), episodes)
+            yield trajectories[rows].reshape(*shape, *trajectories.shape[1:]), diverged[rows].reshape(shape)
+
+
+def refitted(method: type[Identifier]) -> type[Refitted]:
+    """The identifier `method`, which fits a whole log, as one that works in rounds."""
+    return type(f"Refitted{method.__name__}", (Refitted,), {"method": method, "summary": method.summary})

@@ -1,0 +1,201 @@
+"""Every effect that could act, at values of its nonlinear parameters, as columns of the force balance."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from capture_cli.estimate.balance.force_balance import Accelerations, ForceBalance
+from capture_cli.model.effects._periodic_force import PeriodicForce
+from capture_cli.model.effects.base import Effect
+from capture_cli.model.effects.placed import Placed
+
+
+@dataclass(frozen=True)
+class DictionarySettings:
+    """shapes: values of one nonlinear parameter; shapes_of_several: of each where there are two, and of more one in the
+    middle, for the fit moves them. periods: of a force that repeats. step: of an amplitude's range, at which a column
+    is taken; far_steps: of effects with a threshold, below which they do nothing. known: of its range, how large an
+    amplitude may be beforehand, a standard deviation: ranges are guesses, but within some times. largest: acceleration
+    by a step, over the largest that the model predicts: what is beyond it has run away. linear: of what an effect does,
+    by which a step and its reverse may differ to be one column. rounding: of the largest that the model predicts, below
+    which a column is none.
+    """
+
+    shapes: int = 6
+    shapes_of_several: int = 3
+    periods: int = 160
+    step: float = 0.02
+    far_steps: tuple[float, ...] = (0.1, 0.3, 0.7)
+    known: float = 3.0
+    largest: float = 1e3
+    linear: float = 0.05
+    rounding: float = 1e-10
+
+
+SETTINGS = DictionarySettings()
+
+
+@dataclass(frozen=True)
+class Atom:
+    """An effect at values (parameter,) of its nonlinear parameters, null in the others: one column for each amplitude.
+
+    amplitudes: which parameters those are; after their columns come those of `apart` amplitudes that other recordings
+    have for themselves, which belong to no parameter. unit (amplitude,): what a coefficient of 1 is of each, in its
+    range; known (amplitude,): how large coefficients may be beforehand, a standard deviation. one_way: of an effect
+    that does not do the reverse at the reverse: friction never drives.
+    """
+
+    placed: Placed
+    values: np.ndarray
+    amplitudes: tuple[int, ...]
+    unit: np.ndarray
+    known: np.ndarray
+    one_way: bool = False
+    apart: int = 0
+
+    @property
+    def scale(self) -> np.ndarray:
+        """How large a coefficient of each column may be beforehand, (column,)."""
+        return np.resize(self.known, len(self.amplitudes) + self.apart)
+
+    def is_reverse_of(self, other: Atom) -> bool:
+        """Whether it takes the reverse steps of the amplitudes, at the same values."""
+        return np.array_equal(self.values, other.values) and np.array_equal(self.unit, -other.unit)
+
+    def alone(self, columns: Sequence[Accelerations]) -> Iterator[tuple[Atom, list[Accelerations]]]:
+        """Each amplitude by itself, the others null, where there are several and not every sign is allowed."""
+        space, own = self.placed.effect.space, list(self.amplitudes)
+        null = self.values[own]
+        if len(own) == 1 or ((space.low[own] < null) & (space.high[own] > null)).all():
+            return
+        for k, index in enumerate(own):
+            one = slice(k, k + 1)
+            yield replace(self, amplitudes=(index,), unit=self.unit[one], known=self.known[one]), [columns[k]]
+
+    def allows(self, coefficients: np.ndarray) -> bool:
+        """Whether coefficients (amplitude,) have the signs that the effect's range allows, and the atom's own."""
+        if self.one_way and (coefficients < 0).any():
+            return False
+        space, own = self.placed.effect.space, list(self.amplitudes)
+        wanted = self.values[own] + coefficients * self.unit
+        null = self.values[own]
+        below, above = space.low[own] < null, space.high[own] > null
+        return bool(np.all(np.where(wanted < null, below, above)))
+
+    def at(self, coefficients: np.ndarray) -> np.ndarray:
+        """Values (parameter,) with coefficients (amplitude,), within the effect's range."""
+        space = self.placed.effect.space
+        found = self.values.copy()
+        found[list(self.amplitudes)] += coefficients * self.unit
+        return np.clip(found, space.low, space.high)
+
+
+def atoms(
+    balance: ForceBalance, placed: Placed, settings: DictionarySettings = SETTINGS
+) -> Iterator[tuple[Atom, list[Accelerations]]]:
+    """Atoms of an effect, each with what a unit of each amplitude does to the balance; none where nothing tells."""
+    effect = placed.effect
+    space = effect.space
+    amplitudes = tuple(i for i, n in enumerate(space.names) if n not in effect.shapes)
+    if not amplitudes or (effect.place == "force" and effect.reported):
+        return  # of a force that moves its own sensors the reported motion is not the joint's
+    if _acts_unshown(balance, effect):
+        return
+    if isinstance(effect, PeriodicForce):
+        yield from _repeating(balance, placed, amplitudes, settings)
+        return
+    shares = _shares(effect, settings)
+    values, owners = [], []
+    for point in _shapes(effect, settings):
+        for share in shares:
+            units = np.array([_reach(space, point, i, share) for i in amplitudes])
+            inside = (point[list(amplitudes)] + units >= space.low[list(amplitudes)]) & (
+                point[list(amplitudes)] + units <= space.high[list(amplitudes)]
+            )
+            if not inside.all():
+                continue
+            known = settings.known * space.span[list(amplitudes)] / np.abs(units)
+            owners.append(Atom(placed, point, amplitudes, units, known))
+            values += [
+                point + np.eye(len(point))[i] * unit for i, unit in zip(amplitudes, units, strict=True)
+            ]
+    if not owners:
+        return
+    changes = balance.of_effect(effect, np.array(values))
+    size = np.abs(balance.null.predicted).max()
+    largest, least = settings.largest * size, settings.rounding * size
+    usable = [
+        (atom, columns)
+        for number, atom in enumerate(owners)
+        if _can_be_compared(
+            columns := changes[number * len(amplitudes) : (number + 1) * len(amplitudes)], largest, least
+        )
+    ]
+    for atom, columns in usable:
+        reverse = [c for a, c in usable if a.is_reverse_of(atom)]
+        if reverse and not _is_reverse(columns, reverse[0], settings.linear):
+            atom = replace(atom, one_way=True)
+        elif reverse and atom.unit[0] < 0:
+            continue
+        yield atom, columns
+        yield from atom.alone(columns)
+
+
+def _acts_unshown(balance: ForceBalance, effect: Effect) -> bool:
+    """Whether it acts on a joint that no sensor shows: contacts take up what it does there, as far as they need to."""
+    joint = getattr(effect, "joint", None)
+    return joint is not None and int(balance.model.jnt_dofadr[joint]) in balance.unshown
+
+
+def _shares(effect: Effect, settings: DictionarySettings) -> tuple[float, ...]:
+    """Steps of the amplitudes, in ranges, at which columns are taken."""
+    if effect.has_threshold:
+        return settings.far_steps
+    if effect.place != "force":
+        return (settings.step,)
+    far = settings.far_steps if effect.states else ()  # what remembers need not grow in proportion
+    return (settings.step, -settings.step, *far)
+
+
+def _is_reverse(columns: Sequence[Accelerations], others: Sequence[Accelerations], tolerance: float) -> bool:
+    """Whether columns are those at the reverse step, with the other sign."""
+    return all(
+        np.linalg.norm(a.predicted + b.predicted) <= tolerance * np.linalg.norm(a.predicted)
+        for a, b in zip(columns, others, strict=True)
+    )
+
+
+def _can_be_compared(columns: Sequence[Accelerations], largest: float, least: float) -> bool:
+    """Whether an effect does anything, and no absurd acceleration."""
+    sizes = [max(np.abs(c.predicted).max(), np.abs(c.measured).max()) for c in columns]
+    return bool(np.isfinite(sizes).all() and max(sizes) > least and max(sizes) <= largest)
+
+
+def _repeating(balance, placed, amplitudes, settings) -> Iterator[tuple[Atom, list[Accelerations]]]:
+    effect: PeriodicForce = placed.effect
+    along = balance.along(effect)
+    span = float(np.ptp(along)) if effect.along == "qpos" else float(balance.points.elapsed.max())
+    points, others = effect.sweep(span, settings.periods), effect.apart(balance.points.step)
+    recordings = [~others.any(axis=0), *others]
+    for point, waves in zip(points, balance.of_waves(effect, points), strict=True):
+        unit = np.ones(len(amplitudes))
+        known = settings.known * effect.space.span[list(amplitudes)]
+        yield (
+            Atom(placed, point, amplitudes, unit, known, apart=len(others) * len(amplitudes)),
+            [balance.of_joint_force(effect.dof, w * own) for own in recordings for w in waves],
+        )
+
+
+def _shapes(effect: Effect, settings: DictionarySettings) -> np.ndarray:
+    if len(effect.shapes) > 2:
+        return np.concatenate([effect.shape_grid(1), effect.space.nominal[None]])
+    return effect.shape_grid(settings.shapes if len(effect.shapes) < 2 else settings.shapes_of_several)
+
+
+def _reach(space, point: np.ndarray, index: int, share: float) -> float:
+    """A step of this share of the range, towards where there is more of it, or away from there where below 0."""
+    up, down = space.high[index] - point[index], point[index] - space.low[index]
+    return share * float(space.span[index]) * (1.0 if up >= down else -1.0)

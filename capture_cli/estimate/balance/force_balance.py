@@ -1,0 +1,723 @@
+"""The force balance: what the measured motion needs, less what the model gives, and what would fill the gap.
+
+Along the smoothed motion (q, v, a) the model misses the acceleration
+
+    r = a - M(q)^-1 f(q, v, u),      f = actuators + passive forces - Coriolis and gravity - dry friction,
+
+which is the missing generalised force over the inertia. In accelerations "no inertia and no force" is no solution, as
+it is of M a = f where all inertias are open. A declared parameter and an effect each add a column, the derivative of r,
+taken from their own laws: fields of the model, forces, controls, and, for sensors, the motion that they would have
+reported wrongly. An inertia's column has the predicted acceleration, not the measured one, whose noise would bias it
+(an instrument, Janot et al. 2014). Nothing is simulated over time: no windows, no starts, no local minima in the state.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from copy import copy
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+
+import mujoco
+import numpy as np
+from mujoco import batch
+from scipy.interpolate import CubicSpline
+from scipy.special import erf
+
+from capture_cli.estimate.balance.motion import SmoothedLog
+from capture_cli.estimate.balance.recorded_world import AT_JOINTS, RecordedWorld
+from capture_cli.estimate.balance.resting import mass_matrix
+from capture_cli.log.windows import LEAD
+from capture_cli.model.effects._followed_force import FollowedForce
+from capture_cli.model.effects._periodic_force import PeriodicForce
+from capture_cli.model.effects.base import Effect
+from capture_cli.model.fields import ModelFields
+from capture_cli.model.mujoco_warnings import silence_mujoco
+from capture_cli.model.world import APPLIED, World
+
+
+@dataclass(frozen=True)
+class BalanceSettings:
+    """step: of a parameter's range, in differences. touches: of the model's extent, nearer than which bodies touch, for
+    a stiff contact chatters. none: standard deviations of a velocity, below which it may be none. resting: half periods
+    of the fastest motion that is smoothed, for which it is then at rest: a turning point is shorter.
+    """
+
+    step: float = 1e-3
+    touches: float = 1e-4
+    none: float = 3.0
+    resting: float = 2.0
+
+
+SETTINGS = BalanceSettings()
+# A step works out a from the velocity that it begins with, and q(t+h) - 2 q(t) + q(t-h) is h^2 a(t): that velocity,
+# (q(t) - q(t-h)) / h, is the one at t - h / 2. What the integrator takes implicitly has the velocity at its end.
+_INTEGRATOR = mujoco.mjtIntegrator
+_IMPLICIT = {
+    int(_INTEGRATOR.mjINT_IMPLICIT): ("qfrc_smooth",),
+    int(_INTEGRATOR.mjINT_IMPLICITFAST): ("qfrc_passive", "qfrc_actuator"),
+}
+_DISABLE = mujoco.mjtDisableBit
+# contacts are left, and joints' dry friction is worked out here
+_NO_STOPS = _DISABLE.mjDSBL_FRICTIONLOSS | _DISABLE.mjDSBL_LIMIT | _DISABLE.mjDSBL_EQUALITY
+_OF_IMPACTS = ("geom_size", "geom_solref", "geom_solimp", "pair_solref", "pair_solimp")
+_OF_ACTUATORS = ("actuator_gear", "actuator_gainprm", "actuator_biasprm", "actuator_forcerange")
+
+
+@dataclass(frozen=True)
+class Accelerations:
+    """At every point, (point, nv): as it was measured, and as the model gives it; or how both change."""
+
+    measured: np.ndarray
+    predicted: np.ndarray
+
+    def __sub__(self, other: Accelerations) -> Accelerations:
+        return Accelerations(self.measured - other.measured, self.predicted - other.predicted)
+
+    def __truediv__(self, by: float) -> Accelerations:
+        return Accelerations(self.measured / by, self.predicted / by)
+
+
+@dataclass(frozen=True)
+class Points:
+    """Where forces are worked out. part (point,): of which stretch; step (point,): of the log; time (point,): s, by
+    the clock of simulations; since (point,): s, since the stretch began; elapsed (point,): s, since its episode did.
+    """
+
+    part: np.ndarray
+    step: np.ndarray
+    time: np.ndarray
+    since: np.ndarray
+    elapsed: np.ndarray
+
+    @classmethod
+    def of(cls, smoothed: SmoothedLog) -> Points:
+        steps = [smoothed.steps(n) for n in range(len(smoothed.parts))]
+        part = np.repeat(np.arange(len(steps)), [len(s) for s in steps])
+        step, time = np.concatenate(steps), smoothed.log.time
+        first = np.array([p.start for p in smoothed.parts])
+        since, elapsed = time[step] - time[first[part]], time[step] - time[smoothed.episode_start[part]]
+        return cls(part, step, time[step] - time[0], since, elapsed)
+
+    def __len__(self) -> int:
+        return len(self.step)
+
+
+@dataclass(frozen=True)
+class _WorkedOut:
+    """forces, and what they come from: what is `applied` but by contacts, the acceleration by that, which is `free`,
+    and by how much contacts `pushed`, (point, nv) each; how many contacts there are, (point,).
+    """
+
+    forces: Accelerations
+    applied: np.ndarray
+    free: np.ndarray
+    pushed: np.ndarray
+    contacts: np.ndarray
+
+
+class ForceBalance:
+    """The balance of a log along its smoothed motion, at one point (parameter,) of the task."""
+
+    def __init__(self, smoothed: SmoothedLog, point: np.ndarray, threads: int | None = None):
+        silence_mujoco()
+        self.smoothed, self.point, self.threads = smoothed, point, threads or 0
+        task = smoothed.task
+        self.model = copy(task.model)
+        self.unshown = np.setdiff1d(np.arange(self.model.nv), smoothed.dofs)
+        self.model.opt.disableflags |= int(_NO_STOPS if self.unshown.size else _DISABLE.mjDSBL_CONSTRAINT)
+        self.model.geom_margin[:] += SETTINGS.touches / 2 * self.model.stat.extent
+        self.model.pair_margin[:] += SETTINGS.touches * self.model.stat.extent
+        self.points = Points.of(smoothed)
+        self.numbers = self._numbers(np.zeros(len(task.outputs)))
+        self.state = smoothed.states(self.numbers, self.points.step)
+        self.speed_sd = smoothed.sd(1)
+        self.at_rest = self._at_rest()
+        self.controls = self._controls()
+
+    # --- what acts ---
+
+    @cached_property
+    def null(self) -> Accelerations:
+        """Of the model as it is."""
+        return self._null.forces
+
+    @cached_property
+    def _null(self) -> _WorkedOut:
+        return self._worked_out()
+
+    def read_as(self, linear: np.ndarray) -> ForceBalance:
+        """The balance with inputs that change evenly between rows where `linear` (input,), and are held elsewhere."""
+        task = copy(self.smoothed.task)
+        task.inputs = tuple(replace(c, linear=bool(own)) for c, own in zip(task.inputs, linear, strict=True))
+        return ForceBalance(replace(self.smoothed, task=task), self.point, self.threads)
+
+    def of_parameter(self, index: int) -> Accelerations:
+        """Derivative of the balance by a declared parameter, per its unit: the column of it."""
+        space = self.smoothed.task.space
+        step = SETTINGS.step * space.span[index]
+        step = step if self.point[index] + step <= space.high[index] else -step
+        moved = self.point.copy()
+        moved[index] += step
+        return (self._forces(point=moved) - self.null) / step
+
+    def of_effect(self, effect: Effect, values: np.ndarray) -> list[Accelerations]:
+        """Changes of the balance by an effect at each of `values` (variant, parameter)."""
+        if effect.place == "model":
+            return [self._of_written(lambda fields, v=v: effect.write(fields, v[None])) for v in values]
+        if effect.place == "control":
+            return [self._forces(controls=c) - self.null for c in self._driven(effect, values)]
+        if effect.place == "measurement":
+            return [self._of_report(effect, v) for v in values]
+        if _remembers(effect):
+            return self._of_followed(effect, values)
+        return [self._of_one_force(effect, v) for v in values]
+
+    def along(self, effect: PeriodicForce) -> np.ndarray:
+        """What a force repeats along, at the points, (point,)."""
+        if effect.along == "time":
+            return self.points.time - effect.began(self.points.step)
+        return self.state[0][:, effect.model.jnt_qposadr[effect.joint]]
+
+    def of_waves(self, effect: PeriodicForce, values: np.ndarray) -> np.ndarray:
+        """Forces of a unit of sine, and of cosine, at the effect's joint for each of `values` (shape, parameter):
+        (shape, 2, point).
+        """
+        return effect.carrier(self.actuator_force) * effect.waves(values, self.along(effect))
+
+    def of_joint_force(self, dof: int, force: np.ndarray) -> Accelerations:
+        """Of a force (point,) on one coordinate."""
+        return Accelerations(np.zeros_like(self.state[1]), self.inverse_inertia[:, :, dof] * force[:, None])
+
+    def slopes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Median change of each coordinate's predicted acceleration by its own position and velocity, (nv,) each, 1/s^2
+        and 1/s: what the noise of positions does to the prediction.
+        """
+        found = np.zeros((2, self.model.nv))
+        for dof in self.smoothed.dofs:
+            places = int(self.model.jnt_qposadr[self.model.dof_jntid[dof]]), dof
+            for which, place in enumerate(places):
+                state = [s.copy() for s in self.state]
+                step = SETTINGS.step * max(float(state[which][:, place].std()), 1e-9)
+                state[which][:, place] += step
+                moved = self._forces(state=tuple(state)).predicted - self.null.predicted
+                found[which, dof] = np.median(moved[:, dof]) / step
+        return found[0], found[1]
+
+    # --- parts ---
+
+    def _of_written(self, write: Callable) -> Accelerations:
+        """Change of the balance where fields of the model are written; not a number where other bodies would touch, or
+        where these say how bodies hit, of which nothing is left in the balance.
+        """
+        written = self._worked_out(write=write)
+        change = written.forces - self.null
+        hits = self.smoothed.hits and self._writes_impacts(write)
+        if not hits and np.array_equal(written.contacts, self._null.contacts):
+            return change
+        return Accelerations(change.measured, np.full_like(change.predicted, np.nan))
+
+    def _writes_impacts(self, write: Callable) -> bool:
+        fields = ModelFields(self.model, 1)
+        write(fields)
+        return any(name in _OF_IMPACTS for name in fields.values)
+
+    def _numbers(self, late: np.ndarray) -> np.ndarray:
+        """Outputs with slope and curvature, (point, 3, output), each `late` s after (..., output)."""
+        smoothed, parts = self.smoothed, []
+        time = smoothed.log.time[self.points.step]
+        late = np.broadcast_to(late, (len(self.points), len(smoothed.task.outputs)))
+        for n in range(len(smoothed.parts)):
+            own = self.points.part == n
+            found = np.zeros((own.sum(), 3, len(smoothed.task.outputs)))
+            for column, series in smoothed.series.items():
+                at = time[own] + late[own, column]
+                for derivative in range(3):
+                    found[:, derivative, column] = series[n].at(at, derivative)
+            parts.append(found)
+        return np.concatenate(parts)
+
+    def _controls(self) -> np.ndarray:
+        """ctrl (point, nu) as the log has it, the mean about each point."""
+        return self._averaged(None, 1)[0]
+
+    def _driven(self, effect: Effect, values: np.ndarray) -> np.ndarray:
+        """ctrl (variant, point, nu) with an effect on it at each of `values` (variant, parameter)."""
+
+        time = self.smoothed.log.time
+
+        def drive(controls: np.ndarray, part: np.ndarray, variant: np.ndarray) -> np.ndarray:
+            first = self._tape_steps[part]
+            elapsed = time[first] - time[self.smoothed.episode_start[part]]
+            step = self.smoothed.task.timestep
+            return effect.drive(controls, values[variant], step, elapsed=elapsed, first=first)
+
+        return self._averaged(drive, len(values))
+
+    @cached_property
+    def _tape_steps(self) -> np.ndarray:
+        """The step of the log from which controls are followed to each stretch, (stretch,): earlier ones still act."""
+        time, found = self.smoothed.log.time, []
+        for part, episode in zip(self.smoothed.parts, self.smoothed.episode_start, strict=True):
+            found.append(max(episode, int(np.searchsorted(time[: part.start], time[part.start] - LEAD))))
+        return np.array(found)
+
+    @cached_property
+    def _tapes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Controls (stretch, grid, nu) on the model's grid, and its time, s."""
+        task, log = self.smoothed.task, self.smoothed.log
+        spans = [slice(int(a), p.stop) for a, p in zip(self._tape_steps, self.smoothed.parts, strict=True)]
+        longest = max(log.time[s.stop - 1] - log.time[s.start] for s in spans)
+        grid = np.arange(int(np.ceil(longest / task.timestep)) + 2) * task.timestep
+        found = []
+        for span in spans:
+            time = log.time[span] - log.time[span.start]
+            held = np.clip(np.searchsorted(time, grid + 1e-3 * task.timestep, side="right") - 1, 0, None)
+            inputs = [
+                np.interp(grid, time, u) if evenly else u[held]
+                for u, evenly in zip(log.inputs[span].T, task.linear, strict=True)
+            ]
+            found.append(task.controls(np.stack(inputs, axis=1)[None])[0])
+        return np.array(found), grid
+
+    def _averaged(self, drive: Callable | None, variants: int) -> np.ndarray:
+        """Means of controls about the points, (variant, point, nu).
+
+        A step of the model takes its control for the acceleration in the middle of it: q(t+h) - 2 q(t) + q(t-h) is
+        h^2 a(t), so that what is held from t to t + h acts as if it were held from t - h / 2 to t + h / 2.
+        """
+        task, parts = self.smoothed.task, len(self.smoothed.parts)
+        found = np.zeros((variants, len(self.points), task.model.nu))
+        if not task.inputs:
+            return found
+        tapes, grid = self._tapes
+        step = grid[1] - grid[0]
+        variant, part = (i.ravel() for i in np.indices((variants, parts)))
+        controls = tapes[part]
+        if drive is not None:
+            controls = drive(controls, part, variant)
+        edges = np.append(grid, grid[-1] + step) - task.timestep / 2
+        total = np.cumsum(np.concatenate([np.zeros_like(controls[:, :1]), controls], axis=1), axis=1) * step
+        half = self.interval / 2
+        for n in range(parts):
+            own = self.points.part == n
+            at = self.points.time[own] - (
+                self.smoothed.log.time[self._tape_steps[n]] - self.smoothed.log.time[0]
+            )
+            low, high = np.clip(at - half, edges[0], edges[-1]), np.clip(at + half, edges[0], edges[-1])
+            for k in range(variants):
+                sums = total[k * parts + n]
+                for u in range(task.model.nu):
+                    whole = np.interp(high, edges, sums[:, u]) - np.interp(low, edges, sums[:, u])
+                    found[k, own, u] = whole / (high - low)
+        return found
+
+    @cached_property
+    def interval(self) -> float:
+        """s, between points."""
+        same = np.diff(self.points.part) == 0
+        return float(np.median(np.diff(self.points.time)[same]))
+
+    def _of_report(self, effect: Effect, values: np.ndarray) -> Accelerations:
+        """Change of the balance where the sensors report what they do through an effect at `values` (parameter,)."""
+        qpos, qvel, acceleration = self.smoothed.states(self._true_numbers(effect, values), self.points.step)
+        predicted = self._forces(state=(qpos, qvel, self.state[2])).predicted
+        return Accelerations(acceleration - self.predicted_smooth, predicted - self.null.predicted)
+
+    def _true_numbers(self, effect: Effect, values: np.ndarray) -> np.ndarray:
+        """Outputs with slopes and curvatures as they truly are, (point, 3, output).
+
+        The predicted acceleration stands for the measured one, as it does for inertias: of a reading that is off in
+        proportion "no motion at all" is no solution. Of an effect that does not say what becomes of the curvature it is
+        the slope of its slope.
+        """
+        task, count = self.smoothed.task, len(self.points)
+        each = np.repeat(values[None], count, axis=0)
+        columns = [c.index for c in task.outputs]
+        late = np.zeros((count, task.model.nsensordata)) + effect.lateness(each, self.points.elapsed)
+        late = late[:, columns] - np.reshape(effect.drift(each, self.points.elapsed), (-1, 1))
+        late = late if late.any() else None
+        numbers = self._instrument(late)
+        reported = np.zeros((count, 3, task.model.nsensordata))
+        numbers[:, 0] -= self._picked_up(effect, each)[:, columns]
+        reported[..., columns] = numbers
+        true = effect.true_motion(reported, each, self.points.elapsed)[..., columns]
+        plain = self._instrument(late)
+        for told, found in ((0, 1), (1, 2)):
+            moved = (true[:, told] != plain[:, told]).any(axis=0)
+            for column in np.flatnonzero(moved & (true[:, found] == plain[:, found]).all(axis=0)):
+                true[:, found, column] += self._slope(true[:, told, column] - plain[:, told, column])
+        return true
+
+    def _picked_up(self, effect: Effect, each: np.ndarray) -> np.ndarray:
+        """What sensors show of the forces of actuators, behind the filter of the smoothed motion, (point, column)."""
+        none = np.zeros((len(self.points), 1, self.smoothed.task.model.nsensordata))
+        shown = effect.pick_up(none.copy(), each, self.actuator_force[:, None])[:, 0]
+        if not shown.any():
+            return shown
+        series = next(iter(self.smoothed.series.values()))
+        for n, own in enumerate(self._own_points):
+            at = self.smoothed.log.time[self.points.step[own]]
+            shown[own] = series[n].filtered(shown[own], at)
+        return shown
+
+    @cached_property
+    def predicted_smooth(self) -> np.ndarray:
+        """The predicted acceleration behind the filter that the measured one went through, (point, nv)."""
+        return self.smoothed.filtered(self.null.predicted, self.points.part, self.points.step)
+
+    def _instrument(self, late: np.ndarray | None) -> np.ndarray:
+        """Outputs with curvatures as predicted, (point, 3, output), each `late` s later (point, output).
+
+        Between now and then slopes change by the predicted acceleration, too: by the measured one they would show what
+        is missing.
+        """
+        numbers = (self.numbers if late is None else self._numbers(late)).copy()
+        for source in self.smoothed.sources:
+            if source.weights is not None:
+                continue
+            for column, dof in zip(source.columns, source.dofs, strict=True):
+                if late is None:
+                    numbers[:, 2, column] = self.predicted_smooth[:, dof]
+                    continue
+                for own in self._own_points:
+                    at = self.points.since[own]
+                    spline = CubicSpline(at, self.predicted_smooth[own, dof])
+                    speed, then = spline.antiderivative(), at + late[own, column]
+                    numbers[own, 1, column] = self.numbers[own, 1, column] + speed(then) - speed(at)
+                    numbers[own, 2, column] = spline(then)
+        return numbers
+
+    @cached_property
+    def _own_points(self) -> list[slice]:
+        """The points of each stretch."""
+        ends = np.searchsorted(self.points.part, np.arange(len(self.smoothed.parts) + 1))
+        return [slice(a, b) for a, b in pairwise(ends)]
+
+    def _slope(self, series: np.ndarray) -> np.ndarray:
+        """Derivative of a series (point,) over the time of each stretch."""
+        slope = np.empty_like(series)
+        for own in self._own_points:
+            slope[own] = CubicSpline(self.points.since[own], series[own])(self.points.since[own], nu=1)
+        return slope
+
+    @cached_property
+    def inverse_inertia(self) -> np.ndarray:
+        """Acceleration by a unit of force, (point, nv, nv)."""
+        return self._world[3]
+
+    def _written(self, point: np.ndarray, write: Callable | None) -> mujoco.MjModel:
+        fields = ModelFields(self.smoothed.task.model, 1)
+        self.smoothed.task.write(fields, point[None])
+        if write is not None:
+            write(fields)
+        model = copy(self.model)
+        for name, values in fields.values.items():
+            target = getattr(model.opt, name[4:]) if name.startswith("opt.") else getattr(model, name)
+            if np.ndim(target):
+                target[...] = values[0].reshape(np.shape(target))
+            else:
+                setattr(
+                    model.opt if name.startswith("opt.") else model,
+                    name.removeprefix("opt."),
+                    float(values[0]),
+                )
+        mujoco.mj_setConst(model, mujoco.MjData(model))
+        return model
+
+    def _runner(self, model: mujoco.MjModel) -> batch.Batch:
+        """A simulation at every point, none of which is stepped."""
+        runner = batch.Batch(model, len(self.points), self.threads)
+        runner.bind("time")[...] = self.points.time
+        return runner
+
+    def _set(self, runner: batch.Batch, state: tuple[np.ndarray, ...], controls: np.ndarray) -> np.ndarray:
+        """Work out forces as a step does: those that it sums, without dry friction, (point, nv)."""
+        model, (qpos, qvel, qacc) = self.model, state
+        half = model.opt.timestep / 2
+        if int(model.opt.integrator) == mujoco.mjtIntegrator.mjINT_RK4:
+            half = 0.0
+        smooth = runner.bind("qfrc_smooth")
+        runner.bind("qpos")[...] = qpos
+        if model.nu:
+            runner.bind("ctrl")[...] = controls
+        implicit = [runner.bind(name) for name in _IMPLICIT.get(int(model.opt.integrator), ())]
+        at_end = 0.0
+        if implicit:
+            runner.bind("qvel")[...] = qvel + half * qacc
+            runner.forward()
+            at_end = sum(implicit)
+        runner.bind("qvel")[...] = qvel - half * qacc
+        runner.forward()
+        return smooth + at_end - (sum(implicit) if implicit else 0.0)
+
+    def _forces(self, **changes) -> Accelerations:
+        """As the model gives them with other parameters, written fields, states or controls than its own."""
+        return self._worked_out(**changes).forces
+
+    def _worked_out(self, *, point=None, write=None, state=None, controls=None) -> _WorkedOut:
+        """As of `_forces`."""
+        state = self.state if state is None else state
+        if point is None and write is None:
+            model, runner = self._model, self._plain
+        else:
+            model = self._written(self.point if point is None else point, write)
+            runner = self._runner(model)
+        inertia, push, contacts = (runner.bind(name) for name in ("M", "qfrc_constraint", "ncon"))
+        applied = self._set(runner, state, self.controls if controls is None else controls)
+        applied = applied - model.dof_frictionloss * self._sign(state[1])
+        felt = self._holding(_felt(model, inertia))
+        free = np.linalg.solve(felt, np.where(self.at_rest, state[2], applied)[..., None])[..., 0]
+        pushed = np.zeros_like(free)
+        if self.unshown.size:
+            pushed = np.linalg.solve(felt, np.where(self.at_rest, 0.0, push)[..., None])[..., 0]
+        forces = Accelerations(state[2], self._resting(free, pushed))
+        return _WorkedOut(forces, applied, free, pushed, contacts.copy())
+
+    def _resting(self, free: np.ndarray, pushed: np.ndarray, change: np.ndarray | None = None) -> np.ndarray:
+        """Accelerations (point, nv) of what moves by `free` without contacts, and is `pushed` by them as hard as keeps
+        what no sensor shows where it is: a puck that is heavier presses more, and its friction is more. A stiff contact
+        chatters; this is the mean of it. With a `change` of what is free: what that changes.
+        """
+        found = own = free if change is None else change
+        for tree in np.unique(self.model.dof_treeid[self.unshown]):
+            dofs = self.unshown[self.model.dof_treeid[self.unshown] == tree]
+            held, here = pushed[:, dofs], self.model.dof_treeid == tree
+            size = np.square(held).sum(axis=1)
+            size = np.where(size, size, 1.0)
+            presses = (held * free[:, dofs]).sum(axis=1) < 0
+            share = np.where(presses, -(held * own[:, dofs]).sum(axis=1) / size, 0.0)
+            found = found + share[:, None] * np.where(here, pushed, 0.0)
+        return found
+
+    def _holding(self, felt: np.ndarray, here: np.ndarray | slice = slice(None)) -> np.ndarray:
+        """What accelerations are solved with (point, nv, nv) where coordinates at rest keep the acceleration that they
+        have: dry friction holds them by a force that nobody knows.
+        """
+        point, dof = np.nonzero(self.at_rest[here])
+        felt[point, dof] = 0.0
+        felt[point, dof, dof] = 1.0
+        return felt
+
+    def _at_rest(self) -> np.ndarray:
+        """Where a coordinate is at rest for longer than a turn of the motion takes, (point, nv)."""
+        cutoff = max(s[0].cutoff for s in self.smoothed.series.values())
+        shortest = max(int(np.ceil(SETTINGS.resting * np.pi / cutoff / self.interval)), 2)
+        slow = np.abs(self.state[1]) < SETTINGS.none * self.speed_sd
+        found = np.zeros_like(slow)
+        for own in self._own_points:
+            for dof in range(self.model.nv):
+                edges = np.flatnonzero(
+                    np.diff(np.concatenate([[False], slow[own, dof], [False]]).astype(int))
+                )
+                for a, b in zip(edges[::2], edges[1::2], strict=True):
+                    if b - a >= shortest:
+                        found[own.start + a : own.start + b, dof] = True
+        return found
+
+    @cached_property
+    def _begins(self) -> np.ndarray:
+        """Velocities that steps begin with, (point, nv)."""
+        whole = int(self.model.opt.integrator) != mujoco.mjtIntegrator.mjINT_RK4
+        return self.state[1] - whole * self.model.opt.timestep / 2 * self.state[2]
+
+    @cached_property
+    def _plain(self) -> batch.Batch:
+        """Simulations of the model as it is."""
+        return self._runner(self._model)
+
+    def _sign(self, qvel: np.ndarray) -> np.ndarray:
+        """Expected sign of velocities that are known as well as the smoothed ones are, (point, nv)."""
+        return erf(qvel / (np.sqrt(2) * np.maximum(self.speed_sd, 1e-12)))
+
+    def _of_one_force(self, effect: Effect, values: np.ndarray) -> Accelerations:
+        world, runner, smooth, inverse, base = self._world
+        joint_force, body_force = (runner.bind(name) for name in APPLIED)
+        world.restore_varied()
+        joint_force[...], body_force[...] = 0.0, 0.0
+        effect.force(
+            np.repeat(values[None], len(self.points), axis=0),
+            self.model.opt.timestep,
+            first=self.points.step,
+            began=self.points.time - self.points.elapsed,
+        )(world)
+        model, (_, qvel, qacc) = self._model, self.state
+        step = model.opt.timestep
+        friction = world.vary("dof_frictionloss") - model.dof_frictionloss
+        damping = world.vary("dof_damping") - model.dof_damping
+        acts = joint_force - friction * self._sign(qvel)
+        if body_force.any() or world.has_varied(AT_JOINTS):
+            joint_force[...] = 0.0
+            inertia = runner.bind("M")
+            runner.forward()
+            acts = acts + smooth - base - damping * step * qacc
+            if world.has_varied(AT_JOINTS):
+                acts = acts + self._null.applied
+                felt = self._holding(_felt(model, inertia))
+                predicted = np.linalg.solve(felt, np.where(self.at_rest, qacc, acts)[..., None])[..., 0]
+                self._restore()
+                return Accelerations(
+                    np.zeros_like(qvel), self._resting(predicted, self._null.pushed) - self.null.predicted
+                )
+            self._restore()
+        else:
+            acts = acts - damping * (qvel + 0.5 * step * qacc)
+        return Accelerations(np.zeros_like(qvel), (inverse @ acts[..., None])[..., 0])
+
+    def _of_followed(self, effect: Effect, values: np.ndarray) -> list[Accelerations]:
+        """Of forces that remember: they are led along the motion, all stretches and variants side by side."""
+        parts, variants = len(self.smoothed.parts), len(values)
+        longest = max(own.stop - own.start for own in self._own_points)
+        index = np.array(
+            [np.minimum(np.arange(own.start, own.start + longest), own.stop - 1) for own in self._own_points]
+        )
+        index = np.tile(index, (variants, 1))  # (variant and part, point)
+
+        def force() -> Callable:
+            return effect.force(
+                np.repeat(values, parts, axis=0),
+                self.interval,
+                first=self.points.step[index[:, 0]],
+                began=(self.points.time - self.points.elapsed)[index[:, 0]],
+            )
+
+        led = self._led_at_joints(force(), index)
+        if led is None:
+            led = self._led_elsewhere(force(), index)
+        changes = np.zeros((variants, len(self.points), self.model.nv))
+        for part, own in enumerate(self._own_points):
+            changes[:, own] = led[: own.stop - own.start, part::parts].swapaxes(0, 1)
+        return [Accelerations(np.zeros_like(self.state[1]), c) for c in changes]
+
+    def _led_at_joints(self, force: Callable, index: np.ndarray) -> np.ndarray | None:
+        """Accelerations (step, lane, nv) by a force along the points `index` (lane, step); None where it changes
+        something else than what joints feel: other fields of the model, or forces on bodies.
+        """
+        _, qvel, qacc = self.state
+        world = RecordedWorld(self._model, self._recorded, index)
+        applied, friction, damping = world.qfrc_applied, *(world.vary(name) for name in AT_JOINTS)
+        own_friction, own_damping = self._model.dof_frictionloss, self._model.dof_damping
+        sign, mean = self._sign(qvel), qvel + 0.5 * self._model.opt.timestep * qacc
+        acts = np.zeros((index.shape[1], len(index), self._model.nv))
+        for step, here in enumerate(index.T):
+            world.go_to(step)
+            force(world)
+            if world.is_changed_elsewhere:
+                return None
+            acts[step] = (
+                applied - (friction - own_friction) * sign[here] - (damping - own_damping) * mean[here]
+            )
+        return (self.inverse_inertia[index.T] @ acts[..., None])[..., 0]
+
+    def _recorded(self, name: str) -> np.ndarray:
+        """A field of MjData at the points, of the model as it is; the acceleration is the predicted one."""
+        if name == "qacc":
+            return self.null.predicted
+        world, runner, *_ = self._world
+        world.restore_varied()
+        for applied in APPLIED:
+            runner.bind(applied)[...] = 0.0
+        return getattr(world, name)
+
+    def _led_elsewhere(self, force: Callable, index: np.ndarray) -> np.ndarray:
+        """As `_led_at_joints`, of a force that changes anything; MuJoCo works out at every step what that does."""
+        qpos, qvel, qacc = self.state
+        step, begins = self._model.opt.timestep, self._begins
+        runner = batch.Batch(self._model, len(index), self.threads)
+        runner.reset(stage=mujoco.mjtStage.mjSTAGE_NONE)
+        live = {n: runner.bind(n) for n in ("qpos", "qvel", "time", *(("ctrl",) if self._model.nu else ()))}
+        smooth, inertia = runner.bind("qfrc_smooth"), runner.bind("M")
+        joint_force, body_force = (runner.bind(name) for name in APPLIED)
+        world = World(runner, np.arange(len(index)))
+        world.stepped, world.qacc = True, np.zeros((len(index), self._model.nv))
+        actuator_force = world.actuator_force
+        changes = np.zeros((index.shape[1], len(index), self._model.nv))
+        for k, here in enumerate(index.T):
+            live["qpos"][...], live["qvel"][...] = qpos[here], begins[here]
+            live["time"][...] = self.points.time[here]
+            if self._model.nu:
+                live["ctrl"][...] = self.controls[here]
+            joint_force[...], body_force[...] = 0.0, 0.0
+            world.restore_varied()
+            world.qacc[...] = self.null.predicted[here]
+            runner.forward()
+            before = smooth.copy()
+            force(world)
+            world.actuator_force = actuator_force
+            friction = world.vary("dof_frictionloss") - self._model.dof_frictionloss
+            damping = world.vary("dof_damping") - self._model.dof_damping
+            acts = -friction * self._sign(qvel[here])
+            if body_force.any() or world.has_varied(AT_JOINTS):
+                runner.forward()
+                acts = acts + smooth - before - damping * step * qacc[here]
+                world.actuator_force = (
+                    actuator_force.copy()
+                )  # as they gave it under this force, until it is asked again
+                if world.has_varied((*AT_JOINTS, *_OF_ACTUATORS)):
+                    acts = acts + self._null.applied[here]
+                    felt = self._holding(_felt(self._model, inertia), here)
+                    held = np.where(self.at_rest[here], qacc[here], acts)
+                    changes[k] = np.linalg.solve(felt, held[..., None])[..., 0] - self.null.predicted[here]
+                    continue
+            else:
+                acts = acts + joint_force - damping * (qvel[here] + 0.5 * step * qacc[here])
+            changes[k] = (self.inverse_inertia[here] @ acts[..., None])[..., 0]
+        return changes
+
+    def _restore(self) -> None:
+        """Make the world that of the model as it is again."""
+        world, runner, *_ = self._world
+        world.restore_varied()
+        for name in APPLIED:
+            runner.bind(name)[...] = 0.0
+        runner.forward()
+
+    @cached_property
+    def actuator_force(self) -> np.ndarray:
+        """N or N m, (point, actuator)."""
+        world, *_ = self._world
+        return np.array(world.actuator_force)
+
+    @cached_property
+    def _model(self) -> mujoco.MjModel:
+        return self._written(self.point, None)
+
+    @cached_property
+    def _world(self):
+        """What forces see at the points, and the forces of the model there and its inverse inertia."""
+        model = self._model
+        runner = self._runner(model)
+        smooth, inertia = runner.bind("qfrc_smooth"), runner.bind("M")
+        self._set(runner, self.state, self.controls)
+        world = World(runner, np.arange(len(self.points)))
+        world.qacc = self.null.predicted
+        world.stepped = True
+        inverse = np.linalg.inv(self._holding(_felt(model, inertia)))
+        inverse *= ~self.at_rest[:, None, :]
+        return world, runner, smooth, self._yielding(inverse), smooth.copy()
+
+    def _yielding(self, inverse: np.ndarray) -> np.ndarray:
+        """Acceleration by a unit of force, (point, nv, nv): what no sensor shows stays where contacts keep it."""
+        if not self.unshown.size:
+            return inverse
+        free, pushed = self._null.free, self._null.pushed
+        columns = [self._resting(free, pushed, inverse[..., dof]) for dof in range(self.model.nv)]
+        return np.stack(columns, axis=-1)
+
+
+def _remembers(effect: Effect) -> bool:
+    """Whether its force depends on what was before, other than by what the log tells."""
+    return not isinstance(effect, FollowedForce) and inspect.isclass(getattr(type(effect), "kernel", None))
+
+
+def _felt(model: mujoco.MjModel, packed: np.ndarray) -> np.ndarray:
+    """What accelerations are solved with, (point, nv, nv), from mjData.M: Euler's method takes damping at the end of
+    the step, M + h D.
+    """
+    dense = mass_matrix(model, packed)
+    if int(model.opt.integrator) == mujoco.mjtIntegrator.mjINT_EULER:
+        own = np.arange(model.nv)
+        dense[:, own, own] += model.opt.timestep * model.dof_damping
+    return dense

@@ -1,0 +1,110 @@
+"""What an input does between the rows of a log: is it held, or does it change evenly from one row to the next?
+
+A logger that writes every second command leaves rows between which the machine was told more. Held commands then act
+half a row too late, which looks like a delay, a lag or a mass that is not there. The force balance tells: what the
+declared model predicts of blocks that it was not fitted to, with the input read one way and the other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from capture_cli.estimate.balance.force_balance import ForceBalance
+from capture_cli.estimate.balance.regression import Sums, predicted, with_prior
+from capture_cli.estimate.balance.whitening import Whitening
+
+
+@dataclass(frozen=True)
+class InputTimingSettings:
+    """blocks: that are left out in turn. sure: standard errors over blocks by which one reading has to be better, and
+    least: of predictive log likelihood; otherwise inputs stay as they were read. else_missing: of the variance of the
+    sensors' noise in rows, how much more the model may be wrong by: beyond it something else is missing, which may look
+    like another timing. hopeless: by how much more with one effect in it two are not asked.
+    """
+
+    blocks: int = 12
+    sure: float = 3.0
+    least: float = 5.0
+    else_missing: float = 3.0
+    hopeless: float = 100.0
+
+
+SETTINGS = InputTimingSettings()
+
+
+@dataclass(frozen=True)
+class InputTiming:
+    """Of one input: whether it changes evenly between rows, rather than being held, and the gain of that reading over
+    the other in predictive log likelihood, with its standard error over blocks.
+    """
+
+    name: str
+    linear: bool
+    gain: float
+    error: float
+
+
+def input_timings(
+    balance: ForceBalance,
+    whitening: Whitening,
+    names: Sequence[str],
+    linear: np.ndarray,
+    settings: InputTimingSettings = SETTINGS,
+) -> tuple[list[InputTiming], bool]:
+    """How each input acts, and whether that is all: what is missing may look like another timing, and one that is not
+    surely better may still be right.
+
+    balance, whitening: at values of the declared parameters; names, linear (input,): of the inputs, and how they are
+    read in it.
+
+    All inputs are first read the other way together, then each by itself beside the better of these.
+    """
+    columns = whitening.rows([balance.of_parameter(i) for i in range(len(balance.point))])
+    columns = [c * balance.smoothed.task.space.span for c in columns]
+    blocks = whitening.blocks(settings.blocks)
+
+    def likelihood(read: np.ndarray) -> np.ndarray:
+        """(block,)"""
+        target = whitening.rows([balance.read_as(read).null])
+        _adapt(whitening, target, columns)
+        white = np.concatenate(whitening.whitened(target))[:, 0]
+        sums = Sums.of(-white, np.concatenate(whitening.whitened(columns)), whitening.block_of_row(blocks))
+        return np.bincount(blocks, weights=whitening.log_determinants()) - 0.5 * predicted(sums)
+
+    read, known = linear.copy(), likelihood(linear)
+    if len(linear) > 1 and is_surely_better(known, other := likelihood(~linear), settings):
+        read, known = ~linear, other
+    found = []
+    for k, name in enumerate(names):
+        turned = read.copy()
+        turned[k] = ~turned[k]
+        other = likelihood(turned)
+        if is_surely_better(known, other, settings):
+            read, known, other = turned, other, known
+        found.append(InputTiming(name, bool(read[k]), *sum_and_error(known - other)))
+    contradicted = any(t.gain < -settings.least for t in found)
+    likelihood(read)
+    return found, whitening.beyond_noise < settings.else_missing and not contradicted
+
+
+def is_surely_better(known: np.ndarray, other: np.ndarray, settings: InputTimingSettings = SETTINGS) -> bool:
+    """Whether the likelihoods (block,) of another reading are surely higher."""
+    gain, error = sum_and_error(other - known)
+    return gain > max(settings.least, settings.sure * error)
+
+
+def sum_and_error(gains: np.ndarray) -> tuple[float, float]:
+    """Of gains (block,): their sum, and its standard error over blocks."""
+    return float(gains.sum()), float(gains.std(ddof=1) * np.sqrt(len(gains)))
+
+
+def _adapt(whitening: Whitening, target: Sequence[np.ndarray], columns: Sequence[np.ndarray]) -> None:
+    """Let the model's own error be as large as makes what it leaves most likely."""
+    slope = np.concatenate(whitening.whitened(columns))
+    left = np.concatenate(whitening.whitened(target))[:, 0]
+    step = np.linalg.solve(with_prior(slope.T @ slope), -slope.T @ left)
+    left = [t[..., 0] + c @ step for t, c in zip(target, columns, strict=True)]
+    whitening.adapt(left, whitening.slow_noise_of(left))

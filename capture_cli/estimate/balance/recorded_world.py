@@ -1,0 +1,58 @@
+"""What a force that remembers sees along a motion that is known, where nothing has to be simulated."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import mujoco
+import numpy as np
+
+from capture_cli.model.world import APPLIED
+
+# fields whose change is a force at the joint, without a calculation
+AT_JOINTS = ("dof_frictionloss", "dof_damping")
+
+
+class RecordedWorld:
+    """As `sim.engine.World`, along the points `index` (lane, step) of fields of MjData that are recorded.
+
+    record: the values (point, ...) of a field. What a force changes at a step is as it was at the next.
+    """
+
+    def __init__(self, model: mujoco.MjModel, record: Callable[[str], np.ndarray], index: np.ndarray):
+        self._model, self._record, self._index, self._step = model, record, np.ascontiguousarray(index.T), 0
+        self.rows = np.arange(len(index))
+        self._series: dict[str, np.ndarray] = {}
+        self._varied: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+        for name, shape in zip(APPLIED, ((model.nv,), (model.nbody, 6)), strict=True):
+            setattr(self, name, self._vary(name, np.zeros(shape)))
+
+    def __getattr__(self, name: str) -> np.ndarray:
+        self._series[name] = self._record(name)[self._index]
+        setattr(self, name, self._series[name][self._step])
+        return getattr(self, name)
+
+    def go_to(self, step: int) -> None:
+        """Show another step, with nothing changed."""
+        self._step = step
+        for name, series in self._series.items():
+            setattr(self, name, series[step])
+        for live, own in self._varied.values():
+            live[...] = own
+
+    def vary(self, name: str) -> np.ndarray:
+        """Values of a model field that a force changes, (lane, ...)."""
+        if name not in self._varied:
+            self._vary(name, getattr(self._model, name))
+        return self._varied[name][0]
+
+    @property
+    def is_changed_elsewhere(self) -> bool:
+        """Whether the force changes anything but what joints feel."""
+        others = (pair for name, pair in self._varied.items() if name not in (APPLIED[0], *AT_JOINTS))
+        return any((live != own).any() for live, own in others)
+
+    def _vary(self, name: str, own: np.ndarray) -> np.ndarray:
+        live = np.repeat(np.asarray(own, dtype=float)[None], len(self.rows), axis=0)
+        self._varied[name] = live, live.copy()
+        return live

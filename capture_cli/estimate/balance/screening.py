@@ -1,0 +1,506 @@
+"""Every effect at once: how much better does each predict the accelerations of blocks that it was not fitted to?
+
+The declared parameters, and the effects that a model has already, are fitted anew with each addition, in the force
+balance; nothing is simulated. What comes out is a ranking, with the values that a fit through the simulator begins at.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from copy import copy
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+
+import numpy as np
+from scipy.optimize import lsq_linear
+
+from capture_cli.estimate.balance.dictionary import SETTINGS as DICTIONARY
+from capture_cli.estimate.balance.dictionary import Atom, atoms
+from capture_cli.estimate.balance.force_balance import Accelerations, ForceBalance
+from capture_cli.estimate.balance.motion import SmoothedLog
+from capture_cli.estimate.balance.regression import Sums, additions, best_pairs, predicted, with_prior
+from capture_cli.estimate.balance.whitening import Whitening
+from capture_cli.model.effects._periodic_force import PeriodicForce
+from capture_cli.model.effects.placed import Placed
+
+
+@dataclass(frozen=True)
+class ScreeningSettings:
+    """blocks: that are left out in turn. polished: of the best additions, whose nonlinear parameters are fitted in the
+    balance; more are, so many times as many at most, until as many predict better than the next one's columns.
+    descents: of such a fit, where parameters are nonlinear, and straight where they are not. far: its longest
+    step, of a range; shortest: at which it is given up. difference: of a range, in differences of effects. at_once:
+    atoms whose sums are in memory. at_end: of a range, within which a parameter is at its end. alike: cosine of
+    responses beyond which effects do not differ. ran_away: of rows, beyond which what others add is lost in rounding.
+    determined: of a declared parameter's range, a standard deviation below which the balance determines it.
+    """
+
+    blocks: int = 12
+    polished: int = 8
+    most_polished: int = 3
+    descents: int = 5
+    straight: int = 2
+    far: float = 0.3
+    shortest: float = 1e-3
+    difference: float = 1e-3
+    at_once: int = 400
+    at_end: float = 1e-6
+    alike: float = 0.98
+    ran_away: float = 1e15
+    determined: float = 0.1
+
+
+SETTINGS = ScreeningSettings()
+
+
+@dataclass(frozen=True)
+class BalancedModel:
+    """Effects at values, fitted in the balance. point (parameter,): of the task; values: of each effect, (parameter,).
+
+    likelihood (block,): of each block, by the model that is fitted to the others. slow_noise (memory, nv): of the
+    sensors, as far as a model that this one grew from leaves it; none where None. beyond_noise: what it leaves, as of
+    `Whitening`.
+    """
+
+    effects: tuple[Placed, ...]
+    point: np.ndarray
+    values: tuple[np.ndarray, ...]
+    likelihood: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    slow_noise: np.ndarray | None = None
+    beyond_noise: float = np.inf
+
+    @property
+    def start(self) -> np.ndarray:
+        """All parameters, those of effects last."""
+        return np.concatenate([self.point, *self.values])
+
+    @property
+    def key(self) -> tuple:
+        """Its effects and values."""
+        return tuple(e.name for e in self.effects), np.asarray(self.start).tobytes()
+
+    def gain(self, other: BalancedModel) -> tuple[float, float]:
+        """Of predictive log likelihood over another model, and its standard error over blocks."""
+        gains = self.likelihood - other.likelihood
+        return float(gains.sum()), float(gains.std(ddof=1) * np.sqrt(len(gains)))
+
+
+@dataclass(frozen=True)
+class Addition:
+    """A model with one effect more, its last. gain: of predictive log likelihood, over the model without it, and error,
+    its standard error over blocks; response (row,): what the effect adds to the white rows, less what the other
+    parameters would.
+    """
+
+    model: BalancedModel
+    gain: float
+    error: float
+    response: np.ndarray
+
+    @property
+    def placed(self) -> Placed:
+        return self.model.effects[-1]
+
+
+class Screening:
+    """Of `placed` effects in the balance of a smoothed log, from the `point` (parameter,) of its task.
+
+    hits: whether impacts were left out.
+    """
+
+    def __init__(
+        self,
+        smoothed: SmoothedLog,
+        placed: Sequence[Placed],
+        point: np.ndarray,
+        *,
+        threads: int | None = None,
+        settings: ScreeningSettings = SETTINGS,
+        on_step: Callable[[str, int, int], None] = lambda *_: None,
+    ):
+        self.settings, self.placed = settings, placed
+        self.space, self.hits = smoothed.task.space, smoothed.hits
+        self.balance, self.whitening = declared_balance(smoothed, point, threads, settings)
+        self.block = self.whitening.blocks(settings.blocks)
+        self.target = self.whitening.rows([self.balance.null])
+        self.by_parameter = self.whitening.rows(_by_parameter(self.balance))
+        self.atoms: list[Atom] = []
+        self.columns = self._dictionary(placed, on_step)
+        self.covered = frozenset(a.placed.name for a in self.atoms)
+        self._known: dict[tuple, object] = {}
+
+    def read_as(self, linear: np.ndarray) -> Screening:
+        """The same of inputs that change evenly between rows where `linear` (input,), and are held elsewhere. Columns
+        are those of this reading: the polished additions have their own.
+        """
+        other = copy(self)
+        other.balance = self.balance.read_as(linear)
+        other.whitening = copy(self.whitening)
+        other.whitening.balance = other.balance
+        other.target = other.whitening.rows([other.balance.null])
+        other.by_parameter = other.whitening.rows(_by_parameter(other.balance))
+        other._known = {}
+        return other
+
+    def additions(
+        self, effects: Sequence[Placed], values: Sequence[np.ndarray], polished: int | None = None
+    ) -> list[Addition]:
+        """Of each effect that is not among `effects`, which have these values, best first; so many of the best, or as
+        many as the settings say, are polished.
+        """
+        return self._fitted_and_additions(effects, values, polished)[1]
+
+    def _fitted_and_additions(
+        self, effects: Sequence[Placed], values: Sequence[np.ndarray], polished: int | None = None
+    ) -> tuple[BalancedModel, list[Addition]]:
+        """The model with `effects` alone, and as of `additions`."""
+        count = self.settings.polished if polished is None else polished
+        begin = BalancedModel(tuple(effects), self.balance.point, tuple(values))
+        return self.remembered(("additions", begin.key, count), lambda: self._additions(begin, count))
+
+    def remembered(self, key: tuple, make: Callable):
+        """What was made under this key, or what `make` makes."""
+        if key not in self._known:
+            self._known[key] = make()
+        return self._known[key]
+
+    def _additions(self, begin: BalancedModel, count: int) -> tuple[BalancedModel, list[Addition]]:
+        self.whitening.reset()  # what was asked before is not to matter
+        model = self.fitted(self._judged(self._with_slow_noise(begin)))
+        model = self._judged(self._with_slow_noise(model))
+        polished: list[Addition] = []
+        rest = self._screened(model)
+        tried = 0
+        # the columns of a nonlinear effect may promise more than it keeps
+        while rest and tried < count * self.settings.most_polished:
+            if sum(a.gain >= rest[0].gain for a in polished) >= count:
+                break
+            addition, *rest = rest
+            tried += 1
+            more = self.fitted(addition.model)
+            gain, error = more.gain(model)
+            if np.isfinite(gain):
+                polished.append(replace(addition, model=more, gain=gain, error=error))
+        return model, sorted(polished, key=lambda a: -a.gain) + rest
+
+    def screened(self, model: BalancedModel) -> list[Addition]:
+        """Of each effect that is not in the model, best first, from columns alone: none is polished."""
+        self.whitening.reset()
+        return self._screened(self._judged(model))
+
+    def fitted(self, model: BalancedModel) -> BalancedModel:
+        """The model with all of its parameters fitted in the balance, and how it predicts blocks."""
+        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+            return self._judged(self._fitted(model))
+
+    def pairs(
+        self, effects: Sequence[Placed], values: Sequence[np.ndarray], count: int
+    ) -> list[BalancedModel]:
+        """The model with two effects more than `effects`, which have these values: of those pairs that differ in their
+        responses the `count` which take most of what it leaves, best first, by what they explain together.
+
+        All pairs of effects are compared, each by its response at the values that it has alone: neither has to be among
+        the best alone, where a third does more than either.
+        """
+        model, additions = self._fitted_and_additions(effects, values)
+        self.whitening.reset()
+        left, found = self._white_left(self._judged(model)), []
+        for one, other in best_pairs(
+            np.array([a.response for a in additions]),
+            left,
+            np.array([len(a.placed.effect.parameters) for a in additions]),
+            self.settings.alike,
+            count,
+        ):
+            first, second = additions[one].model, additions[other].model
+            both = (*first.effects, second.effects[-1]), (*first.values, second.values[-1])
+            found.append(replace(first, effects=both[0], values=both[1]))
+        return found
+
+    def groups(self, additions: Sequence[Addition]) -> list[list[Addition]]:
+        """`additions`, best first, with those together whose responses are alike."""
+        groups: list[list[Addition]] = []
+        for addition in additions:
+            own = next((g for g in groups if self._are_alike(g[0], addition)), None)
+            if own is None:
+                groups.append([addition])
+            else:
+                own.append(addition)
+        return groups
+
+    def _are_alike(self, one: Addition, other: Addition) -> bool:
+        sizes = np.linalg.norm(one.response) * np.linalg.norm(other.response)
+        return abs(one.response @ other.response) > self.settings.alike * sizes
+
+    def best(self) -> BalancedModel:
+        """The declared model, or that with the one effect that predicts most."""
+        declared, additions = self._fitted_and_additions((), ())
+        added = [a.model for a in additions if a.model.likelihood.size]
+        return max([declared, *added], key=lambda m: m.likelihood.sum())
+
+    # --- the balance ---
+
+    def _white(self, rows: Sequence[np.ndarray]) -> np.ndarray:
+        return np.concatenate(self.whitening.whitened(rows))
+
+    @property
+    def _block_of_row(self) -> np.ndarray:
+        return self.whitening.block_of_row(self.block)
+
+    def _dictionary(self, placed: Sequence[Placed], on_step: Callable) -> list[np.ndarray]:
+        """Rows (row, nv, column) of each stretch of the atoms, in single precision: there may be thousands, or none."""
+        rows = [[t[..., :0].astype(np.float32) for t in self.target]]
+        for number, one in enumerate(placed):
+            on_step("balance", number, len(placed))
+            own = list(atoms(self.balance, one))
+            if own:
+                self.atoms += [atom for atom, _ in own]
+                columns = [c for _, columns in own for c in columns]
+                rows.append([r.astype(np.float32) for r in self.whitening.rows(columns)])
+        return [np.concatenate([r[n] for r in rows], axis=-1) for n in range(len(self.whitening.averages))]
+
+    # --- one model ---
+
+    def _system(self, model: BalancedModel) -> tuple[list[np.ndarray], list[np.ndarray]]:
+        """Rows of what is left at a model's values, (row, nv, 1), and by a unit of range of each parameter, (row, nv,
+        parameter), of each stretch; last by amplitudes that other recordings have for themselves.
+        """
+        moved = model.point - self.balance.point
+        target = [t + (x @ moved)[..., None] for t, x in zip(self.target, self.by_parameter, strict=True)]
+        columns = [x * self.space.span for x in self.by_parameter]
+        for placed, values in zip(model.effects, model.values, strict=True):
+            points, steps = self._differences(placed, values)
+            rows = self.whitening.rows(self._changes(placed, points))
+            target = [t + r[..., :1] for t, r in zip(target, rows, strict=True)]
+            slopes = [(r[..., 1:] - r[..., :1]) / steps for r in rows]
+            columns = [np.concatenate(pair, axis=-1) for pair in zip(columns, slopes, strict=True)]
+        apart = self.whitening.rows(self._apart(model))
+        return target, [np.concatenate(pair, axis=-1) for pair in zip(columns, apart, strict=True)]
+
+    def _apart(self, model: BalancedModel) -> list[Accelerations]:
+        """By amplitudes that other recordings than the reference have for themselves."""
+        found = []
+        for placed, values in zip(model.effects, model.values, strict=True):
+            effect = placed.effect
+            if isinstance(effect, PeriodicForce):
+                known = DICTIONARY.known * effect.space.span[_amplitudes(effect)]
+                for own in effect.apart(self.balance.points.step):
+                    waves = self.balance.of_waves(effect, np.stack([values, values]))[0]
+                    found += [
+                        self.balance.of_joint_force(effect.dof, k * w * own)
+                        for k, w in zip(known, waves, strict=True)
+                    ]
+        return found
+
+    def _differences(self, placed: Placed, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """`values`, and with a step of each parameter, (1 + parameter, parameter); the steps, in ranges."""
+        space, share = placed.effect.space, self.settings.difference
+        steps = np.where(values + share * space.span <= space.high, share, -share)
+        return np.vstack([values, values + np.diag(steps * space.span)]), steps
+
+    def _changes(self, placed: Placed, values: np.ndarray) -> list[Accelerations]:
+        effect = placed.effect
+        if not isinstance(effect, PeriodicForce):
+            return self.balance.of_effect(effect, values)
+        amplitudes, here = _amplitudes(effect), ~effect.apart(self.balance.points.step).any(axis=0)
+        waves = [self.balance.of_waves(effect, np.stack([v, v]))[0] for v in values]
+        forces = [np.tensordot(v[amplitudes], w, axes=1) * here for v, w in zip(values, waves, strict=True)]
+        return [self.balance.of_joint_force(effect.dof, force) for force in forces]
+
+    def _left(
+        self, model: BalancedModel, target: Sequence[np.ndarray], columns: Sequence[np.ndarray]
+    ) -> list[np.ndarray]:
+        """What the model leaves of its system once its parameters took a linear step, (row, nv) of each stretch."""
+        white, slope = -self._white(target)[:, 0], self._white(columns)
+        free = self._free(model, white, slope)
+        step = _solved(slope[:, free], white)
+        return [t[..., 0] + c[..., free] @ step for t, c in zip(target, columns, strict=True)]
+
+    def _white_left(self, model: BalancedModel) -> np.ndarray:
+        """What the model leaves of the target once its parameters took a linear step, white, (row,)."""
+        target, columns = self._system(model)
+        target, columns = -self._white(target)[:, 0], self._white(columns)
+        own = columns[:, self._free(model, target, columns)]
+        return target - own @ _solved(own, target)
+
+    def _with_slow_noise(self, model: BalancedModel) -> BalancedModel:
+        """The model with the slow noise of the sensors that it leaves."""
+        return replace(
+            model, slow_noise=self.whitening.slow_noise_of(self._left(model, *self._system(model)))
+        )
+
+    def _judged(self, model: BalancedModel) -> BalancedModel:
+        """With the likelihood of each block; the model's own error is as large as makes it most likely. Not a number
+        where an effect runs away.
+        """
+        target, columns = self._system(model)
+        if not all(np.abs(a).max(initial=0.0) < self.settings.ran_away for a in (*target, *columns)):
+            return replace(model, likelihood=np.full(int(self.block.max()) + 1, np.nan))
+        slow = np.zeros_like(self.whitening.slow_noise) if model.slow_noise is None else model.slow_noise
+        self.whitening.adapt(self._left(model, target, columns), slow)
+        target, columns = -self._white(target)[:, 0], self._white(columns)
+        sums = Sums.of(target, columns[:, self._free(model, target, columns)], self._block_of_row)
+        determinants = np.bincount(self.block, weights=self.whitening.log_determinants())
+        likelihood = determinants - 0.5 * predicted(sums)
+        return replace(model, likelihood=likelihood, beyond_noise=self.whitening.beyond_noise)
+
+    def _bounds(self, model: BalancedModel) -> tuple[np.ndarray, np.ndarray]:
+        spaces = [self.space, *(e.effect.space for e in model.effects)]
+        return np.concatenate([s.low for s in spaces]), np.concatenate([s.high for s in spaces])
+
+    def _free(self, model: BalancedModel, target: np.ndarray, columns: np.ndarray) -> np.ndarray:
+        """Which parameters are not held at an end of their range, (column,)."""
+        low, high = self._bounds(model)
+        near = self.settings.at_end * (high - low)
+        at_low, at_high, free = (np.full(columns.shape[1], start) for start in (False, False, True))
+        at_low[: len(low)], at_high[: len(low)] = model.start <= low + near, model.start >= high - near
+        while True:
+            step = np.zeros(len(free))
+            step[free] = _solved(columns[:, free], target)
+            out = free & ((at_low & (step < 0)) | (at_high & (step > 0)))
+            if not out.any():
+                return free
+            free &= ~out
+
+    def _moved(self, model: BalancedModel, step: np.ndarray) -> BalancedModel:
+        """A step (column,) in ranges away, within them; its first columns are the parameters."""
+        low, high = self._bounds(model)
+        whole = np.clip(model.start + step[: len(low)] * (high - low), low, high)
+        ends = np.cumsum([len(self.space), *(len(v) for v in model.values)])
+        values = tuple(whole[a:b] for a, b in pairwise(ends))
+        return replace(model, point=whole[: ends[0]], values=values)
+
+    def _fitted(self, model: BalancedModel) -> BalancedModel:
+        """Gauss-Newton in the balance, within the bounds, over all parameters of the model and its effects."""
+        if not model.effects:
+            return model
+        own, (low, high) = self.settings, self._bounds(model)
+        best, least, far = model, np.inf, own.far
+        for _ in range(own.descents if any(e.effect.shapes for e in model.effects) else own.straight):
+            target, columns = self._system(model)
+            target, columns = self._white(target)[:, 0], self._white(columns)
+            squares = np.inf  # of an effect that runs away
+            if np.isfinite(columns).all() and np.abs(target).max() < self.settings.ran_away:
+                white, by_parameter = _without(columns[:, len(low) :], target, columns[:, : len(low)])
+                squares = float(white @ white)
+            if np.isinf(squares) and np.isinf(least):
+                break
+            if squares < least:
+                done = squares > least * (1 - own.shortest)
+                best, least, slope, left = model, squares, by_parameter, white
+                if done:
+                    break
+            else:
+                far /= 4
+                if far < own.shortest:
+                    break
+            model = self._moved(best, _step(slope, left, best.start, low, high, far))
+        return best
+
+    # --- all at once ---
+
+    def _screened(self, model: BalancedModel) -> list[Addition]:
+        """The best atom of each effect that is not in the model, best first."""
+        target, columns = self._system(model)
+        target, own = -self._white(target)[:, 0], self._white(columns)
+        free = self._free(model, target, own)
+        own = own[:, free]
+        row_block = self._block_of_row
+        base = Sums.of(target, own, row_block)
+        blocks = [np.flatnonzero(row_block == b) for b in range(len(base.count))]
+        first = np.cumsum([0] + [len(a.scale) for a in self.atoms])
+        names = {e.name for e in model.effects}
+        best: dict[str, Addition] = {}
+        for size in sorted({len(a.scale) for a in self.atoms}):
+            numbers = [
+                k for k, a in enumerate(self.atoms) if len(a.scale) == size and a.placed.name not in names
+            ]
+            for some in np.array_split(numbers, -(-len(numbers) // self.settings.at_once)) if numbers else []:
+                which = (first[some][:, None] + np.arange(size)).ravel()
+                known = np.concatenate([self.atoms[n].scale for n in some])
+                white = self._white([c[..., which] for c in self.columns]) * known
+                each = white.reshape(len(white), len(some), size)
+                gain = additions(
+                    base,
+                    np.array([(own[p].T @ white[p]).reshape(-1, len(some), size) for p in blocks]),
+                    np.array([np.einsum("rma,rmc->mac", each[p], each[p]) for p in blocks]),
+                    np.array([(target[p] @ white[p]).reshape(len(some), size) for p in blocks]),
+                )
+                for k, number in enumerate(some):
+                    atom, coefficients = self.atoms[number], gain.coefficients[k]
+                    amplitudes = coefficients[-size:][: len(atom.known)] * atom.known
+                    known_best = best.get(atom.placed.name)
+                    if not (np.isfinite(gain.mean[k]) and atom.allows(amplitudes)):
+                        continue
+                    if known_best and known_best.gain >= gain.mean[k]:
+                        continue
+                    step = np.zeros(len(free))
+                    step[free] = coefficients[:-size]
+                    more = self._moved(model, step)
+                    more = replace(
+                        more,
+                        effects=(*more.effects, atom.placed),
+                        values=(*more.values, atom.at(amplitudes)),
+                        likelihood=np.zeros(0),
+                    )
+                    response = each[:, k] @ coefficients[-size:]
+                    best[atom.placed.name] = Addition(
+                        more, float(gain.mean[k]), float(gain.error[k]), response
+                    )
+        ranked = sorted(best.values(), key=lambda a: -a.gain)
+        return [replace(a, response=a.response - own @ _solved(own, a.response)) for a in ranked]
+
+
+def declared_balance(
+    smoothed: SmoothedLog, point: np.ndarray, threads: int | None, settings: ScreeningSettings = SETTINGS
+) -> tuple[ForceBalance, Whitening]:
+    """The balance, from `point` (parameter,), at the values of the declared parameters that fill it best."""
+    space = smoothed.task.space
+    balance = ForceBalance(smoothed, point, threads)
+    whitening = Whitening(balance)
+    for _ in range(settings.descents):
+        white = np.concatenate(whitening.whitened(whitening.rows([balance.null, *_by_parameter(balance)])))
+        step = _step(white[:, 1:] * space.span, white[:, 0], point, space.low, space.high, settings.far)
+        point = np.clip(point + step * space.span, space.low, space.high)
+        balance = ForceBalance(smoothed, point, threads)
+        whitening.balance = balance
+        if np.abs(step).max(initial=0.0) < settings.shortest:
+            break
+    return balance, whitening.at(balance)
+
+
+def parameters_sd(balance: ForceBalance, whitening: Whitening) -> np.ndarray:
+    """How well a balance determines each declared parameter, by the noise of the sensors, in its range (parameter,)."""
+    whitening = copy(whitening)
+    whitening.reset()
+    rows = whitening.rows(_by_parameter(balance))
+    white = np.concatenate(whitening.whitened(rows)) * balance.smoothed.task.space.span
+    return np.sqrt(np.diag(np.linalg.inv(with_prior(white.T @ white))))
+
+
+def _by_parameter(balance: ForceBalance) -> list[Accelerations]:
+    return [balance.of_parameter(i) for i in range(len(balance.point))]
+
+
+def _amplitudes(effect: PeriodicForce) -> list[int]:
+    return [i for i, n in enumerate(effect.space.names) if n not in effect.shapes]
+
+
+def _without(apart: np.ndarray, *rows: np.ndarray) -> list[np.ndarray]:
+    """Each of `rows` (row, ...) less what the columns `apart` (row, column) fit of it."""
+    return [r - apart @ _solved(apart, r) for r in rows]
+
+
+def _solved(columns: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """Coefficients (column,) of least squares with a prior of 1 about 0."""
+    return np.linalg.solve(with_prior(columns.T @ columns), columns.T @ target)
+
+
+def _step(slope, target, here, low, high, far) -> np.ndarray:
+    """The step (column,), in ranges, that takes most from `target` (row,), within the bounds and a distance."""
+    if not len(here):
+        return np.zeros(0)
+    span = high - low
+    bottom, top = np.maximum((low - here) / span, -far), np.minimum((high - here) / span, far)
+    whole = np.vstack([slope, np.eye(len(here))]), np.append(-target, np.zeros(len(here)))
+    return lsq_linear(*whole, bounds=(bottom - 1e-12, top + 1e-12)).x

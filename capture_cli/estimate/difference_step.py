@@ -1,0 +1,102 @@
+"""How long finite differences have to be: where bodies touch or joints stop, outputs jump at the smallest change.
+
+A box that rocks on a tray lands on another corner when its friction changes by a millionth, and is half a millimetre
+elsewhere a second later: a difference over a short step measures the jumps, over a long one what friction does. One
+window in fifty that jumps there is enough for an interval a tenth as wide as it should be: its slope, squared, is taken
+for information that all the others do not have. So steps are judged by the information of all windows together, and by
+what of it is left where the starts are fitted too: of a slope that starts make up for a jump is all that is left.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from capture_cli.common.evenly_spread import evenly_spread
+from capture_cli.estimate.prepared_log import PreparedLog
+from capture_cli.estimate.solve.base import Trial
+from capture_cli.estimate.solve.linearization import ROUGH_START_STEP, Linearization, columns
+from capture_cli.model.contacts import can_hit
+from capture_cli.simulate.engine import Engine
+from capture_cli.simulate.simulator import Simulator
+
+STEPS = (1e-4, 1e-3, 1e-2, 5e-2)  # shares of a parameter's range
+AGREE = 0.3  # of a slope, that one over the next step may differ by
+WINDOWS = 64  # evenly spread, that it is measured in: of a few none need hit anything
+
+
+def difference_step(
+    prepared: PreparedLog,
+    threads: int | None,
+    point: np.ndarray | None = None,
+    offsets: np.ndarray | None = None,
+) -> tuple[float, int]:
+    """The least share of a parameter's range that differences should take at `point` (parameter,), the nominal values
+    where None, with starts at `offsets` (window, state), as measured where None; 0: none is too short. And how many
+    windows were simulated to see that.
+
+    The shortest of STEPS over which the slopes of all parameters are those over the next, the longest where there is
+    none. 0, too, where the task says which it needs, nothing is open, or no two bodies touch and no joint or tendon
+    is at a stop.
+    """
+    space, model = prepared.task.space, prepared.task.model
+    if not len(space) or space.steps.max() > STEPS[0] or not can_hit(model):
+        return 0.0, 0
+    point = space.nominal if point is None else point
+    offsets = np.zeros_like(prepared.starts.sd) if offsets is None else offsets
+    some = evenly_spread(len(prepared.windows), WINDOWS)
+    few, offsets = prepared.part(some), offsets[some]
+    simulator = Simulator(prepared.task, engine=Engine(model, threads))
+    if not _hits(few, simulator, point, offsets):
+        return 0.0, simulator.rollouts
+    rough = (_disagreement(few, simulator, point, offsets) > AGREE).any(axis=1)
+    longer = next((s for s, r in zip(STEPS[1:], rough[1:], strict=False) if not r), STEPS[-1])
+    return longer if rough[0] else 0.0, simulator.rollouts
+
+
+def hits_something(
+    prepared: PreparedLog, simulator: Simulator, point: np.ndarray, offsets: np.ndarray
+) -> bool:
+    """Whether bodies touch, or joints or tendons are at a stop, at `point` (parameter,) with starts at `offsets`
+    (window, state).
+    """
+    if not can_hit(prepared.task.model):
+        return False
+    some = evenly_spread(len(prepared.windows), WINDOWS)
+    return _hits(prepared.part(some), simulator, point, offsets[some])
+
+
+def _hits(part: PreparedLog, simulator: Simulator, point: np.ndarray, offsets: np.ndarray) -> bool:
+    starts = part.starts
+    motion = simulator.motion(part.windows, starts.starts, point, offsets, starts.reported)
+    return bool(motion.contacts.any() or motion.limits.any())
+
+
+def _disagreement(
+    part: PreparedLog, simulator: Simulator, point: np.ndarray, offsets: np.ndarray
+) -> np.ndarray:
+    """By which share of it a slope differs from that over the next step of STEPS, (step, parameter), starts eliminated;
+    0 of a parameter that shows nowhere.
+    """
+    evidence = replace(part.evidence(simulator), start_step=ROUGH_START_STEP)
+    space = simulator.space
+    x = space.to_unit(point)
+    towards = np.where(x < 0.5, 1.0, -1.0)
+    moves = np.array([np.diag(step * towards) for step in STEPS])
+    points = (x + moves).reshape(-1, len(x))
+    outputs, lost = part.evaluate(simulator, columns(evidence, x, offsets, parameters=False))
+    at = Linearization.from_columns(evidence, x, offsets, outputs, lost, parameters=False)
+    trial = Trial(space.from_unit(points), np.repeat(offsets[None], len(points), axis=0))
+    outputs, diverged = part.evaluate(simulator, trial)
+    change = (evidence.residual(outputs) - at.residual) * ~(diverged.any(axis=0) | lost[0])[:, None]
+    slope = change.reshape(len(STEPS), len(x), *at.residual.shape) / np.array(STEPS)[:, None, None, None]
+    apart, size = _information(at, slope[:-1] - slope[1:]), _information(at, slope[1:])
+    return np.sqrt(np.divide(apart, size, out=np.zeros_like(size), where=size > 0))
+
+
+def _information(at: Linearization, slope: np.ndarray) -> np.ndarray:
+    """Of slopes (..., window, row), summed over windows (...), as of a fit that leaves the noise alone."""
+    by_start = np.einsum("wrs,...wr->...ws", at.by_start, slope)
+    taken = np.einsum("...ws,wst,...wt->...", by_start, at.start_gain(1.0), by_start)
+    return np.maximum(np.square(slope).sum(axis=(-2, -1)) - taken, 0.0)

@@ -1,0 +1,72 @@
+"""Ways out of a poor minimum: where stops are hit or bodies touch, a descent may end where no step of it leads out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from capture_cli.estimate.fit import AS_GOOD, TOLERANCE, Fit
+from capture_cli.estimate.noise.lack_of_fit import lack_of_fit
+from capture_cli.estimate.prepared_log import PreparedLog
+from capture_cli.estimate.solve.linearization import best_trials
+
+if TYPE_CHECKING:
+    from capture_cli.estimate.model_fits import ModelFits
+
+WAYS_OUT = 5  # that are taken, of minima that contacts make
+
+
+def unstuck(
+    fits: ModelFits, part: PreparedLog, fit: Fit | None, rival: Fit | None, descend: Callable[..., Fit | None]
+) -> Fit | None:
+    """The fit after as many ways out of where `fit` is stuck as contacts may need; `fit` where there is none.
+
+    descend(point (parameter,), offsets (window, state)) -> a fit of the same model. rival: another model's fit.
+    """
+    for _ in range(WAYS_OUT if part.difference_step else 1):
+        if fit is None or not fit.finished or not _may_be_stuck(fit, rival):
+            break
+        way = way_out(fits, part, fit, whole_step=bool(part.difference_step))
+        further = None if way is None else descend(*way)
+        if further is None or further.penalised_squares >= fit.penalised_squares:
+            break
+        fit = further
+    return fit
+
+
+def way_out(
+    fits: ModelFits, part: PreparedLog, fit: Fit, *, whole_step: bool, worth: float = AS_GOOD
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """A better point (parameter,), and offsets (window, state), that no step of all of them together leads to; None
+    where there is none.
+
+    Where stops are hit the start of a window has many minima, and a step of all parameters is refused for the few
+    windows that it would leave in a worse one. So windows are fitted alone: where the parameters are, from where
+    they begin and from where they were measured; and, where asked for, a whole step on.
+    worth: of the objective over k, what a way out has to gain: one that gains less leads nowhere, and where contacts
+    make the error rough there always is one.
+    """
+    k, before = fit.at.scatter, fit.at.objectives(fit.at.scatter)
+    found = fits.starts_at(part, fit, TOLERANCE, fit.offsets, np.zeros_like(fit.offsets))
+    offsets = np.stack([fit.offsets, found.offsets])
+    best, values = best_trials(offsets, np.stack([before, found.objectives(k)]))
+    ways = [(values.sum(), fit.point, best)]
+    if whole_step and len(fit.point):
+        point = fit.space.from_unit(fit.at.x + fit.at.whole_step)
+        there = fits.starts_at(part, replace(fit, point=point), TOLERANCE, best)
+        ways.append((there.objectives(k).sum(), point, there.offsets))
+    value, point, offsets = min(ways, key=lambda way: way[0])
+    return (point, offsets) if before.sum() - value > worth * k else None
+
+
+def _may_be_stuck(fit: Fit, rival: Fit | None) -> bool:
+    """Whether windows may be where no step of all parameters leads out of.
+
+    It does not matter where a rival that does as well leaves nothing.
+    """
+    if rival is not None and rival.error <= fit.error and not lack_of_fit(rival.at).lacking:
+        return False
+    return lack_of_fit(fit.at).lacking or len(fit.at.evidence.standing_out(fit.at.residual)) > 0

@@ -1,0 +1,110 @@
+"""A fitted model: a task with effects, the point where the search ended, and how outputs change about it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from capture_cli.common.evenly_spread import evenly_spread
+from capture_cli.estimate.prepared_log import PreparedLog
+from capture_cli.estimate.solve.least_squares import HOPELESS
+from capture_cli.estimate.solve.linearization import Linearization
+from capture_cli.model.effects.placed import Placed
+from capture_cli.model.parameters import ParameterSpace
+
+# Evenly spread windows are scored on, at most so many; of many steps (hard contacts need short ones) fewer: a score
+# needs no more.
+SCORED_WINDOWS, SCORED_STEPS, FEWEST_SCORED = 40, 20_000, 12
+
+TOLERANCE = 0.1  # of the objective over k: a third of a standard error is enough to compare models by
+EXACT = 3e-3  # for what is reported
+AS_GOOD = 3.84  # of the objective over k: 95 % of what chance makes of one number
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A fitted model: its effects, space and point (parameter,), and its linearization on the part it was fitted to.
+
+    finished: False where it was given up, behind a rival.
+    """
+
+    effects: tuple[Placed, ...]
+    space: ParameterSpace
+    point: np.ndarray
+    at: Linearization
+    finished: bool = True
+
+    def columns(self, name: str) -> slice:
+        """Which of its parameters are those of the effect that is called `name`. Raises KeyError."""
+        stop = len(self.space)
+        for placed in reversed(self.effects):
+            start = stop - len(placed.effect.parameters)
+            if placed.name == name:
+                return slice(start, stop)
+            stop = start
+        raise KeyError(name)
+
+    def known_from(self, first: np.ndarray) -> Fit:
+        """The fit, whose effects know no more than windows that begin at the steps `first` (window,) of the log say."""
+        effects = [placed._replace(effect=placed.effect.fitted_to(first)) for placed in self.effects]
+        return replace(self, effects=tuple(effects))
+
+    def is_far_behind(self, rival: Fit | None) -> bool:
+        """Whether there is no hope of doing as well as `rival`."""
+        return rival is not None and self.error > HOPELESS * rival.error
+
+    @property
+    def offsets(self) -> np.ndarray:
+        """Of the windows' starts, (window, state), SI."""
+        return self.at.offsets
+
+    @cached_property
+    def penalised_squares(self) -> float:
+        """Sum of squared residuals, and what the hidden states of its effects took of it by chance alone.
+
+        So that a model is not the better one for having a free number more in every window.
+        """
+        share = self.at.fitted_hidden.sum() / self.at.evidence.count
+        return float(np.square(self.at.residual).sum() * (1 + share))
+
+    @property
+    def error(self) -> float:
+        """RMSE over the noise floor, over all outputs."""
+        return float(np.sqrt(np.square(self.at.residual).sum() / self.at.evidence.count))
+
+    @cached_property
+    def excess(self) -> float:
+        """Squared error above the noise floor, per sample, of the outputs that are above it: one whose floor is too
+        high makes up for nothing in another.
+        """
+        evidence = self.at.evidence
+        squares = np.square(self.at.residual.reshape(evidence.measured.shape)).sum(axis=(0, 1))
+        above = np.maximum(squares - evidence.mask.sum(axis=(0, 1)), 0.0)
+        return float(above.sum() / evidence.count)
+
+
+def least(fits: Sequence[Fit | None]) -> Fit | None:
+    """The fit with the least penalised squares, the first of those that have as little; None of none."""
+    return min((f for f in fits if f is not None), key=lambda f: f.penalised_squares, default=None)
+
+
+def thinned(part: PreparedLog, fit: Fit) -> tuple[PreparedLog, Linearization]:
+    """As many windows of the part as a score needs, and the fit's linearization on them."""
+    count = len(part.windows)
+    affordable = SCORED_STEPS / part.windows.grid_steps.mean()
+    most = int(np.clip(affordable, FEWEST_SCORED, SCORED_WINDOWS))
+    if count <= most:
+        return part, fit.at
+    keep = evenly_spread(count, most)
+    few, at = part.part(keep), fit.at.windows(keep)
+    rows = few.windows.measured.shape[1] * few.windows.measured.shape[2]  # its longest window may be gone
+    return few, replace(
+        at,
+        evidence=replace(at.evidence, measured=few.windows.measured, mask=few.windows.sampled),
+        residual=at.residual[:, :rows],
+        by_parameter=at.by_parameter[:, :rows],
+        by_start=at.by_start[:, :rows],
+    )

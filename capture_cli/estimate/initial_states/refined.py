@@ -1,0 +1,225 @@
+"""The starts of windows fitted alone, the parameters held: Levenberg-Marquardt in every window at once.
+
+Without parameters the objective is a sum over windows that share nothing but k. Each has a damping of its own (Nocedal
+& Wright, Numerical Optimization, 2nd ed., section 10.3), and one that has settled is not simulated again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from capture_cli.estimate.solve.linearization import (
+    Evidence,
+    Linearization,
+    Trial,
+    columns,
+    scatter,
+    trial_objectives,
+)
+
+ROUNDS = 30
+PATIENCE = 2  # rounds
+DAMPING_STEP = 10.0
+BEGUN = 4  # of the places where a window may begin, that it is begun at
+SEARCHES = 2  # times that windows which stand out are begun elsewhere
+AXIS_SHARES = (-1.0, -0.3, 0.3, 1.0)  # of a state's sd, by which it alone is moved
+DRAWN = 16  # places where they are, drawn from what is known of starts beforehand
+# Where contacts make the error jump no slope leads to the bottom: so many places are drawn, and then so often so many
+# about the best of them, each time nearer by that factor.
+DRAWN_IF_ROUGH, NEARER_TIMES, CHILDREN, PARENTS, NEARER = 128, 5, 48, 8, 0.4
+NO_PARAMETERS = np.zeros(0)
+
+# Outputs (candidate, window, step, output) and what diverged (candidate, window) of the windows at an index.
+EvaluateWindows = Callable[[np.ndarray, Trial], tuple[np.ndarray, np.ndarray]]
+
+
+def fit_starts(
+    evidence: Evidence,
+    evaluate: EvaluateWindows,
+    offsets: np.ndarray,
+    *,
+    tolerance: float,
+    also: np.ndarray | None = None,
+    thorough: bool = False,
+) -> Linearization:
+    """The linearization where starts near `offsets` (window, state), or near those in `also`, are the best.
+
+    The evidence has no parameters. tolerance: of the objective over k, summed over windows. thorough: whether windows
+    that stand out after all are begun with one state after the other elsewhere.
+    """
+    found = _settled(evidence, evaluate, offsets, tolerance)
+    if also is not None:
+        found = _or_from(found, evaluate, also, tolerance, found.scatter)
+    generator, searched = np.random.default_rng(0), np.zeros(0, dtype=int)
+    drawn = generator.standard_normal((DRAWN_IF_ROUGH if evidence.rough else DRAWN, offsets.shape[1]))
+    for _ in range(SEARCHES):
+        stuck = evidence.standing_out(found.residual)
+        if not evidence.rough:  # there the draws about the best are others each time
+            stuck, searched = np.setdiff1d(stuck, searched), np.union1d(stuck, searched)
+        others = evidence.other_starts(found.offsets, stuck, drawn)[:, stuck]
+        if not others.size:
+            break
+        k = _scatter_of_others(found, stuck)
+        before = found.windows(stuck)
+        own = _of_windows(evaluate, stuck)
+        if evidence.rough:
+            others = _nearer(before.evidence, own, others, k, generator)
+        after = _begun_elsewhere(before, own, others, tolerance, k)
+        found = found.with_windows(stuck, after)
+        if (before.objectives(k) - after.objectives(k)).sum() < tolerance * k:
+            break
+    return _along_axes(found, evaluate, tolerance) if thorough else found
+
+
+def _scatter_of_others(found: Linearization, stuck: np.ndarray) -> float:
+    """k of what the windows leave that are not `stuck`."""
+    rest = np.setdiff1d(np.arange(len(found.residual)), stuck)
+    return scatter(found.evidence.rows(rest), found.residual[rest])
+
+
+def _along_axes(found: Linearization, evaluate: EvaluateWindows, tolerance: float) -> Linearization:
+    """`found`, with the windows that still stand out begun where one state is another: a height that nothing measures,
+    by which a wheel is pressed to the floor or is in the air. Draws of all states at once are nowhere near.
+    """
+    stuck = found.evidence.standing_out(found.residual)
+    if not stuck.size:
+        return found
+    before, own = found.windows(stuck), _of_windows(evaluate, stuck)
+    k = _scatter_of_others(found, stuck)
+    for state in found.evidence.movable:
+        for share in AXIS_SHARES:
+            moved = before.offsets.copy()
+            moved[:, state] += share * before.evidence.start_sd[:, state]
+            before = _or_from(before, own, moved, tolerance, k)
+    return found.with_windows(stuck, before)
+
+
+def _of_windows(evaluate: EvaluateWindows, which: np.ndarray) -> EvaluateWindows:
+    """What evaluates the windows `which`, by their place among these."""
+    return lambda keep, trial: evaluate(which[keep], trial)
+
+
+def _begun_elsewhere(
+    found: Linearization,
+    evaluate: EvaluateWindows,
+    others: np.ndarray,
+    tolerance: float,
+    k: float,
+) -> Linearization:
+    """`found`, with the windows that descend to a better start from one of `others` (trial, window, state).
+
+    The most promising are begun at: before its descent the best of them need not be the one that leads to the best.
+    """
+    window = np.arange(others.shape[1])
+    values = _values(found.evidence, evaluate, others, k)
+    order = np.argsort(values, axis=0, kind="stable")
+    begun = BEGUN
+    if not found.evidence.hidden:  # then starts are known well enough for the best to be better as it is
+        gains = np.maximum(found.objectives(k) - values[order[0], window], 0.0)
+        begun = 1 if gains.sum() >= tolerance * k else 0
+    for place in order[:begun]:
+        found = _or_from(found, evaluate, others[place, window], tolerance, k)
+    return found
+
+
+def _or_from(
+    found: Linearization, evaluate: EvaluateWindows, offsets: np.ndarray, tolerance: float, k: float
+) -> Linearization:
+    """`found`, with the windows that descend to a better start from `offsets` (window, state)."""
+    to_beat = np.inf if found.evidence.rough else found.objectives(k)
+    there = _settled(found.evidence, evaluate, offsets, tolerance, k, to_beat)
+    better = there.objectives(k) < found.objectives(k)
+    return found.with_windows(better, there.windows(better))
+
+
+def _nearer(
+    evidence: Evidence,
+    evaluate: EvaluateWindows,
+    others: np.ndarray,
+    k: float,
+    generator: np.random.Generator,
+) -> np.ndarray:
+    """The best of `others` (trial, window, state) and of what is drawn about the best of them, nearer and nearer.
+
+    A cross-entropy search (Rubinstein, 1999) of every window about several centres, which are not pooled: valleys are
+    narrow and many.
+    """
+    reach = evidence.start_sd
+    parents, values = _parents(others, _values(evidence, evaluate, others, k))
+    for _ in range(NEARER_TIMES):
+        reach = NEARER * reach
+        children = np.repeat(parents, CHILDREN // PARENTS, axis=0)
+        children = children + reach * generator.standard_normal(children.shape)
+        both = np.concatenate([values, _values(evidence, evaluate, children, k)])
+        parents, values = _parents(np.concatenate([parents, children]), both)
+    return parents
+
+
+def _parents(trials: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The best of trials (trial, window, state) in each window, and their values (trial, window)."""
+    best = np.argsort(values, axis=0, kind="stable")[:PARENTS]
+    return np.take_along_axis(trials, best[..., None], axis=0), np.take_along_axis(values, best, axis=0)
+
+
+def _values(evidence: Evidence, evaluate: EvaluateWindows, offsets: np.ndarray, k: float) -> np.ndarray:
+    """Objectives (trial, window) of starts at `offsets` (trial, window, state)."""
+    outputs, diverged = evaluate(np.arange(offsets.shape[1]), Trial(np.zeros((len(offsets), 0)), offsets))
+    return trial_objectives(evidence, offsets, outputs, diverged, k)
+
+
+def _settled(
+    evidence: Evidence,
+    evaluate: EvaluateWindows,
+    offsets: np.ndarray,
+    tolerance: float,
+    held: float | None = None,
+    to_beat: np.ndarray | float = np.inf,
+) -> Linearization:
+    """Where the descent of every window ends. held: k, which follows from the residual where None. to_beat (window,):
+    objectives that are known to be possible; a descent that does not promise to get there after PATIENCE rounds ends.
+    """
+    every = np.arange(len(offsets))
+    outputs, diverged = evaluate(every, columns(evidence, NO_PARAMETERS, offsets))
+    best = Linearization.from_columns(evidence, NO_PARAMETERS, offsets, outputs, diverged)
+    active, better, damping = every, ~diverged[0], np.zeros(len(offsets))
+    for number in range(ROUNDS - 1):
+        k = best.scatter if held is None else held
+        damping[active] = np.where(
+            better, damping[active] / DAMPING_STEP, np.maximum(DAMPING_STEP * damping[active], k)
+        )
+        damping[damping < 1e-3 * k] = 0.0
+        tried = best.start_offsets(NO_PARAMETERS, k, damping)
+        gain = best.predicted_gains(NO_PARAMETERS, tried, k)
+        settled = gain < tolerance * k / len(gain)
+        if number >= PATIENCE:
+            settled |= best.objectives(k) - gain > to_beat
+        if gain[~settled].sum() < tolerance * k:
+            break
+        active = np.flatnonzero(~settled)
+        best, better = _moved(best, evaluate, active, tried[active])
+    return best
+
+
+def _moved(
+    best: Linearization, evaluate: EvaluateWindows, active: np.ndarray, offsets: np.ndarray
+) -> tuple[Linearization, np.ndarray]:
+    """`best` with those of the `active` windows that are better at `offsets` (window, state), and which of them are.
+
+    Sensitivities are measured of these alone: of a descent that is stuck most windows are worse, round after round.
+    """
+    k = best.scatter
+    outputs, diverged = evaluate(active, Trial(NO_PARAMETERS[None], offsets[None]))
+    there = trial_objectives(best.evidence.rows(active), offsets[None], outputs, diverged, k)[0]
+    better = there < best.objectives(k)[active]
+    which = active[better]
+    if not which.size:
+        return best, better
+    own = best.evidence.rows(which)
+    differences = columns(own, NO_PARAMETERS, offsets[better]).but_first
+    moved, lost = evaluate(which, differences)
+    outputs = np.concatenate([outputs[:, better], moved])
+    diverged = np.concatenate([diverged[:, better], lost])
+    at = Linearization.from_columns(own, NO_PARAMETERS, offsets[better], outputs, diverged)
+    return best.with_windows(which, at), better

@@ -1,0 +1,100 @@
+"""The force balance of a prepared log: its smoothed motion, how its inputs act, and where it has the parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+
+from capture_cli.errors import LogError
+from capture_cli.estimate.balance.input_timing import InputTiming, input_timings
+from capture_cli.estimate.balance.motion import Log, SmoothedLog
+from capture_cli.estimate.balance.screening import SETTINGS as SCREENING
+from capture_cli.estimate.balance.screening import declared_balance, parameters_sd
+from capture_cli.estimate.prepared_log import PreparedLog
+from capture_cli.model.tasks.base import Task
+
+
+def smoothed_log(prepared: PreparedLog, windows: np.ndarray) -> SmoothedLog | None:
+    """The log in some `windows` (window,), smoothed; None where it gives no balance."""
+    model, own = prepared.task.model, prepared.windows
+    if model.neq or model.na:
+        return None
+    within = np.zeros(len(prepared.log.time), dtype=bool)
+    for first, count in zip(own.first[windows], own.samples[windows], strict=True):
+        within[first : first + count] = True
+    try:
+        return SmoothedLog.of(log_of(prepared), prepared.task, within & _between_stops(prepared))
+    except LogError:
+        return None
+
+
+def timings_of_inputs(prepared: PreparedLog, threads: int | None) -> tuple[InputTiming, ...]:
+    """How the inputs act of which the task does not say it, by what is not held out; none where there is no balance."""
+    task = prepared.task
+    smoothed = smoothed_log(prepared, ~prepared.split.is_test)
+    if smoothed is None:
+        return ()
+    try:
+        balance, whitening = declared_balance(smoothed, task.space.nominal, threads)
+    except LogError:  # too short
+        return ()
+    found, nothing_else = input_timings(balance, whitening, [c.name for c in task.inputs], task.linear)
+    if not nothing_else:
+        return ()
+    return tuple(t for t, c in zip(found, task.inputs, strict=True) if c.linear is None)
+
+
+def balanced_point(
+    prepared: PreparedLog, windows: np.ndarray, point: np.ndarray, threads: int | None
+) -> np.ndarray | None:
+    """Values (parameter,) of the declared parameters that fill the balance of some `windows` (window,) best, from
+    `point` (parameter,) on; None where the log gives none, or where it leaves one of them open: along a ridge it would
+    begin anywhere.
+    """
+    known = prepared.screening
+    if known is not None:
+        balance, whitening = known.balance, known.whitening
+    else:
+        smoothed = smoothed_log(prepared, windows)
+        if smoothed is None:
+            return None
+        try:
+            balance, whitening = declared_balance(smoothed, point, threads)
+        except LogError:  # too short
+            return None
+    doubt = parameters_sd(balance, whitening)
+    return balance.point if doubt.max(initial=0.0) < SCREENING.determined else None
+
+
+def with_timings(task: Task, timings: Sequence[InputTiming]) -> Task:
+    """The task with inputs that act as the log tells, and are held where it does not."""
+    linear = {t.name: t.linear for t in timings}
+    known = copy(task)
+    known.inputs = tuple(
+        replace(c, linear=linear.get(c.name, False)) if c.linear is None else c for c in task.inputs
+    )
+    return known
+
+
+def log_of(prepared: PreparedLog) -> Log:
+    """The arrays of the log."""
+    log = prepared.log
+    return Log(log.time, log.inputs, log.values, log.sampled, log.episodes)
+
+
+def _between_stops(prepared: PreparedLog) -> np.ndarray:
+    """Steps of the log (step,) at which no joint is at an end of its range, by what its sensor says."""
+    model, log = prepared.task.model, prepared.log
+    free = np.ones(len(log.time), dtype=bool)
+    for channel, column in zip(prepared.task.outputs, log.values.T, strict=True):
+        if model.sensor_type[channel.sensor] != int(mujoco.mjtSensor.mjSENS_JOINTPOS):
+            continue
+        joint = int(model.sensor_objid[channel.sensor])
+        if model.jnt_limited[joint]:
+            low, high = model.jnt_range[joint] + model.jnt_margin[joint] * np.array([1, -1])
+            free &= (column > low) & (column < high)
+    return free

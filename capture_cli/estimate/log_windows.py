@@ -1,0 +1,43 @@
+"""The windows of a log, by the clock of simulations."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.log.windows import Spans, Windows, at_spans, cut
+from capture_cli.model.tasks.base import Task
+
+
+def clock(log: MeasuredLog) -> np.ndarray:
+    """Time (step,), s, by the clock of simulations, which counts from the log's first time.
+
+    By a clock that began long before the log the phase of a force that repeats would turn many times over within a
+    finite difference of its frequency.
+    """
+    return log.time - log.time[0]
+
+
+def cut_log(log: MeasuredLog, task: Task, duration: float | None) -> Windows:
+    """Windows of `duration` s, or of whole episodes where None, by the clock of simulations."""
+    return cut(duration=duration, **_of(log, task))
+
+
+def windows_at(log: MeasuredLog, task: Task, spans: Spans) -> Windows:
+    """Windows at `spans` of the log, which may overlap, by the clock of simulations."""
+    return at_spans(spans, **_of(log, task))
+
+
+def _of(log: MeasuredLog, task: Task) -> dict[str, Any]:
+    """The log as windows are cut out of it."""
+    return {
+        "time": clock(log),
+        "inputs": log.inputs,
+        "outputs": log.values,
+        "episodes": log.episodes,
+        "timestep": task.timestep,
+        "linear": task.linear,
+        "sampled": log.sampled,
+    }

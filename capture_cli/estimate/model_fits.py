@@ -1,0 +1,391 @@
+"""Fits of a task with effects to parts of a prepared log. What `diagnose` compares."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+from itertools import takewhile
+
+import numpy as np
+
+from capture_cli.estimate.checkpoint import Kept, kept_fit, kept_part
+from capture_cli.estimate.escape import unstuck
+from capture_cli.estimate.fit import TOLERANCE, Fit
+from capture_cli.estimate.initial_states.refined import fit_starts
+from capture_cli.estimate.part_fit import PartFit
+from capture_cli.estimate.prepared_log import PreparedLog
+from capture_cli.estimate.solve.base import Best, Trial, run
+from capture_cli.estimate.solve.intervals import unit_covariance
+from capture_cli.estimate.solve.least_squares import HOPELESS, LONG_PATIENCE, PATIENCE, LeastSquares
+from capture_cli.estimate.solve.linearization import (
+    Evidence,
+    Known,
+    Linearization,
+    best_trials,
+    columns,
+    trial_objectives,
+)
+from capture_cli.estimate.solve.undetermined import is_confounded
+from capture_cli.model.effects.placed import Placed
+from capture_cli.model.parameters import ParameterSpace
+from capture_cli.simulate.engine import Engine
+from capture_cli.simulate.simulator import Begun, Motion, Simulator
+
+FIT_ROUNDS = 60
+
+
+class ModelFits:
+    """Fits models of `prepared.task` plus effects, on one engine. kept: what an earlier run made of the same steps.
+
+    from_balance: whether the declared model begins where the force balance puts it, which has one minimum.
+    """
+
+    def __init__(
+        self,
+        prepared: PreparedLog,
+        threads: int | None,
+        kept: Kept | None = None,
+        *,
+        from_balance: bool = False,
+    ):
+        self.prepared = prepared
+        self.from_balance = from_balance
+        self.kept = kept
+        self.engine = Engine(prepared.task.model, threads)
+        self._elsewhere = 0
+
+    @property
+    def rollouts(self) -> int:
+        """How many windows were simulated on the engine, and what else was added."""
+        return self.engine.rollouts + self._elsewhere
+
+    @rollouts.setter
+    def rollouts(self, count: int) -> None:
+        self._elsewhere = count - self.engine.rollouts
+
+    @kept_fit
+    def fit(
+        self,
+        part: PreparedLog,
+        effects: Sequence[Placed],
+        start: np.ndarray,
+        *,
+        near: Fit | None = None,
+        offsets: np.ndarray | None = None,
+        starts: int = 1,
+        rounds: int = FIT_ROUNDS,
+        tolerance: float = TOLERANCE,
+        seed: int = 0,
+        rival: Fit | None = None,
+        to_reach: float = np.inf,
+        needed: float = np.inf,
+    ) -> Fit | None:
+        """Fit from `start` (parameter,); None where every trial diverged. Other options are those of LeastSquares.
+
+        near: another fit of the same part. This one begins with its starts of windows, with its values where they are
+        better than those of `start`, and with its sensitivities until it measures its own: as far as they concern the
+        declared parameters, and the effects that both begin with.
+        offsets (window, state): of the starts, where they begin, if not where `near` has them.
+        needed: the error above which the model is of no use; it is given up where it does not promise to get there.
+        rival: a fit of the same part; this one is given up where it stays far behind, later where it has fewer
+        parameters: of two that do as well it would be the better.
+        to_reach: the error that is asked of it; it is given up, as late, where it stays far above.
+        """
+        new, theirs = effects, () if near is None else near.effects
+        if offsets is None and near is not None:
+            offsets = near.offsets
+        if offsets is not None:
+            carried = self._carried(offsets, theirs, effects)
+            points = [start] if near is None else [start, self._as_near(near, effects, start)]
+            start, offsets = self._nearer(part, effects, points, [carried, np.zeros_like(carried)])
+            new = effects[_in_common(theirs, effects) :]
+        offsets = self._with_states_found(part, effects, start, offsets, new)
+        descend = partial(
+            self._descended,
+            part,
+            effects,
+            rounds=rounds,
+            tolerance=tolerance,
+            seed=seed,
+            rival=rival,
+            to_reach=to_reach,
+            needed=needed,
+        )
+        fit = descend(start, offsets, starts=starts, near=near)
+        carried = {e.name for e in theirs}
+        tried = any(len(e.effect.states_tried) and e.name not in carried for e in effects)
+        if tried or (part.difference_step and not effects and not self.from_balance):
+            fit = unstuck(self, part, fit, rival, descend)
+        return fit
+
+    def _as_near(self, near: Fit, effects: Sequence[Placed], start: np.ndarray) -> np.ndarray:
+        """`start` (parameter,) of a model with `effects`, with what it has in common with `near` as it is there."""
+        known = self._parameters_in_common(near, effects)
+        return np.concatenate([near.point[:known], start[known:]])
+
+    def _nearer(
+        self,
+        part: PreparedLog,
+        effects: Sequence[Placed],
+        points: Sequence[np.ndarray],
+        begins: Sequence[np.ndarray],
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Of `points`, each (parameter,), the best, and there of each window the best of `begins`, each (window,
+        state).
+
+        Starts that stood in for what a model lacked are far from those of a model that has it.
+        """
+        simulator = self.simulator(effects)
+        evidence = part.evidence(simulator)
+        trials = np.tile(np.stack(begins), (len(points), 1, 1))
+        each = np.repeat(np.stack(points), len(begins), axis=0)
+        outputs, diverged = part.evaluate(simulator, Trial(each, trials))
+        values = trial_objectives(evidence, trials, outputs, diverged, 1.0)
+        values = values.reshape(len(points), len(begins), -1)
+        best = int(np.argmin(values.min(axis=1).sum(axis=1)))
+        return points[best], best_trials(np.stack(begins), values[best])[0]
+
+    def _with_states_found(
+        self,
+        part: PreparedLog,
+        effects: Sequence[Placed],
+        point: np.ndarray,
+        offsets: np.ndarray | None,
+        new: Sequence[Placed],
+    ) -> np.ndarray | None:
+        """`offsets` (window, state) with those states of the `new` effects, the last, that may be anywhere where they
+        are best at `point` (parameter,), of the values tried in every window.
+
+        From a phase on the wrong side of the circle a descent would sooner take the force away than turn it.
+        """
+        if not any(effect.states_anywhere and effect.states for _, effect in new):
+            return offsets
+        simulator = self.simulator(effects)
+        evidence = part.evidence(simulator)
+        found = np.zeros(evidence.start_sd.shape) if offsets is None else offsets
+        state = found.shape[1] - sum(len(effect.states) for _, effect in new)
+        for _, effect in new:
+            own = slice(state, state + len(effect.states))
+            state = own.stop
+            if effect.states_anywhere and effect.states:
+                trials = np.repeat(found[None], len(effect.states_tried), axis=0)
+                trials[:, :, own] = effect.states_tried[:, None] * (evidence.start_sd[:, own] > 0)
+                points = np.repeat(point[None], len(trials), axis=0)
+                outputs, diverged = part.evaluate(simulator, Trial(points, trials))
+                found, _ = best_trials(trials, trial_objectives(evidence, trials, outputs, diverged, 1.0))
+        return found
+
+    def _descended(
+        self,
+        part: PreparedLog,
+        effects: Sequence[Placed],
+        start: np.ndarray,
+        offsets: np.ndarray | None,
+        *,
+        rounds: int,
+        tolerance: float,
+        seed: int,
+        rival: Fit | None,
+        to_reach: float,
+        needed: float,
+        starts: int = 1,
+        near: Fit | None = None,
+    ) -> Fit | None:
+        """The fit where least squares from `start` (parameter,) and `offsets` (window, state) ends; None where every
+        trial diverged. The other options are those of `fit`.
+        """
+        simulator = self.simulator(effects)
+        evidence = part.evidence(simulator)
+        measured = tolerance < TOLERANCE
+        simpler = rival is not None and len(simulator.space) < len(rival.space)
+        to_beat = to_reach if rival is None else min(to_reach, rival.error)
+        solver = LeastSquares(
+            evidence,
+            start=start,
+            offsets=offsets,
+            known=None if near is None else self._known(near, effects, evidence),
+            starts=starts,
+            rounds=rounds,
+            tolerance=tolerance,
+            seed=seed,
+            to_beat=to_beat,
+            measured=measured,
+            needed=needed,
+            patience=LONG_PATIENCE if simpler or np.isfinite(to_reach) else PATIENCE,
+        )
+        best = run(solver, lambda trial: part.evaluate(simulator, trial))
+        if not np.isfinite(best.error):
+            return None
+        fit = self.at(part, effects, best, solver.at, measured=measured)
+        return replace(fit, finished=not (solver.gave_up or fit.error > HOPELESS * to_beat))
+
+    def _known(self, near: Fit, effects: Sequence[Placed], evidence: Evidence) -> Known | None:
+        """What `near` says of the sensitivities of a model with `effects`."""
+        same = near.effects[: _in_common(near.effects, effects)]
+        parameters = self._parameters_in_common(near, effects)
+        states = self.prepared.starts.sd.shape[1] + sum(len(e.states) for _, e in same)
+        known = near.at.known_in(evidence, parameters, states)
+        return known and replace(known, carried=known.carried + 1)
+
+    def _parameters_in_common(self, near: Fit, effects: Sequence[Placed]) -> int:
+        """How many of its first parameters a model with `effects` has in common with `near`."""
+        same = near.effects[: _in_common(near.effects, effects)]
+        return len(self.prepared.task.space) + sum(len(e.parameters) for _, e in same)
+
+    def at(
+        self,
+        part: PreparedLog,
+        effects: Sequence[Placed],
+        best: Best,
+        known: Linearization | None = None,
+        *,
+        measured: bool = True,
+    ) -> Fit:
+        """The fit at what an identifier found on `part`, with the linearization there: a new one where none is `known`,
+        or it was carried along and has to be `measured`.
+        """
+        simulator = self.simulator(effects)
+        if known is not None and not (measured and known.carried):
+            return Fit(tuple(effects), simulator.space, best.parameters, known)
+        evidence = part.evidence(simulator)
+        x = simulator.space.to_unit(best.parameters)
+        outputs, diverged = part.evaluate(simulator, columns(evidence, x, best.offsets))
+        at = Linearization.from_columns(evidence, x, best.offsets, outputs, diverged)
+        return Fit(tuple(effects), simulator.space, best.parameters, at)
+
+    def sharpened(self, part: PreparedLog, fit: Fit) -> Fit:
+        """`fit` to the part; where parameters are confounded, with sensitivities by central differences.
+
+        The error of one-sided differences, small as it is, would tell them apart: where only ratios are known it would
+        say how large they are.
+        """
+        if not is_confounded(unit_covariance(fit.at)[0]):
+            return fit
+        at = fit.at
+        return replace(fit, at=at.with_central(*part.evaluate(self.simulator(fit.effects), at.central())))
+
+    def errors(self, part: PreparedLog, points: np.ndarray) -> np.ndarray:
+        """RMSE over the noise floor of the task itself at points (candidate, parameter); inf where one diverged."""
+        simulator = self.simulator([])
+        evidence = part.evidence(simulator)
+        trial = Trial(points, np.zeros((len(points), *evidence.start_sd.shape)))
+        outputs, diverged = part.evaluate(simulator, trial)
+        square = np.square(evidence.residual(outputs)).sum(axis=(1, 2)) / evidence.count
+        return np.where(diverged.any(axis=1) | ~np.isfinite(square), np.inf, np.sqrt(square))
+
+    def nearest(self, part: PreparedLog, points: np.ndarray) -> np.ndarray:
+        """Of points (candidate, parameter) of the task the one with the smallest error."""
+        return points[np.argmin(self.errors(part, points))]
+
+    def objectives(self, part: PreparedLog, fit: Fit, on: PartFit, points: np.ndarray) -> np.ndarray:
+        """The objective (point,) of the fit's model at points (point, parameter); inf where one diverged.
+
+        on: the part at the fit, whose starts are left as they are.
+        """
+        offsets = np.repeat(on.offsets[None], len(points), axis=0)
+        outputs, diverged = part.evaluate(self.simulator(fit.effects), Trial(points, offsets))
+        return trial_objectives(on.evidence, offsets, outputs, diverged, fit.at.scatter).sum(axis=1)
+
+    @kept_part
+    def on(
+        self,
+        part: PreparedLog,
+        fit: Fit,
+        tolerance: float = TOLERANCE,
+        offsets: np.ndarray | None = None,
+        *,
+        thorough: bool = False,
+    ) -> PartFit:
+        """What the fit leaves of a part of the log, with starts refined by the rule they were fitted by.
+
+        offsets (window, state): where they begin; as the log has them where None.
+        """
+        begin = offsets
+        if begin is None:
+            begin = np.zeros((len(part.windows), fit.offsets.shape[1]))
+            begin = self._with_states_found(part, fit.effects, fit.point, begin, fit.effects)
+        return PartFit.of(self.starts_at(part, fit, tolerance, begin, thorough=thorough))
+
+    def starts_at(
+        self,
+        part: PreparedLog,
+        fit: Fit,
+        tolerance: float,
+        offsets: np.ndarray,
+        also: np.ndarray | None = None,
+        *,
+        thorough: bool = False,
+    ) -> Linearization:
+        """The part's windows linearized in their starts alone, where those are best at the fit's parameters; searched
+        from `offsets` and, where given, `also` (window, state) on.
+        """
+        simulator = self.simulator(fit.effects)
+        evidence = replace(part.evidence(simulator), space=ParameterSpace([]))
+
+        def evaluate(keep: np.ndarray, trial: Trial):
+            points = np.repeat(fit.point[None], len(trial), axis=0)
+            outputs, diverged = part.part(keep).evaluate(simulator, Trial(points, trial.offsets))
+            padding = evidence.measured.shape[1] - outputs.shape[2]
+            return np.pad(outputs, ((0, 0), (0, 0), (0, padding), (0, 0))), diverged
+
+        return fit_starts(evidence, evaluate, offsets, tolerance=tolerance, also=also, thorough=thorough)
+
+    def probe(
+        self,
+        part: PreparedLog,
+        fit: Fit,
+        effect: Placed,
+        probes: np.ndarray,
+        states: np.ndarray | None = None,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Outputs as residuals (probe, window, row), and which probes diverged (probe,).
+
+        The fit's model with `effect` added at the values `probes` (probe, parameter) of its parameters. states (probe,
+        state): of its own, alike in all windows; 0 where None.
+        """
+        simulator = self.simulator((*fit.effects, effect))
+        evidence = part.evidence(simulator)
+        points = np.concatenate([np.repeat(fit.point[None], len(probes), axis=0), probes], axis=1)
+        offsets = np.zeros((len(probes), *evidence.start_sd.shape))
+        carried = fit.offsets.shape[1]
+        offsets[:, :, :carried] = fit.offsets  # the new effect's own states come last
+        if states is not None:
+            offsets[:, :, carried : carried + states.shape[1]] = states[:, None]
+        outputs, diverged = part.evaluate(simulator, Trial(points, offsets))
+        return evidence.residual(outputs), diverged.any(axis=1)
+
+    def motion(self, part: PreparedLog, fit: Fit, offsets: np.ndarray | None = None) -> Motion:
+        """What happens inside every window of the part, its starts at `offsets` (those of the fit where None)."""
+        simulator = self.simulator(fit.effects)
+        starts = part.starts
+        offsets = fit.offsets if offsets is None else offsets
+        return simulator.motion(part.windows, starts.starts, fit.point, offsets, starts.reported)
+
+    def begun(self, part: PreparedLog, fit: Fit, offsets: np.ndarray) -> Begun:
+        """Where the simulation of every window of the part begins, its starts at `offsets` (window, state)."""
+        return part.begun(self.simulator(fit.effects), fit.point, offsets)
+
+    def simulator(self, effects: Sequence[Placed]) -> Simulator:
+        """Simulates the task with `effects` on the shared engine."""
+        own = self.prepared
+        return Simulator(own.task, effects, engine=self.engine, difference_step=own.difference_step)
+
+    def _carried(
+        self, offsets: np.ndarray, theirs: Sequence[Placed], effects: Sequence[Placed]
+    ) -> np.ndarray:
+        """Offsets (window, state) of a model with `effects`, from those of one with the effects `theirs`: of the
+        machine's own states, and of the first effects that are the same; 0 for the others.
+        """
+        same = theirs[: _in_common(theirs, effects)]
+        kept = self.prepared.starts.sd.shape[1] + sum(len(e.states) for _, e in same)
+        states = self.prepared.starts.sd.shape[1] + sum(len(e.states) for _, e in effects)
+        carried = np.zeros((len(offsets), states))
+        carried[:, :kept] = offsets[:, :kept]
+        return carried
+
+
+def _in_common(theirs: Sequence[Placed], effects: Sequence[Placed]) -> int:
+    """How many effects, by their names, both begin with."""
+    same = (one.name == other.name for one, other in zip(theirs, effects, strict=False))
+    return sum(takewhile(bool, same))

@@ -1,0 +1,108 @@
+"""What a fitted model leaves of a part of the log: errors, in units of the noise and in the outputs' own."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from capture_cli.estimate.noise.autocorrelation import block_squares, correlation_steps
+from capture_cli.estimate.solve.base import Evidence
+from capture_cli.estimate.solve.linearization import Linearization
+
+
+@dataclass(frozen=True)
+class PartFit:
+    """One part of the log at a fit's parameters, its starts refined.
+
+    offsets (window, state): of the starts. residual (window, row): in units of the noise. fitted_hidden (window,): how
+    many free numbers the hidden states of effects amount to, their prior counted.
+    """
+
+    evidence: Evidence
+    offsets: np.ndarray
+    residual: np.ndarray
+    fitted_hidden: np.ndarray
+
+    @classmethod
+    def of(cls, at: Linearization) -> PartFit:
+        """The part that `at` is a linearization on."""
+        return cls(at.evidence, at.offsets, at.residual, at.fitted_hidden)
+
+    @classmethod
+    def concatenate(cls, parts: Sequence[PartFit]) -> PartFit:
+        """Several parts as one, padded to one shape."""
+        first = parts[0].evidence
+        steps = max(p.evidence.measured.shape[1] for p in parts)
+        outputs = first.measured.shape[2]
+
+        def padded(values: np.ndarray) -> np.ndarray:
+            return np.pad(values, [(0, 0), (0, steps - values.shape[1])] + [(0, 0)] * (values.ndim - 2))
+
+        evidence = Evidence(
+            first.space,
+            np.concatenate([padded(p.evidence.measured) for p in parts]),
+            np.concatenate([padded(p.evidence.mask) for p in parts]),
+            first.noise_sd,
+            np.concatenate([p.evidence.start_sd for p in parts]),
+            attitudes=first.attitudes,
+        )
+        residual = [padded(p.residual.reshape(p.evidence.measured.shape)) for p in parts]
+        residual = np.concatenate(residual).reshape(len(evidence.measured), steps * outputs)
+        offsets, hidden = (
+            np.concatenate([getattr(p, n) for p in parts]) for n in ("offsets", "fitted_hidden")
+        )
+        return cls(evidence, offsets, residual, hidden)
+
+    def rows(self, keep: np.ndarray) -> PartFit:
+        """The windows at `keep` alone: their numbers, or a mask (window,)."""
+        return PartFit(
+            self.evidence.rows(keep), self.offsets[keep], self.residual[keep], self.fitted_hidden[keep]
+        )
+
+    @property
+    def penalised_squares(self) -> np.ndarray:
+        """Sum of squared residuals of each window, (window,), and what hidden states took of it by chance alone."""
+        return np.square(self.residual).sum(axis=1) * self._penalty
+
+    @property
+    def _penalty(self) -> np.ndarray:
+        """Factor on the squares of each window, (window,), for the free numbers that its hidden states are."""
+        count = self.evidence.mask.sum(axis=(1, 2))
+        return 1 + self.fitted_hidden / np.maximum(count, 1)
+
+    @property
+    def correlation_steps(self) -> float:
+        """How many steps of the residual are worth one that is independent."""
+        return correlation_steps(self.residual.reshape(self.evidence.measured.shape), self.evidence.mask)
+
+    def blocks(self, length: int) -> np.ndarray:
+        """Penalised squares summed over blocks of about `length` steps, (block,)."""
+        by_step = np.square(self.residual.reshape(self.evidence.measured.shape)).sum(axis=2)
+        by_step *= self._penalty[:, None]
+        return block_squares(by_step, self.evidence.mask.any(axis=2), length)
+
+    @property
+    def rmse(self) -> np.ndarray:
+        """Root mean square error per output, in its unit, (output,); nan of one that has no sample here."""
+        return np.sqrt(self._mean(np.square(self.in_units)))
+
+    @property
+    def mae(self) -> np.ndarray:
+        """Mean absolute error per output, in its unit, (output,); nan of one that has no sample here."""
+        return self._mean(np.abs(self.in_units))
+
+    @property
+    def normalized(self) -> float:
+        """RMSE over the noise floor, over all outputs."""
+        return float(np.sqrt(np.square(self.residual).sum() / max(self.evidence.count, 1)))
+
+    @property
+    def in_units(self) -> np.ndarray:
+        """Residual (window, step, output) in the outputs' units."""
+        return self.residual.reshape(self.evidence.measured.shape) * self.evidence.noise_sd
+
+    def _mean(self, values: np.ndarray) -> np.ndarray:
+        samples = self.evidence.mask.sum(axis=(0, 1))
+        return np.where(samples > 0, values.sum(axis=(0, 1)) / np.maximum(samples, 1), np.nan)

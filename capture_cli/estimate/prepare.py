@@ -1,0 +1,105 @@
+"""A log made ready for a task: checked, cut into windows, with starts, noise floor and split."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from capture_cli.estimate.difference_step import difference_step
+from capture_cli.estimate.initial_states.of_windows import log_starts
+from capture_cli.estimate.log_balance import timings_of_inputs, with_timings
+from capture_cli.estimate.log_requirements import (
+    check_changes,
+    check_fits,
+    check_fitted,
+    check_long_enough,
+    check_step,
+)
+from capture_cli.estimate.log_windows import cut_log
+from capture_cli.estimate.noise.noise_floor import NoiseFloor, noise_floor
+from capture_cli.estimate.prepared_log import PreparedLog, attitudes
+from capture_cli.estimate.split import EarlierSplit, split_windows
+from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model.quaternion_signs import continuous
+from capture_cli.model.tasks.base import Task
+
+REPEATED_SAMPLES = (16, 100)  # half a window within these: over how long repeats are compared
+
+
+def prepare(
+    log: MeasuredLog,
+    task: Task,
+    *,
+    window: float | None,
+    test: str | None,
+    seed: int,
+    held_out: EarlierSplit | None = None,
+    step: float | None = None,
+    only: np.ndarray | None = None,
+    threads: int | None = None,
+) -> PreparedLog:
+    """Check that the log fits the task, and make it ready. Raises LogError or OptionError.
+
+    held_out: what an estimate of the same log kept back, which is kept back again; `test` and `seed` say what where
+    None. step: of differences; the shortest that shows, where None. only: numbers (window,) of the windows to make
+    ready; all where None.
+    """
+    check_fits(log, task)
+    turned = continuous(log.outputs, log.episodes, attitudes(task), log.sampled)
+    log = replace(log, outputs=turned)
+    duration = window if window is not None else task.log.window
+    check_long_enough(log, duration)
+    check_step(log, task, duration)
+    windows = cut_log(log, task, duration)
+    if only is not None:
+        windows = windows.rows(only)
+    noise = noise_floor(
+        log.values,
+        log.episodes,
+        [c.noise_sd for c in task.outputs],
+        time=log.time,
+        driven_by=driven_by(log),
+        block=int(np.clip(np.median(windows.samples) / 2, *REPEATED_SAMPLES)),
+        attitudes=attitudes(task),
+        sampled=log.sampled,
+    )
+    check_changes(log, task, noise.sd)
+    starts = log_starts(log, task, windows, noise, threads)
+    split = (
+        held_out.split(windows.first, windows.samples)
+        if held_out is not None
+        else split_windows(
+            episode=windows.episode,
+            samples=windows.samples,
+            duration=log.longest,
+            recording=log.recording,
+            recording_names=log.recording_names,
+            test=test,
+            seed=seed,
+        )
+    )
+    prepared = PreparedLog(task, log, windows, starts, noise, split)
+    check_fitted(prepared)
+    if only is None and any(c.linear is None for c in task.inputs):
+        timings = timings_of_inputs(prepared, threads)
+        known = with_timings(task, timings)
+        if known.linear.any():
+            how = {"window": window, "test": test, "seed": seed, "held_out": held_out, "step": step}
+            prepared = prepare(log, known, **how, threads=threads)
+            return replace(prepared, input_timings=timings)
+        prepared = replace(prepared, task=known, input_timings=timings)
+    step, rollouts = difference_step(prepared, threads) if step is None else (step, 0)
+    return replace(prepared, difference_step=step, rollouts=rollouts)
+
+
+def driven_by(log: MeasuredLog) -> Sequence[np.ndarray]:
+    """What drove each episode: its inputs (step, input), or its action."""
+    return [log.inputs[e] for e in log.episodes] if log.actions is None else log.actions
+
+
+def with_noise(prepared: PreparedLog, noise: NoiseFloor, threads: int | None) -> PreparedLog:
+    """The log with another noise floor, which its starts are known by, too."""
+    starts = log_starts(prepared.log, prepared.task, prepared.windows, noise, threads)
+    return replace(prepared, noise=noise, starts=starts)

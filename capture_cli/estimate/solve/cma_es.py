@@ -1,0 +1,121 @@
+"""CMA-ES: a search that needs no derivatives, for models whose outputs jump (Hansen 2016, arXiv:1604.00772).
+
+The evolution itself is the `cmaes` package. Starts are eliminated to first order: their sensitivities are measured
+at the best point every few generations and each candidate is judged by what is left of its residual.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from capture_cli.estimate.solve.base import Best, Identifier, Trial
+from capture_cli.estimate.solve.linearization import Linearization, columns, scatter
+
+SPREAD = 0.25  # of the unit cube, the first step size
+RELINEARIZE = 10  # generations
+STALLED = 25  # generations in which the error fell by less than a thousandth
+
+
+class CmaEs(Identifier):
+    """CMA-ES in the unit cube. `rounds` counts generations; `starts` is not used."""
+
+    summary = "an evolution strategy, which needs no derivatives"
+
+    def __init__(self, evidence, **options):
+        super().__init__(evidence, **options)
+        from cmaes import CMA
+
+        size = len(self.space)
+        # one dimension is beyond the package: a dummy coordinate is carried along
+        self._dummy = size == 1
+        bounds = np.tile([0.0, 1.0], (size + self._dummy, 1))
+        mean = np.clip(self.space.to_unit(self.start), 0.02, 0.98)
+        mean = np.append(mean, 0.5) if self._dummy else mean
+        self._search = CMA(mean=mean, sigma=SPREAD, bounds=bounds, seed=self.seed) if size else None
+        self._best_x = np.clip(self.space.to_unit(self.start), 0, 1)
+        self._best = Best(self.start, self.offsets, np.inf)
+        self._lowest = np.inf  # objective of the best, which the prior of its starts is part of
+        self._at: Linearization | None = None
+        self._generation = 0
+        self._stalled = 0
+        self._milestone = np.inf
+        self._linearizing = True
+        self._asked: list[np.ndarray] = []
+
+    @property
+    def best(self) -> Best:
+        return self._best
+
+    @property
+    def at_rest(self) -> bool:
+        if self._search is None:
+            return self._at is not None
+        return not self._linearizing and (self._search.should_stop() or self._stalled >= STALLED)
+
+    def ask(self) -> Trial:
+        if self._linearizing:
+            return columns(self.evidence, self._best_x, self._best.offsets, parameters=False)
+        self._asked = [self._search.ask() for _ in range(self._search.population_size)]
+        points = np.array(self._asked)[:, : len(self.space)]
+        offsets = np.repeat(self._best.offsets[None], len(points), axis=0)
+        return Trial(self.space.from_unit(points), offsets)
+
+    def tell(self, outputs, diverged):
+        if self._linearizing:
+            self._relinearize(outputs, diverged)
+            return
+        residuals = self.evidence.residual(outputs)
+        values = np.array([self._value(r) for r in residuals])
+        values[diverged.any(axis=1)] = np.inf
+        finite = values[np.isfinite(values)]
+        worst = 10 * finite.max() if finite.size else 1e300
+        self._search.tell(
+            [(x, v if np.isfinite(v) else worst) for x, v in zip(self._asked, values, strict=True)]
+        )
+        chosen = int(np.argmin(values))
+        if values[chosen] < self._lowest:
+            self._lowest = values[chosen]
+            self._best_x = self._asked[chosen][: len(self.space)]
+            _, left = self._step(residuals[chosen])
+            self._best = Best(
+                self.space.from_unit(self._best_x), self._offsets(residuals[chosen]), self._error(left)
+            )
+            self._at = replace(self._at, offsets=self._best.offsets)  # where the next candidates begin
+        self._generation += 1
+        self._stalled += 1
+        if self._lowest < 0.999**2 * self._milestone:
+            self._stalled, self._milestone = 0, self._lowest
+        self._linearizing = self._generation % RELINEARIZE == 0
+
+    def _relinearize(self, outputs, diverged) -> None:
+        self._at = Linearization.from_columns(
+            self.evidence, self._best_x, self._best.offsets, outputs, diverged, parameters=False
+        )
+        if not diverged[0].any():
+            # what was known before was to first order about another point: this is exact
+            self._lowest = float(self._at.objectives(self._at.scatter).sum())
+            self._best = replace(self._best, error=self._error(self._at.residual))
+        self._linearizing = False
+
+    def _error(self, residual: np.ndarray) -> float:
+        return float(np.sqrt(np.square(residual).sum() / self.evidence.count))
+
+    def _step(self, residual: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The starts' step dz (window, state) that fits `residual` (window, row) best, and what it leaves."""
+        k = scatter(self.evidence, residual)
+        b = self._at.by_start
+        right = (b.swapaxes(1, 2) @ residual[..., None])[..., 0] - k * self._at.z
+        dz = (self._at.start_gain(k) @ right[..., None])[..., 0]
+        return dz, residual - (b @ dz[..., None])[..., 0]
+
+    def _value(self, residual: np.ndarray) -> float:
+        dz, left = self._step(residual)
+        k = scatter(self.evidence, left)
+        return float(np.square(left).sum() + k * np.square(self._at.z + dz).sum())
+
+    def _offsets(self, residual: np.ndarray) -> np.ndarray:
+        """Offsets (window, state), SI, of the starts that fit `residual` best."""
+        at = replace(self._at, residual=residual)
+        return at.start_offsets(np.zeros(0), at.scatter)

@@ -1,0 +1,455 @@
+"""The simulator linearized at a point, with the starts of all windows eliminated.
+
+In units of the noise, window w has r_w = residual, J_w = d outputs / d parameters and B_w = d outputs / d start, with
+parameters in unit-cube coordinates and starts in units of their prior sd. The starts are nuisances with a Gaussian
+prior from the log, so the step (dx, dz_w) minimizes
+
+    sum_w |r_w - J_w dx - B_w dz_w|^2 + k |z_w + dz_w|^2,
+
+with k the variance of the residual over that of the noise, times its autocorrelation time. While the model is wrong k
+is large and the starts stay where they were measured; when only noise is left k is 1 and they are fitted freely.
+So a noisy start is not mistaken for a missing effect, and a missing effect is not hidden in the starts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import mujoco
+import numpy as np
+
+from capture_cli.estimate.noise.autocorrelation import autocorrelation_time
+from capture_cli.model.parameters import ParameterSpace
+
+SHARPER = 0.1  # of the step of one-sided differences: central ones, of parameters that are confounded
+# Of the prior sd, within the limits below; the latter where bodies touch, and short differences are jumps
+START_STEP, ROUGH_START_STEP = 0.1, 1.0
+SHORTEST, LONGEST = 1e-6, 1e-2  # m, rad, m/s, rad/s; the longest is of the sd itself
+STANDS_OUT = 2.0  # times the squared error of the median window
+# Ranges: a parameter that is known to no better than this may show only by what finite differences are wrong by, which
+# would take it to the end of its range.
+UNSEEN = 10.0
+BY_WINDOW = ("offsets", "residual", "by_parameter", "by_start")  # arrays of a linearization, (window, ...)
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What was measured, as arrays.
+
+    measured (window, step, output); mask (window, step, output), False for padding and where an output has no sample.
+    noise_sd (output,): the noise floor, which weighs outputs against each other. start_sd (window, state): how well
+    each start is known beforehand; 0 where it may not be moved. hidden_tried (point, hidden state): the last of the
+    states are effects' own, of which the log says nothing; values at which they are looked for, nan where one is left
+    as it is. start_step: of finite differences, as a share of start_sd. movable: the states that may be moved, in one
+    window at least. attitudes: which outputs make up each quaternion, (4,): what each shows of the same noise depends
+    on the orientation.
+    """
+
+    space: ParameterSpace
+    measured: np.ndarray
+    mask: np.ndarray
+    noise_sd: np.ndarray
+    start_sd: np.ndarray
+    hidden_tried: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    start_step: float = START_STEP
+    movable: np.ndarray | None = None
+    attitudes: Sequence[np.ndarray] = ()
+
+    def __post_init__(self):
+        if self.movable is None:
+            object.__setattr__(self, "movable", np.flatnonzero((self.start_sd > 0).any(axis=0)))
+
+    @property
+    def hidden(self) -> int:
+        """How many of the states are effects' own."""
+        return self.hidden_tried.shape[1]
+
+    @property
+    def rough(self) -> bool:
+        """Whether contacts make outputs jump, so that differences are long."""
+        return self.start_step == ROUGH_START_STEP
+
+    @property
+    def count(self) -> int:
+        """How many numbers were measured."""
+        return int(self.mask.sum())
+
+    def residual(self, outputs: np.ndarray) -> np.ndarray:
+        """Measured minus simulated (..., window, step, output), in units of the noise, as (..., window, row)."""
+        residual = self.measured - outputs
+        # in place: of many candidates and a long log this is what takes memory
+        residual /= self.noise_sd
+        residual *= self.mask
+        return residual.reshape(*residual.shape[:-2], -1)
+
+    def standing_out(self, residual: np.ndarray) -> np.ndarray:
+        """The windows that a model with the residual (window, row) explains far worse than most that have samples."""
+        count = self.mask.sum(axis=(1, 2))
+        squares = np.square(residual).sum(axis=1) / np.maximum(count, 1)
+        return np.flatnonzero(squares > STANDS_OUT * np.median(squares[count > 0]))
+
+    def other_starts(
+        self, offsets: np.ndarray, stuck: np.ndarray, drawn: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Offsets (trial, window, state) that the windows `stuck` might have been better begun with.
+
+        Those are at the start as it was measured, with hidden states at each of the points where they are looked for,
+        and at the points `drawn` (point, state), in units of the starts' sd; the other windows keep their `offsets`
+        (window, state).
+        """
+        first = offsets.shape[1] - self.hidden
+        others = np.repeat(offsets[None], len(self.hidden_tried), axis=0)
+        for moved, tried in zip(others, self.hidden_tried, strict=True):
+            moved[stuck, :first] = 0.0
+            moved[stuck, first:] = np.where(np.isnan(tried), offsets[stuck, first:], tried)
+        if drawn is None or not stuck.size:
+            return others
+        anywhere = np.repeat(offsets[None], len(drawn), axis=0)
+        anywhere[:, stuck] = drawn[:, None] * self.start_sd[stuck]
+        return np.concatenate([others, anywhere])
+
+    def rows(self, keep: np.ndarray) -> Evidence:
+        """The evidence of the windows at `keep`."""
+        return replace(self, measured=self.measured[keep], mask=self.mask[keep], start_sd=self.start_sd[keep])
+
+
+@dataclass(frozen=True)
+class Trial:
+    """Simulations asked for: parameters (candidate, parameter), offsets of the starts (candidate, window, state)."""
+
+    parameters: np.ndarray
+    offsets: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.parameters)
+
+    @property
+    def but_first(self) -> Trial:
+        """Without its first candidate."""
+        return Trial(self.parameters[1:], self.offsets[1:])
+
+
+def columns(
+    evidence: Evidence,
+    x: np.ndarray,
+    offsets: np.ndarray,
+    *,
+    parameters: bool = True,
+    known: Known | None = None,
+) -> Trial:
+    """The point x (parameter,), in the unit cube, and one finite difference per parameter and start coordinate; those
+    that are `known` do not move, so that nothing is simulated for them.
+    """
+    moves = np.eye(len(x)) * parameter_steps(evidence.space, x) if parameters else np.zeros((0, len(x)))
+    shifts = _start_steps(evidence)
+    if known is not None:
+        moves *= ~known.parameters[:, None]
+        shifts = shifts * ~known.starts
+    movable = evidence.movable
+    points = np.concatenate([x[None], x + moves, np.repeat(x[None], len(movable), axis=0)])
+    moved = np.repeat(offsets[None], len(points), axis=0)
+    for row, state in enumerate(movable, start=1 + len(moves)):
+        moved[row, :, state] += shifts[:, state]
+    return Trial(evidence.space.from_unit(points), moved)
+
+
+def parameter_steps(space: ParameterSpace, x: np.ndarray) -> np.ndarray:
+    """Finite-difference steps (parameter,) that stay in the unit cube."""
+    return np.where(x + space.steps <= 1, space.steps, -space.steps)
+
+
+def _start_steps(evidence: Evidence) -> np.ndarray:
+    return np.maximum(evidence.start_step * np.minimum(evidence.start_sd, LONGEST), SHORTEST)
+
+
+@dataclass(frozen=True)
+class Known:
+    """Sensitivities that were measured elsewhere, by another model or with fewer starts that may move.
+
+    parameters (parameter,), starts (window, state): which. by_parameter (window, row, parameter) and by_start (window,
+    row, movable state), 0 for the others. carried: as of a linearization.
+    """
+
+    parameters: np.ndarray
+    starts: np.ndarray
+    by_parameter: np.ndarray
+    by_start: np.ndarray
+    carried: int
+
+    def completed(self, measured: Linearization) -> Linearization:
+        """The linearization with these, from one in which what is known did not move."""
+        return replace(
+            measured,
+            by_parameter=measured.by_parameter + self.by_parameter,
+            by_start=measured.by_start + self.by_start,
+            carried=self.carried,
+        )
+
+
+@dataclass(frozen=True)
+class Linearization:
+    """residual (window, row), by_parameter (window, row, parameter), by_start (window, row, state).
+
+    carried: by how many steps its sensitivities were carried along since they were measured.
+    """
+
+    evidence: Evidence
+    x: np.ndarray
+    offsets: np.ndarray
+    residual: np.ndarray
+    by_parameter: np.ndarray
+    by_start: np.ndarray
+    carried: int = 0
+
+    @classmethod
+    def from_columns(cls, evidence: Evidence, x, offsets, outputs, diverged, *, parameters: bool = True):
+        """From what the trial of `columns` gave. A difference that diverged counts as no sensitivity."""
+        residuals = evidence.residual(outputs)
+        size = len(x) if parameters else 0
+        residual, slopes = residuals[0].copy(), residuals[1:]
+        np.subtract(residual, slopes, out=slopes)
+        slopes *= ~diverged[1:, :, None]
+        by_parameter, by_start = slopes[:size], slopes[size:]
+        by_parameter /= parameter_steps(evidence.space, x)[:size, None, None]
+        scale = (evidence.start_sd / _start_steps(evidence))[:, evidence.movable]
+        by_start *= scale.T[:, :, None]
+        return cls(
+            evidence, x, offsets, residual, np.moveaxis(by_parameter, 0, -1), np.moveaxis(by_start, 0, -1)
+        )
+
+    def central(self) -> Trial:
+        """Central differences along the parameters: first all to one side, then all to the other."""
+        points = self.evidence.space.from_unit(np.concatenate(self._sides()))
+        return Trial(points, np.repeat(self.offsets[None], len(points), axis=0))
+
+    def with_central(self, outputs: np.ndarray, diverged: np.ndarray) -> Linearization:
+        """With sensitivities from what the trial of `central` gave; a parameter of which one side is beyond the bounds
+        or diverged keeps its own.
+        """
+        above, below = self._sides()
+        steps = np.diag(above - below)
+        after, before = np.split(self.evidence.residual(outputs), 2)
+        known = (np.diag(above) != self.x) & (np.diag(below) != self.x)
+        slopes = (before - after) / np.where(known, steps, 1.0)[:, None, None]
+        known = known[:, None] & ~np.logical_or(*np.split(diverged, 2))
+        slopes = np.where(known[:, :, None], slopes, np.moveaxis(self.by_parameter, -1, 0))
+        return replace(self, by_parameter=np.moveaxis(slopes, 0, -1))
+
+    def _sides(self) -> tuple[np.ndarray, np.ndarray]:
+        """Points (parameter, parameter) above and below x in one parameter each; x where that is beyond a bound."""
+        steps = np.diag(self.evidence.space.steps * (1.0 if self.evidence.rough else SHARPER))
+        above, below = self.x + steps, self.x - steps
+        return np.where(above > 1, self.x, above), np.where(below < 0, self.x, below)
+
+    def moved(self, x: np.ndarray, offsets: np.ndarray, residual: np.ndarray) -> Linearization:
+        """This linearization carried to x (parameter,), offsets (window, state) and the residual (window, row) there.
+
+        The sensitivities get the least change that explains the residual (Broyden 1965); those of parameters that
+        showed next to nothing get none.
+        """
+        dx = x - self.x
+        dz = scaled_offsets(self.evidence, offsets - self.offsets)[:, self.evidence.movable]
+        expected = self.residual - self.by_parameter @ dx - (self.by_start @ dz[..., None])[..., 0]
+        along = np.where(self.unseen, 0.0, dx)
+        square = float(along @ along)
+        change = (expected - residual)[..., None] * (along / square) if square > 0 else 0.0
+        by_parameter = self.by_parameter + change
+        return replace(
+            self, x=x, offsets=offsets, residual=residual, by_parameter=by_parameter, carried=self.carried + 1
+        )
+
+    def known_in(self, evidence: Evidence, parameters: int, states: int) -> Known | None:
+        """What this says of `evidence`, whose first `parameters` and `states` are those of this one; None where it has
+        other samples.
+        """
+        own = self.evidence
+        if own.measured.shape != evidence.measured.shape or not np.array_equal(own.mask, evidence.mask):
+            return None
+        by_parameter = np.zeros((*self.residual.shape, len(evidence.space)))
+        by_parameter[..., :parameters] = self.by_parameter[..., :parameters]
+        sd, now = own.start_sd[:, :states], evidence.start_sd[:, :states]
+        starts = np.zeros(evidence.start_sd.shape, dtype=bool)
+        starts[:, :states] = (sd == now) & (sd > 0)
+        by_start = np.zeros((*self.residual.shape, len(evidence.movable)))
+        for column, state in enumerate(evidence.movable):
+            if starts[:, state].any():
+                known = self.by_start[..., np.searchsorted(own.movable, state)]
+                by_start[..., column] = known * starts[:, state, None]
+        which = np.arange(len(evidence.space)) < parameters
+        return Known(which, starts, by_parameter, by_start, self.carried)
+
+    def windows(self, keep: np.ndarray) -> Linearization:
+        """The linearization of the windows at `keep`."""
+        arrays = {name: getattr(self, name)[keep] for name in BY_WINDOW}
+        return replace(self, evidence=self.evidence.rows(keep), **arrays)
+
+    def with_windows(self, index: np.ndarray, other: Linearization) -> Linearization:
+        """This one with the windows at `index` taken from `other`, which has those windows alone."""
+        arrays = {name: getattr(self, name).copy() for name in BY_WINDOW}
+        for name, values in arrays.items():
+            values[index] = getattr(other, name)
+        return replace(self, **arrays)
+
+    @cached_property
+    def z(self) -> np.ndarray:
+        """Offsets of the movable starts in units of their sd, (window, state)."""
+        movable = self.evidence.movable
+        sd = self.evidence.start_sd[:, movable]
+        return np.divide(self.offsets[:, movable], sd, out=np.zeros_like(sd), where=sd > 0)
+
+    @property
+    def unseen(self) -> np.ndarray:
+        """Which parameters show next to nothing here, (parameter,)."""
+        return np.square(self.by_parameter).sum(axis=(0, 1)) <= self.scatter / UNSEEN**2
+
+    @cached_property
+    def scatter(self) -> float:
+        """k: the variance of the residual over that of the noise times its autocorrelation time; at least 1."""
+        return scatter(self.evidence, self.residual)
+
+    @cached_property
+    def products(self) -> tuple[np.ndarray, ...]:
+        """JJ (window, p, p), JB (window, p, s), BB (window, s, s), Jr (window, p), Br (window, s)."""
+        j, b, r = self.by_parameter, self.by_start, self.residual[..., None]
+        jt, bt = j.swapaxes(1, 2), b.swapaxes(1, 2)
+        return jt @ j, jt @ b, bt @ b, (jt @ r)[..., 0], (bt @ r)[..., 0]
+
+    def start_gain(self, k: float, damping: np.ndarray | float = 0.0) -> np.ndarray:
+        """(B'B + (k + damping) 1)^-1, (window, state, state); damping per window (window,) or one for all."""
+        bb = self.products[2]
+        ridge = np.broadcast_to(k + damping, len(bb))[:, None, None]
+        return np.linalg.inv(bb + ridge * np.eye(bb.shape[-1]))
+
+    @property
+    def fitted_starts(self) -> float:
+        """How many free numbers the starts amount to, their prior counted."""
+        return float(self._fitted_states.sum())
+
+    @property
+    def fitted_hidden(self) -> np.ndarray:
+        """How many of those are hidden states of effects, (window,)."""
+        first = self.evidence.start_sd.shape[1] - self.evidence.hidden
+        return self._fitted_states[:, self.evidence.movable >= first].sum(axis=1)
+
+    @cached_property
+    def _fitted_states(self) -> np.ndarray:
+        """(window, movable state)."""
+        k = self.scatter
+        return 1 - k * np.diagonal(self.start_gain(k), axis1=1, axis2=2)
+
+    @property
+    def information(self) -> np.ndarray:
+        """What each window says of each parameter alone, its start fitted too, (window, parameter)."""
+        through = self.start_gain(self.scatter) @ self.products[1].swapaxes(1, 2)
+        return np.square(self.by_parameter - self.by_start @ through).sum(axis=1)
+
+    @property
+    def leverage(self) -> np.ndarray:
+        """What share of each residual's own noise the starts take up, (window, row)."""
+        b = self.by_start
+        return ((b @ self.start_gain(self.scatter)) * b).sum(axis=-1)
+
+    def normal(self, k: float, damping: np.ndarray | float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+        """Hessian (p, p) and downhill gradient (p,) of half the objective, starts eliminated."""
+        jj, jb, _, jr, br = self.products
+        gain = self.start_gain(k, damping)
+        through = jb @ gain
+        hessian = (jj - through @ jb.swapaxes(1, 2)).sum(axis=0)
+        gradient = (jr - (through @ (br - k * self.z)[..., None])[..., 0]).sum(axis=0)
+        return hessian, gradient
+
+    @property
+    def whole_step(self) -> np.ndarray:
+        """The parameter step (parameter,), in the unit cube, to where the linearization is lowest within it."""
+        return self.bounded_step(self.scatter, -self.x, 1 - self.x)
+
+    def bounded_step(
+        self, k: float, low: np.ndarray, high: np.ndarray, damping: np.ndarray | float = 0.0
+    ) -> np.ndarray:
+        """Likewise to where it is lowest within low <= step <= high (parameter,). What shows next to nothing stays."""
+        return held_step(*self.normal(k, damping), k, low, high)
+
+    def start_offsets(self, dx: np.ndarray, k: float, damping: np.ndarray | float = 0.0) -> np.ndarray:
+        """Offsets (window, state), SI, that belong to the parameter step dx (parameter,)."""
+        _, jb, _, _, br = self.products
+        right = br - (jb.swapaxes(1, 2) @ dx) - k * self.z
+        dz = (self.start_gain(k, damping) @ right[..., None])[..., 0]
+        movable = self.evidence.movable
+        offsets = self.offsets.copy()
+        offsets[:, movable] = (self.z + dz) * self.evidence.start_sd[:, movable]
+        return offsets
+
+    def predicted_gain(self, dx: np.ndarray, offsets: np.ndarray, k: float) -> float:
+        """How much the objective should fall by the step to `offsets` (window, state) and dx (parameter,)."""
+        return float(self.predicted_gains(dx, offsets, k).sum())
+
+    def predicted_gains(self, dx: np.ndarray, offsets: np.ndarray, k: float) -> np.ndarray:
+        """Likewise of each window, (window,)."""
+        z = scaled_offsets(self.evidence, offsets)[:, self.evidence.movable]
+        dz = z - self.z
+        residual = self.residual - self.by_parameter @ dx - (self.by_start @ dz[..., None])[..., 0]
+        return self.objectives(k) - objectives(residual, z, k)
+
+    def objectives(self, k: float) -> np.ndarray:
+        """The objective of each window, (window,)."""
+        return objectives(self.residual, self.z, k)
+
+
+def objectives(residual: np.ndarray, z: np.ndarray, k: float) -> np.ndarray:
+    """Squared residuals (..., window, row) and, weighed by k, starts' offsets (..., window, state), per window."""
+    return np.square(residual).sum(axis=-1) + k * np.square(z).sum(axis=-1)
+
+
+def trial_objectives(
+    evidence: Evidence, offsets: np.ndarray, outputs: np.ndarray, diverged: np.ndarray, k: float
+) -> np.ndarray:
+    """Objectives (trial, window) of what starts at `offsets` (trial, window, state) gave: inf where it diverged.
+
+    outputs (trial, window, step, output), diverged (trial, window).
+    """
+    values = objectives(evidence.residual(outputs), scaled_offsets(evidence, offsets), k)
+    return np.where(diverged | ~np.isfinite(values), np.inf, values)
+
+
+def best_trials(offsets: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The best trial of each window: its offsets (window, state) and its value (window,).
+
+    offsets (trial, window, state), values (trial, window).
+    """
+    pick, window = np.argmin(values, axis=0), np.arange(values.shape[1])
+    return offsets[pick, window], values[pick, window]
+
+
+def scaled_offsets(evidence: Evidence, offsets: np.ndarray) -> np.ndarray:
+    """Offsets (..., window, state) in units of their prior sd."""
+    sd = evidence.start_sd
+    return np.divide(offsets, sd, out=np.zeros_like(offsets), where=np.broadcast_to(sd > 0, offsets.shape))
+
+
+def scatter(evidence: Evidence, residual: np.ndarray) -> float:
+    """Variance of the residual (window, row), in units of the noise's, times its autocorrelation time; at least 1."""
+    variance = float(np.square(residual).sum() / max(evidence.count, 1))
+    shaped = residual.reshape(evidence.measured.shape)
+    return max(1.0, variance * autocorrelation_time(shaped, evidence.mask))
+
+
+def held_step(
+    hessian: np.ndarray, gradient: np.ndarray, k: float, low: np.ndarray, high: np.ndarray
+) -> np.ndarray:
+    """As `box_step`, of an objective whose noise has the variance k; what shows next to nothing stays."""
+    return box_step(hessian + k / UNSEEN**2 * np.eye(len(gradient)), gradient, low, high)
+
+
+def box_step(hessian: np.ndarray, gradient: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Minimizes d'Hd/2 - g'd over low <= d <= high; directions without curvature are left alone."""
+    size = len(gradient)
+    if size == 0:
+        return np.zeros(0)
+    scale = np.sqrt(np.maximum(np.diag(hessian), 1e-12 * max(np.trace(hessian), 1e-300)))
+    regular = hessian / np.outer(scale, scale) + 1e-9 * np.eye(size)
+    step = np.zeros(size)
+    factor = np.zeros((size, size + 7))
+    rank = mujoco.mju_boxQP(step, factor, None, regular, -gradient / scale, low * scale, high * scale)
+    return step / scale if rank >= 0 else np.clip(gradient / scale**2, low, high)

@@ -1,0 +1,105 @@
+"""How much of an estimate is the model's time step: where the parameters would be at a shorter one.
+
+What MuJoCo's integrators leave out is of the first order in the step: those that are implicit in the velocity move as
+if the inertia had step times damping more. Parameters make up for it, and the error need not show it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from capture_cli.estimate.fit import AS_GOOD, Fit, thinned
+from capture_cli.estimate.model_fits import ModelFits
+from capture_cli.estimate.prepared_log import PreparedLog
+from capture_cli.estimate.solve.intervals import Intervals
+from capture_cli.estimate.solve.linearization import Linearization
+from capture_cli.model.effects import REGISTRY
+from capture_cli.model.effects.placed import Placed
+from capture_cli.model.tasks.base import ActionTask
+
+FINER = "finer-time-step"
+MATERIAL = 0.003  # of a value, or of its range where that is larger by ten times: less is nobody's concern
+AS_WELL = 9.0  # of the objective over k: no worse by more, a window is explained as well
+MOST_WINDOWS = 0.75  # of those simulated have to be
+SURE = 2.0  # sd of the estimate: less is lost in them
+
+
+@dataclass(frozen=True)
+class ShorterStep:
+    """point (parameter,): about where the parameters would be in steps of `finer` s, the model's being `step` s.
+
+    moved: the numbers of those that would be elsewhere, by more than they are uncertain, the largest change first.
+    """
+
+    step: float
+    finer: float
+    point: np.ndarray
+    moved: list[int]
+
+
+def shorter_step(fits: ModelFits, part: PreparedLog, fit: Fit, found: Intervals) -> ShorterStep | None:
+    """What a quarter of the model's time step would make of the `fit` of the part; None where nothing, or where the log
+    speaks against it, as one does that was simulated in the model's own steps.
+
+    None as well where the task is a built-in one, or the steps are shorter already: nobody could change them.
+    From one simulation of as many windows as a score needs, by the sensitivities of the fit. Where contacts make the
+    error rough these hold in most windows and not in all: there the windows count that are as good in such steps once
+    they are simulated where the sensitivities lead, and the log has to be better explained by them.
+    """
+    task = fits.prepared.task
+    if not len(fit.space) or isinstance(task, ActionTask):
+        return None
+    if any(placed.kind == FINER for placed in fit.effects):
+        return None
+    model = task.model
+    finer = Placed(FINER, REGISTRY.get(FINER)(model, "quarter"))
+    part, at = thinned(part, fit)
+    there = _in_steps_of(fits, part, replace(fit, at=at), finer)
+    if there is None:
+        return None
+    k, worse = at.scatter, AS_GOOD
+    if at.evidence.rough:
+        led = _in_steps_of(fits, part, _led(fit, there, k), finer)
+        if led is None:
+            return None
+        keep = np.flatnonzero(led.objectives(k) <= at.objectives(k) + AS_WELL * k)
+        if len(keep) < MOST_WINDOWS * len(part.windows):
+            return None
+        at, there, worse = at.windows(keep), there.windows(keep), -AS_GOOD
+    left, begin = _lowest(at, k)
+    left_there, end = _lowest(there, k)
+    if left_there > left + worse * k:
+        return None
+    change = (end - begin) * fit.space.span
+    size = np.maximum(np.abs(fit.point), 0.1 * fit.space.span)
+    concerns = found.identifiable & (np.abs(change) > np.maximum(MATERIAL * size, SURE * found.sd))
+    moved = [int(i) for i in np.argsort(-np.abs(change) / size) if concerns[i]]
+    point = np.clip(fit.point + change, fit.space.low, fit.space.high)
+    step = float(model.opt.timestep)
+    return ShorterStep(step, step / finer.effect.substeps, point, moved) if moved else None
+
+
+def _in_steps_of(fits: ModelFits, part: PreparedLog, fit: Fit, finer: Placed) -> Linearization | None:
+    """The linearization of the fit with the residual of the steps of `finer`; None where a window diverges."""
+    residuals, diverged = fits.probe(part, fit, finer, np.zeros((1, 0)))
+    return None if diverged.any() else replace(fit.at, residual=residuals[0])
+
+
+def _led(fit: Fit, there: Linearization, k: float) -> Fit:
+    """The fit moved, starts too, to where the linearization is lowest."""
+    dx = there.bounded_step(k, -there.x, 1 - there.x)
+    x = np.clip(there.x + dx, 0, 1)
+    return replace(
+        fit,
+        point=fit.space.from_unit(x),
+        at=replace(there, x=x, offsets=there.start_offsets(dx, k)),
+    )
+
+
+def _lowest(at: Linearization, k: float) -> tuple[float, np.ndarray]:
+    """The objective where the linearization is lowest, and the step (parameter,) in the unit cube that leads there."""
+    dx = at.bounded_step(k, -at.x, 1 - at.x)
+    gain = at.predicted_gain(dx, at.start_offsets(dx, k), k)
+    return float(at.objectives(k).sum()) - gain, dx

@@ -1,0 +1,27 @@
+"""A time step that suits a log: neither so long that a window holds few of them, nor so short that none would wait."""
+
+from __future__ import annotations
+
+from capture_cli.log.windows import FEWEST_IN_WINDOW
+
+MOST_PER_SAMPLE = 10_000  # steps: a simulation of a minute at 100 Hz takes as many minutes
+
+
+def unsuitable_step(timestep: float, interval: float, lasts: float) -> tuple[str, str] | None:
+    """What is wrong with steps of `timestep` s, and what mends it; None where nothing is.
+
+    interval: s, between samples of the log. lasts: s, a window, or the longest episode where there are no windows.
+    """
+    if timestep * FEWEST_IN_WINDOW > lasts:
+        return (
+            f"the model steps by {timestep:g} s, and what is simulated at a time lasts {lasts:.3g} s",
+            f"set a timestep of {interval:.2g} s, the log's own interval, or less in the model's <option>",
+        )
+    if timestep * MOST_PER_SAMPLE < interval:
+        return (
+            f"the model steps by {timestep:g} s, {interval / timestep:.3g} times from one sample of the log to the "
+            f"next, {interval:.3g} s on",
+            f"set a timestep of more than {interval / MOST_PER_SAMPLE:.2g} s in the model's <option>; machines have "
+            "1e-4 to 0.01",
+        )
+    return None

@@ -1,0 +1,76 @@
+"""White noise on smooth series, by high-order differences.
+
+A difference of order p of a smooth signal vanishes as p grows, while that of white noise of variance s^2 has variance
+s^2 (2p)! / (p!)^2. The order is the first after which the estimate no longer falls. Large differences (impacts, dropped
+samples) are trimmed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from math import comb
+
+import numpy as np
+
+ORDERS = range(2, 9)
+STILL_FALLING = 0.9  # the signal still shows at an order if the next one gives less than this share
+TRIMMED = 0.95  # share of the squared differences that is kept
+PLACE = 1 / 3  # the largest kept of few lies a little above the quantile of the share that they are
+UNEVEN = 0.01  # of the sampling interval: files round times
+
+
+def trimmed_sd(numbers: np.ndarray) -> float:
+    """The standard deviation of Gaussian `numbers`, the largest left out."""
+    kept = max(1, int(TRIMMED * len(numbers)))
+    squares = np.sort(np.square(numbers))[:kept]
+    return float(np.sqrt(squares.mean() / _mean_below((kept + PLACE) / len(numbers))))
+
+
+def _mean_below(share: float) -> float:
+    """The mean of a chi-squared variable of one degree below its quantile q of `share`: P(chi2_3 < q) / share."""
+    from scipy.special import chdtr, chdtri
+
+    return float(chdtr(3, chdtri(1, 1 - share))) / share if share < 1 else 1.0
+
+
+def from_differences(series: Sequence[np.ndarray], times: Sequence[np.ndarray]) -> float:
+    """Standard deviation of white noise on smooth series, each (step,), sampled at `times` (step,), s."""
+    estimates = _by_order(series, times)
+    return next(_settled(estimates), estimates[-1] if estimates else 0.0)
+
+
+def white_noise(series: Sequence[np.ndarray], times: Sequence[np.ndarray]) -> float | None:
+    """Likewise; None where the estimate falls on and on, and there is more of something smooth than of noise."""
+    return next(_settled(_by_order(series, times)), None)
+
+
+def _by_order(series: Sequence[np.ndarray], times: Sequence[np.ndarray]) -> list[float]:
+    """The estimates by differences of each order, as long as there are any."""
+    estimates = []
+    for order in ORDERS:
+        found = [differences(s, t, order) for s, t in zip(series, times, strict=True) if len(s) > order + 2]
+        if not found:
+            break
+        estimates.append(trimmed_sd(np.concatenate(found)))
+    return estimates
+
+
+def _settled(estimates: Sequence[float]) -> Iterator[float]:
+    """Those that the next order does not lower any more."""
+    return (this for this, following in pairwise(estimates) if following > STILL_FALLING * this)
+
+
+def differences(series: np.ndarray, time: np.ndarray, order: int) -> np.ndarray:
+    """Differences (step - order,) of a series (step,), scaled such that white noise keeps its variance.
+
+    Divided differences where samples are not evenly spaced: a polynomial of lower degree vanishes there, too.
+    """
+    steps = np.diff(time)
+    if np.ptp(steps) < UNEVEN * np.median(steps):
+        return np.diff(series, order) / np.sqrt(comb(2 * order, order))
+    points = np.lib.stride_tricks.sliding_window_view(time, order + 1)
+    apart = (points[:, :, None] - points[:, None, :]) / np.median(steps) + np.eye(order + 1)
+    weights = 1 / apart.prod(axis=2)
+    weights /= np.linalg.norm(weights, axis=1)[:, None]
+    return (weights * np.lib.stride_tricks.sliding_window_view(series, order + 1)).sum(axis=1)

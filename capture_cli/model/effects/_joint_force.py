@@ -1,0 +1,114 @@
+"""What forces and frictions at a joint share: where a kernel's numbers come from, and what it adds to."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import ClassVar
+
+import numpy as np
+
+from capture_cli.model.effects._joint_effect import JointEffect
+from capture_cli.model.effects._kernel import Companion, bound, call, inputs
+from capture_cli.model.effects._places import reference
+from capture_cli.model.effects.base import Effect, raised
+from capture_cli.model.world import World
+
+FORCE, FRICTION, DAMPING = "qfrc_applied", "dof_frictionloss", "dof_damping"
+INERTIA = "inertia"
+# How a companion reads what is no field of MjData at the joint
+_READ = {
+    "time": "data.time",
+    "qpos": "data.qpos[at]",
+    DAMPING: f"model.{DAMPING}[dof]",
+    FRICTION: f"model.{FRICTION}[dof]",
+    INERTIA: "inertia_felt(model, data.qLD, data.qLDiagInv, int(dof[0]))",
+}
+
+
+def inertia_felt(model, factor, inverse_diagonal, dof):
+    """kg or kg m^2: what a force on `dof` alone has to accelerate, 1 / (M^-1) there, of M = L' D L.
+
+    factor (..., nC), inverse_diagonal (..., nv): mjData.qLD and qLDiagInv.
+    """
+    column, inverse = {dof: 1.0}, 0.0  # of L'^-1, nonzero where `dof` hangs on
+    for i in range(dof, -1, -1):
+        if i in column:
+            inverse = inverse + column[i] ** 2 * inverse_diagonal[..., i]
+            first = int(model.M_rowadr[i])
+            for k in range(first, first + int(model.M_rownnz[i]) - 1):
+                above = int(model.M_colind[k])
+                column[above] = column.get(above, 0.0) - factor[..., k] * column[i]
+    return 1 / inverse
+
+
+class JointForce(JointEffect):
+    """An effect that adds what `kernel` gives to the joint's force, dry friction or damping, `adds_to`.
+
+    The kernel's inputs are named as the fields of MjData that they are, at the joint, or dof_damping, dof_frictionloss,
+    or inertia: what a force on the joint alone has to accelerate. Friction and damping are those of the model, which
+    MuJoCo integrates implicitly, and never fall below zero.
+    """
+
+    place = "force"
+    kernel: ClassVar[Callable]
+    adds_to: ClassVar[str] = FORCE
+
+    def force(self, values, timestep, **_):
+        return ForceOfKernel(self, self.coefficients(values), timestep)
+
+    def read(self, world: World, field: str) -> np.ndarray:
+        """A field of MjData, its damping, dry friction or inertia, at the joint, (simulation,)."""
+        if field == "time":
+            return world.time
+        if field in (DAMPING, FRICTION):
+            return world.vary(field)[:, self.dof]
+        if field == INERTIA:
+            return inertia_felt(self.model, world.qLD, world.qLDiagInv, self.dof)
+        at = int(self.model.jnt_qposadr[self.joint]) if field == "qpos" else self.dof
+        return getattr(world, field)[:, at]
+
+    def add(self, world: World, term: np.ndarray) -> None:
+        """Add `term` (simulation,)."""
+        if self.adds_to == FORCE:
+            world.qfrc_applied[:, self.dof] += term
+            return
+        own = world.vary(self.adds_to)
+        own[:, self.dof] = raised(own[:, self.dof], term)
+
+    def companion(self, name, values):
+        fields = inputs(self.kernel)
+        reads = [_READ.get(field, f"data.{field}[dof]") for field in fields]
+        kernels = (self.kernel, *([inertia_felt] if INERTIA in fields else []))
+        numbers = {n: v[0] for n, v in self.coefficients(values[None]).items()}
+        term, state = call(name, self.kernel, reads, numbers)
+        joint = f"model.joint({reference(self.model, 'joint', self.joint_name)})"
+        lines = [f"dof = {joint}.dofadr"] + [f"at = {joint}.qposadr"] * ("data.qpos[at]" in reads)
+        if self.adds_to == FORCE:
+            lines.append(f"data.qfrc_applied[dof] += {term}")
+            return Companion(kernels, tuple(lines), state, ("data.qfrc_applied",))
+        own = f"model.{self.adds_to}"
+        lines += [f"change = {term}", f"{own}[dof] = raised({own}[dof], change)"]
+        return Companion((*kernels, raised), tuple(lines), state, (own,))
+
+
+class ForceOfKernel:
+    """What a JointForce, or another effect with a kernel, adds over a batch, chunk after chunk."""
+
+    def __init__(self, effect: Effect, coefficients: dict[str, np.ndarray], timestep: float):
+        self.effect, self.coefficients, self.timestep = effect, coefficients, timestep
+        self.reads = inputs(effect.kernel)
+        self.world: World | None = None
+
+    def __call__(self, world: World) -> None:
+        term = self.begun(world)
+        self.effect.add(world, term(*(self.effect.read(world, field) for field in self.reads)))
+
+    def begun(self, world: World) -> Callable:
+        """The kernel with the coefficients of this chunk: afresh where one begins, and with it another state."""
+        if world is not self.world:
+            self.world, self.term = world, bound(self.effect.kernel, self.own(world), self.timestep)
+        return self.term
+
+    def own(self, world: World) -> dict[str, np.ndarray]:
+        """The kernel's coefficients, (simulation,) of this chunk."""
+        return {name: v[world.rows] for name, v in self.coefficients.items()}

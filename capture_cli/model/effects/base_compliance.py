@@ -1,0 +1,150 @@
+"""A machine that stands on something that gives: a table, a stand, a vehicle on its springs."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import mujoco
+import numpy as np
+
+from capture_cli.model.effects._joint_force import ForceOfKernel
+from capture_cli.model.effects._kernel import Companion, call, kept
+from capture_cli.model.effects._scales import driven_joints, moving_bodies
+from capture_cli.model.effects._vibration import Vibration, VibrationEffect
+from capture_cli.model.effects.base import GLOBAL
+from capture_cli.model.parameters import Parameter
+from capture_cli.model.world import World
+
+AXES = ("x", "y", "z")
+MOST = 0.8  # of what stands on the springs: a base of a quarter of what moves on it
+AGITATED = 5.0  # m/s^2: accelerations of the centre of mass, commonly within
+SEEN = 1e-6  # of all mass, per m/s, or per rad/s at 1 m
+POSES = 4  # in which it is looked at whether the machine can push its base along an axis
+
+
+class SprungBase(Vibration):
+    """Acceleration x'' of a base that what moves on it pushes.
+
+    With m_i a_i the masses that move and their accelerations along the axis as seen from the base, M their sum and
+    M_b the mass of the base, (M_b + M) x'' + c x' + k x = -sum m_i a_i. mobility: M / (M_b + M).
+    """
+
+    def __init__(self, *, mobility, timestep, **rest):
+        super().__init__(timestep=timestep, **rest)
+        self.mobility = mobility
+        self.before = None  # momentum, kg m/s
+        self.accelerates = 0.0  # x'', m/s^2
+
+    def __call__(self, momentum, force, mass):
+        """x''. momentum: of what moves, seen from the base; force: its rate, which counts at the first step alone."""
+        if self.before is not None:
+            force = (momentum - self.before) / self.timestep
+        self.before = np.array(momentum)
+        self.accelerates = self.advance(self.mobility * force / mass)
+        return self.accelerates
+
+
+def momentum_along(model, axis, cdof, subtree_com, body_subtreemass):
+    """kg, or kg m: momentum along the axis of the world, per unit of each qvel, (..., nv)."""
+    body = model.dof_bodyid
+    arm = subtree_com[..., body, :] - subtree_com[..., model.body_rootid[body], :]
+    moved = cdof[..., 3:] + np.cross(cdof[..., :3], arm)
+    return body_subtreemass[..., body] * moved[..., axis]
+
+
+class BaseCompliance(VibrationEffect):
+    """The base is free to move along one axis of the world, on springs: at `frequency` (Hz) and with `damping_ratio` of
+    the critical damping where the machine is held. Of the mass on the springs the share `mobility` moves on the base.
+
+    Everything is seen from the base, but for accelerometers, which show its acceleration as well: sensors that stand
+    elsewhere are outside of this.
+    """
+
+    place = "force"
+    reads_acceleration = True
+    summary = "the machine stands on something that gives: a table, a stand, a vehicle on its springs"
+    where = "each axis of the world along which an actuator can push the base"
+    kernel = SprungBase
+
+    def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
+        super().__init__(model, site)
+        self.axis = AXES.index(site)
+        self.moving = moving_bodies(model)
+        self.accelerometers = _accelerometers(model)
+
+    @classmethod
+    def sites(cls, model):
+        return [AXES[k] for k in _pushed(model)]
+
+    @property
+    def parameters(self):
+        return (Parameter("mobility", "1", 0.0, MOST, 0.0), *self.swinging)
+
+    def force(self, values, timestep, *, states=None, **_):
+        begins = self.begins(values, states, AGITATED * values[:, 0])
+        kind = ForceOfBase if self.accelerometers else ForceOfUnseenBase
+        return kind(self, self.coefficients(values) | begins, timestep)
+
+    def companion(self, name, values):
+        given = ["per_speed @ data.qvel", "per_speed @ data.qacc", f"model.body_mass[{self.moving}].sum()"]
+        term, state = call(name, SprungBase, given, dict(zip(self.space.names, values, strict=True)))
+        fields = "data.cdof, data.subtree_com, model.body_subtreemass"
+        lines = (
+            f"per_speed = momentum_along(model, {self.axis}, {fields})",
+            f"data.qfrc_applied -= per_speed * {term}",
+        )
+        after = tuple(
+            f"data.sensordata[{at}:{at + 3}] += data.site_xmat[{site}].reshape(3, 3)[{self.axis}]"
+            f" * {kept(name)}.accelerates"
+            for at, site in self.accelerometers.items()
+        )
+        return Companion((momentum_along, SprungBase), lines, state, ("data.qfrc_applied",), after)
+
+
+class ForceOfUnseenBase(ForceOfKernel):
+    """What holds the masses back that move on the base while it accelerates, over a batch, chunk after chunk."""
+
+    def __call__(self, world: World) -> None:
+        effect, base = self.effect, self.begun(world)
+        masses, subtrees = world.vary("body_mass"), world.vary("body_subtreemass")
+        per_speed = momentum_along(effect.model, effect.axis, world.cdof, world.subtree_com, subtrees)
+        momentum, force = (per_speed * world.qvel).sum(axis=1), (per_speed * world.qacc).sum(axis=1)
+        accelerates = base(momentum, force, masses[:, effect.moving].sum(axis=1))
+        world.qfrc_applied[:] -= per_speed * accelerates[:, None]
+
+
+class ForceOfBase(ForceOfUnseenBase):
+    """That of a base on which there are accelerometers."""
+
+    def __call__(self, world: World) -> None:
+        # asked for before the step: afterwards it would be worked out for its end
+        self.frames = world.site_xmat
+        super().__call__(world)
+
+    def report(self, sensordata: np.ndarray) -> None:
+        """Add what the accelerometers show of the base, in frames of their own, to sensordata (simulation, column)."""
+        for at, site in self.effect.accelerometers.items():
+            axis = self.frames[:, site].reshape(-1, 3, 3)[:, self.effect.axis]
+            sensordata[:, at : at + 3] += axis * self.term.accelerates[:, None]
+
+
+def _accelerometers(model: mujoco.MjModel) -> dict[int, int]:
+    """The site that each is at, by the first of its columns of sensordata."""
+    own = np.flatnonzero(model.sensor_type == int(mujoco.mjtSensor.mjSENS_ACCELEROMETER))
+    return {int(model.sensor_adr[s]): int(model.sensor_objid[s]) for s in own}
+
+
+@lru_cache(maxsize=16)
+def _pushed(model: mujoco.MjModel) -> tuple[int, ...]:
+    """Axes of the world along which joints that actuators drive move masses, in one of some poses."""
+    dofs = model.jnt_dofadr[driven_joints(model, by_tendons=True)]
+    generator = np.random.default_rng(0)
+    data, found = mujoco.MjData(model), set()
+    for _ in range(POSES):
+        mujoco.mj_integratePos(model, data.qpos, generator.standard_normal(model.nv), 1.0)
+        mujoco.mj_fwdPosition(model, data)
+        for k in range(len(AXES)):
+            moved = momentum_along(model, k, data.cdof, data.subtree_com, model.body_subtreemass)
+            if np.abs(moved[dofs]).max(initial=0.0) > SEEN * model.body_subtreemass[0]:
+                found.add(k)
+    return tuple(sorted(found))

@@ -1,0 +1,46 @@
+"""A control that arrives smaller, or larger, the longer the machine runs."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from capture_cli.model.effects._actuator_effect import ActuatorEffect
+from capture_cli.model.effects._elapsed import Elapsed
+from capture_cli.model.effects._fade import TIME_CONSTANT, grown
+from capture_cli.model.effects._kernel import Companion, call
+from capture_cli.model.effects._places import reference
+from capture_cli.model.parameters import Parameter
+
+
+class ControlFade(ActuatorEffect):
+    """Controls arrive 1 + `change` (1 - e^(-t / `time_constant`)) times as large, t since the episode began: magnets
+    that warm, a battery that sags.
+    """
+
+    summary = "a control arrives smaller, or larger, the longer the machine runs"
+    shapes = ("time_constant",)
+    kernel = staticmethod(grown)
+
+    @property
+    def parameters(self):
+        return (Parameter("change", "1", -0.8, 0.8, 0.0), TIME_CONSTANT)
+
+    def drive(self, controls, values, timestep, *, elapsed=0.0, **_):
+        time = np.reshape(elapsed, (-1, 1)) + timestep * np.arange(controls.shape[1])
+        growth = grown(time, **{n: v[:, None] for n, v in self.coefficients(values).items()})
+        controls = controls.copy()
+        controls[:, :, self.columns] *= growth[..., None]
+        return controls
+
+    def companion(self, name, values):
+        numbers = {n: v[0] for n, v in self.coefficients(values[None]).items()}
+        elapsed, state = call(name, Elapsed, ["data.time"], {})
+        growth, _ = call(name, grown, ["elapsed"], numbers)
+        actuator = f"model.actuator({reference(self.model, 'actuator', self.site)})"
+        lines = (
+            f"at = model.actuator_ctrladr[{actuator}.id]",
+            f"elapsed = {elapsed}",
+            f"growth = {growth}",
+            "data.ctrl[at] *= growth",
+        )
+        return Companion((Elapsed, grown), lines, state)

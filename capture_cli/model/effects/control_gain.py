@@ -1,0 +1,22 @@
+"""A control that arrives larger or smaller than commanded."""
+
+from __future__ import annotations
+
+from capture_cli.model.effects._actuator_effect import ActuatorEffect
+from capture_cli.model.parameters import Parameter
+
+
+def amplified(control, *, change):
+    """control (1 + change)."""
+    return control * (1 + change)
+
+
+class ControlGain(ActuatorEffect):
+    """The control arrives (1 + `change`) times as large."""
+
+    summary = "a control arrives larger or smaller than commanded"
+    kernel = staticmethod(amplified)
+
+    @property
+    def parameters(self):
+        return (Parameter("change", "1", -0.5, 0.5, 0.0),)

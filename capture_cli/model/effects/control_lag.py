@@ -1,0 +1,26 @@
+"""A control that arrives through a first-order filter: the windings of a motor, a current controller."""
+
+from __future__ import annotations
+
+from capture_cli.model.effects._actuator_effect import ControlTimeEffect
+from capture_cli.model.effects._lag import Lag
+from capture_cli.model.parameters import Parameter
+
+FORGOTTEN = 20.0  # time constants, after which 2e-9 of a deviation is left
+
+
+class ControlLag(ControlTimeEffect):
+    """The control arrives through a first-order lag of `time_constant` (s). It is the mean over a step that
+    arrives.
+    """
+
+    summary = "a control arrives through a first-order lag"
+    kernel = Lag
+    remembers = f"{FORGOTTEN:g} `time_constant`"
+
+    @property
+    def parameters(self):
+        return (Parameter("time_constant", "s", 0.0, 0.2, 0.0),)
+
+    def memory(self, values):
+        return FORGOTTEN * float(values.max())

@@ -1,0 +1,70 @@
+"""A control that is followed like a damped spring: an arm behind an impedance or operational-space controller."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from capture_cli.log.windows import LEAD
+from capture_cli.model.effects._actuator_effect import ControlTimeEffect
+from capture_cli.model.parameters import Parameter
+
+FORGOTTEN = 12.0  # times over which a deviation falls by e: 6e-6 of it is left
+
+
+class SecondOrderLag:
+    """T^2 x'' + 2 damping_ratio T x' + x = control, with T the time_constant; the mean of x over the step.
+
+    The exact solution for a control that is held over each step: the matrix exponential of the deviation,
+    (x - control, T x'), in terms of the poles (root - damping_ratio) / T and -(root + damping_ratio) / T.
+    """
+
+    def __init__(self, *, time_constant, damping_ratio, timestep):
+        self.steps = time_constant / timestep
+        self.damping_ratio = damping_ratio
+        turned = 1 / np.maximum(self.steps, 1e-12)  # the step in units of T
+        root = np.sqrt(damping_ratio * damping_ratio - 1 + 0j)
+        root = np.where(np.abs(root) < 1e-6, 1e-6, root)  # the limit of a double pole, to 1e-12
+        slower = np.exp((root - damping_ratio) * turned)
+        gap = np.expm1(-2 * root * turned)  # the faster of both over the slower, less 1
+        even, odd = np.real(slower * (1 + gap / 2)), np.real(-slower * gap / (2 * root))
+        self.kept = even + damping_ratio * odd, odd  # of the deviation, and of what was its rate
+        self.rate_kept = -odd, even - damping_ratio * odd
+        self.state = None
+        self.rate = 0.0
+
+    def __call__(self, control):
+        gap = 0.0 * control if self.state is None else self.state - control
+        ahead = self.kept[0] * gap + self.kept[1] * self.rate
+        rate = self.rate_kept[0] * gap + self.rate_kept[1] * self.rate
+        # the integral of the equation over the step
+        mean = self.steps * (self.rate - rate + 2 * self.damping_ratio * (gap - ahead))
+        self.state, self.rate = control + ahead, rate
+        return control + mean
+
+
+class ControlSecondOrderLag(ControlTimeEffect):
+    """The control arrives through a second-order lag of natural frequency 1 / `time_constant` (rad/s) and of
+    `damping_ratio`. It is the mean over a step that arrives.
+
+    For small time constants it is a delay by 2 damping_ratio time_constant.
+    """
+
+    summary = "a control arrives through a second-order lag: it is followed like a damped spring"
+    shapes = ("damping_ratio",)
+    kernel = SecondOrderLag
+    remembers = (
+        f"{FORGOTTEN:g} time constants of its slower pole, which is `time_constant` / `damping_ratio` where the "
+        f"latter is 1 or less; {LEAD:g} s at most"
+    )
+
+    @property
+    def parameters(self):
+        return (
+            Parameter("time_constant", "s", 0.0, 0.15, 0.0),
+            Parameter("damping_ratio", "1", 0.3, 1.5, 1.0),
+        )
+
+    def memory(self, values):
+        time_constant, damping_ratio = values.T
+        slowest = damping_ratio - np.sqrt(np.maximum(damping_ratio**2 - 1, 0))
+        return min(FORGOTTEN * float((time_constant / slowest).max()), LEAD)

@@ -1,0 +1,70 @@
+"""A body that loses or gains mass as it works: a tank, a can, a hopper, a spool."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from capture_cli.model.effects._elapsed import Elapsed
+from capture_cli.model.effects._kernel import Companion, call
+from capture_cli.model.effects._places import reference, site_id
+from capture_cli.model.effects._scales import moving_bodies
+from capture_cli.model.effects.base import GLOBAL, Effect
+from capture_cli.model.object_names import object_name
+from capture_cli.model.parameters import Parameter
+
+USUAL = 20.0  # s, that an episode takes where no log says
+MOST = 0.8  # of the mass, that an episode adds or takes away
+SCALED = ("body_mass", "body_inertia")
+
+
+def steadily(time, *, rate):
+    """How many times as large at `time`, s, since it began: 1 + rate time."""
+    return 1 + rate * np.maximum(time, 0.0)
+
+
+class MassChange(Effect):
+    """The body's mass and inertia are 1 + `rate` (1/s) t times as large, t since the episode began: it is filled anew
+    before each, and what leaves it takes its momentum along.
+    """
+
+    place = "force"
+    summary = "a body that loses or gains mass as it works: a tank, a spray can, a hopper, a spool"
+    where = "every moving body with mass"
+
+    def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
+        super().__init__(model, site)
+        self.body = site_id(model, "body", site)
+
+    @classmethod
+    def sites(cls, model):
+        # MuJoCo has the inertia of a body that was compiled as `simple` from a constant
+        return [object_name(model, "body", b) for b in moving_bodies(model) if not model.body_simple[b]]
+
+    @property
+    def parameters(self):
+        most = MOST / (self.longest or USUAL)
+        return (Parameter("rate", "1/s", -most, most, 0.0),)
+
+    def force(self, values, timestep, *, began=0.0, **_):
+        rate = values[:, 0]
+        began = np.broadcast_to(began, len(values))
+
+        def force(world):
+            growth = steadily(world.time - began[world.rows], rate=rate[world.rows])
+            world.vary("body_mass")[:, self.body] *= growth
+            world.vary("body_inertia")[:, self.body] *= growth[:, None]
+
+        return force
+
+    def companion(self, name, values):
+        elapsed, state = call(name, Elapsed, ["data.time"], {})
+        growth, _ = call(name, steadily, ["elapsed"], {"rate": values[0]})
+        fields = tuple(f"model.{field}" for field in SCALED)
+        lines = (
+            f"body = model.body({reference(self.model, 'body', self.site)}).id",
+            f"elapsed = {elapsed}",
+            f"growth = {growth}",
+            *(f"{field}[body] *= growth" for field in fields),
+        )
+        return Companion((Elapsed, steadily), lines, state, fields)

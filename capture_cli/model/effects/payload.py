@@ -1,0 +1,85 @@
+"""Mass that a body carries and the model does not know of."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from capture_cli.model.effects._inertia import add_point_mass
+from capture_cli.model.effects._places import site_id
+from capture_cli.model.effects._scales import moving_bodies
+from capture_cli.model.effects._turning_axes import axes_that_show, reach, turning_joints
+from capture_cli.model.effects.base import GLOBAL, Effect
+from capture_cli.model.object_names import object_name
+from capture_cli.model.parameters import Parameter
+
+FARTHEST = 3.0  # times the distance of the centre of mass; the end of a rod is at 2
+
+
+class Payload(Effect):
+    """A point of `mass` (kg), fixed to a body at `x`, `y`, `z` (m) in the body's frame.
+
+    Where the body can turn about one axis only, the place along it moves nothing, and is left out; where it
+    cannot turn, the whole place is. Of bodies that are fixed to each other it is looked for at the first.
+    """
+
+    place = "model"
+    summary = "a body carries mass that the model does not know of"
+    where = "every moving body with mass"
+    shapes = ("x", "y", "z")
+    mixes = True
+
+    def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
+        super().__init__(model, site)
+        self.body = site_id(model, "body", site)
+        self.centre = model.body_ipos[self.body].copy()
+        self.fixed = [b for b in moving_bodies(model) if model.body_weldid[b] == model.body_weldid[self.body]]
+        self.farthest = max(self._farthest(b) for b in self.fixed)
+        # of a body that was compiled as `simple` MuJoCo cannot move the centre; those of a task never are
+        shows = turning_joints(model, self.body) and not model.body_simple[self.body]
+        self.axes = axes_that_show(model, self.body) if shows else np.zeros(0, dtype=int)
+
+    @classmethod
+    def sites(cls, model):
+        return [object_name(model, "body", b) for b in moving_bodies(model)]
+
+    @property
+    def shows(self):
+        return super().shows and self.body == self.fixed[0]
+
+    @property
+    def parameters(self):
+        mass = Parameter("mass", "kg", 0.0, 2 * float(self.model.body_mass[self.fixed].sum()), 0.0)
+        places = (Parameter("xyz"[i], "m", -self.farthest, self.farthest, self.centre[i]) for i in self.axes)
+        return (mass, *places)
+
+    def shape_grid(self, count=5):
+        """At the centre of mass, and as far on all sides of it as the body is large."""
+        aside = reach(self.model, self.body, self.centre) * np.eye(len(self.axes))
+        places = self.centre[self.axes] + np.concatenate([np.zeros((1, len(self.axes))), aside, -aside])
+        return np.insert(places, 0, 0.0, axis=1)
+
+    def mixture(self, shapes, amplitudes):
+        """All their mass, where its centre is; no less of it than has their moment within reach.
+
+        Of a body whose own mass is a parameter, a log tells the moment alone.
+        """
+        moment = amplitudes @ (shapes[:, 1:] - self.centre[self.axes])
+        space = self.space
+        below, above = (space.nominal - space.low)[1:], (space.high - space.nominal)[1:]
+        farthest = np.where(moment > 0, above, below)
+        share = max(amplitudes.sum(), *(np.abs(moment) / farthest), 0.0)
+        aside = moment / share if share > 0 else moment
+        return np.append(share * space.span[0], self.centre[self.axes] + aside)
+
+    def _farthest(self, body: int) -> float:
+        """m: how far from its own frame it may sit on a `body` that is fixed to its own, or is it."""
+        data = mujoco.MjData(self.model)
+        mujoco.mj_kinematics(self.model, data)
+        centre = data.xipos[body] - data.xpos[self.body]
+        return max(FARTHEST * float(np.linalg.norm(centre)), reach(self.model, body, centre))
+
+    def write(self, fields, values):
+        position = np.repeat(self.centre[None], len(values), axis=0)
+        position[:, self.axes] = values[:, 1:]
+        add_point_mass(fields, self.body, values[:, 0], position)

@@ -1,0 +1,23 @@
+"""An effect where it sits in a model, and what it is called there."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from capture_cli.model.effects.base import Effect
+
+
+class Placed(NamedTuple):
+    """An effect at a site of a model. kind: the effect's public name."""
+
+    kind: str
+    effect: Effect
+
+    @property
+    def name(self) -> str:
+        return placed_name(self.kind, self.effect.site)
+
+
+def placed_name(kind: str, site: str) -> str:
+    """EFFECT@SITE, or EFFECT alone where it concerns the model as a whole."""
+    return f"{kind}@{site}" if site else kind

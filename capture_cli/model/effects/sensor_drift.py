@@ -1,0 +1,41 @@
+"""A sensor whose offset grows while the machine runs."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from capture_cli.model.effects._sensor_effect import NumberEffect
+
+LARGEST = 0.03  # of the size that its values commonly have, per s
+
+
+def drifted(series, *, rate, timestep, elapsed=0.0):
+    """series + rate t, with t since the episode began, which was `elapsed` s before the first row."""
+    return series + rate * (elapsed + timestep * np.arange(series.shape[-2])[:, None])
+
+
+class SensorDrift(NumberEffect):
+    """An offset of each of the sensor's numbers that is none when an episode begins and grows by `rate`, or `x`, `y`
+    and `z`, per second: a gyro or a load cell that warms.
+    """
+
+    summary = "a sensor's offset grows while the machine runs"
+    number_by_number = True
+    kernel = staticmethod(drifted)
+
+    @property
+    def parameters(self):
+        return self.for_each("rate", f"{self.quantity.unit}/s", LARGEST * self.quantity.size)
+
+    def coefficients(self, values):
+        return {"rate": self.of_all(values)}
+
+    def measure(self, sensors, values, timestep, *, elapsed=0.0, **_):
+        begin = np.broadcast_to(elapsed, len(values))[:, None]
+        return self.measured(sensors, values, timestep, elapsed=begin)
+
+    def true_motion(self, jets, values, elapsed=0.0):
+        true, values = jets.copy(), self.of_all(values)
+        true[:, 0, self.columns] -= values * np.reshape(elapsed, (-1, 1))
+        true[:, 1, self.columns] -= values
+        return true

@@ -1,0 +1,25 @@
+"""A sensor that reports too much or too little."""
+
+from __future__ import annotations
+
+from capture_cli.model.effects._sensor_effect import NumberEffect
+from capture_cli.model.parameters import Parameter
+
+
+def rescaled(series, *, change):
+    """series (1 + change)."""
+    return series * (1 + change)
+
+
+class SensorScale(NumberEffect):
+    """The sensor reports (1 + `change`) times what is there."""
+
+    summary = "a sensor reports too much or too little in proportion"
+    kernel = staticmethod(rescaled)
+
+    @property
+    def parameters(self):
+        return (Parameter("change", "1", -0.2, 0.2, 0.0),)
+
+    def undone(self, jets, values):
+        return jets / (1 + values[:, None])

@@ -1,0 +1,58 @@
+"""A motor constant that depends on the rotor's angle: mutual torque ripple, a weak phase, an eccentric pulley."""
+
+from __future__ import annotations
+
+import mujoco
+
+from capture_cli.model.effects._kernel import Companion, call
+from capture_cli.model.effects._linear_actuators import SCALED, OnJoint
+from capture_cli.model.effects._periodic_force import AlongPosition
+from capture_cli.model.effects._places import reference, site_id
+from capture_cli.model.effects.base import GLOBAL
+from capture_cli.model.parameters import Parameter
+
+MOST = 0.7  # of each amplitude: both together stay below 1, where the force would change its sign
+
+
+class TorqueRipple(OnJoint, AlongPosition):
+    """The actuator's force is 1 + `sine` sin(2 pi q / `period`) + `cosine` cos(2 pi q / `period`) times that of the
+    model, q (m or rad) the position of its joint: without current there is none, which is what cogging is not.
+
+    Gain, bias and force range are scaled together, in the step in which q is so: all of a servo's force ripples, its
+    damping too, which MuJoCo integrates implicitly. What limits the force at the joint does not.
+    """
+
+    summary = (
+        "a motor's force that is larger at some positions: a weak phase, commutation, an eccentric pulley"
+    )
+
+    def __init__(self, model: mujoco.MjModel, site: str = GLOBAL):
+        super().__init__(model, site)
+        self.actuator = site_id(model, "actuator", site)
+
+    @property
+    def parameters(self):
+        return (
+            Parameter("sine", "1", -MOST, MOST, 0.0),
+            Parameter("cosine", "1", -MOST, MOST, 0.0),
+            self.period,
+        )
+
+    def carrier(self, actuator_force):
+        return self.model.actuator_gear[self.actuator, 0] * actuator_force[..., self.actuator]
+
+    def add(self, world, term):
+        for field in SCALED:
+            world.vary(field)[:, self.actuator] *= 1 + term[:, None]
+
+    def companion(self, name, values):
+        joint = f"model.joint({reference(self.model, 'joint', self.joint_name)})"
+        numbers = {n: v[0] for n, v in self.coefficients(values[None]).items()}
+        ripple, _ = call(name, self.kernel, [f"data.qpos[{joint}.qposadr]"], numbers)
+        fields = tuple(f"model.{field}" for field in SCALED)
+        lines = [
+            f"motor = model.actuator({reference(self.model, 'actuator', self.site)}).id",
+            f"ripple = {ripple}",
+            *(f"{field}[motor] *= 1 + ripple" for field in fields),
+        ]
+        return Companion((self.kernel,), tuple(lines), changes=fields)

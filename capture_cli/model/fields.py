@@ -1,0 +1,29 @@
+"""Copies of a model's fields, one for each of many simulations."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+
+class ModelFields:
+    """Per-simulation copies of a model's fields, (simulation, ...), made when first asked for.
+
+    Names are those of MjModel ("dof_damping") and, with the prefix "opt.", of MjOption ("opt.gravity").
+    """
+
+    def __init__(self, model: mujoco.MjModel, simulations: int):
+        self.model = model
+        self.simulations = simulations
+        self.values: dict[str, np.ndarray] = {}
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        if name not in self.values:
+            nominal = np.asarray(model_field(self.model, name), dtype=float)
+            self.values[name] = np.repeat(nominal[None], self.simulations, axis=0)
+        return self.values[name]
+
+
+def model_field(model: mujoco.MjModel, name: str) -> np.ndarray:
+    """The model's own value of a field named as in ModelFields."""
+    return getattr(model.opt, name[4:]) if name.startswith("opt.") else getattr(model, name)

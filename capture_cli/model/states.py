@@ -1,0 +1,62 @@
+"""Initial states of many simulations, and moves of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+
+DEPENDENT = 1e-6  # of the largest singular value: a move that constraints do not let be
+
+
+@dataclass(frozen=True)
+class Starts:
+    """Initial states. qpos (simulation, nq), qvel (simulation, nv), act (simulation, na), time (simulation,) in s.
+
+    together (simulation, 2, nv, nv): what a move of the positions, and one of the velocities, is made into, so that
+    constraints hold on; None where each coordinate moves on its own.
+    """
+
+    qpos: np.ndarray
+    qvel: np.ndarray
+    act: np.ndarray
+    time: np.ndarray
+    together: np.ndarray | None = None
+
+    def __len__(self) -> int:
+        return len(self.qpos)
+
+    def rows(self, index) -> Starts:
+        """The starts at `index`."""
+        together = None if self.together is None else self.together[index]
+        return Starts(self.qpos[index], self.qvel[index], self.act[index], self.time[index], together)
+
+
+def shift(model: mujoco.MjModel, starts: Starts, offsets: np.ndarray) -> Starts:
+    """Starts moved by tangent offsets (simulation, state), state as in StartEstimate, as constraints let them."""
+    nv = model.nv
+    if starts.together is not None:
+        moves = offsets[:, : 2 * nv].reshape(-1, 2, nv, 1)
+        offsets = np.hstack([(starts.together @ moves).reshape(-1, 2 * nv), offsets[:, 2 * nv :]])
+    if model.nq == nv:
+        qpos = starts.qpos + offsets[:, :nv]
+    else:
+        qpos = starts.qpos.copy()
+        for row, step in zip(qpos, np.ascontiguousarray(offsets[:, :nv]), strict=True):
+            mujoco.mj_integratePos(model, row, step, 1.0)
+    return replace(
+        starts, qpos=qpos, qvel=starts.qvel + offsets[:, nv : 2 * nv], act=starts.act + offsets[:, 2 * nv :]
+    )
+
+
+def offsets_between(model: mujoco.MjModel, begin: Starts, end: Starts) -> np.ndarray:
+    """Tangent offsets (simulation, state) by which `shift` takes the starts `begin` to `end`, as constraints let it."""
+    nv = model.nv
+    positions = np.zeros((len(begin), nv))
+    for row, here, there in zip(positions, begin.qpos, end.qpos, strict=True):
+        mujoco.mj_differentiatePos(model, row, 1.0, here, there)
+    moves = np.stack([positions, end.qvel - begin.qvel], axis=1)
+    if begin.together is not None:
+        moves = (np.linalg.pinv(begin.together, rcond=DEPENDENT) @ moves[..., None])[..., 0]
+    return np.hstack([moves.reshape(-1, 2 * nv), end.act - begin.act])

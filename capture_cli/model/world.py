@@ -1,0 +1,76 @@
+"""What a force sees of the simulations that it acts in, and what a force is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+from mujoco import batch
+
+APPLIED = ("qfrc_applied", "xfrc_applied")
+
+
+class World:
+    """What a force sees: live arrays over the simulations of a running chunk, (simulation, ...), SI units.
+
+    rows: which simulations of the whole call these are, to pick per-simulation coefficients with.
+    Any MjData field can be read as an attribute; fields that are not state lag by one step, as in mj_step, except at
+    the first step. There the acceleration, qacc, is that under the forces that were added before it is first read.
+    stepped: whether that step is done.
+    """
+
+    def __init__(self, runner: batch.Batch, rows: np.ndarray):
+        self._runner = runner
+        self.stepped = False
+        self.rows = rows
+        self._varied: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+
+    def __getattr__(self, name: str) -> np.ndarray:
+        value = self._runner.bind(name)
+        is_state = value.flags.writeable
+        if not is_state:  # filled by the next call only
+            self._work_out()
+        setattr(self, name, value)
+        return value
+
+    def _work_out(self) -> None:
+        """Fill the fields that are no state: in the first step under the forces under which qacc was first read."""
+        applied = [self._runner.bind(name) for name in APPLIED]
+        now = [force.copy() for force in applied]
+        if self.stepped or "qacc" not in vars(self):
+            self._applied = now
+        for force, then in zip(applied, self._applied, strict=True):
+            force[...] = then
+        self._runner.forward()
+        for force, own in zip(applied, now, strict=True):
+            force[...] = own
+
+    def vary(self, name: str) -> np.ndarray:
+        """Live values of a model field that a force changes with the state, (simulation, ...).
+
+        At every step they begin as the simulation's own. Only for fields from which no constant derives, such as
+        "dof_damping" and "dof_frictionloss": MuJoCo then integrates the change implicitly.
+        """
+        if name not in self._varied:
+            live = self._runner.expand(name)
+            self._varied[name] = (live, live.copy())
+        return self._varied[name][0]
+
+    def has_varied(self, but: Sequence[str] = ()) -> bool:
+        """Whether a varied field, `but` these, has other values than its own."""
+        return any((live != own).any() for name, (live, own) in self._varied.items() if name not in but)
+
+    def restore_varied(self, keep=...) -> None:
+        """Give the varied fields of the simulations `keep` (all) their own values back."""
+        for live, own in self._varied.values():
+            live[keep] = own[keep]
+
+
+class Force(Protocol):
+    """A state-dependent force: adds to `world.qfrc_applied` (N or N m), `world.xfrc_applied` or `world.vary(...)`.
+
+    A method `report`, where it has one, may change what the sensors show of each step, (simulation, nsensordata).
+    """
+
+    def __call__(self, world: World) -> None: ...

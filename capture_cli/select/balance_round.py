@@ -1,0 +1,196 @@
+"""One round of the search where the log gives a force balance: the best sets of effects there, fitted by simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from capture_cli.estimate.balance.screening import BalancedModel, Screening
+from capture_cli.estimate.fit import Fit, least
+from capture_cli.model.effects.placed import Placed
+from capture_cli.select.balance_scores import score_in_balance
+from capture_cli.select.beam import SETTINGS as BEAM
+from capture_cli.select.beam import Level, grown
+from capture_cli.select.candidates import Candidate
+from capture_cli.select.forward_round import RIVALS, SIMILAR, by_score, reject_at_first_sight
+from capture_cli.select.model_comparison import FittedSet, ModelComparison
+from capture_cli.select.rejection import MATERIAL, implausible, needed_error, slight
+from capture_cli.select.score import similarity
+
+
+class BalanceRound:
+    """What may be added to the model `current`, of the candidates that the screening covers.
+
+    most: effects, or laws at all of their places, to add. on_step is told what is being tried, the number of it, and of
+    how many.
+
+    ranked: candidates that their scores speak for, best first. exhausted: whether larger models were fitted, too, and
+    none held.
+    """
+
+    def __init__(
+        self,
+        models: ModelComparison,
+        screening: Screening,
+        current: Fit,
+        candidates: Sequence[Candidate],
+        *,
+        most: int,
+        on_step: Callable[[str, int, int], None],
+    ):
+        self.models = models
+        self.current = current
+        self.on_step = on_step
+        self.exhausted = False
+        self.candidates = {c.name: c for c in candidates}
+        score_in_balance(screening, current, candidates)
+        self.ranked = by_score(candidates)
+        values = [current.point[current.columns(e.name)] for e in current.effects]
+        self._before, self._best = models.judge(current), None
+        self._others: list[BalancedModel] = []
+        # beside what was found already one is looked for at a time
+        sizes = 1 if current.effects else most
+        self.supported = self._search(grown(screening, current.effects, values, sizes))
+
+    def choose(self) -> tuple[FittedSet, list[Candidate]] | None:
+        """Of the supported models the best, and of those it cannot be told from that with the fewest parameters. With
+        it, where it has one effect more, its rivals: the others with one, and effects that were not fitted whose
+        response is nearly its own.
+        """
+        if not self.supported:
+            self._reject_unfitted([])
+            return None
+        best = self.models.best_of(self.supported)
+        as_good = [s for s in self.supported if s is best or self.models.as_good(best, s)]
+        chosen = min(as_good, key=lambda s: (len(s.fit.point), s.fit.penalised_squares))
+        names, rivals = [e.name for e in chosen.added], []
+        for other in sorted(self.supported, key=lambda s: s.fit.penalised_squares):
+            if len(other.added) == 1 and other.added[0].name not in names:
+                self._reject(other.added, f"{' and '.join(names)} explains as much with less, or more")
+                rivals.append(replace(self.candidates[other.added[0].name]))
+        unfitted = self._reject_unfitted(names)
+        if len(names) > 1:
+            return chosen, []
+        response = self.candidates[names[0]].score.response
+        alike = [replace(c) for c in unfitted if abs(similarity(response, c.score.response)) > SIMILAR]
+        return chosen, [*rivals[:RIVALS], *alike[:RIVALS]]
+
+    def _reject_unfitted(self, names: Sequence[str]) -> list[Candidate]:
+        """Say why candidates are out that nothing else is said of, but those called `names`; they are returned."""
+        found = [c for c in self.ranked if c.why_rejected is None and c.name not in names]
+        reject_at_first_sight(found, self.ranked)
+        return found
+
+    def _search(self, levels: Iterator[Level]) -> list[FittedSet]:
+        """Those of the models that hold on what judges, fitted by simulation: of each size those that are as good as
+        the best in the balance, until one leaves nothing; then larger sets of what holds.
+        """
+        found: list[FittedSet] = []
+        smaller = self.current
+        for number, level in enumerate(levels):
+            larger = number > 0
+            if larger:
+                smaller = least([s.fit for s in found]) or self.current
+            else:
+                self._others = level.others
+            more = self._fit(level.as_good, smaller)
+            found += more
+            self.exhausted = larger and smaller is not self.current and not more
+            if (larger and not more) or self._explained(found):
+                break
+        return self._with_unions(found)
+
+    def ask_others(self) -> None:
+        """Fit the single effects that the balance puts behind, too."""
+        self.supported = self._with_unions(self._fit(self._others, self.current))
+
+    def _with_unions(self, found: list[FittedSet]) -> list[FittedSet]:
+        """`found`, and larger sets of it where it leaves something."""
+        if not found or self._explained(found):
+            return found
+        return [*found, *self._fit(self._unions(found), least([s.fit for s in found]))]
+
+    def _explained(self, found: Sequence[FittedSet]) -> bool:
+        return any(self.models.is_explained(s.fit) for s in found)
+
+    def _fit(self, models: Sequence[BalancedModel], smaller: Fit) -> list[FittedSet]:
+        """Those that hold. Fits with hidden states take long: they come last, and are given up where they stay far
+        behind.
+        """
+        found = []
+        for number, model in enumerate(sorted(models, key=_hidden_states)):
+            simpler = [s for s in found if len(s.fit.point) < len(model.start)]
+            if _hidden_states(model) and self._explained(simpler):
+                break  # with more parameters it could but do as well
+            self.on_step("refit", number, len(models))
+            found += self._fitted(model, smaller)
+        if self._explained(found):
+            found = self._again_from(least([s.fit for s in found]), found, models)
+        return found
+
+    def _again_from(
+        self, best: Fit, found: list[FittedSet], models: Sequence[BalancedModel]
+    ) -> list[FittedSet]:
+        """`found`, and those of the models that left something, but do not from where the `best` declared one is."""
+        declared = best.point[: len(self.models.fits.prepared.task.space)]
+        for model in models:
+            known = next((s for s in found if s.added == model.effects[len(self.current.effects) :]), None)
+            if known is not None and self.models.is_explained(known.fit):
+                continue
+            start = np.concatenate([declared, *model.values])
+            if self.models.explained_from(start, model.effects, best) is not None:
+                found = [s for s in found if s is not known] + self._fitted(model, self.current)
+        return found
+
+    def _unions(self, found: Sequence[FittedSet]) -> list[BalancedModel]:
+        """The best of the models `found` with each of the best single effects beside it: what holds in simulations the
+        balance need not prefer.
+        """
+        ranked = sorted(found, key=lambda s: s.fit.penalised_squares)
+        (best, *_), known = ranked, {frozenset(e.name for e in s.fit.effects) for s in found}
+        unions, declared = [], len(self.models.fits.prepared.task.space)
+        for other in [s for s in ranked if len(s.added) == 1 and s.added[0] not in best.added][: BEAM.united]:
+            effects = (*best.fit.effects, *other.added)
+            if frozenset(e.name for e in effects) in known:
+                continue
+            values = [best.fit.point[best.fit.columns(e.name)] for e in best.fit.effects]
+            values.append(other.fit.point[other.fit.columns(other.added[0].name)])
+            unions.append(BalancedModel(effects, best.fit.point[:declared], tuple(values)))
+        return unions
+
+    def _fitted(self, model: BalancedModel, smaller: Fit) -> list[FittedSet]:
+        """The model fitted by simulation, if it holds on what judges and explains materially more than `smaller`."""
+        added = model.effects[len(self.current.effects) :]
+        needed = needed_error(smaller, MATERIAL)
+        fit = self.models.fit(model.effects, model.start, self.current, self._best, needed=needed)
+        reason = self._unfit(fit, added, smaller) or self._unsupported(fit, added)
+        self._best = least([self._best, fit])
+        if reason is None:
+            return [FittedSet(added, fit, self.models.judge(fit))]
+        self._reject(added, reason)
+        return []
+
+    def _unfit(self, fit: Fit | None, added: Sequence[Placed], smaller: Fit) -> str | None:
+        """What speaks against a fit before it is judged."""
+        if fit is None or fit.penalised_squares >= self.current.penalised_squares:
+            if fit is not None and not fit.finished and self._best is not None:
+                return f"fitted jointly it stays far behind {self._best.effects[-1].name}"
+            return "fitted jointly it explains nothing more"
+        reasons = (implausible(self.models, self.current, fit, placed) for placed in added)
+        return next((r for r in reasons if r), None) or slight(smaller, fit, MATERIAL)
+
+    def _unsupported(self, fit: Fit, added: Sequence[Placed]) -> str | None:
+        candidates = [self.candidates[e.name] for e in added]
+        support, _ = self.models.support_of(self.current, fit, candidates, self._before, len(self.candidates))
+        return support.reason_against_entry()
+
+    def _reject(self, added: Sequence[Placed], reason: str) -> None:
+        """Say why an effect is out; of several at once none is out for that."""
+        if len(added) == 1:
+            self.candidates[added[0].name].why_rejected = reason
+
+
+def _hidden_states(model: BalancedModel) -> int:
+    return sum(len(e.states) for _, e in model.effects)

@@ -1,0 +1,65 @@
+"""Scores of effects from the force balance: all at once, without a simulation, wherever the log gives a balance."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from capture_cli.errors import LogError
+from capture_cli.estimate.balance.screening import Screening
+from capture_cli.estimate.fit import Fit
+from capture_cli.estimate.log_balance import smoothed_log
+from capture_cli.estimate.prepared_log import PreparedLog
+from capture_cli.select.candidates import Candidate
+from capture_cli.select.score import Score
+
+
+def screening_of(
+    prepared: PreparedLog,
+    fitted: np.ndarray,
+    candidates: Sequence[Candidate],
+    threads: int | None,
+    on_step: Callable[[str, int, int], None],
+) -> Screening | None:
+    """A screening of the candidates on the windows `fitted` (window,); None where the log gives no balance: a joint
+    that no sensor shows moves, loops are closed, actuators have states, or little is left between impacts.
+    """
+    smoothed = smoothed_log(prepared, fitted)
+    if smoothed is None:
+        return None
+    placed, nominal = [c.placed for c in candidates], prepared.task.space.nominal
+    try:
+        return Screening(smoothed, placed, nominal, threads=threads, on_step=on_step)
+    except LogError:  # too short
+        return None
+
+
+def score_in_balance(
+    screening: Screening, current: Fit, candidates: Sequence[Candidate], polished: int | None = None
+) -> None:
+    """Fill in the candidates' scores and where a refit with each begins, or why it is out.
+
+    polished: how many are fitted in the balance, as of `Screening.additions`.
+    """
+    values = [current.point[current.columns(e.name)] for e in current.effects]
+    found = {a.placed.name: a for a in screening.additions(current.effects, values, polished)}
+    for candidate in candidates:
+        candidate.fit = candidate.select = candidate.support = candidate.score = None
+        candidate.why_rejected = candidate.start_elsewhere = candidate.start_doubted = None
+        candidate.shapes_tried = max(sum(a.placed.name == candidate.name for a in screening.atoms), 1)
+        addition = found.get(candidate.name)
+        if addition is None:
+            candidate.why_rejected = "it moves nothing in this log, or only with the wrong sign"
+            continue
+        own = len(candidate.placed.effect.parameters)
+        start = addition.model.start
+        moved = (start[: len(current.point)] - current.point) / current.space.span
+        amplitudes = start[len(start) - own :]
+        candidate.score = Score(2 * addition.gain, amplitudes, moved, 1.0, addition.response)
+        candidate.start = amplitudes
+        if addition.gain <= 0:
+            candidate.why_rejected = (
+                f"blocks that were not fitted are not predicted better (log likelihood {addition.gain:.3g} "
+                f"with a standard error of {addition.error:.2g})"
+            )

@@ -1,0 +1,114 @@
+"""When an effect is accepted: it must hold on data it was not fitted to, and be worth its parameters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+LEVEL = 0.01  # chance of accepting anything where nothing is missing, over all candidates together
+SELECT_LEVEL = 0.05  # one-sided, of the paired test on data that was not fitted, with all other effects in
+# While other effects are still missing the right one need not help everywhere: it may enter, and is judged at the end.
+ENTRY_LEVEL = 0.25
+ENTRY_RATIO = 0.9  # of squared errors: or it lowers the whole, if not window by window
+HALVED = 0.5  # of squared errors, with all others in: few windows cannot say more steadily that so much is no chance
+RESAMPLES = 4000
+RESAMPLES_AT_A_TIME = 100  # so that a long log's take some MB
+FEW_BLOCKS = 12  # a bootstrap of so few is too sure of itself
+BLOCK_TIMES = 2  # a block lasts so many autocorrelation times of the residual
+TINY = 1e-300  # a sum of squares that is nothing
+
+
+@dataclass(frozen=True)
+class Support:
+    """For one effect: p_fit (corrected for the number of candidates), p_select, the decrease of BIC, and select_ratio,
+    the squared error with it over that without it on data that was not fitted; None where nothing judges.
+    """
+
+    p_fit: float
+    p_select: float | None
+    bic_gain: float
+    select_ratio: float | None
+
+    def reason_against(self) -> str | None:
+        """Why the effect is not accepted, or None."""
+        if self.p_select is not None and self.p_select > self._select_level:
+            return self._reason_of_fit() or self._not_better()
+        return self._reason_of_fit()
+
+    @property
+    def _select_level(self) -> float:
+        return ENTRY_LEVEL if self.select_ratio < HALVED else SELECT_LEVEL
+
+    def reason_against_entry(self) -> str | None:
+        """Why the effect may not even enter while others may still be missing, or None."""
+        judged = self.p_select is not None
+        if judged and self.p_select > ENTRY_LEVEL and self.select_ratio > ENTRY_RATIO:
+            return self._reason_of_fit() or self._not_better()
+        return self._reason_of_fit()
+
+    def _reason_of_fit(self) -> str | None:
+        if self.p_fit > LEVEL:
+            return f"its size cannot be told from zero (p = {self.p_fit:.2g} over all candidates)"
+        if self.bic_gain <= 0:
+            return f"it is not worth its parameters (BIC rises by {-self.bic_gain:.3g})"
+        return None
+
+    def _not_better(self) -> str:
+        return f"data that was not fitted is not explained better (p = {self.p_select:.2g})"
+
+
+def ratio_p_value(before: float, after: float, samples: float, added: int, candidates: int) -> float:
+    """That `added` parameters lowered the sum of squares from before to after only by chance.
+
+    The likelihood-ratio (F) test for `samples` independent residuals that the parameters leave free, Bonferroni
+    over the `candidates` tried. Unlike a Wald test it is not misled where an amplitude and an inner shape are
+    collinear: it asks whether null explains the log, not how well each number is known.
+    """
+    from scipy.special import fdtrc
+
+    statistic = max(before / max(after, TINY) - 1, 0.0) * max(samples, 1.0) / added
+    return min(1.0, candidates * float(fdtrc(added, max(samples, 1.0), statistic)))
+
+
+def paired_p_value(before: np.ndarray, after: np.ndarray, seed: int) -> float:
+    """That errors fell from before to after (block,), sums of squares, only by chance: paired, one-sided.
+
+    The statistic is the mean logarithm of their ratio over blocks, so that one bad block does not decide alone.
+    Blocks are resampled with replacement; few are put to Student's test, which any number of blocks can pass (of four,
+    flips of sign make no more than 1 in 16).
+    """
+    fall = _fall(before, after)
+    if len(fall) <= FEW_BLOCKS:
+        return _student_p_value(fall)
+    generator, count = np.random.default_rng(seed), 0
+    for _ in range(0, RESAMPLES, RESAMPLES_AT_A_TIME):
+        drawn = generator.integers(len(fall), size=(RESAMPLES_AT_A_TIME, len(fall)))
+        count += int(np.sum(fall[drawn].sum(axis=1) <= 0))
+    return float((count + 1) / (RESAMPLES + 1))
+
+
+def _student_p_value(fall: np.ndarray) -> float:
+    """That the mean of `fall` (block,) is above zero only by chance; 1 where there is one block.
+
+    Not scipy.stats.ttest_1samp, of which that is nan, as it is where nothing changed; and scipy.stats loads for 0.5 s.
+    """
+    from scipy.special import stdtr
+
+    if len(fall) < 2:
+        return 1.0
+    error = max(float(np.std(fall, ddof=1)) / np.sqrt(len(fall)), TINY)
+    return float(stdtr(len(fall) - 1, -fall.mean() / error))
+
+
+def bic_gain(before: float, after: float, samples: float, added: int) -> float:
+    """Decrease of the Bayesian information criterion by `added` parameters; variance unknown.
+
+    before, after: sums of squared residuals; samples: how many independent ones they are worth.
+    """
+    return float(samples * _fall(before, after) - added * np.log(max(samples, 2.0)))
+
+
+def _fall(before: np.ndarray | float, after: np.ndarray | float) -> np.ndarray | float:
+    """Logarithm of the ratio of sums of squares, of which either may be nothing: a perfect fit."""
+    return np.log(np.maximum(before, TINY)) - np.log(np.maximum(after, TINY))

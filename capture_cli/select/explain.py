@@ -1,0 +1,356 @@
+"""The protocol of `diagnose`, step by step: noise floor, declared model, effects one by one, what judges them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from capture_cli.errors import OutOfTime
+from capture_cli.estimate.checkpoint import Kept
+from capture_cli.estimate.difference_step import difference_step
+from capture_cli.estimate.fit import EXACT, Fit, least
+from capture_cli.estimate.held_out import held_out
+from capture_cli.estimate.initial_states.of_windows import as_acted, begins_as_acted
+from capture_cli.estimate.limits import with_limits
+from capture_cli.estimate.log_balance import balanced_point
+from capture_cli.estimate.log_requirements import all_diverged, check_parameters_move_outputs
+from capture_cli.estimate.model_fits import ModelFits
+from capture_cli.estimate.noise.lack_of_fit import lack_of_fit
+from capture_cli.estimate.noise.repeated_noise import with_noise_of_repeats
+from capture_cli.estimate.noise.residual_noise import with_noise_of_residual, with_outliers
+from capture_cli.estimate.part_fit import PartFit
+from capture_cli.estimate.prepared_log import PreparedLog
+from capture_cli.estimate.solve.intervals import intervals
+from capture_cli.estimate.time_step import shorter_step
+from capture_cli.select.candidates import Candidate
+from capture_cli.select.experiment.excitation_range import ShownMotion
+from capture_cli.select.experiment.next_experiment import next_experiment
+from capture_cli.select.explanation import Explanation, Expression, JudgedModel
+from capture_cli.select.expression import expression_terms
+from capture_cli.select.log_parts import FIT, SELECT, TEST, LogParts
+from capture_cli.select.minima import minima
+from capture_cli.select.model_comparison import ModelComparison
+from capture_cli.select.search import MOST_EFFECTS, Attribution
+
+# what is tried, its number, of how many, what was found so far
+OnStep = Callable[[str, int, int, Sequence[str]], None]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """starts: of the declared model's fit, where no force balance says where to begin. most_effects: to add.
+    expression: to look for a formula of what is left. kept: what an earlier run made of the same steps. deadline: s, of
+    time.monotonic, when the search ends with the best so far.
+    """
+
+    starts: int = 3
+    most_effects: int = MOST_EFFECTS
+    expression: bool = False
+    seed: int = 0
+    threads: int | None = None
+    kept: Kept | None = None
+    deadline: float = np.inf
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the search is to end."""
+        return time.monotonic() > self.deadline
+
+
+def explain(prepared: PreparedLog, nominal: np.ndarray, settings: Settings, on_step: OnStep) -> Explanation:
+    """What explains the log, from the values `nominal` (parameter,) of its task. Raises FitError.
+
+    With the starts that the actions say, where that explains what was fitted; else with free starts. Where contacts
+    follow, free starts are worse: they make the error rough, and hide what moves them. With a noise floor that has the
+    outliers in it, where that is what the last model leaves.
+    """
+    rollouts = prepared.rollouts
+    rollouts += check_parameters_move_outputs(prepared, seed=settings.seed, threads=settings.threads)
+    prepared, more = with_noise_of_repeats(prepared, nominal, threads=settings.threads, seed=settings.seed)
+    begun = _begin(prepared, nominal, settings, on_step, rollouts + more)
+    found = begun.explain()
+    if settings.is_over:
+        return found
+    free = begun.as_acted and found.leaves_something
+    if free:
+        begun = _begin(begun.prepared, nominal, settings, on_step, found.rollouts, free=True)
+        found = begun.explain()
+    if found.leaves_something:
+        fitted, after = found.parts.windows(FIT), found.after.fit
+        noisier = with_outliers(begun.prepared, fitted, after, settings.threads)
+        if noisier is not begun.prepared:
+            found = _begin(noisier, nominal, settings, on_step, found.rollouts, free=free).explain()
+    return found
+
+
+@dataclass(frozen=True)
+class _Declared:
+    """The protocol with its declared model, on the log `prepared` with the noise floor that it stays with.
+
+    as_acted: with the starts that the actions say; then `prepared` has them as free as they were.
+    """
+
+    protocol: _Protocol
+    declared: Fit
+    prepared: PreparedLog
+    as_acted: bool
+
+    def explain(self) -> Explanation:
+        return self.protocol.run(self.declared, last_time=not self.as_acted)
+
+
+def _begin(
+    prepared: PreparedLog,
+    nominal: np.ndarray,
+    settings: Settings,
+    on_step: OnStep,
+    rollouts: int,
+    *,
+    free: bool = False,
+) -> _Declared:
+    """Declare the model; on from there where what it leaves shows another noise than the log, anew where contacts
+    there need longer differences; until neither is so.
+
+    free: not with the starts that the actions say. rollouts: how many windows were simulated before.
+    """
+    start, offsets = nominal, None
+    while True:
+        acted = not free and begins_as_acted(prepared)
+        protocol = _Protocol(as_acted(prepared) if acted else prepared, settings, on_step, rollouts)
+        declared = protocol.declare(start, offsets)
+        better = _better_prepared(prepared, protocol, declared)
+        if better is prepared:
+            return _Declared(protocol, declared, prepared, acted)
+        start, offsets = nominal, None
+        if better.noise is not prepared.noise:
+            start, fitted = declared.point, LogParts.of(better).windows(FIT)
+            offsets = fitted.offsets_from(protocol.parts.windows(FIT), declared.offsets)
+        prepared, rollouts = better, protocol.fits.rollouts
+
+
+def _better_prepared(prepared: PreparedLog, protocol: _Protocol, declared: Fit) -> PreparedLog:
+    """`prepared` with the noise that what `declared` leaves shows, or with differences as long as contacts need there;
+    itself where it has both.
+    """
+    fitted, threads = protocol.parts.windows(FIT), protocol.settings.threads
+    quieter = with_noise_of_residual(prepared, fitted, declared, threads)
+    if quieter is not prepared:
+        return quieter
+    step, rollouts = difference_step(fitted, threads, declared.point, declared.offsets)
+    protocol.fits.rollouts += rollouts
+    return replace(prepared, difference_step=step) if step > prepared.difference_step else prepared
+
+
+class _Protocol:
+    """The declared model, then effects, on one prepared log. `fits.rollouts` goes on from `rollouts`."""
+
+    def __init__(self, prepared: PreparedLog, settings: Settings, on_step: OnStep, rollouts: int = 0):
+        self.prepared = prepared
+        self.settings = settings
+        self.on_step = on_step
+        self.parts = LogParts.of(prepared)
+        fitted = np.flatnonzero(self.parts.number == FIT)
+        self.balanced = balanced_point(prepared, fitted, prepared.task.space.nominal, settings.threads)
+        self.fits = ModelFits(
+            prepared, settings.threads, settings.kept, from_balance=self.balanced is not None
+        )
+        self.fits.rollouts = rollouts
+
+    def declare(self, start: np.ndarray, offsets: np.ndarray | None = None) -> Fit:
+        """The declared model, from `start` (parameter,) and other places, with windows begun at `offsets` (window,
+        state).
+        """
+        own = self.settings
+        declared = self.fits.fit(
+            self.parts.windows(FIT),
+            [],
+            start if offsets is not None else self._nearer(start),
+            offsets=offsets,
+            starts=own.starts if self.balanced is None else 1,
+            tolerance=EXACT,
+            seed=own.seed,
+        )
+        if declared is None:
+            raise all_diverged(self.prepared.task)
+        return declared
+
+    def _nearer(self, start: np.ndarray) -> np.ndarray:
+        """Of `start` (parameter,) and what fills the force balance best the one that is nearer to the log."""
+        if self.balanced is None or not len(start):
+            return start
+        return self.fits.nearest(self.parts.windows(FIT), np.stack([self.balanced, start]))
+
+    def run(self, declared: Fit, *, last_time: bool = True) -> Explanation:
+        """Attribute what `declared` leaves. last_time: if what was fitted is not explained then, look for an expression
+        where one is wanted.
+        """
+        attribution = self._attribution()
+        last = attribution.run(declared)
+        models = self._models(attribution.models, last)
+        after = models[-1]
+        tied = next((a.tied for a in attribution.accepted if a.tied), [])
+        found = Explanation(
+            self.parts,
+            attribution.accepted,
+            attribution.candidates,
+            models,
+            sure=with_limits(self.fits, self._seen(after), after.again, after.intervals),
+            motion=self.fits.motion(self.prepared, after.again, after.whole.offsets),
+            begun=self.fits.begun(self.prepared, after.again, after.whole.offsets),
+            held_out=held_out(
+                self.fits,
+                after.again,
+                after.intervals.covariance,
+                after.whole,
+                self.parts.number == TEST,
+            ),
+            shorter_step=shorter_step(self.fits, self._seen(after), after.again, after.intervals),
+            next_experiment=next_experiment(
+                self.fits, after.fit, [c.fit for c in tied], self.settings.seed, self._shown(after)
+            ),
+            out_of_time=attribution.out_of_time,
+        )
+        wanted = self.settings.expression and last_time and found.verdict == "unexplained"
+        wanted = wanted and not attribution.out_of_time
+        if wanted and after.lacking.lacking:
+            found = replace(found, expression=self._expression(last, after))
+        return replace(found, rollouts=self.fits.rollouts)
+
+    def _shown(self, model: JudgedModel) -> ShownMotion:
+        """How far the log shows that the machine went."""
+        windows, log = self.prepared.windows, self.prepared.log
+        mask = windows.mask
+        measured = np.where(windows.sampled, windows.measured, np.nan)[mask]
+        return ShownMotion.of(
+            self.prepared.task,
+            self.prepared.noise.sd,
+            time=log.time[self.prepared.log_steps][mask],
+            window=np.repeat(np.arange(len(windows)), windows.samples),
+            measured=measured,
+            simulated=measured - model.whole.in_units[mask],
+        )
+
+    def _seen(self, model: JudgedModel) -> PreparedLog:
+        """What its refit was made of."""
+        return self.parts.windows(*((FIT,) if model.again is model.fit else (FIT, SELECT)))
+
+    def _attribution(
+        self, candidates: Sequence[Candidate] | None = None, known: Sequence[str] = ()
+    ) -> Attribution:
+        """Of the whole catalogue, or of `candidates`. known: names of the effects that were found before."""
+        return Attribution(
+            self.fits,
+            self.parts.folds,
+            seed=self.settings.seed,
+            is_explained=lambda fit: not lack_of_fit(fit.at).lacking,
+            most_effects=self.settings.most_effects,
+            candidates=candidates,
+            on_step=lambda what, number, total, found: self._step(what, number, total, [*known, *found]),
+        )
+
+    def _step(self, what: str, number: int, total: int, found: Sequence[str]) -> None:
+        if self.settings.is_over:
+            raise OutOfTime
+        self.on_step(what, number, total, found)
+
+    def _models(self, compared: ModelComparison, last: Fit) -> list[JudgedModel]:
+        """The declared model and each with one more accepted effect."""
+        models = []
+        for count in range(len(last.effects) + 1):
+            self.on_step("refit", count, len(last.effects) + 1, [e.name for e in last.effects])
+            if count == len(last.effects):
+                models.append(self._judged(compared, last, with_minima=True))
+            else:
+                models.append(self._judged(compared, compared.nested(last, count), with_minima=False))
+        return models
+
+    def _judged(self, compared: ModelComparison, fit: Fit, *, with_minima: bool) -> JudgedModel:
+        name = f"+ {fit.effects[-1].name}" if fit.effects else "declared"
+        judged = compared.judge(fit)
+        again = self._again(fit, judged)
+        others = []
+        if again is not None and with_minima:
+            part = self.parts.windows(FIT, SELECT)
+            again, *others = minima(self.fits, part, again, self.settings.seed)
+            again = self.fits.sharpened(part, again)
+        return JudgedModel(name, fit, again or fit, others, judged, self._whole(fit, again))
+
+    def _again(self, fit: Fit, judged: PartFit | None) -> Fit | None:
+        """`fit` on all that is not test, from where it ended."""
+        return self.fits.fit(
+            self.parts.windows(FIT, SELECT),
+            fit.effects,
+            fit.point,
+            near=fit,
+            offsets=starts_found(self.parts, fit, judged),
+            tolerance=EXACT,
+        )
+
+    def _whole(self, fit: Fit, again: Fit | None) -> PartFit:
+        """The refit, or the fit where there is none, on every window; what was held out has no say in the others."""
+        seen = self.parts.number != TEST
+        offsets = None if again is None else again.offsets
+        parts = [self.fits.on(self.prepared.part(seen), again or fit, offsets=offsets)]
+        if not seen.all():
+            thorough = not lack_of_fit((again or fit).at).lacking
+            parts.append(self.fits.on(self.prepared.part(~seen), again or fit, thorough=thorough))
+        order = np.argsort(np.concatenate([np.flatnonzero(seen), np.flatnonzero(~seen)]))
+        return PartFit.concatenate(parts).rows(order)
+
+    def _from_best(self, last: Fit, again: Fit) -> Fit:
+        """`last`, or the same model from where `again` ended on more of the log, where that is better: descents of it
+        were begun elsewhere, too.
+        """
+        if again is last:
+            return last
+        seen = self.parts.number[self.parts.number != TEST]
+        other = self.fits.fit(
+            self.parts.windows(FIT),
+            last.effects,
+            again.point,
+            near=last,
+            offsets=again.offsets[seen == FIT],
+        )
+        return least([last, other])
+
+    def _expression(self, last: Fit, after: JudgedModel) -> Expression | None:
+        """A sparse expression for the force that is missing in `last`; None where no joint can have one.
+
+        after: that model as it is reported. An expression that does no better on what was held out explains nothing.
+        """
+        task = self.prepared.task
+        terms = expression_terms(task.model, [c.index for c in task.inputs])
+        if not terms:
+            return None
+        search = self._attribution([Candidate(term) for term in terms], [e.name for e in last.effects])
+        found = search.run(self._from_best(last, after.again))
+        if search.out_of_time:
+            return None
+        chosen = found.effects[len(last.effects) :]
+        if not chosen:
+            return Expression()
+        selected, test = search.models.judge(found), self.parts.windows(TEST)
+        again = self._again(found, selected) or found
+        tested = None if test is None else self.fits.on(test, again)
+        if tested and tested.normalized >= after.whole.rows(self.parts.number == TEST).normalized:
+            return Expression()
+        return Expression(
+            [effect for _, effect in chosen],
+            again.point[-len(chosen) :],
+            intervals(again.at).sd[-len(chosen) :],
+            dict(zip(again.space.names, again.point.tolist(), strict=True)),
+            judged=selected,
+            held_out=tested,
+        )
+
+
+def starts_found(parts: LogParts, fit: Fit, judged: PartFit | None) -> np.ndarray:
+    """Offsets (window, state) of the starts where a refit on all that is not test begins: there it is nearly done."""
+    offsets = np.zeros((len(parts.number), fit.offsets.shape[1]))
+    offsets[parts.number == FIT] = fit.offsets
+    if judged is not None and len(parts.folds.folds) == 1:
+        offsets[parts.number == SELECT] = judged.offsets
+    return offsets[parts.number != TEST]

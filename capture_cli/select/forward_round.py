@@ -1,0 +1,201 @@
+"""One round of forward selection: score every candidate, fit the model with each of the best, choose one that holds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from capture_cli.estimate.fit import Fit, least, thinned
+from capture_cli.estimate.part_fit import PartFit
+from capture_cli.model.effects.base import GLOBAL
+from capture_cli.select.candidates import Candidate, score_at_null, worth_a_refit
+from capture_cli.select.model_comparison import FittedSet, ModelComparison
+from capture_cli.select.narrow_peaks import NarrowShapes
+from capture_cli.select.rejection import MATERIAL, implausible, slight
+from capture_cli.select.score import similarity
+from capture_cli.select.score_checkpoint import kept_scores
+
+RIVALS = 4  # other candidates that an accepted effect is compared with once everything else is in the model
+# Before it is said that nothing explains the log, the next best are fitted, as often as there are pairs here: those of
+# this share of the best score, which have to take this share of what is above the noise floor. Where contacts make the
+# error rough, and where a declared parameter has to make way, a score at null says little; but what begins with next to
+# none of it is believed only where it explains nearly all.
+FURTHER = (0.2, MATERIAL), (0.2, MATERIAL), (0.1, 0.9)
+SIMILAR = 0.97  # cosine of responses beyond which a candidate that was not fitted may still be a rival
+
+
+class Scores:
+    """How much each candidate would explain of what the model `current` leaves, judged at null."""
+
+    def __init__(self, models: ModelComparison, current: Fit, on_step: Callable[[str, int, int], None]):
+        self.models = models
+        self.current = current
+        self.on_step = on_step
+
+    @kept_scores
+    def score(self, candidates: Sequence[Candidate]) -> None:
+        """Fill in the candidates' scores."""
+        part, at = thinned(self.models.fit_part, self.current)
+        narrow = NarrowShapes(self.models.fits, part, replace(self.current, at=at))
+        for number, candidate in enumerate(candidates):
+            self.on_step("score", number, len(candidates))
+            score_at_null(narrow, candidate)
+
+
+def by_score(candidates: Sequence[Candidate]) -> list[Candidate]:
+    """Those that their scores speak for, best first."""
+    return sorted((c for c in candidates if c.why_rejected is None), key=lambda c: -c.score.gain)
+
+
+def reject_at_first_sight(candidates: Sequence[Candidate], ranked: Sequence[Candidate]) -> None:
+    """Say of candidates that were not worth a fit by how much the best of the `ranked` is ahead of them."""
+    for candidate in candidates:
+        gain, most = candidate.score.gain, ranked[0].score.gain
+        candidate.why_rejected = f"explains less at first sight ({gain:.3g} of {most:.3g})"
+
+
+class ForwardRound:
+    """What may be added to the model `current`.
+
+    candidates: those that are not in it. patient: whether the next best are fitted, too, where the best do not hold.
+    on_step is told what is being tried, the number of it, and of how many.
+
+    ranked: candidates that their scores speak for, best first. supported: those that hold on what judges, and laws at
+    all of the places where they do, which may take little at each.
+    """
+
+    def __init__(
+        self,
+        models: ModelComparison,
+        current: Fit,
+        candidates: Sequence[Candidate],
+        *,
+        patient: bool,
+        on_step: Callable[[str, int, int], None],
+    ):
+        self.models = models
+        self.current = current
+        self.tried = len(candidates)
+        self.on_step = on_step
+        Scores(models, current, on_step).score(candidates)
+        self.ranked = by_score(candidates)
+        self._held: list[Candidate] = []  # on what judges, however little they take
+        supported, self._unfitted = self._fitted(patient=patient)
+        self.supported = [FittedSet((c.placed,), c.fit, c.select) for c in supported]
+        if not any(models.is_explained(c.fit) for c in supported):
+            self.supported += self._at_places()
+
+    def _fitted(self, *, patient: bool) -> tuple[list[Candidate], list[Candidate]]:
+        """Candidates that are supported once they are fitted, and those that were not worth a fit."""
+        refitted, others = worth_a_refit(self.ranked)
+        supported = self._refit_all(refitted, MATERIAL)
+        for worth, material in FURTHER:
+            if supported or not patient or not others:
+                break
+            least_gain = worth * self.ranked[0].score.gain
+            refitted, left = worth_a_refit([c for c in others if c.score.gain > least_gain])
+            others = [*left, *(c for c in others if c.score.gain <= least_gain)]
+            supported = self._refit_all(refitted, material)
+        reject_at_first_sight(others, self.ranked)
+        return supported, others
+
+    def _refit_all(self, candidates: Sequence[Candidate], material: float) -> list[Candidate]:
+        """Fit the model with each of the candidates in it; those that are supported, and take `material`."""
+        before, best = self.models.judge(self.current), None
+        # fits with hidden states take long: they come last, and are given up where they stay far behind
+        for number, candidate in enumerate(sorted(candidates, key=lambda c: len(c.placed.effect.states))):
+            self.on_step("refit", number, len(candidates))
+            self._refit(candidate, before, best)
+            best = least([best, candidate.fit])
+            if candidate.why_rejected is None:
+                self._held.append(candidate)
+                candidate.why_rejected = slight(self.current, candidate.fit, material)
+        return [c for c in candidates if c.why_rejected is None]
+
+    def _refit(self, candidate: Candidate, before: PartFit | None, rival: Fit | None) -> None:
+        """Fit the model with the candidate in it, and judge; given up where it stays far behind `rival`."""
+        current = self.current
+        # the current parameters, moved along with the effect's linear step
+        declared = current.space.from_unit(current.at.x + candidate.score.parameters)
+        starts = [s for s in (candidate.start, candidate.start_elsewhere) if s is not None]
+        starts = [np.concatenate([declared, s]) for s in starts]
+        effects = [*current.effects, candidate.placed]
+        fit = self.models.fit(effects, starts[0], current, rival, starts[1:])
+        if candidate.start_doubted is not None and (fit is None or not self.models.is_explained(fit)):
+            start = np.concatenate([declared, candidate.start_doubted])
+            fit = self.models.explained_from(start, effects, current) or fit
+        if fit is None or fit.penalised_squares >= current.penalised_squares:
+            far = fit is not None and not fit.finished
+            candidate.why_rejected = (
+                f"fitted jointly it stays far behind {rival.effects[-1].name}"
+                if far
+                else "fitted jointly it explains nothing more"
+            )
+            return
+        candidate.fit = fit
+        candidate.support, candidate.select = self.models.support_of(
+            current, fit, [candidate], before, self.tried
+        )
+        reason = candidate.support.reason_against_entry()
+        candidate.why_rejected = reason or implausible(self.models, current, fit, candidate.placed)
+
+    def _at_places(self) -> list[FittedSet]:
+        """Laws that hold somewhere at all of the places that scores speak for, at once, or at all of those where they
+        hold.
+        """
+        found = []
+        for kind in dict.fromkeys(c.placed.kind for c in self._held):
+            best = least([c.fit for c in self._held if c.placed.kind == kind])
+            for some in (self.ranked, self._held):
+                places = {
+                    c.placed.effect.variant_of: c
+                    for c in reversed(some)
+                    if c.placed.kind == kind and c.placed.effect.site != GLOBAL
+                }
+                if len(places) > 1 and (fitted := self._together(list(places.values()), best)):
+                    found.append(fitted)
+                    break
+        return found
+
+    def _together(self, places: Sequence[Candidate], best: Fit) -> FittedSet | None:
+        """All of the candidates in one model, but those that have to be at an end of their range there; None where that
+        does not hold. best: of the fits with one of them that holds.
+        """
+        current, added = self.current, tuple(c.placed for c in places)
+        held = {c.name for c in self._held}
+        own = [c.fit.point[c.fit.columns(c.name)] if c.name in held else c.start for c in places]
+        start = np.concatenate([best.point[: len(current.point)], *own])
+        fit = self.models.fit([*current.effects, *added], start, current)
+        if fit is None or fit.penalised_squares >= best.penalised_squares:
+            return None
+        plausible = [c for c in places if not implausible(self.models, current, fit, c.placed)]
+        if 1 < len(plausible) < len(places):
+            return self._together(plausible, best)
+        if len(plausible) < len(places) or slight(current, fit, MATERIAL):
+            return None
+        support, select = self.models.support_of(current, fit, places, self.models.judge(current), self.tried)
+        return None if support.reason_against_entry() else FittedSet(added, fit, select)
+
+    def choose(self) -> tuple[FittedSet, list[Candidate]] | None:
+        """The best of what is supported; among those it cannot be told from, the simplest, and then the one that fits
+        best. With it, where it is one effect, its rivals: the others, and those not fitted whose response is nearly
+        its own.
+        """
+        if not self.supported:
+            return None
+        order = np.argsort(self.models.losses(self.supported), kind="stable")
+        best = self.supported[order[0]]
+        as_good = [s for s in self.supported if s is best or self.models.as_good(best, s)]
+        chosen = min(as_good, key=lambda s: (len(s.fit.point), s.fit.penalised_squares))
+        names, by_name = [e.name for e in chosen.added], {c.name: c for c in self.ranked}
+        others = [self.supported[i] for i in order if len(self.supported[i].added) == 1]
+        rivals = [by_name[s.added[0].name] for s in others if s.added[0].name not in names]
+        for candidate in rivals:
+            candidate.why_rejected = f"{' and '.join(names)} explains as much with less, or more"
+        if len(names) > 1:
+            return chosen, []
+        response = by_name[names[0]].score.response
+        similar = [c for c in self._unfitted if abs(similarity(response, c.score.response)) > SIMILAR]
+        return chosen, [replace(c) for c in (*rivals[:RIVALS], *similar[:RIVALS])]

@@ -1,0 +1,97 @@
+"""How inputs act between rows of a log in which something is missing: asked with the best single effect in."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from copy import copy
+from dataclasses import replace
+
+import numpy as np
+
+from capture_cli.estimate.balance.input_timing import SETTINGS, InputTiming, is_surely_better, sum_and_error
+from capture_cli.estimate.balance.screening import BalancedModel, Screening
+from capture_cli.estimate.fit import Fit
+from capture_cli.estimate.model_fits import ModelFits
+from capture_cli.estimate.noise.lack_of_fit import lack_of_fit
+from capture_cli.estimate.prepared_log import PreparedLog
+from capture_cli.model.tasks.base import Task
+from capture_cli.select.balance_scores import screening_of
+from capture_cli.select.beam import BeamSettings, grown
+from capture_cli.select.candidates import Candidate
+from capture_cli.select.criterion import bic_gain
+from capture_cli.select.log_parts import LogParts
+from capture_cli.select.model_comparison import CLEARLY_BETTER, effective_samples
+
+NARROW = BeamSettings(width=2, branches=2)
+
+
+def timings_with_effects(
+    prepared: PreparedLog,
+    candidates: Sequence[Candidate],
+    prepared_as: Callable[[Task], PreparedLog],
+    threads: int | None,
+) -> tuple[tuple[InputTiming, ...], Screening | None]:
+    """How the inputs act of which the task does not say it, all alike: by the force balance where that is sure, and by
+    simulations otherwise; with the screening of the candidates in that reading. None where the log gives no balance.
+    They are held where the other reading leaves more than noise: what is missing may look like it.
+
+    prepared: with the task as it was given; prepared_as: makes the log ready for another.
+    """
+    tasks = [_read(prepared.task, linear) for linear in (False, True)]
+    log = replace(prepared, task=tasks[0])
+    screening = screening_of(log, LogParts.of(log).folds.fit, candidates, threads, lambda *_: None)
+    if screening is None:
+        return (), None
+    screenings = [screening, screening.read_as(tasks[1].linear)]
+    models = held, evenly = _best(screenings)
+    explained = evenly.beyond_noise < SETTINGS.else_missing
+    linear = explained and is_surely_better(held.likelihood, evenly.likelihood)
+    if explained and not linear and not is_surely_better(evenly.likelihood, held.likelihood):
+        linear = _fits_better([(prepared_as(t), m) for t, m in zip(tasks, models, strict=True)], threads)
+    gains = evenly.likelihood - held.likelihood
+    gain, error = sum_and_error(gains if linear else -gains)
+    asked = (c.name for c in prepared.task.inputs if c.linear is None)
+    return tuple(InputTiming(name, linear, gain, error) for name in asked), screenings[linear]
+
+
+def _best(screenings: Sequence[Screening]) -> list[BalancedModel]:
+    """The best model of each reading with one effect at most; where these do not decide, with two at most: what else
+    is missing may look like another reading. Where they leave far more than noise, two will not do either.
+    """
+    models = [own.best() for own in screenings]
+    if _decide(*models) or min(m.beyond_noise for m in models) >= SETTINGS.hopeless:
+        return models
+    largest = [list(grown(own, (), (), 2, settings=NARROW))[-1:] for own in screenings]
+    return [levels[0].best if levels else one for levels, one in zip(largest, models, strict=True)]
+
+
+def _decide(one: BalancedModel, other: BalancedModel) -> bool:
+    """Whether one reading is surely better, and no more is left than noise."""
+    explained = min(one.beyond_noise, other.beyond_noise) < SETTINGS.else_missing
+    gains = (one.likelihood, other.likelihood), (other.likelihood, one.likelihood)
+    return explained and any(is_surely_better(*pair) for pair in gains)
+
+
+def _read(task: Task, linear: bool) -> Task:
+    """The task with all inputs read alike of which it does not say how they act."""
+    known = copy(task)
+    known.inputs = tuple(replace(c, linear=linear) if c.linear is None else c for c in task.inputs)
+    return known
+
+
+def _fits_better(readings: Sequence[tuple[PreparedLog, BalancedModel]], threads: int | None) -> bool:
+    """Whether the last of two readings, each with its model fitted by simulations, is clearly better, and the first
+    leaves something: the effect that is in may not be the right one, so a little better is not enough.
+    """
+    before, after = (_fit(log, model, threads) for log, model in readings)
+    if before is not None and not lack_of_fit(before.at).lacking:
+        return False
+    if before is None or after is None:
+        return before is None and after is not None
+    squares = before.penalised_squares, after.penalised_squares
+    return bic_gain(*squares, effective_samples(after), 0) > CLEARLY_BETTER
+
+
+def _fit(prepared: PreparedLog, model: BalancedModel, threads: int | None) -> Fit | None:
+    part = prepared.part(np.flatnonzero(~prepared.split.is_test))
+    return ModelFits(prepared, threads).fit(part, model.effects, model.start)

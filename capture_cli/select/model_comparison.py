@@ -1,0 +1,362 @@
+"""Models with effects against each other: each fitted once, judged on what it was not fitted to, and compared."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from capture_cli.estimate.balance.screening import Screening
+from capture_cli.estimate.fit import Fit, least
+from capture_cli.estimate.model_fits import ModelFits
+from capture_cli.estimate.noise.autocorrelation import correlation_samples
+from capture_cli.estimate.noise.lack_of_fit import lack_of_fit
+from capture_cli.estimate.part_fit import PartFit
+from capture_cli.model.effects.placed import Placed
+from capture_cli.select.balance_scores import screening_of
+from capture_cli.select.candidates import Candidate
+from capture_cli.select.criterion import BLOCK_TIMES, TINY, Support, bic_gain, paired_p_value, ratio_p_value
+from capture_cli.select.log_parts import Folds
+from capture_cli.select.score import similarity
+
+AGAIN_ROUNDS = 20  # in which a model without an effect is to get where it got with it
+INDISTINCT = 0.05  # two models are tied where the paired test between them is not below this
+AS_LIKELY = 4.0  # of twice the log likelihood, two sd: of less no difference is made, however steady it is
+CLEARLY_BETTER = 10.0  # of BIC: "very strong" (Kass & Raftery 1995)
+STRONG = 6.0  # of BIC, odds of 20 to 1: of less no winner is made, however steadily it comes
+CHANCE = 3.0  # sd of what hidden states of windows take by chance, beyond its mean, which is not counted
+AS_PLAIN = 1.0  # of BIC: by no more than this may what MuJoCo has itself be behind, to come first
+BETTER, TIED = "better", "tied with {mine}: this log cannot tell them apart"
+WORSE, NOT_WORTH_IT = "{mine} explains more", "no better than {mine}, with more parameters"
+SAME_RESPONSE = 0.9999  # cosine of two effects' responses beyond which no parameter value tells them apart
+# Beyond which an effect that has parameters more is tied, too, if it does no better: a lag of either order, and a delay
+SAME_HERE = 0.999
+
+_NOT_MADE = object()
+
+
+@dataclass(frozen=True)
+class FittedSet:
+    """A model with effects added at once, fitted by simulation; select: on what judges, None where nothing does.
+
+    score: none, for several effects have one each.
+    """
+
+    added: tuple[Placed, ...]
+    fit: Fit
+    select: PartFit | None
+    score: None = None
+
+
+Compared = (
+    Candidate | FittedSet
+)  # what models are told apart by: their fits, and what those leave of what judges
+
+
+class ModelComparison:
+    """Models of one log, which differ in their effects.
+
+    folds: what is fitted, and what judges; nothing judges where the log is one window long. is_explained: whether a
+    model leaves nothing but noise.
+    """
+
+    def __init__(self, fits: ModelFits, folds: Folds, *, seed: int, is_explained: Callable[[Fit], bool]):
+        self.fits = fits
+        self.folds = folds
+        self.fit_part = fits.prepared.part(folds.fit)
+        self.seed = seed
+        self.is_explained = is_explained
+        self.candidates: Sequence[Candidate] = ()
+        self._screening: Screening | object | None = _NOT_MADE
+        self._fitted: dict[tuple[str, ...], Fit | None] = {}
+        self._judged: dict[Fit, PartFit] = {}
+
+    def screening(self, on_step: Callable[[str, int, int], None]) -> Screening | None:
+        """Of the `candidates` in the force balance, made once; None where there is none."""
+        if self._screening is _NOT_MADE:
+            prepared, threads = self.fits.prepared, self.fits.engine.threads
+            known, asked = prepared.screening, [c.placed for c in self.candidates]
+            if not asked:
+                self._screening = None
+            elif known is not None and [p.name for p in known.placed] == [p.name for p in asked]:
+                self._screening = known
+            else:
+                self._screening = screening_of(prepared, self.folds.fit, self.candidates, threads, on_step)
+        return self._screening
+
+    def know(self, fit: Fit) -> None:
+        """Take `fit` for the one of its effects."""
+        self._fitted[_key(fit.effects)] = fit
+
+    def fit(
+        self,
+        effects: Sequence[Placed],
+        start: np.ndarray,
+        near: Fit,
+        rival: Fit | None = None,
+        elsewhere: Sequence[np.ndarray] = (),
+        needed: float = np.inf,
+    ) -> Fit | None:
+        """The fit of the declared model with `effects`: made once, and taken up again where it was given up.
+
+        near: another model's, whose windows' starts it begins with. elsewhere: other points to begin at where the fit
+        from `start` (parameter,) leaves something. needed: the error above which it is of no use, as of `ModelFits`.
+        """
+        key = _key(effects)
+        made = self._fitted.get(key)
+        if made is not None and not made.finished and not made.is_far_behind(rival):
+            start, near = made.point, made
+            del self._fitted[key]
+        if key not in self._fitted:
+            self._fitted[key] = self._fit_from([start, *elsewhere], effects, near, rival, needed=needed)
+        return self._fitted[key]
+
+    def _fit_from(
+        self,
+        starts: Sequence[np.ndarray],
+        effects: Sequence[Placed],
+        near: Fit,
+        rival: Fit | None,
+        to_reach: float = np.inf,
+        needed: float = np.inf,
+    ) -> Fit | None:
+        """The best fit from `starts`, of which one is taken after the other until nothing is left."""
+        found = None
+        for start in starts:
+            beaten = least([found, rival])
+            fit = self.fits.fit(
+                self.fit_part,
+                effects,
+                start,
+                near=near,
+                seed=self.seed,
+                rival=beaten,
+                to_reach=to_reach,
+                needed=needed,
+            )
+            found = least([found, fit])
+            if found is not None and self.is_explained(found):
+                break
+        return found
+
+    def explained_from(self, start: np.ndarray, effects: Sequence[Placed], near: Fit) -> Fit | None:
+        """The fit from `start` (parameter,), taken for the one of its effects, if it leaves nothing but noise."""
+        found = self._fit_from([start], effects, near, None, to_reach=lack_of_fit(near.at).threshold)
+        if found is None or not self.is_explained(found):
+            return None
+        self.know(found)
+        return found
+
+    def better_from(self, current: Fit, found: Fit) -> Fit | None:
+        """A better fit of the `current` model, begun where `found` ended, which has one effect more.
+
+        Where contacts make the error rough, an effect may be no more than the way out of a poor minimum.
+        """
+        again = self.fits.fit(
+            self.fit_part,
+            current.effects,
+            found.point[: len(current.point)],
+            near=found,
+            rounds=AGAIN_ROUNDS,
+            seed=self.seed,
+        )
+        if again is None:
+            return None
+        gain = bic_gain(current.penalised_squares, again.penalised_squares, effective_samples(again), 0)
+        if gain < CLEARLY_BETTER:
+            return None
+        self.know(again)
+        return again
+
+    def without(self, current: Fit, name: str) -> Fit | None:
+        """The fit of `current` less the effect that is called `name` there."""
+        effects = [e for e in current.effects if e.name != name]
+        return self.fit(effects, np.delete(current.point, current.columns(name)), current)
+
+    def nested(self, last: Fit, count: int) -> Fit:
+        """The fit of the declared model with the first `count` effects of `last`."""
+        effects = last.effects[:count]
+        size = len(self.fits.prepared.task.space) + sum(len(e.parameters) for _, e in effects)
+        return self.fit(effects, last.point[:size], last) or last
+
+    # --- judged ---
+
+    def judge(self, fit: Fit) -> PartFit | None:
+        """The model on windows that it is not fitted to; refitted for each fold where there are several."""
+        if not self.folds.folds:
+            return None
+        if fit not in self._judged:
+            self._judged[fit] = self._judge(fit)
+        return self._judged[fit]
+
+    def _judge(self, fit: Fit) -> PartFit:
+        parts = []
+        for fitted, judged in self.folds.folds:
+            own = fit
+            if len(self.folds.folds) > 1:
+                train = self.fits.prepared.part(fitted)
+                own = self.fits.fit(train, fit.effects, fit.point, seed=self.seed) or fit
+                own = own.known_from(train.windows.first)
+            parts.append(self.fits.on(self.fits.prepared.part(judged), own))
+        return parts[0] if len(parts) == 1 else PartFit.concatenate(parts)
+
+    def _paired(self, before: PartFit, after: PartFit) -> float:
+        length = _block_length(after)
+        return paired_p_value(before.blocks(length), after.blocks(length), self.seed)
+
+    def support(
+        self, before_fit: Fit, fit: Fit, added: int, before: PartFit | None, hypotheses: float
+    ) -> tuple[Support, PartFit | None]:
+        """Support for what `fit` has over `before_fit`, and how `fit` does on what judges; before: how that does.
+
+        added: parameters. hypotheses: how many effects, or sets of them, and shapes of them it is the best of.
+        """
+        samples = effective_samples(fit)
+        free = samples - len(fit.space)
+        p_fit = ratio_p_value(before_fit.penalised_squares, fit.penalised_squares, free, added, hypotheses)
+        gain = bic_gain(before_fit.penalised_squares, fit.penalised_squares, samples, added)
+        after = self.judge(fit)
+        if after is None:
+            return Support(p_fit, None, gain, None), None
+        ratio = float(after.penalised_squares.sum() / before.penalised_squares.sum())
+        return Support(p_fit, self._paired(before, after), gain, ratio), after
+
+    def support_of(
+        self, before_fit: Fit, fit: Fit, added: Sequence[Candidate], before: PartFit | None, tried: int
+    ) -> tuple[Support, PartFit | None]:
+        """As of `support`, for the candidates `added` to `before_fit`, each the best of so many `tried`."""
+        # to be there or not is a choice, too
+        size = sum(max(len(c.placed.effect.parameters), 1) for c in added)
+        hypotheses = float(np.prod([tried * c.shapes_tried for c in added], dtype=float))
+        return self.support(before_fit, fit, size, before, hypotheses)
+
+    # --- compared ---
+
+    def as_good(self, best: Compared, other: Compared) -> bool:
+        """Whether neither the fitted windows nor those that judge tell `other` from `best`; or it has parameters less,
+        by which it is ahead of more than those that judge put it behind.
+        """
+        more, gain = self._more_and_gain(best, other)
+        if more < 0 and gain - self._behind(best, other) > STRONG:
+            return True
+        return gain > -CLEARLY_BETTER - _chance(best, other) and self._indistinct(best, other)
+
+    def best_of(self, some: Sequence[Compared]) -> Compared:
+        """By BIC."""
+        first = some[0]
+        return max(some, key=lambda other: self._more_and_gain(first, other)[1])
+
+    def is_better(self, fit: Fit, other: Fit) -> bool:
+        """Whether the model `other` is clearly better than `fit` by BIC, and no worse on what judges."""
+        more = len(other.point) - len(fit.point)
+        if (
+            bic_gain(fit.penalised_squares, other.penalised_squares, effective_samples(other), more)
+            < CLEARLY_BETTER
+        ):
+            return False
+        before, after = self.judge(fit), self.judge(other)
+        return after is None or after.penalised_squares.sum() <= before.penalised_squares.sum()
+
+    def _more_and_gain(self, mine: Compared, other: Compared) -> tuple[int, float]:
+        """How many parameters `other` has more than `mine`, and what its fit gains by BIC."""
+        more = len(other.fit.point) - len(mine.fit.point)
+        samples = effective_samples(other.fit)
+        return more, bic_gain(mine.fit.penalised_squares, other.fit.penalised_squares, samples, more)
+
+    @staticmethod
+    def losses(candidates: Sequence[Compared]) -> np.ndarray:
+        """Mean logarithm of the squared error over blocks, what the paired test compares, (candidate,); of the fitted
+        windows where nothing judges.
+
+        Of blocks of one length for all, that of what leaves least, for it is lower the shorter they are: that of two
+        independent numbers, over their number, is 0.2 below that of three.
+        """
+        judged = [c.select for c in candidates if c.select is not None]
+        if len(judged) < len(candidates):
+            return np.log([c.fit.penalised_squares for c in candidates])
+        length = _block_length(min(judged, key=lambda part: part.penalised_squares.sum()))
+        return np.array([np.log(np.maximum(part.blocks(length), TINY)).mean() for part in judged])
+
+    def _indistinct(self, best: Compared, other: Compared) -> bool:
+        if _similarity(best, other) > SAME_RESPONSE:
+            return True
+        as_likely = abs(self._behind(best, other)) < AS_LIKELY
+        if as_likely or best.select is None:
+            return bool(as_likely)
+        first, second = (best, other) if self._behind(best, other) >= 0 else (other, best)
+        return self._paired(second.select, first.select) > INDISTINCT
+
+    def _behind(self, best: Compared, other: Compared) -> float:
+        """How far `other` is behind `best` in twice the log likelihood of the windows that judge."""
+        own, of_other = self.losses([best, other])
+        return effective_samples(best.fit) * float(of_other - own)
+
+    def best(self, mine: Candidate, others: list[Candidate]) -> tuple[Candidate, list[Candidate]]:
+        """The candidate that no other is better than, and the others. None that was beaten comes back.
+
+        Of those that do as well one that MuJoCo has itself: it is the plainer, and is exported without a companion.
+        """
+        beaten: list[Candidate] = []
+        while True:
+            left = [c for c in others if not any(c is b for b in beaten)]
+            better = next((c for c in left if self.compare(mine, c) == BETTER), None)
+            if better is None:
+                break
+            beaten.append(mine)
+            mine, others = better, [mine, *(c for c in others if c is not better)]
+        plainer = next((c for c in others if self._is_plainer(mine, c)), None)
+        return (
+            (mine, others) if plainer is None else (plainer, [mine, *(c for c in others if c is not plainer)])
+        )
+
+    def _is_plainer(self, mine: Candidate, other: Candidate) -> bool:
+        """Whether `other` is tied with `mine`, no worse by what counts, and MuJoCo has it and not `mine`."""
+        places = [c.placed.effect.place == "model" for c in (mine, other)]
+        more, gain = self._more_and_gain(mine, other)
+        return (
+            places == [False, True] and more == 0 and gain > -AS_PLAIN and self.compare(mine, other) == TIED
+        )
+
+    def compare(self, mine: Candidate, other: Candidate) -> str:
+        """Whether `other` is BETTER in the place of `mine`, or TIED with it, or why it is neither."""
+        more, gain = self._more_and_gain(mine, other)
+        if more > 0 and gain < CLEARLY_BETTER:
+            is_same = similarity(mine.score.response, other.score.response) > SAME_HERE
+            return TIED if is_same and self._indistinct(mine, other) else NOT_WORTH_IT
+        if abs(gain) > STRONG and not self._indistinct(mine, other):
+            return WORSE if self._behind(mine, other) >= 0 else BETTER
+        if abs(gain) > CLEARLY_BETTER + _chance(mine, other):
+            return WORSE if gain < 0 else BETTER
+        return TIED
+
+
+def _similarity(one: Compared, other: Compared) -> float:
+    """Cosine of their responses; 0 where an effect has no size, or there are several effects."""
+    scores = one.score, other.score
+    if None in scores or not all(c.placed.effect.parameters for c in (one, other)):
+        return 0.0
+    return similarity(*(s.response for s in scores))
+
+
+def _chance(one: Compared, other: Compared) -> float:
+    """How much of BIC two fits may differ by because of what their hidden states took of the noise."""
+    taken = one.fit.at.fitted_hidden.sum() + other.fit.at.fitted_hidden.sum()
+    return CHANCE * float(np.sqrt(2 * taken))
+
+
+def _block_length(judged: PartFit) -> int:
+    """Steps of blocks that are about independent."""
+    return int(np.ceil(BLOCK_TIMES * judged.correlation_steps))
+
+
+def effective_samples(fit: Fit) -> float:
+    """How many independent numbers are in what the fit leaves, beyond those that its windows' starts took."""
+    evidence = fit.at.evidence
+    residual = fit.at.residual.reshape(evidence.measured.shape)
+    return (evidence.count - fit.at.fitted_starts) / correlation_samples(residual, evidence.mask)
+
+
+def _key(effects: Sequence[Placed]) -> tuple[str, ...]:
+    """What a model is known by: its effects, in the order of its parameters."""
+    return tuple(e.name for e in effects)

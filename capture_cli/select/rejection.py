@@ -1,0 +1,68 @@
+"""Evidence against an effect that lies in its fit: values at the end of a range, or next to nothing explained."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from capture_cli.estimate.fit import Fit
+from capture_cli.estimate.solve.intervals import intervals
+from capture_cli.model.effects.placed import Placed
+from capture_cli.select.model_comparison import ModelComparison
+
+# Of the squared error above the noise floor: an effect that takes less away corrects a model that is wrong otherwise
+MATERIAL = 0.1
+# Of a range. A result file says "at its bound" from AT_BOUND on; but a descent gives up where its trust region is this
+# small, and an effect that ends so near to where its range does is drawn there.
+NEAR_BOUND = 1e-3
+
+
+def implausible(models: ModelComparison, current: Fit, fit: Fit, placed: Placed) -> str | None:
+    """What speaks against an effect in `fit`, over `current` without it, or None.
+
+    Where something is left: that it is at a bound, or drives a declared parameter to one. Where nothing is, that is
+    where they are, but for what is vague at a bound. A declared parameter may fall
+    to zero: then it had been standing in for the effect. Nor does it count where the log hardly determines it: then
+    it may be anywhere.
+    """
+    effect, ends = placed.effect, at_end(fit, placed)
+    vague = next((ends[name] for name in effect.vague_at_end if name in ends), None)
+    if vague or models.is_explained(fit):
+        return vague
+    doubt = effect.doubt(fit.point[fit.columns(placed.name)], models.fits.prepared.log.longest)
+    if doubt or ends:
+        return doubt or next(iter(ends.values()))
+    x, was = fit.space.to_unit(fit.point), current.at.x
+    determined = intervals(fit.at).identifiable
+    for i in range(len(current.point)):
+        at_bound = min(x[i], 1 - x[i]) < NEAR_BOUND <= min(was[i], 1 - was[i])
+        bound = fit.space.low[i] if x[i] < 0.5 else fit.space.high[i]
+        if determined[i] and bound != 0 and at_bound:
+            return f"it drives {fit.space.names[i]} to its bound ({fit.point[i]:.3g})"
+    return None
+
+
+def at_end(fit: Fit, placed: Placed) -> dict[str, str]:
+    """Parameters of an effect in `fit` that are at the end of their range, other than at null, and how to say so."""
+    effect, own = placed.effect, fit.columns(placed.name)
+    x, space, found = fit.space.to_unit(fit.point), fit.space, {}
+    for i, name in zip(range(own.start, own.stop), effect.space.names, strict=True):
+        null = (space.nominal[i] - space.low[i]) / space.span[i]
+        if min(x[i], 1 - x[i]) < NEAR_BOUND and abs(x[i] - null) > NEAR_BOUND and name not in effect.shares:
+            found[name] = (
+                f"it would have to be at the end of its range ({space.names[i]} = {fit.point[i]:.3g})"
+            )
+    return found
+
+
+def needed_error(current: Fit, material: float) -> float:
+    """The error above which a fit is `slight` beside `current`, which has to lose this share of its excess."""
+    return float(np.sqrt(1.0 + (1.0 - material) * current.excess))
+
+
+def slight(current: Fit, fit: Fit, material: float) -> str | None:
+    """Why `fit`, which has to take this share, is no explanation of what `current` leaves above the noise, or None."""
+    taken = current.excess - fit.excess
+    if taken >= material * current.excess:
+        return None
+    share = taken / max(current.excess, abs(taken))
+    return f"it takes {share:.1%} of what is above the noise floor: that is no explanation of it"

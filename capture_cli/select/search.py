@@ -1,0 +1,417 @@
+"""Which effects? Ask the force balance for the best sets of them, fit those, accept what holds; then put each to test.
+
+Where a log gives no balance, or where none of what the balance covers explains it, effects are scored one at a time by
+simulations (`forward_round`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import takewhile
+
+import numpy as np
+
+from capture_cli.errors import OutOfTime
+from capture_cli.estimate.fit import Fit
+from capture_cli.estimate.model_fits import ModelFits
+from capture_cli.estimate.noise.lack_of_fit import NEAR_FLOOR
+from capture_cli.estimate.part_fit import PartFit
+from capture_cli.model.effects.base import GLOBAL
+from capture_cli.model.effects.placed import Placed
+from capture_cli.select.balance_round import BalanceRound
+from capture_cli.select.balance_scores import score_in_balance
+from capture_cli.select.candidates import Candidate, all_candidates, worth_a_refit
+from capture_cli.select.criterion import TINY, Support
+from capture_cli.select.forward_round import RIVALS, ForwardRound, Scores, by_score
+from capture_cli.select.log_parts import Folds
+from capture_cli.select.model_comparison import TIED, WORSE, FittedSet, ModelComparison
+from capture_cli.select.rejection import MATERIAL, implausible
+from capture_cli.select.score import Score
+
+MOST_EFFECTS = 6
+# Of what the declared model leaves above the noise floor: one that takes less is minor. A model that is wrong in a way
+# that no effect is takes any number of minor ones, so they stand only where with them nothing is left, or one alone
+# comes near the floor.
+MINOR, MOST_MINOR = 0.05, 2
+AS_MUCH = 0.8  # of an effect's score, with the others in: what has more may be what is there in its place
+ALSO_ENOUGH = "; but with it, too, no more is left than chance allows"  # of a rival that is not as good
+STEPS_AS_WELL = "{mine} does as well, and so do steps of this length"
+
+
+# What may be accepted, and candidates that did as well
+Choice = tuple[FittedSet, list[Candidate]]
+
+
+@dataclass
+class Accepted:
+    """An effect in the model, candidates that did as well when it entered, and how it stands in the last model.
+
+    score: when it entered, and so are those of the rivals: later, with it in the model, they answer to what it leaves.
+    share: of the squared error above the noise floor of the declared model, what it took when it entered.
+    """
+
+    placed: Placed
+    score: Score | None
+    rivals: list[Candidate]
+    support: Support | None
+    share: float
+    tied: list[Candidate] = field(default_factory=list)
+
+    @property
+    def tied_with(self) -> list[str]:
+        return [c.name for c in self.tied]
+
+    @property
+    def name(self) -> str:
+        return self.placed.name
+
+
+class Attribution:
+    """Selection of effects: forward, backward, and against rivals.
+
+    folds: what is fitted, and what judges; nothing judges where the log is one window long. is_explained: whether a
+    model leaves nothing but noise. most_effects: to add; a law at several places counts once. candidates: the whole
+    catalogue where None; others are scored by simulations. on_step is told what is being tried, the number of it, of
+    how many, and what was found so far; where it raises OutOfTime, the search ends with the last model that was whole.
+
+    out_of_time: whether it ended so.
+    """
+
+    def __init__(
+        self,
+        fits: ModelFits,
+        folds: Folds,
+        *,
+        seed: int,
+        is_explained: Callable[[Fit], bool],
+        most_effects: int = MOST_EFFECTS,
+        candidates: Sequence[Candidate] | None = None,
+        on_step: Callable[[str, int, int, Sequence[str]], None] = lambda *_: None,
+    ):
+        self.models = ModelComparison(fits, folds, seed=seed, is_explained=is_explained)
+        self.most_effects = most_effects
+        self.on_step = on_step
+        self.given = candidates is not None
+        self.candidates = all_candidates(fits.prepared) if candidates is None else list(candidates)
+        self.models.candidates = self.candidates
+        self.accepted: list[Accepted] = []
+        self.excess = TINY  # squared error above the noise floor of the declared model
+        self.exhausted = False  # whether the force balance has no more that holds
+        self.out_of_time = False
+
+    def run(self, declared: Fit) -> Fit:
+        """Add effects to the declared model until none is accepted or nothing is left; returns the last model."""
+        self._keep(declared)
+        try:
+            return self._search(declared)
+        except OutOfTime:
+            self.out_of_time = True
+            last, self.accepted = self._whole
+            inside = {a.name for a in self.accepted}
+            for candidate in self.candidates:
+                if candidate.name not in inside and candidate.why_rejected is None:
+                    candidate.why_rejected = "not decided: the time was over"
+            return last
+
+    def _keep(self, current: Fit) -> Fit:
+        """Take note of a model that is whole, and the effects in it."""
+        self._whole = current, [replace(a, tied=list(a.tied)) for a in self.accepted]
+        return current
+
+    def _search(self, declared: Fit) -> Fit:
+        current = declared
+        self.models.know(declared)
+        while self._count < self.most_effects and not self.models.is_explained(current):
+            known = len(self.accepted)
+            if not known:
+                self.excess = max(current.excess, TINY)
+            found = self._next(current)
+            if found is None:
+                break
+            better = self.models.better_from(current, found) if len(self.accepted) == known + 1 else None
+            if better is not None:
+                withdrawn = self._candidate(self.accepted.pop().name)
+                withdrawn.why_rejected = "without it, fitted again from where it led, the model does as well"
+                current = better
+                continue
+            found = self._split(found, self.accepted[known:])
+            current = self._keep(self._backward(found, self.accepted, Support.reason_against_entry))
+            if len(self._minor) >= MOST_MINOR and not self.models.is_explained(current):
+                break
+        current = self._without_minor(current)
+        current = self._keep(self._backward(current, self.accepted, Support.reason_against))
+        self._ask_again(current)
+        return self._keep(self._compare_with_rivals(current))
+
+    @property
+    def _count(self) -> int:
+        """How many effects are accepted: of the catalogue a law at several places counts once."""
+        return len({a.name if self.given else a.placed.kind for a in self.accepted})
+
+    @property
+    def _minor(self) -> list[Accepted]:
+        """The last of the accepted effects, as far as they are minor."""
+        return list(takewhile(lambda a: a.share < MINOR, reversed(self.accepted)))
+
+    def _without_minor(self, current: Fit) -> Fit:
+        """`current` less the minor effects that came last, where they explain nothing after all."""
+        minor = self._minor
+        if self.models.is_explained(current) or (len(minor) == 1 and current.error <= NEAR_FLOOR):
+            return current
+        for accepted in minor:
+            without = self.models.without(current, accepted.name)
+            if without is None:
+                break
+            self.accepted.remove(accepted)
+            self._candidate(accepted.name).why_rejected = (
+                f"it takes {accepted.share:.1%} of what the declared model left above the noise floor, and with it "
+                "something is left all the same: a correction of a model that is wrong otherwise"
+            )
+            current = without
+        return current
+
+    def _split(self, current: Fit, newest: Sequence[Accepted]) -> Fit:
+        """`current` with each of the `newest` effects that is at all places at once at each of them on its own, where
+        that is clearly better.
+        """
+        for accepted in newest:
+            if accepted.placed.effect.site != GLOBAL:
+                continue
+            # those among the candidates: at a sensor that is not in the log it would show nothing
+            places = [
+                c.placed
+                for c in self._outside
+                if c.placed.kind == accepted.placed.kind and c.placed.effect.site != GLOBAL
+            ]
+            if len(places) < 2:
+                continue
+            own = current.columns(accepted.name)
+            rest = [e for e in current.effects if e.name != accepted.name]
+            start = np.concatenate([np.delete(current.point, own), np.tile(current.point[own], len(places))])
+            self._step("refit", 0, 1)
+            fit = self.models.fit([*rest, *places], start, current)
+            if fit is None or not self.models.is_better(current, fit):
+                continue
+            current = fit
+            self.accepted.remove(accepted)
+            self._candidate(accepted.name).why_rejected = "better at each of its places on its own"
+            for place in places:
+                candidate = self._candidate(place.name)
+                candidate.why_rejected = None
+                self.accepted.append(Accepted(place, candidate.score, [], None, accepted.share / len(places)))
+        return current
+
+    def _step(self, what: str, number: int, total: int) -> None:
+        self.on_step(what, number, total, [a.name for a in self.accepted])
+
+    @property
+    def _outside(self) -> list[Candidate]:
+        """Candidates that are not accepted."""
+        inside = {a.name for a in self.accepted}
+        return [c for c in self.candidates if c.name not in inside]
+
+    def _next(self, current: Fit) -> Fit | None:
+        """The model with what is accepted next; None where nothing is: what the force balance puts first, or what
+        simulations alone tell of where that is better, and, before it is said that nothing explains the log, what the
+        balance puts behind. Simulations are not asked where the balance leaves too little for another to matter.
+        """
+        balance = None if self.exhausted else self._balance_round(current)
+        if balance is None:
+            choice = self._by_simulation(current)
+        else:
+            choice = self._of_balance(balance)
+            if choice is None or self._leaves_much(choice[0].fit, current):
+                choice = self._better(choice, self._by_simulation(current))
+            if choice is None and not (self.accepted or self.given):
+                balance.ask_others()
+                choice = self._of_balance(balance)
+            self.exhausted = balance.exhausted
+        return None if choice is None else self._with(*choice, current)
+
+    def _leaves_much(self, fit: Fit, current: Fit) -> bool:
+        return not self.models.is_explained(fit) and fit.excess > MATERIAL * current.excess
+
+    def _better(self, one: Choice | None, other: Choice | None) -> Choice | None:
+        if one is None or other is None:
+            return one or other
+        return other if self.models.best_of([one[0], other[0]]) is other[0] else one
+
+    def _balance_round(self, current: Fit) -> BalanceRound | None:
+        screening = self.models.screening(self._step)
+        if screening is None:
+            return None
+        return BalanceRound(
+            self.models,
+            screening,
+            current,
+            [c for c in self._outside if c.name in screening.covered],
+            most=self.most_effects - self._count,
+            on_step=self._step,
+        )
+
+    def _of_balance(self, balance: BalanceRound) -> Choice | None:
+        """What the balance found and simulations bear out, with its rivals."""
+        choice = balance.choose()
+        if choice is None:
+            return None
+        for candidate in self._outside:
+            if candidate.name not in balance.candidates:
+                candidate.why_rejected = (
+                    "not asked: simulations alone tell of it, and the force balance found another"
+                )
+        return choice
+
+    def _with(self, chosen: FittedSet, rivals: list[Candidate], current: Fit) -> Fit:
+        """The model `chosen`, its effects accepted."""
+        share = (current.excess - chosen.fit.excess) / self.excess / len(chosen.added)
+        for placed in chosen.added:
+            candidate = self._candidate(placed.name)
+            candidate.why_rejected = None
+            self.accepted.append(Accepted(placed, candidate.score, rivals, None, share))
+        return chosen.fit
+
+    def _by_simulation(self, current: Fit) -> Choice | None:
+        """The best of what simulations alone tell of, with its rivals. Where something is hit that is everything: of
+        impacts the balance has seen nothing.
+        """
+        screening = self.models.screening(self._step)
+        told = frozenset() if screening is None or screening.hits else screening.covered
+        outside = [c for c in self._outside if c.name not in told]
+        if not outside:
+            return None
+        found = ForwardRound(self.models, current, outside, patient=not self.accepted, on_step=self._step)
+        return found.choose()
+
+    # --- backward ---
+
+    def _backward(self, current: Fit, judged: Sequence[Accepted], reason: Callable) -> Fit:
+        """Drop, weakest first, the effects among `judged` that there is a `reason` against, given the others."""
+        judged = list(judged)
+        while judged:
+            weakest, without = None, None
+            for accepted in judged:
+                self._step("drop", 0, 1)
+                fit = self.models.without(current, accepted.name)
+                if fit is None:
+                    continue
+                before = self.models.judge(fit)
+                tried = len(self.candidates)
+                accepted.support, _ = self._support(fit, current, accepted.placed, before, tried)
+                if reason(accepted.support) and (
+                    weakest is None or accepted.support.bic_gain < weakest.support.bic_gain
+                ):
+                    weakest, without = accepted, fit
+            if weakest is None:
+                return current
+            judged.remove(weakest)
+            self.accepted.remove(weakest)
+            self._candidate(
+                weakest.name
+            ).why_rejected = f"with the other effects in: {reason(weakest.support)}"
+            current = without
+        return current
+
+    def _support(
+        self, without: Fit, fit: Fit, placed: Placed, before: PartFit | None, tried: int
+    ) -> tuple[Support, PartFit | None]:
+        """The support for `placed` in `fit` over the model `without` it, and how `fit` does on what judges.
+
+        before: how that model does there. tried: of how many candidates the effect is the best.
+        """
+        return self.models.support_of(without, fit, [self._candidate(placed.name)], before, tried)
+
+    def _candidate(self, name: str) -> Candidate:
+        return next(c for c in self.candidates if c.name == name)
+
+    # --- ties ---
+
+    def _ask_again(self, current: Fit) -> None:
+        """Rivals of accepted effects, by what the model without it leaves with the others in.
+
+        What spoke for one while others were missing may have been theirs. The last that came was asked then. Of a law
+        at several places one place is asked.
+        """
+        asked: set[str] = set()
+        for accepted in self.accepted:
+            if (accepted is self.accepted[-1] and accepted.rivals) or accepted.placed.kind in asked:
+                continue
+            asked.add(accepted.placed.kind)
+            without = self.models.without(current, accepted.name)
+            if without is None:
+                continue
+            inside = {a.name for a in self.accepted} - {accepted.name}
+            candidates = [replace(c) for c in self.candidates if c.name not in inside]
+            ranked = self._scored(without, candidates)
+            mine = next((c for c in ranked if c.name == accepted.name), None)
+            if mine is None:
+                continue
+            known = {r.name for r in accepted.rivals}
+            new = [c for c in ranked if c.score.gain > AS_MUCH * mine.score.gain and c.name not in known]
+            new, _ = worth_a_refit([c for c in new if c is not mine])
+            accepted.score = mine.score
+            accepted.rivals = [*(c for c in ranked if c.name in known), *new[:RIVALS]]
+
+    def _scored(self, current: Fit, candidates: Sequence[Candidate]) -> list[Candidate]:
+        """Those of the candidates that their scores speak for in `current`, best first."""
+        screening = self.models.screening(self._step)
+        if screening is None:
+            Scores(self.models, current, self._step).score(candidates)
+            return by_score(candidates)
+        candidates = [c for c in candidates if c.name in screening.covered]
+        score_in_balance(screening, current, candidates, RIVALS)
+        return by_score(candidates)
+
+    def _compare_with_rivals(self, current: Fit) -> Fit:
+        """Put each accepted effect's rivals in its place: swap where one is better, tie where none can tell."""
+        for accepted in list(self.accepted):
+            inside = {a.name for a in self.accepted}
+            accepted.tied, others = [], []
+            for number, rival in enumerate(r for r in accepted.rivals if r.name not in inside):
+                self._step("compare", number, len(accepted.rivals))
+                other = self._swapped(current, accepted, rival)
+                if other is not None:
+                    others.append(other)
+            best, others = self.models.best(self._candidate_of(current, accepted), others)
+            for other in others:
+                verdict = self.models.compare(best, other)
+                if verdict == TIED and _are_steps(best.placed, other.placed):
+                    verdict = STEPS_AS_WELL
+                enough = verdict == WORSE and self.models.is_explained(other.fit)
+                self._candidate(other.name).why_rejected = (
+                    verdict.format(mine=best.name) + ALSO_ENOUGH * enough
+                )
+                if verdict == TIED:
+                    accepted.tied.append(other)
+            if best.name != accepted.name:
+                self._candidate(best.name).why_rejected = None
+                accepted.placed, accepted.score, accepted.support = best.placed, best.score, best.support
+                current = best.fit
+        return current
+
+    def _candidate_of(self, fit: Fit, accepted: Accepted) -> Candidate:
+        select = self.models.judge(fit)
+        return Candidate(accepted.placed, accepted.score, None, fit, select, accepted.support)
+
+    def _swapped(self, current: Fit, accepted: Accepted, rival: Candidate) -> Candidate | None:
+        """The model with `rival` in the place of `accepted`, if the rival is supported there."""
+        without = self.models.without(current, accepted.name)
+        if without is None:
+            return None
+        rest = without.effects
+        fit = self.models.fit(
+            [*rest, rival.placed], np.concatenate([without.point, rival.start]), without, current
+        )
+        if fit is None:
+            return None
+        before = self.models.judge(without)
+        support, select = self._support(without, fit, rival.placed, before, len(self.candidates))
+        found = Candidate(rival.placed, rival.score, rival.start, fit, select, support)
+        if support.reason_against() or implausible(self.models, without, fit, found.placed):
+            return None
+        return found
+
+
+def _are_steps(one: Placed, other: Placed) -> bool:
+    """Whether they are the model's motion in shorter steps of two lengths: no experiment would tell them apart."""
+    return one.kind == other.kind and one.effect.substeps > 1 and not one.effect.parameters
