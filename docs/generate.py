@@ -537,7 +537,8 @@ DOCUMENTS: dict[str, tuple[str, dict[str, str | Part]]] = {
         "With `--suite` there is one of these in a folder for each comparison, and suite.json holds them all.",
         {
             "format": '"capture/evaluation"',
-            **_DOCUMENT,
+            "version, task": "2 (of 1 `effects` is read as empty), and the name of the task",
+            "effects": "what the machines have beside the task's model; list as in capture/histories",
             "noise": "kind of noise in what identifiers were told was measured",
             "policy": "who chose the actions",
             "pairs": "pairs of a source and a hidden target, in each seed",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,8 +20,10 @@ from capture_cli.context.identifiers import round_identifier
 from capture_cli.context.policies.random import Random
 from capture_cli.errors import CaptureError, OptionError, OutputError, StoreError, TaskError
 from capture_cli.model.tasks import load_task
+from capture_cli.model.tasks.air_hockey import AirHockey
 from capture_cli.report import paper_numbers
 from capture_cli.report.evaluation_tables import markdown, print_evaluation, tables
+from capture_cli.stages.effect_option import parse_effects
 from capture_cli.stages.eval_sim2sim import eval_sim2sim
 from capture_cli.stages.evaluation import evaluation_run
 from capture_cli.stages.evaluation.evaluation_run import evaluate
@@ -482,3 +485,62 @@ def test_a_suite_names_the_checkpoint_that_is_damaged(tmp_path, text, message):
     with pytest.raises(StoreError, match=message):
         evaluate_suite(suite="paper", identifiers=[str(tmp_path)], out=tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+# --- machines that have what the model lacks ---
+
+
+def test_a_machine_has_what_nobody_is_told():
+    """Simulated trajectories are of the declared model or what the identifier knows, measured ones of the machine."""
+    task = AirHockey()
+    lag = parse_effects(["control-lag@mallet_vx=0.1"], task.model)
+    plain = Sim2Sim(task, Random(task), 4, 3, threads=1)
+    lagging = replace(plain, effects=lag)
+    make = round_identifier("domain-randomization")
+    unknown, known = lagging.run(make), lagging.run(make, known=lag.at_middle)
+    assert np.array_equal(unknown["estimates"], known["estimates"])
+    # both sides have the lag: what is left is of the parameters, as where neither has it
+    assert known["trajectory_difference"].mean() < 0.8 * unknown["trajectory_difference"].mean()
+    zero = replace(plain, effects=parse_effects(["control-lag@mallet_vx=0"], task.model)).run(make)
+    for name, values in plain.run(make).items():
+        assert np.array_equal(values, zero[name], equal_nan=True), name
+
+
+def test_the_evaluation_says_what_the_machines_have(tmp_path):
+    options = {
+        "task": "scooping",
+        "identifiers": ["domain-randomization"],
+        "pairs": 3,
+        "seeds": 1,
+        "rounds": 2,
+    }
+    effect = "control-bias@spatula_x=0:0.01"
+    found = evaluate(**options, effects=[effect], out=tmp_path / "e", threads=1)
+    [row] = found.document["effects"]
+    assert row["parameters"]["offset"]["drawn"] == [0, 0.01] and found.attributes["effects"] == [row]
+    assert "machines with control-bias@spatula_x" in (tmp_path / "e" / "tables.md").read_text()
+    assert json.loads((tmp_path / "e" / "provenance.json").read_text())["options"]["effects"] == [effect]
+    with pytest.raises(OptionError, match="begun with other effects"):
+        evaluate(**options, out=tmp_path / "e", threads=1, resume=True)
+    with pytest.raises(OptionError, match="--effect with --suite"):
+        eval_sim2sim(suite="paper", effects=[effect], identifiers=[], out=tmp_path / "s")
+
+
+def test_an_evaluation_of_the_version_before_had_no_effects(tmp_path):
+    options = {
+        "task": "scooping",
+        "identifiers": ["domain-randomization"],
+        "pairs": 2,
+        "seeds": 1,
+        "rounds": 1,
+    }
+    options |= {"out": tmp_path / "e", "threads": 1}
+    evaluate(**options)
+    for name in ("evaluation.json", "evaluation.zarr/zarr.json"):
+        path = tmp_path / "e" / name
+        document = json.loads(path.read_text())
+        inner = document.get("attributes", document)
+        assert (inner.pop("effects"), inner["version"]) == ([], 2)
+        inner["version"] = 1
+        path.write_text(json.dumps(document))
+    assert evaluate(**options, resume=True).document["effects"] == []

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from capture_cli.cli._completion import identifiers, tasks, words
+from capture_cli.cli._completion import effects, identifiers, tasks, words
 from capture_cli.cli._config import Config
 from capture_cli.cli._options import (
     ActionPolicy,
@@ -48,6 +48,14 @@ def eval_sim2sim(
         list[str] | None,
         typer.Option("--cell", help="Of the suite, this comparison alone; may be given several times."),
     ] = None,
+    effect: Annotated[
+        list[str],
+        typer.Option(
+            "--effect",
+            help="What the machines have beside the model: NAME@SITE.PARAMETER=VALUE, or =LOW:HIGH for each pair.",
+            autocompletion=effects,
+        ),
+    ] = [],  # noqa: B006
     pairs: Annotated[
         int, typer.Option("--pairs", min=1, help="Pairs of a source and a hidden target.")
     ] = 100,
@@ -75,6 +83,7 @@ def eval_sim2sim(
         suite=suite,
         cells=cell or [],
         noise=noise,
+        effects=effect,
         known_noise=known_noise,
         task=task,
         identifiers=identifier,

@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.table import Table
 
 from capture_cli.common.quantities import MISSING, significant
+from capture_cli.effects.placed import placed_name
 from capture_cli.report import paper_numbers
 
 PARAMETER_ROUND = 7  # where the paper's text compares parameter differences
@@ -96,9 +97,10 @@ def markdown(document: Mapping[str, Any], title: str | None = None) -> str:
 
 
 def _heading(document: Mapping[str, Any]) -> str:
+    has = ", ".join(placed_name(row["name"], row["site"]) for row in document.get("effects", []))
     return (
         f"{document['task']}: {document['pairs']} pairs, {document['seeds']} seeds, {document['rounds']} rounds; "
-        f"policy {document['policy']}, noise {document['noise']}"
+        f"policy {document['policy']}, noise {document['noise']}{f'; machines with {has}' * bool(has)}"
     )
 
 

@@ -16,6 +16,7 @@ def eval_sim2sim(
     cells: Sequence[str] = (),
     noise: str = "none",
     known_noise: bool = False,
+    effects: Sequence[str] = (),
     **options,
 ) -> dict[str, Any]:
     """One evaluation, or those of a `suite` (of `cells` of it alone, if any); returns evaluation.json or suite.json.
@@ -25,8 +26,8 @@ def eval_sim2sim(
     if suite is None:
         if cells:
             raise OptionError("--cell without --suite", cure="give --suite paper, or leave it out")
-        return evaluate(noise=noise, known_noise=known_noise, **options).document
-    if noise != "none" or known_noise:
-        option = "--known-noise" if known_noise else f"--noise {noise}"
+        return evaluate(noise=noise, known_noise=known_noise, effects=effects, **options).document
+    if noise != "none" or known_noise or effects:
+        option = "--effect" if effects else "--known-noise" if known_noise else f"--noise {noise}"
         raise OptionError(f"{option} with --suite", cure="leave it out: a suite has its own")
     return evaluate_suite(suite=suite, only=cells, **options)

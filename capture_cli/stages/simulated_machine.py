@@ -44,7 +44,7 @@ class SimulatedMachine:
 
     @classmethod
     def to_learn_in(
-        cls, task: str, estimate: Path | None, effects: Sequence[str], *, why: str
+        cls, task: str, estimate: Path | None, effects: Sequence[str], *, why: str = ""
     ) -> SimulatedMachine:
         """The same for what is learned over all values of the parameters, where those of an estimate mean nothing;
         why: in words. An effect that is named alone goes over the whole range in which it is looked for.

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
-from capture_cli.store.document_shape import COUNT, NUMBER, NUMBERS, TEXT, or_none
+from capture_cli.store.document_shape import COUNT, EFFECTS, NUMBER, NUMBERS, TEXT, or_none
 from capture_cli.store.result import Result
 from capture_cli.store.schema import ArraySpec, Schema
 
 FORMAT = "capture/evaluation"
-VERSION = 1
+VERSION = 2
 _CURE = "make it again with `capture eval-sim2sim`"
 SHAPE = {  # of what is read of evaluation.json
     "task": TEXT,
     "policy": TEXT,
+    "effects": EFFECTS,
     "noise": TEXT,
     "pairs": COUNT,
     "seeds": COUNT,
@@ -29,11 +31,18 @@ SHAPE = {  # of what is read of evaluation.json
         }
     },
 }
+
+
+def _without_effects(found: Mapping[str, Any]) -> Mapping[str, Any]:
+    """A document or attributes as of version 2: of the first no machine had effects."""
+    return {**found, "effects": []}
+
+
 _AXES = ("identifier", "seed", "pair", "round")
 
 SCHEMA = Schema(
     format="capture/evaluation-arrays",
-    version=1,
+    version=2,
     arrays=(
         ArraySpec(
             "source", ("seed", "pair", "parameter"), "float64", "per parameter", "where each pair begins"
@@ -74,10 +83,13 @@ SCHEMA = Schema(
         "features": "list of {name, unit, scale}, one per feature of a trajectory",
         "identifiers": "list of {label, identifier, checkpoint, sha256, ...}, one per identifier",
         "policy": "{name, sha256 of its checkpoint or null} of what chose the actions",
+        "effects": "what the machines had beside the task's model; list as in capture/histories. Version 1 had none, "
+        "and is read so",
         "noise": "kind of noise in what identifiers were told was measured",
         "seed": "of every random choice",
     },
     cure_for_other_version=_CURE,
+    earlier={1: _without_effects},
 )
 
 
@@ -87,6 +99,7 @@ class Evaluation(Result):
     NAME, CURE = "evaluation", _CURE
     FORMAT, VERSION, SCHEMA = FORMAT, VERSION, SCHEMA
     SHAPE = SHAPE
+    EARLIER = {1: _without_effects}  # noqa: RUF012
 
 
 def joined(parts: list[Mapping[str, np.ndarray]], axis: str) -> dict[str, np.ndarray]:

@@ -104,6 +104,7 @@ SCHEMA = Schema(
         "mujoco": "version of MuJoCo that simulated",
     },
     cure_for_other_version="make it again with `capture gen-histories`",
+    earlier={1: lambda attributes: {**attributes, "effects": []}},
 )
 SHAPE = {
     "complete": FLAG,
@@ -175,7 +176,7 @@ class HistoriesWriter:
             return None
         if not found:
             return None  # a run that was killed before it had described the store
-        found = _migrated(found)
+        found = SCHEMA.migrated(found)
         SCHEMA.check_header(self.location, found)
         return found
 
@@ -244,7 +245,7 @@ class Histories:
             self._store = _open(self.location)
         except FileNotFoundError as error:
             raise StoreError(f"{location} does not exist", cure=_CHECK_URL) from error
-        self.attributes = _migrated(self._store.attributes)
+        self.attributes = SCHEMA.migrated(self._store.attributes)
         SCHEMA.check_header(self.location, self.attributes)
         check_shape(self.attributes, SHAPE, self.location, SCHEMA.cure_for_other_version)
         if not self.attributes["complete"]:
@@ -286,14 +287,6 @@ class Histories:
                     f"{self.location}: {spec.path} has shape {found}; its attributes say {expected}",
                     cure="make the histories again with `capture gen-histories`",
                 )
-
-
-def _migrated(attributes: Mapping[str, Any]) -> dict[str, Any]:
-    """Those of the store, as of the version that is written now: the first knew no effects."""
-    found = dict(attributes)
-    if found.get("format") == SCHEMA.format and found.get("version") == 1:
-        found |= {"version": SCHEMA.version, "effects": []}
-    return found
 
 
 def shard_rows(shard: int, shard_pairs: int, pairs: int) -> slice:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -55,6 +55,8 @@ class Schema:
     arrays: tuple[ArraySpec, ...]
     attributes: Mapping[str, str]
     cure_for_other_version: str
+    # for each version before this one that is read, what makes its attributes those of the next
+    earlier: Mapping[int, Callable[[Mapping[str, Any]], Mapping[str, Any]]] = field(default_factory=dict)
 
     @uninterrupted()  # zarr has threads, which would go on to write where the folder was cleared away
     def write(self, path: Path, arrays: Mapping[str, np.ndarray], attributes: Mapping[str, Any]) -> None:
@@ -106,7 +108,8 @@ class Schema:
         Raises StoreError if it is not there, foreign, of another version, too large or truncated, or its axes disagree.
         """
         store = ZarrStore(path)
-        self.check_header(path, store.attributes)
+        attributes = self.migrated(store.attributes)
+        self.check_header(path, attributes)
         found = {}
         for spec in self.arrays:
             metadata = store.metadata(spec.path)
@@ -119,7 +122,7 @@ class Schema:
         self._check_types(path, found)
         arrays = store.read(found, most, larger)
         types = {spec.path: spec.dtype for spec in self.arrays}
-        return {name: a.astype(types[name], copy=False) for name, a in arrays.items()}, store.attributes
+        return {name: a.astype(types[name], copy=False) for name, a in arrays.items()}, attributes
 
     def _check_types(self, path: Path, found: Mapping[str, ArrayMetadata]) -> None:
         """Raise StoreError where what counts or is a flag has another type of numbers."""
@@ -130,6 +133,13 @@ class Schema:
                 raise StoreError(
                     f"{path}: {spec.path} is of type {metadata.kind}; expected {spec.dtype}", cure=MAKE_AGAIN
                 )
+
+    def migrated(self, attributes: Mapping[str, Any]) -> dict[str, Any]:
+        """`attributes` of a store of this format, as of this version where they are of an earlier one that is read."""
+        found = dict(attributes)
+        while found.get("format") == self.format and found.get("version") in self.earlier:
+            found = {**self.earlier[found["version"]](found), "version": found["version"] + 1}
+        return found
 
     def check_header(self, path: Path, attributes: Mapping[str, Any]) -> None:
         found = attributes.get("format")

@@ -9,6 +9,8 @@ from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from capture_cli.common.extras import require
 from capture_cli.context.checkpoints.checkpoint_hash import checkpoint_hash
 from capture_cli.context.checkpoints.identifier_checkpoint import DOCUMENT, load_identifier
@@ -16,6 +18,8 @@ from capture_cli.context.identifiers import REGISTRY, round_identifier
 from capture_cli.context.identifiers.base import RoundIdentifier, Signature
 from capture_cli.errors import OptionError
 from capture_cli.estimate.solve.base import AskTell
+from capture_cli.model.effects.placed import Placed
+from capture_cli.model.tasks.base import ActionTask
 
 if TYPE_CHECKING:
     from capture_cli.context.identifiers._learned import TrainedModel
@@ -28,7 +32,7 @@ PAPER = {"search": "randomized-binary", "history_rounds": 7, "window": 4, "token
 class Evaluated:
     """An identifier to evaluate. label: what it is called in tables. facts: what the evaluation says of it.
 
-    path: its checkpoint's, where it has one.
+    path: its checkpoint's, where it has one. effects: with values (parameter,), that it simulates with.
     """
 
     label: str
@@ -36,6 +40,7 @@ class Evaluated:
     model: TrainedModel | None
     facts: Mapping[str, Any]
     path: Path | None = None
+    effects: Sequence[tuple[Placed, np.ndarray]] = ()
 
     def make(self, signature: Signature, start, **options) -> RoundIdentifier:
         """The identifier for pairs that begin at `start` (pair, parameter)."""
@@ -44,7 +49,7 @@ class Evaluated:
 
 
 def load_evaluated(
-    given: Sequence[str], signature: Signature, spelled_out: Sequence[str] = ()
+    given: Sequence[str], task: ActionTask, spelled_out: Sequence[str] = ()
 ) -> list[Evaluated]:
     """The identifiers of `--identifier`: each a name, a checkpoint directory, or NAME=DIRECTORY.
 
@@ -54,7 +59,7 @@ def load_evaluated(
     """
     if not given:
         raise OptionError("no --identifier", cure=f"give a checkpoint directory, or {', '.join(by_name())}")
-    return _distinct([_load(text, signature, spelled_out) for text in given])
+    return _distinct([_load(text, task, spelled_out) for text in given])
 
 
 def require_extras(given: Sequence[str]) -> None:
@@ -89,7 +94,7 @@ def untrained(kind: type[AskTell]) -> bool:
     return not kind.needs_checkpoint
 
 
-def _load(text: str, signature: Signature, spelled_out: Sequence[str]) -> Evaluated:
+def _load(text: str, task: ActionTask, spelled_out: Sequence[str]) -> Evaluated:
     name, _, folder = text.rpartition("=") if not Path(text).exists() else ("", "", text)
     path = Path(folder)
     if not name and not path.is_dir():
@@ -101,7 +106,7 @@ def _load(text: str, signature: Signature, spelled_out: Sequence[str]) -> Evalua
             f"--identifier {text}: there is no {DOCUMENT} in {path}{below}",
             cure=f"give a directory that `train-sysid` wrote, or {', '.join(by_name())}",
         )
-    found = load_identifier(path, signature)
+    found = load_identifier(path, Signature.of(task))
     kind = round_identifier(name) if name else found.kind
     if kind is not found.kind and not (kind.needs_checkpoint and kind.likelihood and found.kind.likelihood):
         raise OptionError(
@@ -117,7 +122,10 @@ def _load(text: str, signature: Signature, spelled_out: Sequence[str]) -> Evalua
         "history_noise": document["histories"]["noise"],
         "pairs_trained": document["result"]["pairs"]["trained"],
     }
-    return Evaluated(_label(name, kind, facts, spelled_out), kind, found.model, facts, path)
+    effects = found.machine(task).effects
+    if effects:
+        facts["effects"] = [placed.name for placed, _ in effects]
+    return Evaluated(_label(name, kind, facts, spelled_out), kind, found.model, facts, path, effects)
 
 
 def _named(name: str) -> Evaluated:
@@ -143,6 +151,8 @@ def _label(
         others.append(f"k={facts['window']}")
     if "tokens" in said:
         others.append(f"token per {facts['tokens']}")
+    if "effects" in facts:
+        others.append(f"with {', '.join(facts['effects'])}")
     if facts["history_noise"] != "none":
         others.append(f"trained with noise: {facts['history_noise']}")
     return f"{name} ({', '.join(others)})" if others else name

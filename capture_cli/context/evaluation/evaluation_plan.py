@@ -12,8 +12,8 @@ from capture_cli.context.checkpoints.checkpoint_hash import checkpoint_hash
 from capture_cli.context.checkpoints.policy_checkpoint import SETTINGS, load_policy
 from capture_cli.context.evaluation.evaluated_identifier import Evaluated, load_evaluated, require_extras
 from capture_cli.context.evaluation.sim2sim import Sim2Sim
-from capture_cli.context.identifiers.base import Signature
 from capture_cli.errors import OptionError, TaskError
+from capture_cli.model.effects.ranges import NO_EFFECTS, EffectRanges
 from capture_cli.model.tasks import load_task
 from capture_cli.model.tasks.base import ActionTask
 
@@ -57,25 +57,30 @@ def evaluation_plan(
     seed: int,
     threads: int | None,
     known_noise: bool = False,
+    effects: EffectRanges = NO_EFFECTS,
     spelled_out: Sequence[str] = (),
 ) -> EvaluationPlan:
-    """The plan of `evaluate` for these options. spelled_out: as `load_evaluated` takes it. Raises CaptureError."""
+    """The plan of `evaluate` for these options. effects: of the machines.
+
+    spelled_out: as `load_evaluated` takes it. Raises CaptureError."""
     require_extras(identifiers)
     _check(pairs, seeds, rounds)
     machine = _action_task(task)
     observation_noise.check(noise, [f.name for f in machine.features])
     chosen = load_policy(policy, machine)
-    evaluated = load_evaluated(identifiers, Signature.of(machine), spelled_out)
+    evaluated = load_evaluated(identifiers, machine, spelled_out)
     if known_noise:
         observation_noise.error_rate(noise)
     draws = [
-        Sim2Sim(machine, chosen, pairs, rounds, noise, seed, number, threads, known_noise)
+        Sim2Sim(machine, chosen, pairs, rounds, noise, seed, number, threads, known_noise, effects)
         for number in range(seeds)
     ]
     noise = f"{noise} (known)" if known_noise else noise
     inputs = [e.path for e in evaluated if e.path is not None]
     inputs += [Path(policy)] if (Path(policy) / SETTINGS).is_file() else []
-    return EvaluationPlan(evaluated, draws, _attributes(machine, policy, noise, seed, evaluated), inputs)
+    return EvaluationPlan(
+        evaluated, draws, _attributes(machine, effects, policy, noise, seed, evaluated), inputs
+    )
 
 
 def _check(pairs: int, seeds: int, rounds: int) -> None:
@@ -96,7 +101,9 @@ def _action_task(name: str | None) -> ActionTask:
     return machine
 
 
-def _attributes(task: ActionTask, policy: str, noise: str, seed: int, evaluated: list[Evaluated]) -> dict:
+def _attributes(
+    task: ActionTask, effects: EffectRanges, policy: str, noise: str, seed: int, evaluated: list[Evaluated]
+) -> dict:
     checkpoint = (Path(policy) / SETTINGS).is_file()
     return {
         "task": task.name,
@@ -107,6 +114,7 @@ def _attributes(task: ActionTask, policy: str, noise: str, seed: int, evaluated:
             "name": Path(policy).name if checkpoint else policy,
             "sha256": checkpoint_hash(policy) if checkpoint else None,
         },
+        "effects": effects.rows(),
         "noise": noise,
         "seed": seed,
     }

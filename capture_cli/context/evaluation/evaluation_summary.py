@@ -52,6 +52,7 @@ def summary(
         identifiers[about["label"]] = entry
     return {
         "task": attributes["task"],
+        "effects": attributes["effects"],
         "noise": attributes["noise"],
         "policy": attributes["policy"]["name"],
         "pairs": pairs,

@@ -52,7 +52,7 @@ def expected(todo: Iterable[tuple[Evaluated, Sim2Sim]]) -> Expected | None:
 def _by_itself(e: Evaluated, draw: Sim2Sim) -> float:
     """Rollouts a pair that the identifier simulates besides its candidates."""
     probe = replace(draw, pairs=PROBED_PAIRS, rounds=min(draw.rounds, PROBED_ROUNDS))
-    spent = probe.run(e.make)["simulated_rollouts"].mean(axis=0)
+    spent = probe.run(e.make, known=e.effects)["simulated_rollouts"].mean(axis=0)
     total = spent[-1] + (draw.rounds - probe.rounds) * (spent[-1] - spent[-2])
     return max(0.0, total - draw.rounds * e.kind.candidates)
 

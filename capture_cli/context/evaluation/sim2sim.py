@@ -5,7 +5,7 @@ Every identifier meets the same pairs, the same draws of the policy and the same
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +20,8 @@ from capture_cli.context.identifiers.base import (
     run_rounds,
 )
 from capture_cli.context.policies.base import Policy
+from capture_cli.model.effects.placed import Placed
+from capture_cli.model.effects.ranges import NO_EFFECTS, EffectRanges
 from capture_cli.model.tasks.base import ActionTask
 from capture_cli.simulate.simulator import Simulator
 
@@ -32,7 +34,8 @@ class Sim2Sim:
     """`pairs` pairs of `task`, identified for `rounds` rounds.
 
     number: which of several draws of the pairs this is (a "seed" of the paper); the first pairs and rounds of a draw do
-    not depend on how many there are. known_noise: identifiers are told which labels are random.
+    not depend on how many there are. known_noise: identifiers are told which labels are random. effects: what the
+    machines have beside the task's model, which nobody is told; where it has a range, each pair's draws from it.
     """
 
     task: ActionTask
@@ -44,6 +47,7 @@ class Sim2Sim:
     number: int = 0
     threads: int | None = None
     known_noise: bool = False
+    effects: EffectRanges = NO_EFFECTS
 
     def ends(self) -> tuple[np.ndarray, np.ndarray]:
         """Sources and targets, both (pair, parameter)."""
@@ -51,11 +55,22 @@ class Sim2Sim:
         drawn = np.array([self._generator(pair, 0).random((2, size)) for pair in range(self.pairs)])
         return self.task.space.from_unit(drawn[:, 0]), self.task.space.from_unit(drawn[:, 1])
 
-    def run(self, make: Make, on_round: Callable[[int], None] | None = None) -> dict[str, np.ndarray]:
-        """What the identifier that `make` makes does, by the names of the evaluation store: (pair, round, ...)."""
+    def run(
+        self,
+        make: Make,
+        on_round: Callable[[int], None] | None = None,
+        known: Sequence[tuple[Placed, np.ndarray]] = (),
+    ) -> dict[str, np.ndarray]:
+        """What the identifier that `make` makes does, by the names of the evaluation store: (pair, round, ...).
+
+        known: effects with values (parameter,) that it simulates with.
+        """
         source, target = self.ends()
         signature = Signature.of(self.task)
-        simulate = Simulator(self.task, threads=self.threads).trajectories
+        simulate = Simulator(self.task.with_effects(known), threads=self.threads).trajectories
+        machine = Simulator(self.task, self.effects.placed, self.threads).trajectories
+        of_effects = [self.effects.drawn(self._generator(pair, 3), 1) for pair in range(self.pairs)]
+        truth = np.concatenate([target, np.concatenate(of_effects)], axis=1)
         told = {"error_rate": observation_noise.error_rate(self.noise)} if self.known_noise else {}
         identifier = make(signature, source, simulate=simulate, seed=self._own_seed(), **told)
         uniform = self._uniform()
@@ -66,14 +81,16 @@ class Sim2Sim:
             return self.policy.act(parameters, uniform[:, number])
 
         def measure(number: int, actions: np.ndarray) -> np.ndarray:
-            measured[:, number] = finite(*simulate(target, actions))
+            measured[:, number] = finite(*machine(truth, actions))
             return observation_noise.apply(self.noise, measured[:, number, None], noise, number)[:, 0]
 
         walk = run_rounds(
             identifier, self.rounds, act=act, simulate=simulate, measure=measure, on_round=on_round
         )
         estimates = np.concatenate([source[:, None], walk.estimates], axis=1)
-        actions, simulated, measured = self._judged(walk, estimates, measured, target, uniform, simulate)
+        actions, simulated, measured = self._judged(
+            walk, estimates, measured, truth, uniform, simulate=simulate, machine=machine
+        )
         distance = np.linalg.norm(simulated - measured, axis=-1).sum(axis=-1)
         arrays = {
             "estimates": estimates,
@@ -86,7 +103,9 @@ class Sim2Sim:
             arrays["success"] = flat.reshape(distance.shape)
         return arrays
 
-    def _judged(self, walk: Walk, estimates, measured, target, uniform, simulate: Simulate):
+    def _judged(
+        self, walk: Walk, estimates, measured, truth, uniform, *, simulate: Simulate, machine: Simulate
+    ):
         """Action, simulated and measured trajectory of every estimate (pair, round, ...), without noise.
 
         The estimate after some rounds is what most identifiers ask for in the next: then these are that round's.
@@ -102,7 +121,7 @@ class Sim2Sim:
         chosen = self.policy.act(parameters, uniform[pair, number])
         actions[pair, number] = chosen
         simulated[pair, number] = finite(*simulate(parameters, chosen))
-        measured[pair, number] = finite(*simulate(target[pair], chosen))
+        measured[pair, number] = finite(*machine(truth[pair], chosen))
         return actions, simulated, measured
 
     def _uniform(self) -> np.ndarray:

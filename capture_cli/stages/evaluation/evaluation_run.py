@@ -18,7 +18,9 @@ from capture_cli.context.evaluation.evaluation_plan import EvaluationPlan, evalu
 from capture_cli.context.evaluation.evaluation_summary import summary
 from capture_cli.context.evaluation.evaluation_time import Expected, expected
 from capture_cli.context.evaluation.sim2sim import Sim2Sim
+from capture_cli.effects.ranges import NO_EFFECTS
 from capture_cli.errors import OptionError, StoreError
+from capture_cli.stages.simulated_machine import SimulatedMachine
 from capture_cli.store.evaluation import FORMAT, SCHEMA, VERSION, Evaluation, joined
 from capture_cli.store.output import is_complete, refuse_inputs, resumable_directory, unfinished
 from capture_cli.store.provenance import Provenance, write_json
@@ -40,6 +42,7 @@ def evaluate(
     seed: int = 0,
     threads: int | None = None,
     known_noise: bool = False,
+    effects: Sequence[str] = (),
     force: bool = False,
     resume: bool = False,
     quiet: bool = True,
@@ -47,12 +50,16 @@ def evaluate(
     """Evaluate `identifiers` on `pairs` pairs of `task`, `seeds` times; write the evaluation directory at `out`.
 
     identifiers: as `load_evaluated` takes them. noise: one of `observation_noise.NOISES`, on what is measured.
-    known_noise: identifiers are told which labels are random. With `resume` a run that was killed goes on after the
-    identifier and seed it last completed, and one that is complete is read. The arrays do not depend on
-    `threads`. Raises CaptureError before any work.
+    known_noise: identifiers are told which labels are random. effects: what the machines have beside the task's model,
+    as `SimulatedMachine` takes it; identifiers simulate with those that their histories had. With `resume` a run that
+    was killed goes on after the identifier and seed it last completed, and one that is complete is read. The arrays do
+    not depend on `threads`. Raises CaptureError before any work.
     """
     options = {k: v for k, v in locals().items() if k not in ("force", "resume", "quiet")}
-    plan = evaluation_plan(**{k: v for k, v in options.items() if k != "out"})
+    machines = NO_EFFECTS
+    if effects and task is not None:
+        machines = SimulatedMachine.to_learn_in(task, None, effects).effects
+    plan = evaluation_plan(**{k: v for k, v in options.items() if k != "out"} | {"effects": machines})
     if is_complete(out, force=force, resume=resume):
         return completed(Path(out), plan)
     refuse_inputs(out, plan.inputs)
@@ -123,7 +130,7 @@ def _begin(folder: Path, plan: EvaluationPlan) -> None:
 
 
 def _refuse_other(found: dict[str, Any], plan: EvaluationPlan, where: Path) -> None:
-    found, wanted = with_new_hashes(found, plan.inputs), plan.recipe
+    found, wanted = with_new_hashes({"effects": [], **found}, plan.inputs), plan.recipe
     other = [k for k in wanted if found.get(k) != wanted[k]]
     if other:
         raise OptionError(
@@ -143,7 +150,9 @@ def _run(plan: EvaluationPlan, folder: Path, quiet: bool) -> None:
     with Progress("eval-sim2sim", "round", quiet=quiet, total=len(todo) * rounds) as progress:
         for name, e, draw in todo:
             label = f"{e.label}, seed {draw.number + 1} of {seeds}"
-            arrays = draw.run(e.make, lambda n, label=label: progress.step(f"{label}, round {n + 1}"))
+            arrays = draw.run(
+                e.make, lambda n, label=label: progress.step(f"{label}, round {n + 1}"), e.effects
+            )
             _keep(parts / name, arrays, draw, plan.attributes)
 
 
