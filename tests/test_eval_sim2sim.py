@@ -544,3 +544,32 @@ def test_an_evaluation_of_the_version_before_had_no_effects(tmp_path):
         inner["version"] = 1
         path.write_text(json.dumps(document))
     assert evaluate(**options, resume=True).document["effects"] == []
+
+
+def test_rows_of_other_code_are_not_gone_on_with(folder, monkeypatch):
+    """They were, and four evaluations that are shipped had rows of older code among the others."""
+    options = {
+        "task": "scooping",
+        "identifiers": ["domain-randomization"],
+        "pairs": 2,
+        "seeds": 2,
+        "rounds": 1,
+    }
+    options |= {"out": folder / "of-code", "threads": 1}
+    keep, count = evaluation_run._keep, iter(range(9))
+
+    def killed(*arguments):
+        if next(count) == 1:
+            raise KeyboardInterrupt
+        keep(*arguments)
+
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(evaluation_run, "_keep", killed)
+        evaluate(**options)
+    with (
+        monkeypatch.context() as patch,
+        pytest.raises(OptionError, match=r"1 of 2 parts in .* another version"),
+    ):
+        patch.setattr(evaluation_run, "code_hash", lambda: "another")
+        evaluate(**options, resume=True)
+    assert evaluate(**options, resume=True).document["seeds"] == 2

@@ -23,7 +23,7 @@ from capture_cli.errors import OptionError, StoreError
 from capture_cli.stages.simulated_machine import SimulatedMachine
 from capture_cli.store.evaluation import FORMAT, SCHEMA, VERSION, Evaluation, joined
 from capture_cli.store.output import is_complete, refuse_inputs, resumable_directory, unfinished
-from capture_cli.store.provenance import Provenance, write_json
+from capture_cli.store.provenance import Provenance, code_hash, write_json
 
 PARTS, RECIPE, NEW_RECIPE = "parts", "recipe.json", "recipe.json.new"  # of a run that is not complete
 BESIDE = ".new"  # of a part that is not complete
@@ -119,14 +119,24 @@ def kept_parts(folder: Path) -> int:
 
 
 def _begin(folder: Path, plan: EvaluationPlan) -> None:
-    """Take note of what is run, or see that it is what an earlier run took note of."""
+    """Take note of what is run and by which code, or see that it is what an earlier run took note of.
+
+    All rows of an evaluation are of one code: those of another would be compared with what has changed since.
+    """
     path, beside = folder / RECIPE, folder / NEW_RECIPE
     (folder / PARTS).mkdir(exist_ok=True)
     if path.is_file():
-        _refuse_other(read_json(path, StoreError, cure="begin anew with --force"), plan, folder)
-    else:
-        write_json(beside, plan.recipe)
-        beside.replace(path)  # whole or not at all: a run that is killed goes on
+        begun = read_json(path, StoreError, cure="begin anew with --force")
+        _refuse_other(begun, plan, folder)
+        if begun.get("code") == code_hash():
+            return
+        if count := kept_parts(folder):
+            raise OptionError(
+                f"--resume: {count} of {len(plan.parts())} parts in {folder} are of another version of the program",
+                cure="begin anew with --force, so that all rows are of one, or go on with that version",
+            )
+    write_json(beside, {**plan.recipe, "code": code_hash()})
+    beside.replace(path)  # whole or not at all: a run that is killed goes on
 
 
 def _refuse_other(found: dict[str, Any], plan: EvaluationPlan, where: Path) -> None:
