@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.table import Table
 
 from capture_cli.common.quantities import MISSING, significant
-from capture_cli.effects.placed import placed_name
+from capture_cli.model.effects.placed import placed_name
 from capture_cli.report import paper_numbers
 
 PARAMETER_ROUND = 7  # where the paper's text compares parameter differences

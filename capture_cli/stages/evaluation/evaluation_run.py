@@ -18,8 +18,8 @@ from capture_cli.context.evaluation.evaluation_plan import EvaluationPlan, evalu
 from capture_cli.context.evaluation.evaluation_summary import summary
 from capture_cli.context.evaluation.evaluation_time import Expected, expected
 from capture_cli.context.evaluation.sim2sim import Sim2Sim
-from capture_cli.effects.ranges import NO_EFFECTS
 from capture_cli.errors import OptionError, StoreError
+from capture_cli.model.effects.ranges import NO_EFFECTS
 from capture_cli.stages.simulated_machine import SimulatedMachine
 from capture_cli.store.evaluation import FORMAT, SCHEMA, VERSION, Evaluation, joined
 from capture_cli.store.output import is_complete, refuse_inputs, resumable_directory, unfinished
