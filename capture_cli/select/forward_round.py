@@ -13,7 +13,7 @@ from capture_cli.model.effects.base import GLOBAL
 from capture_cli.select.candidates import Candidate, score_at_null, worth_a_refit
 from capture_cli.select.model_comparison import FittedSet, ModelComparison
 from capture_cli.select.narrow_peaks import NarrowShapes
-from capture_cli.select.rejection import MATERIAL, implausible, slight
+from capture_cli.select.rejection import MATERIAL, implausible, needed_error, slight
 from capture_cli.select.score import similarity
 from capture_cli.select.score_checkpoint import kept_scores
 
@@ -104,30 +104,36 @@ class ForwardRound:
     def _refit_all(self, candidates: Sequence[Candidate], material: float) -> list[Candidate]:
         """Fit the model with each of the candidates in it; those that are supported, and take `material`."""
         before, best = self.models.judge(self.current), None
-        # fits with hidden states take long: they come last, and are given up where they stay far behind
+        # fits with hidden states take long: they come last, and are given up where they stay far behind, or promise
+        # less than is asked of them
         for number, candidate in enumerate(sorted(candidates, key=lambda c: len(c.placed.effect.states))):
             self.on_step("refit", number, len(candidates))
-            self._refit(candidate, before, best)
+            self._refit(candidate, before, best, material)
             best = least([best, candidate.fit])
             if candidate.why_rejected is None:
                 self._held.append(candidate)
                 candidate.why_rejected = slight(self.current, candidate.fit, material)
         return [c for c in candidates if c.why_rejected is None]
 
-    def _refit(self, candidate: Candidate, before: PartFit | None, rival: Fit | None) -> None:
-        """Fit the model with the candidate in it, and judge; given up where it stays far behind `rival`."""
+    def _refit(
+        self, candidate: Candidate, before: PartFit | None, rival: Fit | None, material: float
+    ) -> None:
+        """Fit the model with the candidate in it, and judge; given up where it stays far behind `rival`, or where its
+        hidden states do not promise to take `material`.
+        """
         current = self.current
+        needed = needed_error(current, material) if candidate.placed.effect.states else np.inf
         # the current parameters, moved along with the effect's linear step
         declared = current.space.from_unit(current.at.x + candidate.score.parameters)
         starts = [s for s in (candidate.start, candidate.start_elsewhere) if s is not None]
         starts = [np.concatenate([declared, s]) for s in starts]
         effects = [*current.effects, candidate.placed]
-        fit = self.models.fit(effects, starts[0], current, rival, starts[1:])
+        fit = self.models.fit(effects, starts[0], current, rival, starts[1:], needed)
         if candidate.start_doubted is not None and (fit is None or not self.models.is_explained(fit)):
             start = np.concatenate([declared, candidate.start_doubted])
             fit = self.models.explained_from(start, effects, current) or fit
         if fit is None or fit.penalised_squares >= current.penalised_squares:
-            far = fit is not None and not fit.finished
+            far = fit is not None and not fit.finished and rival is not None
             candidate.why_rejected = (
                 f"fitted jointly it stays far behind {rival.effects[-1].name}"
                 if far
