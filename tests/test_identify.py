@@ -7,6 +7,7 @@ import re
 import shlex
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import Mock
 from types import SimpleNamespace
 
 import numpy as np
@@ -459,7 +460,8 @@ def test_that_is_said_before_any_work_whoever_identifies(plant, identify, tmp_pa
     task = variant(tmp_path, MASS + parameter("idle", "geom:block:friction", 0.1, 1.0))
     log, checkpoint = plant(), tmp_path / "checkpoint"
     checkpoint.mkdir()
-    learned = ChosenIdentifier("learned", LeastSquares, checkpoint=object(), path=checkpoint)
+    of_no_effects = Mock(machine=lambda machine: machine)
+    learned = ChosenIdentifier("learned", LeastSquares, checkpoint=of_no_effects, path=checkpoint)
     monkeypatch.setattr(stage, "with_noise_of_repeats", lambda *_, **__: pytest.fail("worked before"))
     for chosen in (learned, replace(learned, checkpoint=None)):
         monkeypatch.setattr(stage, "choose_identifier", lambda *_, chosen=chosen: chosen)
