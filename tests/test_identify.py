@@ -7,8 +7,8 @@ import re
 import shlex
 from dataclasses import replace
 from pathlib import Path
-from unittest.mock import Mock
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
