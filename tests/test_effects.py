@@ -27,7 +27,7 @@ from scipy.linalg import expm
 
 from capture_cli.errors import ModelError
 from capture_cli.estimate.initial_states.from_outputs import model_starts
-from capture_cli.log.input_sequences import KeptTapes
+from capture_cli.log.input_sequences import CachedSequences
 from capture_cli.log.windows import LEAD, cut
 from capture_cli.model import effects
 from capture_cli.model.effects._joint_force import inertia_felt
@@ -837,7 +837,7 @@ def test_an_actuator_knows_in_a_window_what_came_before_it(name, value, toleranc
     assert len(at) > 4
     np.testing.assert_allclose(simulated, expected, rtol=0, atol=tolerance)
     held = Simulator(task, [(name, effect)], threads=1).simulate(
-        replace(windows, tapes=KeptTapes(windows.controls)), starts, point[None]
+        replace(windows, tapes=CachedSequences(windows.controls)), starts, point[None]
     )
     assert np.abs(held.outputs[0] - expected)[1:].max() > 1e-4
 

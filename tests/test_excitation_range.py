@@ -12,7 +12,7 @@ import pytest
 from capture_cli.cli import main
 from capture_cli.model.tasks import load_task
 from capture_cli.model.tasks.base import Task
-from capture_cli.select.experiment.excitation_range import MARGIN, STOP_GIVES, Quantities, ShownMotion
+from capture_cli.select.experiment.excitation_range import MARGIN, STOP_GIVES, ExcitationRange, Quantities
 from capture_cli.stages.identify import identify
 from capture_cli.stages.propose import propose
 from capture_cli.stages.record import record
@@ -33,11 +33,11 @@ def stopped(slider_task: Path) -> Task:
     return load_task(str(slider_task))
 
 
-def shown_by(task: Task, position: np.ndarray, **other) -> ShownMotion:
+def shown_by(task: Task, position: np.ndarray, **other) -> ExcitationRange:
     """Of a position (step,), in steps of 10 ms and two windows."""
     steps = {"time": 0.01 * np.arange(len(position)), "window": np.repeat([0, 1], len(position) // 2)}
     measured = {"measured": position[:, None], "simulated": position[:, None]}
-    return ShownMotion.of(task, np.array([SD]), **{**steps, **measured, **other})
+    return ExcitationRange.of(task, np.array([SD]), **{**steps, **measured, **other})
 
 
 @pytest.mark.filterwarnings("error")
@@ -108,7 +108,7 @@ def test_how_far_what_is_predicted_goes_beyond(slider_task):
     judged = shown.judged(predicted, 1)
     assert not judged["is_near"] and judged["predicted"]["q"]["range"] == [0, 3]
     assert judged["predicted"]["joint x"]["log"] is None and judged["predicted"]["joint x"]["is_near"]
-    again = ShownMotion.from_document(task, json.loads(json.dumps(judged["predicted"])))
+    again = ExcitationRange.from_document(task, json.loads(json.dumps(judged["predicted"])))
     assert again.near == pytest.approx(shown.near) and again.judged(predicted, 2) == shown.judged(
         predicted, 2
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from capture_cli.log.input_sequences import KeptTapes, LogTapes, input_tapes
+from capture_cli.log.input_sequences import CachedSequences, LogSequences, input_sequences
 
 TIMESTEP, LEAD, STOP = 0.002, 60, 90  # s; model steps
 FIRST = np.array([0, 20, 55, 130, 170])
@@ -23,10 +23,10 @@ TIMES = {
 def test_inputs_are_the_same_kept_or_read(name, linear, monkeypatch):
     log = {"time": TIMES[name](TIMESTEP * np.arange(200)), "timestep": TIMESTEP}
     log |= {"inputs": np.random.default_rng(0).standard_normal((200, 2)), "linear": np.array([False, linear])}
-    kept = input_tapes(**log, first=FIRST, known=KNOWN, lead=LEAD, stop=STOP)
+    kept = input_sequences(**log, first=FIRST, known=KNOWN, lead=LEAD, stop=STOP)
     monkeypatch.setattr("capture_cli.log.input_sequences.KEPT_BYTES", 0)
-    read = input_tapes(**log, first=FIRST, known=KNOWN, lead=LEAD, stop=STOP)
-    assert isinstance(kept, KeptTapes) and isinstance(read, LogTapes)
+    read = input_sequences(**log, first=FIRST, known=KNOWN, lead=LEAD, stop=STOP)
+    assert isinstance(kept, CachedSequences) and isinstance(read, LogSequences)
     keep = np.array([3, 1, 4])
     for tapes, one in ((kept, read), (kept.rows(keep, 70), read.rows(keep, 70))):
         assert (one.lead, one.stop) == (tapes.lead, tapes.stop)

@@ -18,7 +18,7 @@ from capture_cli.model.states import Starts
 from capture_cli.model.tasks import load_task
 from capture_cli.select.candidates import Candidate
 from capture_cli.select.log_parts import select_folds
-from capture_cli.select.narrow_peaks import NarrowShapes, _peaks
+from capture_cli.select.narrow_peaks import NarrowPeaks, _peaks
 from capture_cli.select.pulses import MOST as MOST_PULSES
 from capture_cli.select.pulses import PulseResponse, Pulses
 from capture_cli.select.score import score
@@ -180,7 +180,7 @@ def test_what_pulses_promise_is_what_the_simulated_effect_scores(logs):
     prepared = logs["time"]
     search, fits = attribution(prepared, PERIODIC)
     fit = fits.fit(search.models.fit_part, [], prepared.task.space.nominal)
-    narrow = NarrowShapes(fits, search.models.fit_part, fit)
+    narrow = NarrowPeaks(fits, search.models.fit_part, fit)
     effect = REGISTRY.get("periodic-disturbance")(prepared.task.model, "x")
     points, tried = narrow.points(effect)
     assert tried > 50 and points[0, 2] == pytest.approx(2.29, abs=0.25)

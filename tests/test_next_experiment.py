@@ -19,7 +19,7 @@ from capture_cli.model.effects.base import JointMotion
 from capture_cli.model.effects.placed import Placed
 from capture_cli.model.tasks import load_task
 from capture_cli.select.experiment import next_experiment as menu
-from capture_cli.select.experiment.excitation_range import ShownMotion
+from capture_cli.select.experiment.excitation_range import ExcitationRange
 from capture_cli.select.experiment.next_experiment import (
     BANDS,
     SHARES,
@@ -45,11 +45,11 @@ def fits_of(task: Path, out: Path) -> ModelFits:
     return ModelFits(prepare(log, load_task(str(task)), window=None, test=None, seed=0), 1)
 
 
-def shown_in(fits: ModelFits) -> ShownMotion:
+def shown_in(fits: ModelFits) -> ExcitationRange:
     """What the log of `fits` shows, in which all was measured."""
     log, windows = fits.prepared.log, fits.prepared.windows
     number = np.repeat(np.arange(len(windows)), windows.samples)
-    return ShownMotion.of(
+    return ExcitationRange.of(
         fits.prepared.task,
         fits.prepared.noise.sd,
         time=log.time,

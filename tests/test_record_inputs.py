@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from capture_cli.context.histories.action_library import tape_task
+from capture_cli.context.histories.action_library import sequence_task
 from capture_cli.errors import CaptureError, OptionError
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model.tasks import load_task
-from capture_cli.simulate.multisine import BAND, from_rest, multisine, multisine_tape, peak
+from capture_cli.simulate.multisine import BAND, from_rest, multisine, multisine_sequence, peak
 from capture_cli.stages.record import record
 
 
@@ -90,9 +90,9 @@ def test_a_range_that_is_not_symmetric_is_filled_and_not_left(slider_task, low, 
     task = load_task(with_range(slider_task, low, high))
     given = {} if amplitude is None else {"drive": amplitude}
     peaks = np.array([peak(task.model, task.inputs[0], given)])
-    tape = multisine_tape(task, TIME, peaks, BAND, np.random.default_rng(0))
+    tape = multisine_sequence(task, TIME, peaks, BAND, np.random.default_rng(0))
     assert (tape.min(), tape.max()) == reached
-    rested = multisine_tape(task, TIME, peaks, BAND, np.random.default_rng(0), at_rest=True)
+    rested = multisine_sequence(task, TIME, peaks, BAND, np.random.default_rng(0), at_rest=True)
     assert low <= rested.min() and rested.max() <= high and np.ptp(rested) > 0.5 * np.ptp(reached)
     assert rested[0, 0] == np.clip(0, low, high)
     assert np.abs(np.diff(rested[:, 0]))[:10].max() < 0.1 * np.ptp(reached)
@@ -105,7 +105,8 @@ def test_a_symmetric_range_is_driven_to_its_peak(slider_task, high):
     assert peaks[0] == (high or 3.0)
     signals = multisine(TIME, 1, BAND, np.random.default_rng(0))
     plain, rested = (
-        multisine_tape(task, TIME, peaks, BAND, np.random.default_rng(0), at_rest=r) for r in (False, True)
+        multisine_sequence(task, TIME, peaks, BAND, np.random.default_rng(0), at_rest=r)
+        for r in (False, True)
     )
     assert plain.tobytes() == (peaks * signals).tobytes()
     assert rested.tobytes() == (peaks * from_rest(TIME, signals)).tobytes()
@@ -113,7 +114,7 @@ def test_a_symmetric_range_is_driven_to_its_peak(slider_task, high):
 
 def test_a_symmetric_range_is_not_left_however_far_an_input_is_to_go(slider_task):
     task = load_task(with_range(slider_task, -4, 4))
-    tape = multisine_tape(task, TIME, np.array([9.0]), BAND, np.random.default_rng(0))
+    tape = multisine_sequence(task, TIME, np.array([9.0]), BAND, np.random.default_rng(0))
     wanted = 9 * multisine(TIME, 1, BAND, np.random.default_rng(0))
     np.testing.assert_array_equal(tape, np.clip(wanted, -4, 4))
     assert tape.max() == 4 or tape.min() == -4
@@ -123,7 +124,7 @@ def test_an_actuator_that_only_pushes_is_recorded_and_taped_within_its_range(sli
     task = with_range(slider_task, 0, 5)
     log = record(task=task, out=tmp_path / "log.zarr", duration=4, rate=100, threads=1).log
     assert (log.inputs.min(), log.inputs.max()) == (0, 5)
-    tapes = tape_task(load_task(task), window=0.5, points=5)
+    tapes = sequence_task(load_task(task), window=0.5, points=5)
     inputs = tapes.library[:, -5:]
     assert inputs.min() >= 0 and 3 < inputs.max() <= 5
 
@@ -143,7 +144,7 @@ def test_an_amplitude_that_the_actuator_would_cut_off_is_refused(slider_task, tm
         record(task=task, out=tmp_path / "log.zarr", amplitude={"drive": 9.0}, threads=1)
     assert f"give {most} at most" in caught.value.cure
     with pytest.raises(OptionError, match=said):
-        tape_task(load_task(task), window=0.5, points=5, amplitude={"drive": -9.0 if low < 0 else 9.0})
+        sequence_task(load_task(task), window=0.5, points=5, amplitude={"drive": -9.0 if low < 0 else 9.0})
     assert not (tmp_path / "log.zarr").exists()
     options = {"task": task, "duration": 1, "rate": 100, "threads": 1}
     whole = record(out=tmp_path / "all.zarr", amplitude={"drive": float(most)}, **options).log

@@ -26,7 +26,7 @@ from capture_cli.model.states import Starts
 from capture_cli.model.tasks import load_task
 from capture_cli.model.tasks.base import Task
 from capture_cli.select.candidates import Candidate, all_candidates, score_at_null
-from capture_cli.select.narrow_peaks import NarrowShapes
+from capture_cli.select.narrow_peaks import NarrowPeaks
 from capture_cli.simulate.engine import Engine
 from capture_cli.stages.record import record
 
@@ -170,7 +170,7 @@ def test_it_is_scored_with_what_it_may_have_held_before_the_log_began(tmp_path, 
     declared = fits.fit(prepared, [], prepared.task.space.nominal)
 
     def gain() -> float:
-        score_at_null(NarrowShapes(fits, prepared, declared), candidate)
+        score_at_null(NarrowPeaks(fits, prepared, declared), candidate)
         return candidate.score.gain
 
     informed = gain()

@@ -15,7 +15,7 @@ from held_inputs import hold
 from slow_sensors import EVERY, MACHINES, jittered, regular, thinned, with_sparse
 
 from capture_cli.cli import main
-from capture_cli.context.histories.action_library import tape_task
+from capture_cli.context.histories.action_library import sequence_task
 from capture_cli.errors import LogError
 from capture_cli.estimate.noise.autocorrelation import (
     autocorrelation_time,
@@ -437,5 +437,5 @@ def test_a_task_that_does_not_say_so_is_refused(tmp_path):
 def test_learned_identifiers_read_complete_trajectories(tmp_path):
     log, task = half_blind(tmp_path)
     with pytest.raises(LogError, match="pole has no sample in some rows") as caught:
-        tape_task(load_task(str(task)), inputs_from=log, seed=0)
+        sequence_task(load_task(str(task)), inputs_from=log, seed=0)
     assert "least-squares" in caught.value.cure

@@ -1,6 +1,6 @@
 """The long steps of a diagnosis: fits, what they leave of other windows, scores. What an interrupted run made is kept.
 
-The protocol does the same steps in the same order every time, so a run that is begun again takes those that were made
+A diagnosis does the same steps in the same order every time, so a run that is begun again takes those that were made
 and comes to where the other was, to the same bits. What lies between them is fast, and done again.
 """
 

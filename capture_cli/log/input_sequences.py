@@ -13,7 +13,7 @@ KEPT_BYTES = 64 << 20
 
 
 @dataclass(frozen=True)
-class KeptTapes:
+class CachedSequences:
     """kept (window, lead + stop, input): from `lead` steps before each window begins to `stop` steps after."""
 
     kept: np.ndarray
@@ -24,9 +24,9 @@ class KeptTapes:
         """How many steps after each window begins the tapes reach."""
         return self.kept.shape[1] - self.lead
 
-    def rows(self, keep: np.ndarray, stop: int) -> KeptTapes:
+    def rows(self, keep: np.ndarray, stop: int) -> CachedSequences:
         """Those of the windows at `keep`, as far as `stop`."""
-        return KeptTapes(self.kept[keep, : self.lead + stop], self.lead)
+        return CachedSequences(self.kept[keep, : self.lead + stop], self.lead)
 
     def inputs(self, row: np.ndarray, begin: int, stop: int) -> np.ndarray:
         """Inputs (row, step, input) of the windows `row` (row,), from `begin` to `stop` steps after each begins."""
@@ -34,7 +34,7 @@ class KeptTapes:
 
 
 @dataclass(frozen=True)
-class LogTapes:
+class LogSequences:
     """The same inputs, to the last digit, read off the log when they are asked for.
 
     time (step,), s; logged (step, input); linear (input,), as for `inputs_at`. first (window,): the step of the log
@@ -52,7 +52,7 @@ class LogTapes:
     lead: int
     stop: int
 
-    def rows(self, keep: np.ndarray, stop: int) -> LogTapes:
+    def rows(self, keep: np.ndarray, stop: int) -> LogSequences:
         """Those of the windows at `keep`, as far as `stop`."""
         return replace(
             self, first=self.first[keep], known=self.known[keep], sums_from=self.sums_from[keep], stop=stop
@@ -76,10 +76,10 @@ class LogTapes:
         return tapes
 
 
-InputTapes = KeptTapes | LogTapes
+InputSequences = CachedSequences | LogSequences
 
 
-def input_tapes(
+def input_sequences(
     time: np.ndarray,
     inputs: np.ndarray,
     timestep: float,
@@ -89,8 +89,8 @@ def input_tapes(
     known: np.ndarray,
     lead: int,
     stop: int,
-) -> InputTapes:
-    """Tapes of windows from `lead` steps before each to `stop` after, as of LogTapes; kept where they are small.
+) -> InputSequences:
+    """Tapes of windows from `lead` steps before each to `stop` after, as of LogSequences; kept where they are small.
 
     Where the log does not reach so far, they hold its first and last values.
     """
@@ -98,9 +98,9 @@ def input_tapes(
     each = ((time[a] + steps, slice(*span)) for a, span in zip(first, known, strict=True))
     if len(first) * len(steps) * inputs.shape[1] * inputs.itemsize <= KEPT_BYTES:
         kept = [inputs_at(times, time[own], inputs[own], timestep, linear) for times, own in each]
-        return KeptTapes(np.stack(kept), lead)
+        return CachedSequences(np.stack(kept), lead)
     sums_from = np.array([_sums_from(times, time[own], timestep) for times, own in each])
-    return LogTapes(time, inputs, timestep, linear, first, known, sums_from, lead, stop)
+    return LogSequences(time, inputs, timestep, linear, first, known, sums_from, lead, stop)
 
 
 def inputs_at(

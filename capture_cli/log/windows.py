@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from capture_cli.log.input_sequences import GRID_TOLERANCE, InputTapes, input_tapes
+from capture_cli.log.input_sequences import GRID_TOLERANCE, InputSequences, input_sequences
 
 # A gap this many usual sampling intervals long ends a window: nobody knows what drove the machine in it.
 GAP_FACTOR = 20.0
@@ -45,7 +45,7 @@ class Windows:
     elapsed: np.ndarray
     known: np.ndarray
     grid_steps: np.ndarray
-    tapes: InputTapes
+    tapes: InputSequences
     index: np.ndarray
     weight: np.ndarray
     measured: np.ndarray
@@ -186,7 +186,7 @@ def at_spans(
     grid_steps = np.array([_grid_steps(time[a:b], timestep) for a, b in zip(first, stop, strict=True)])
     lead = _steps(known.max(), timestep)
     ahead = _steps(MOST_DRIFT * elapsed.max(), timestep)
-    tapes = input_tapes(
+    tapes = input_sequences(
         time,
         inputs,
         timestep,

@@ -21,7 +21,7 @@ from capture_cli.model.effects.base import Driven, Effect, JointMotion, Recordin
 from capture_cli.model.effects.placed import Placed
 from capture_cli.select.criterion import Support
 from capture_cli.select.log_parts import select_folds
-from capture_cli.select.narrow_peaks import NarrowShapes
+from capture_cli.select.narrow_peaks import NarrowPeaks
 from capture_cli.select.score import STEP, Score, score, similarity
 
 # Best-scoring candidates that are fitted jointly, each time round: so many that differ, with so many like each, no more
@@ -159,7 +159,7 @@ def _as_driven(prepared: PreparedLog) -> mujoco.MjModel:
     return model
 
 
-def score_at_null(narrow: NarrowShapes, candidate: Candidate) -> None:
+def score_at_null(narrow: NarrowPeaks, candidate: Candidate) -> None:
     """Fill in the candidate's score and where a refit should start, or why it is out."""
     candidate.fit = candidate.select = candidate.support = candidate.score = None
     candidate.why_rejected = candidate.start_elsewhere = candidate.start_doubted = None
@@ -211,7 +211,7 @@ class _Probed:
 
 
 def _probed(
-    narrow: NarrowShapes, candidate: Candidate, shapes: np.ndarray, shares: Sequence[float]
+    narrow: NarrowPeaks, candidate: Candidate, shapes: np.ndarray, shares: Sequence[float]
 ) -> _Probed:
     """The candidate's effect at null, by probes.
 
@@ -297,7 +297,7 @@ def _at_another_peak(effect: Effect, starts: Sequence[np.ndarray]) -> np.ndarray
     return next((s for s in starts[1:] if s[column] != starts[0][column]), None)
 
 
-def _shapes(narrow: NarrowShapes, effect: Effect) -> tuple[np.ndarray, int]:
+def _shapes(narrow: NarrowPeaks, effect: Effect) -> tuple[np.ndarray, int]:
     """Points (point, parameter) with null amplitudes at which to score, and how many they were chosen from."""
     if effect.narrow_shape:
         return narrow.points(effect)

@@ -26,7 +26,7 @@ from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.estimate.solve.intervals import intervals
 from capture_cli.estimate.time_step import shorter_step
 from capture_cli.select.candidates import Candidate
-from capture_cli.select.experiment.excitation_range import ShownMotion
+from capture_cli.select.experiment.excitation_range import ExcitationRange
 from capture_cli.select.experiment.next_experiment import next_experiment
 from capture_cli.select.explanation import Explanation, Expression, JudgedModel
 from capture_cli.select.expression import expression_terms
@@ -219,12 +219,12 @@ class _Protocol:
             found = replace(found, expression=self._expression(last, after))
         return replace(found, rollouts=self.fits.rollouts)
 
-    def _shown(self, model: JudgedModel) -> ShownMotion:
+    def _shown(self, model: JudgedModel) -> ExcitationRange:
         """How far the log shows that the machine went."""
         windows, log = self.prepared.windows, self.prepared.log
         mask = windows.mask
         measured = np.where(windows.sampled, windows.measured, np.nan)[mask]
-        return ShownMotion.of(
+        return ExcitationRange.of(
             self.prepared.task,
             self.prepared.noise.sd,
             time=log.time[self.prepared.log_steps][mask],

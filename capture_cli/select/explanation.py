@@ -10,7 +10,7 @@ from typing import Any
 from capture_cli.estimate.fit import Fit
 from capture_cli.estimate.held_out import HeldOut
 from capture_cli.estimate.noise.lack_of_fit import LackOfFit, lack_of_fit
-from capture_cli.estimate.noise.time_stamp_jitter import ScatteredStamps, scattered_stamps
+from capture_cli.estimate.noise.time_stamp_jitter import TimeStampJitter, time_stamp_jitter
 from capture_cli.estimate.part_fit import PartFit
 from capture_cli.estimate.solve.intervals import Intervals, intervals
 from capture_cli.estimate.time_step import ShorterStep
@@ -106,11 +106,11 @@ class Explanation:
         return not self.after.lacking.is_near
 
     @property
-    def stamps(self) -> ScatteredStamps | None:
+    def stamps(self) -> TimeStampJitter | None:
         """What the last model leaves says of the log's time stamps."""
         number, last = self.parts.number, self.after
         fitted = number == FIT if last.again is last.fit else number != TEST
-        return scattered_stamps(self.parts.prepared, last.whole, last.again.at, fitted)
+        return time_stamp_jitter(self.parts.prepared, last.whole, last.again.at, fitted)
 
     @cached_property
     def verdict(self) -> str:

@@ -12,7 +12,7 @@ from capture_cli.estimate.part_fit import PartFit
 from capture_cli.model.effects.base import GLOBAL
 from capture_cli.select.candidates import Candidate, score_at_null, worth_a_refit
 from capture_cli.select.model_comparison import FittedSet, ModelComparison
-from capture_cli.select.narrow_peaks import NarrowShapes
+from capture_cli.select.narrow_peaks import NarrowPeaks
 from capture_cli.select.rejection import MATERIAL, implausible, needed_error, slight
 from capture_cli.select.score import similarity
 from capture_cli.select.score_checkpoint import kept_scores
@@ -38,7 +38,7 @@ class Scores:
     def score(self, candidates: Sequence[Candidate]) -> None:
         """Fill in the candidates' scores."""
         part, at = thinned(self.models.fit_part, self.current)
-        narrow = NarrowShapes(self.models.fits, part, replace(self.current, at=at))
+        narrow = NarrowPeaks(self.models.fits, part, replace(self.current, at=at))
         for number, candidate in enumerate(candidates):
             self.on_step("score", number, len(candidates))
             score_at_null(narrow, candidate)

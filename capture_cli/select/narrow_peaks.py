@@ -22,7 +22,7 @@ SAMPLES = 4  # of a force in each pulse
 AT_ONCE = 1 << 24  # numbers in memory
 
 
-class NarrowShapes:
+class NarrowPeaks:
     """For effects that repeat along time or position, on one part of the log, at one fit to it."""
 
     def __init__(self, fits: ModelFits, part: PreparedLog, fit: Fit):

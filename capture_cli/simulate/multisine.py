@@ -28,7 +28,7 @@ def multisine(
     return signals
 
 
-def multisine_tape(
+def multisine_sequence(
     machine: Task,
     time: np.ndarray,
     peaks: np.ndarray,

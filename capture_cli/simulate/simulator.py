@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from capture_cli.log.input_sequences import InputTapes, KeptTapes
+from capture_cli.log.input_sequences import CachedSequences, InputSequences
 from capture_cli.log.reported_motion import ReportedMotion
 from capture_cli.log.windows import Windows, at_times
 from capture_cli.model.effects.base import Effect
@@ -99,7 +99,7 @@ class _Drives:
     row (simulation,): which of them drives each. known (simulation,): how many before the first step are from the log.
     """
 
-    tapes: InputTapes
+    tapes: InputSequences
     row: np.ndarray
     known: np.ndarray
 
@@ -272,7 +272,7 @@ class Simulator:
         none = np.zeros(count)
         rollouts = self._step(
             Begun(episodes.starts, hidden=np.zeros((count, self.hidden_states)), early=none, drift=none),
-            _Drives(KeptTapes(episodes.inputs), np.arange(count), known=none.astype(int)),
+            _Drives(CachedSequences(episodes.inputs), np.arange(count), known=none.astype(int)),
             task.grid_steps + self._steps_beyond(each, np.zeros(count), length),
             each,
             began=none,

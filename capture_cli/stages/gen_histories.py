@@ -17,7 +17,7 @@ from capture_cli.common.progress import Progress
 from capture_cli.context import observation_noise
 from capture_cli.context.checkpoints.checkpoint_hash import checkpoint_hash
 from capture_cli.context.checkpoints.policy_checkpoint import SETTINGS, load_policy
-from capture_cli.context.histories.action_library import tape_task
+from capture_cli.context.histories.action_library import sequence_task
 from capture_cli.context.histories.history_recipe import Recipe
 from capture_cli.context.histories.moving_parameters import check_parameters_move_trajectories
 from capture_cli.context.histories.resumed_histories import is_complete, place, shards_to_make
@@ -28,7 +28,7 @@ from capture_cli.errors import OptionError, did_you_mean
 from capture_cli.model.model_hash import model_hash
 from capture_cli.model.parameters import ParameterSpace
 from capture_cli.model.tasks.base import ActionTask, Task
-from capture_cli.model.tasks.sequence_task import TapeTask
+from capture_cli.model.tasks.sequence_task import SequenceTask
 from capture_cli.stages.recorded.recorded_task import task_inputs
 from capture_cli.stages.simulated_machine import SimulatedMachine
 from capture_cli.store.histories import SHARD_PAIRS, HistoriesWriter, is_url, shard_rows
@@ -73,7 +73,7 @@ def gen_histories(
     `observation_noise.NOISES`; noise_sd: standard deviation of white noise besides, per feature or one for all.
     effects, estimate: what machines have that the task's model lacks, see `SimulatedMachine`; in simulated trajectories
     at the middle of its range, in measured ones anywhere in it, anew for each pair.
-    inputs_from, window, points, amplitude, band, max_log_size: what the actions of a task.toml are, see `tape_task`.
+    inputs_from, window, points, amplitude, band, max_log_size: the actions of a task.toml, see `sequence_task`.
     executor: where shards are made, "local" or "ray" (at `address`). With `resume` a run that ended early goes on,
     and one that is complete is left as it is. The bytes written do not depend on threads, executor or hosts.
     Raises CaptureError.
@@ -117,7 +117,7 @@ def gen_histories(
     provenance = Provenance("gen-histories", options, inputs)
     if resume and not force and is_complete(HistoriesWriter(out), attributes, checkpoints):
         return _summary(out, attributes, made=0, seconds=0.0)
-    if isinstance(machine, TapeTask):
+    if isinstance(machine, SequenceTask):
         check_parameters_move_trajectories(
             machine.with_effects(asked.effects.at_middle), seed=seed, threads=threads
         )
@@ -153,7 +153,7 @@ def _action_task(machine: Task, seed: int, **tape_options) -> ActionTask:
     """A built-in task as it is; that of a task.toml with actions made as `tape_options` say."""
     given = {k: v for k, v in tape_options.items() if v is not None}
     if not isinstance(machine, ActionTask):
-        return tape_task(machine, **given, seed=seed)
+        return sequence_task(machine, **given, seed=seed)
     if given:
         options = ", ".join(f"--{k.replace('_', '-')}" for k in given)
         raise OptionError(

@@ -12,7 +12,7 @@ from capture_cli.context.checkpoints.policy_checkpoint import load_policy
 from capture_cli.errors import OptionError
 from capture_cli.estimate.initial_states.from_outputs import model_starts
 from capture_cli.model.tasks.base import ActionTask, Task
-from capture_cli.select.experiment.excitation_range import ShownMotion
+from capture_cli.select.experiment.excitation_range import ExcitationRange
 from capture_cli.select.experiment.expected_information import Axes, information, sensitivities
 from capture_cli.select.experiment.next_experiment import (
     BANDS,
@@ -27,7 +27,7 @@ from capture_cli.simulate.multisine import (
     BAND,
     check_above_zero,
     check_amplitude,
-    multisine_tape,
+    multisine_sequence,
     peak,
     peaks,
 )
@@ -184,7 +184,7 @@ def _multisine(
     farthest: np.ndarray,
     generator,
     threads: int | None,
-    shown: ShownMotion,
+    shown: ExcitationRange,
     beyond_log: bool,
 ) -> dict[str, Any]:
     """Of every band the two strongest that stay near what the log shows are compared."""
@@ -192,7 +192,9 @@ def _multisine(
     bands = (*BANDS, BAND)
     tapes = np.stack(
         [
-            multisine_tape(task, time, share * farthest, band, np.random.default_rng(phases), at_rest=True)
+            multisine_sequence(
+                task, time, share * farthest, band, np.random.default_rng(phases), at_rest=True
+            )
             for band, phases in zip(bands, generator.integers(2**32, size=len(bands)), strict=True)
             for share in SHARES
         ]
@@ -233,11 +235,11 @@ def _strongest(may: np.ndarray, bands: int) -> np.ndarray:
     return np.flatnonzero(may & (np.cumsum(may.reshape(bands, -1), axis=1).ravel() <= STRONGEST))
 
 
-def _shown(task: Task, estimate: Estimate, known: Known) -> ShownMotion:
+def _shown(task: Task, estimate: Estimate, known: Known) -> ExcitationRange:
     """How far the log of an estimate shows that the machine went."""
     names = ("time", "window", "measured", "simulated")
     steps = {name: np.asarray(estimate.arrays[f"step/{name}"]) for name in names}
-    return ShownMotion.of(task, known.noise.sd, **steps)
+    return ExcitationRange.of(task, known.noise.sd, **steps)
 
 
 def _of_diagnosis(
@@ -291,7 +293,7 @@ def _driven_to(
     threads: int | None,
 ) -> tuple[str, dict[str, Any]]:
     """Where the diagnosed model is taken by a tape (step, input) that the `experiment` did not judge: in words, and as
-    `ShownMotion.judged`. Raises OptionError where it diverges.
+    `ExcitationRange.judged`. Raises OptionError where it diverges.
     """
     values = recorded_values(diagnosis["parameters"], task.space, "the diagnosis", "diagnose")
     effects = recorded_effects(diagnosis["effects"], task, "diagnose")
@@ -303,7 +305,7 @@ def _driven_to(
         raise OptionError(
             f"task {task.name!r} diverges when driven so", cure="drive it less: --amplitude NAME=VALUE"
         )
-    shown = ShownMotion.from_document(task, experiment["predicted"])
+    shown = ExcitationRange.from_document(task, experiment["predicted"])
     predicted = shown.predicted(outputs, qpos, float(time[1]))
     return shown.where_to(predicted, 0, "it does not stay"), shown.judged(predicted, 0)
 

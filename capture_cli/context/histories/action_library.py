@@ -18,14 +18,14 @@ from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.log.windows import Windows
 from capture_cli.model.states import Starts
 from capture_cli.model.tasks.base import Task
-from capture_cli.model.tasks.sequence_task import TapeTask, actions_of, resample
+from capture_cli.model.tasks.sequence_task import SequenceTask, actions_of, resample
 from capture_cli.simulate.multisine import (
     BAND,
     check_above_zero,
     check_amplitude,
     check_band,
     into_range,
-    multisine_tape,
+    multisine_sequence,
     peaks,
 )
 
@@ -48,7 +48,7 @@ class Tapes:
     left_out: int = 0
 
 
-def tape_task(
+def sequence_task(
     machine: Task,
     *,
     inputs_from: Path | None = None,
@@ -58,7 +58,7 @@ def tape_task(
     band: tuple[float, float] | None = None,
     max_log_size: int | None = None,
     seed: int = 0,
-) -> TapeTask:
+) -> SequenceTask:
     """`machine` as a task of actions: windows of `window` s (the task's own where None), read at `points` points.
 
     Its actions are the windows of the log `inputs_from`; without one, windows of the nominal machine driven by
@@ -88,7 +88,7 @@ def tape_task(
     scale = tapes.outputs.std(axis=(0, 1))
     # in single precision, so that the last bits of a least-squares fit do not make another library elsewhere
     library = np.float32(tapes.actions).astype(float)
-    return TapeTask(machine, point_times, library, np.where(scale > 0, np.float32(scale), 1.0))
+    return SequenceTask(machine, point_times, library, np.where(scale > 0, np.float32(scale), 1.0))
 
 
 def log_tapes(prepared: PreparedLog, point_times: np.ndarray) -> Tapes:
@@ -168,7 +168,7 @@ def _multisine_tapes(
     steps = round(point_times[-1] / machine.timestep) + 1
     time = machine.timestep * np.arange(LONG * steps)
     farthest = peaks(machine, amplitude)
-    inputs = np.stack([multisine_tape(machine, time, farthest, band, generator) for _ in range(EPISODES)])
+    inputs = np.stack([multisine_sequence(machine, time, farthest, band, generator) for _ in range(EPISODES)])
     rollouts = nominal_motion(machine, machine.controls(inputs))
     sound = np.flatnonzero(~rollouts.diverged)
     if not sound.size:

@@ -9,7 +9,7 @@ import numpy as np
 from capture_cli.common.evenly_spread import evenly_spread
 from capture_cli.errors import FitError, TaskError
 from capture_cli.model.tasks.base import ActionTask
-from capture_cli.model.tasks.sequence_task import TapeTask
+from capture_cli.model.tasks.sequence_task import SequenceTask
 from capture_cli.simulate.simulator import Simulator
 
 # Tried, the more only with parameters that the fewer do not show: a stop may hardly ever be hit
@@ -17,7 +17,7 @@ ACTIONS = (8, 64)
 MOVES_LEAST = 1e-9  # of a feature's scale: less is rounding
 
 
-def check_parameters_move_trajectories(task: TapeTask, *, seed: int, threads: int | None) -> None:
+def check_parameters_move_trajectories(task: SequenceTask, *, seed: int, threads: int | None) -> None:
     """Raise TaskError where `task` has no parameters, FitError naming those that move no output from end to end of
     their ranges, the others at the nominal point, the centre and a random one.
     """

@@ -31,7 +31,7 @@ WORTH_A_WORD = 0.3  # of the variance of an output's noise
 
 
 @dataclass(frozen=True)
-class ScatteredStamps:
+class TimeStampJitter:
     """sd (output,): s, of stamps about the times of the samples, 0 where nothing shows it. share (output,): of the
     variance of the noise, by that. explained: share of what is beyond chance, 1 where with such noise nothing is; None
     where nothing is without.
@@ -42,9 +42,9 @@ class ScatteredStamps:
     explained: float | None
 
 
-def scattered_stamps(
+def time_stamp_jitter(
     prepared: PreparedLog, whole: PartFit, at: Linearization, fitted: np.ndarray
-) -> ScatteredStamps | None:
+) -> TimeStampJitter | None:
     """What a fit says of the log's stamps; None where nothing.
 
     whole: on all windows of the log. at: on those that it was `fitted` to (window,).
@@ -74,7 +74,7 @@ def scattered_stamps(
         sd[k], share[k] = np.sqrt(slope) * prepared.noise.sd[k], moving / (still + moving)
         for steps, speed in zip(own, speeds, strict=True):
             noise[..., k][steps] = np.sqrt(min(still, 1.0) + slope * np.square(speed))
-    return ScatteredStamps(sd, share, _explained(noise, whole, at, fitted)) if sd.any() else None
+    return TimeStampJitter(sd, share, _explained(noise, whole, at, fitted)) if sd.any() else None
 
 
 def _explained(noise: np.ndarray, whole: PartFit, at: Linearization, fitted: np.ndarray) -> float | None:

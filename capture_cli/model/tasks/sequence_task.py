@@ -12,7 +12,7 @@ from capture_cli.model.states import Starts
 from capture_cli.model.tasks.base import ActionTask, Episodes, Feature, Task
 
 
-class TapeTask(ActionTask):
+class SequenceTask(ActionTask):
     """`machine` over windows that are read at `point_times`.
 
     An action is (qpos (nq), qvel (nv), act (na), inputs (point * input)): the state at the start, and each input at

@@ -84,7 +84,7 @@ class Predicted:
 
 
 @dataclass(frozen=True)
-class ShownMotion:
+class ExcitationRange:
     """log (quantity, 2): from where to where each went, nan where the log does not show it. near (quantity, 2): what is
     near to that, and within the model's joint ranges; infinite where nothing bounds it.
     """
@@ -103,7 +103,7 @@ class ShownMotion:
         window: np.ndarray,
         measured: np.ndarray,
         simulated: np.ndarray,
-    ) -> ShownMotion:
+    ) -> ExcitationRange:
         """time (step,) s, window (step,): which each step is in; measured, simulated (step, output): NaN where there is
         no sample. Rates are of what was simulated, which has no noise, where that is where the machine was.
 
@@ -131,7 +131,7 @@ class ShownMotion:
         return cls(task, log, near)
 
     @classmethod
-    def from_document(cls, task: Task, predicted: Mapping[str, Any]) -> ShownMotion:
+    def from_document(cls, task: Task, predicted: Mapping[str, Any]) -> ExcitationRange:
         """What the `predicted` of a document was `judged` with. A quantity that is not in it has no bounds."""
         found = [predicted.get(name, {}) for name in Quantities.of(task).names]
         log = [own.get("log") or [np.nan, np.nan] for own in found]

@@ -14,8 +14,8 @@ from capture_cli.estimate.initial_states.from_outputs import model_starts
 from capture_cli.estimate.model_fits import ModelFits
 from capture_cli.log.windows import Windows, cut
 from capture_cli.model.tasks.base import Task
-from capture_cli.select.experiment.excitation_range import Predicted, ShownMotion
-from capture_cli.simulate.multisine import multisine_tape
+from capture_cli.select.experiment.excitation_range import ExcitationRange, Predicted
+from capture_cli.simulate.multisine import multisine_sequence
 from capture_cli.simulate.simulator import Simulator
 
 BANDS = ((0.1, 0.5), (0.5, 3.0), (3.0, 10.0))  # Hz
@@ -27,7 +27,7 @@ CHANCE = 2.0  # sd, over all samples together: of a smaller difference no test i
 
 
 def next_experiment(
-    fits: ModelFits, mine: Fit, others: Sequence[Fit], seed: int, shown: ShownMotion
+    fits: ModelFits, mine: Fit, others: Sequence[Fit], seed: int, shown: ExcitationRange
 ) -> dict[str, Any] | None:
     """The experiment, of a menu of multisines from rest, under which `mine` and its nearest rival differ most, of those
     under which all of these models stay near what the log shows; the one that takes them least far, where none does.
@@ -71,7 +71,7 @@ def experiment_tape(task: Task, asked: Mapping[str, Any]) -> tuple[np.ndarray, n
     time = experiment_times(task, asked["duration_s"])
     generator = np.random.default_rng(asked["seed"])
     peaks, band = np.array(asked["peaks"]), tuple(asked["band_hz"])
-    return time, multisine_tape(task, time, peaks, band, generator, at_rest=True)
+    return time, multisine_sequence(task, time, peaks, band, generator, at_rest=True)
 
 
 def experiment_times(task: Task, duration: float = DURATION) -> np.ndarray:
@@ -112,7 +112,7 @@ def driven_motion(
 
 
 def _compared(
-    fits: ModelFits, mine: Fit, others: Sequence[Fit], windows: Windows, shown: ShownMotion
+    fits: ModelFits, mine: Fit, others: Sequence[Fit], windows: Windows, shown: ExcitationRange
 ) -> tuple[np.ndarray, Predicted]:
     """RMS difference over the noise floor of the outputs of `mine` and its nearest rival, (window,), NaN where one
     diverges; and where any of them takes the machine.

@@ -13,7 +13,7 @@ from capture_cli.context.identifiers.base import Rounds
 from capture_cli.estimate.fit import TOLERANCE, Fit
 from capture_cli.estimate.held_out import HeldOut, held_out
 from capture_cli.estimate.noise.lack_of_fit import LackOfFit, lack_of_fit
-from capture_cli.estimate.noise.time_stamp_jitter import scattered_stamps
+from capture_cli.estimate.noise.time_stamp_jitter import time_stamp_jitter
 from capture_cli.estimate.part_fit import PartFit
 from capture_cli.estimate.prediction import Predicted, PredictingModel, prediction_errors
 from capture_cli.estimate.prepared_log import PreparedLog
@@ -181,7 +181,7 @@ class Report:
             held=held,
             predicted=predicted,
             shorter=shorter,
-            stamps=scattered_stamps(prepared, whole, self.result.at.at, ~self.is_test),
+            stamps=time_stamp_jitter(prepared, whole, self.result.at.at, ~self.is_test),
             parts=parts,
             simulated=self.fits.rollouts,
         )

@@ -10,7 +10,7 @@ import numpy as np
 from capture_cli.common.quantities import bound, percent, scaled_unit, significant, with_unit
 from capture_cli.estimate.held_out import HeldOut
 from capture_cli.estimate.noise.lack_of_fit import LackOfFit
-from capture_cli.estimate.noise.time_stamp_jitter import ScatteredStamps
+from capture_cli.estimate.noise.time_stamp_jitter import TimeStampJitter
 from capture_cli.estimate.part_fit import PartFit
 from capture_cli.estimate.prediction import Predicted
 from capture_cli.estimate.prepared_log import PreparedLog
@@ -41,7 +41,7 @@ def common_part(
     held: HeldOut,
     predicted: Predicted,
     shorter: ShorterStep | None,
-    stamps: ScatteredStamps | None,
+    stamps: TimeStampJitter | None,
     parts: Mapping[str, np.ndarray],
     simulated: int,
 ) -> dict[str, Any]:
@@ -215,7 +215,7 @@ def input_timing_of(prepared: PreparedLog) -> dict[str, Any] | None:
     }
 
 
-def time_stamps_of(prepared: PreparedLog, stamps: ScatteredStamps | None) -> dict[str, Any] | None:
+def time_stamps_of(prepared: PreparedLog, stamps: TimeStampJitter | None) -> dict[str, Any] | None:
     """By how much stamps seem off at random, and what that is of each output's noise; None where nothing says so."""
     if stamps is None:
         return None

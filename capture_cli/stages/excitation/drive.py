@@ -17,7 +17,7 @@ from capture_cli.log.windows import gaps, usual_interval
 from capture_cli.model.states import Starts
 from capture_cli.model.target_names import object_names
 from capture_cli.model.tasks.base import ActionTask, Task
-from capture_cli.simulate.multisine import BAND, check_amplitude, check_band, multisine_tape, peaks
+from capture_cli.simulate.multisine import BAND, check_amplitude, check_band, multisine_sequence, peaks
 from capture_cli.store.proposal import read_action, read_inputs
 from capture_cli.store.zarr_store import MOST, size
 
@@ -208,7 +208,7 @@ def _multisines(
     _check_sampled(asked, interval, task)
     time = interval * np.arange(steps)
     farthest = peaks(task, amplitude)
-    tapes = [multisine_tape(task, time, farthest, asked.band, generator) for _ in range(asked.episodes)]
+    tapes = [multisine_sequence(task, time, farthest, asked.band, generator) for _ in range(asked.episodes)]
     return np.tile(time, asked.episodes), np.concatenate(tapes), steps * (1 + np.arange(asked.episodes))
 
 

@@ -20,7 +20,7 @@ from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model.model_hash import model_hash
 from capture_cli.model.tasks.base import ActionTask, Task
-from capture_cli.model.tasks.sequence_task import TapeTask
+from capture_cli.model.tasks.sequence_task import SequenceTask
 from capture_cli.simulate.engine import Engine
 from capture_cli.simulate.simulator import Simulator
 
@@ -56,7 +56,7 @@ def logged_rounds(prepared: PreparedLog, checkpoint: IdentifierCheckpoint, where
     checkpoint.check(Signature.of(task), where)
     noise = dict(zip((c.name for c in prepared.task.outputs), prepared.noise.sd, strict=True))
     noise_sd = np.array([noise.get(f.name, 0.0) for f in task.features])
-    if isinstance(task, TapeTask):
+    if isinstance(task, SequenceTask):
         tapes = log_tapes(prepared, task.point_times)
         return LoggedRounds(task, tapes.actions, tapes.outputs, noise_sd, tapes.left_out)
     if prepared.log.actions is None:
@@ -82,7 +82,7 @@ def task_of(task: Task, checkpoint: IdentifierCheckpoint, where: str | Path) -> 
             cure="choose a checkpoint of this task, or train one with `capture gen-histories` and `train-sysid`",
         )
     library = np.stack([signature.actions.low, signature.actions.high])
-    return TapeTask(task, signature.point_times, library, [f.scale for f in signature.features])
+    return SequenceTask(task, signature.point_times, library, [f.scale for f in signature.features])
 
 
 def _trajectory(log: MeasuredLog, episode: int, task: ActionTask) -> np.ndarray:
@@ -135,7 +135,7 @@ class InContext:
         Another version of MuJoCo writes models otherwise: then it is not known.
         """
         histories, task = self.checkpoint.document["histories"], self.logged.task
-        known = isinstance(task, TapeTask) and histories["mujoco"] == mujoco.__version__
+        known = isinstance(task, SequenceTask) and histories["mujoco"] == mujoco.__version__
         return known and histories["model"] != model_hash(task.model)
 
     @property
