@@ -20,16 +20,17 @@ from capture_cli.model.effects.placed import Placed
 @dataclass(frozen=True)
 class BeamSettings:
     """width: models of each size that are grown, of single effects such that differ; branches: effects that are added
-    to each. pairs: of two effects, that are asked whether either is good alone or not. of_a_kind: of a group of alike
-    effects, and fitted: of larger models, that may be fitted. united: single effects that hold in simulations, which
-    are put beside the best model there. sure: standard errors over blocks by which a larger model has to predict better
-    than all smaller ones, and least: of log likelihood; one that is as good as the best may be so far behind it, or
-    `near` of what that gains over smaller ones. worth: standard errors by which a single effect has to predict better
-    than none, to be fitted by simulation.
+    to each, of_a_branch: of those that do the same there. pairs: of two effects, that are asked whether either is good
+    alone or not. of_a_kind: of a group of alike effects, and fitted: of larger models, that may be fitted. united:
+    single effects that hold in simulations, which are put beside the best model there. sure: standard errors over
+    blocks by which a larger model has to predict better than all smaller ones, and least: of log likelihood; one that
+    is as good as the best may be so far behind it, or `near` of what that gains over smaller ones. worth: standard
+    errors by which a single effect has to predict better than none, to be fitted by simulation.
     """
 
     width: int = 4
     branches: int = 2
+    of_a_branch: int = 2
     pairs: int = 12
     fitted: int = 8
     of_a_kind: int = 3
@@ -86,7 +87,7 @@ def grown(
     if not groups:
         return
     best = polished[0]
-    models = _best(_of_each_kind(groups, settings))
+    models = _best([a.model for a in _of_each_kind(groups, settings.of_a_kind)])
     if best.gain > max(settings.least, settings.worth * best.error):
         yield Level.of(models, best.gain, settings)
     else:
@@ -131,15 +132,15 @@ def _with_others(
     return found
 
 
-def _of_each_kind(groups: Sequence[Sequence[Addition]], settings: BeamSettings) -> list[BalancedModel]:
-    """Of each group of alike additions some: the simplest, which may be all that is there, and the best. What is alike
-    in the balance need not be in outputs that it does not use.
+def _of_each_kind(groups: Sequence[Sequence[Addition]], count: int) -> list[Addition]:
+    """Of each group of alike additions so many: the simplest, which may be all that is there, and the best. What is
+    alike in the balance need not be in outputs that it does not use, or beside other effects.
     """
     found: list[Addition] = []
     for group in groups:
         ranked = [_simplest(group), *group]
-        found += list({id(a): a for a in ranked}.values())[: settings.of_a_kind]
-    return [a.model for a in found]
+        found += list({id(a): a for a in ranked}.values())[:count]
+    return found
 
 
 def _simplest(group: Sequence[Addition]) -> Addition:
@@ -162,7 +163,7 @@ def _made(
 ) -> tuple[list[BalancedModel], dict[str, list[BalancedModel]]]:
     additions = screening.screened(model)
     groups = screening.groups(additions)[: settings.branches]
-    chosen = [_simplest(g) for g in groups]
+    chosen = _of_each_kind(groups, settings.of_a_branch)
     found = [a.model for a in chosen]
     for kind in dict.fromkeys(e.kind for e in model.effects[known:]):
         places = {e.effect.variant_of: None for e in model.effects if e.kind == kind}
@@ -173,7 +174,7 @@ def _made(
         others = [m for m in places.values() if m is not None]
         if len(others) > 1:  # one alone is among the branches, if it is good
             found.append(_together(others, len(model.effects)))
-    alike = {a.placed.name: [o.model for o in g if o is not a] for a, g in zip(chosen, groups, strict=True)}
+    alike = {a.placed.name: [o.model for o in g if o is not a] for g in groups for a in g}
     return [screening.fitted(m) for m in found], alike
 
 
