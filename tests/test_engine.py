@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from capture_cli.model.fields import ModelFields
+from capture_cli.model.fields import ModelFields, model_field
 from capture_cli.model.states import Starts
 from capture_cli.model.world import World
 from capture_cli.simulate import engine as engine_module
@@ -87,7 +87,7 @@ def one_by_one(model, starts, controls, fields=None) -> np.ndarray:
     for i in range(len(starts)):
         own = mujoco.MjModel.from_xml_string(XML)
         for name, values in (fields.values if fields else {}).items():
-            engine_module.model_field(own, name)[...] = values[i]
+            model_field(own, name)[...] = values[i]
         mujoco.mj_setConst(own, mujoco.MjData(own))
         data = mujoco.MjData(own)
         data.qpos, data.qvel, data.act, data.time = (

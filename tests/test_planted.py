@@ -97,7 +97,7 @@ def stub(tmp_path):
 def test_the_files_that_are_asked_about_are_those_of_the_dress(stub):
     task, log, _ = replace(FRICTION, dress=NO_WINDOW).build()
     (stub / "capture_cli" / "cli.py").write_text(
-        "import json, os, sys\nfrom pathlib import Path\nfrom capture_cli.model.effects import REGISTRY\n"
+        "import json, os, sys\nfrom pathlib import Path\nfrom capture_cli.effects import REGISTRY\n"
         "def main():\n"
         "    print(json.dumps([Path('task.toml').read_text(), sys.argv, REGISTRY.not_listed]))\n"
     )

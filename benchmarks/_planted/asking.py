@@ -22,13 +22,10 @@ from capture_cli.model.tasks.base import Task
 
 ONE_THREAD = {name: "1" for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")}
 LONGEST = 3600.0  # s: a diagnosis that takes longer has failed
-# `capture`, with the effects hidden that the first argument names.
+# `capture`, with the effects hidden that the second argument names, in the registry of the module that the first names.
 _CAPTURE = """
-import sys
-try:
-    from capture_cli.model.effects import REGISTRY
-except ModuleNotFoundError:  # an earlier version
-    from capture_cli.effects import REGISTRY
+import importlib, sys
+REGISTRY = importlib.import_module(sys.argv.pop(1)).REGISTRY
 REGISTRY.not_listed += tuple(sys.argv.pop(1).split())
 from capture_cli.cli import main
 main()
@@ -48,6 +45,12 @@ class Answer:
     cpu_seconds: float
 
 
+def _effects_of(root: Path) -> str:
+    """The module of the effects of the version in the checkout `root`; earlier ones had it elsewhere."""
+    here = (root / "capture_cli" / "model" / "effects").is_dir()
+    return "capture_cli.model.effects" if here else "capture_cli.effects"
+
+
 def ask(task: Task, log: MeasuredLog, root: Path, *, seed: int = 0, hidden: Sequence[str] = ()) -> Answer:
     """Ask the version in the checkout `root`. hidden: names of effects that its catalogue is to be without.
 
@@ -55,7 +58,8 @@ def ask(task: Task, log: MeasuredLog, root: Path, *, seed: int = 0, hidden: Sequ
     """
     with tempfile.TemporaryDirectory() as folder:
         _write(task, log, Path(folder))
-        command = [sys.executable, "-c", _CAPTURE, " ".join(hidden), "diagnose", "--real-log", "log.zarr"]
+        command = [sys.executable, "-c", _CAPTURE, _effects_of(root), " ".join(hidden)]
+        command += ["diagnose", "--real-log", "log.zarr"]
         command += ["--task", "task.toml", "--out", "out", "--seed", str(seed), "--threads", "1"]
         began, cpu = time.perf_counter(), _cpu_of_children()
         try:
