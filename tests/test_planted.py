@@ -9,6 +9,7 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from itertools import islice
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -69,9 +70,10 @@ def test_an_obvious_effect_is_found_and_not_where_the_catalogue_is_without_it():
 
 
 def test_an_effect_that_is_hidden_is_in_no_catalogue():
+    effects = asking._effects_of(Path(__file__).resolve().parents[1])
     told = [
         subprocess.run(
-            [sys.executable, "-c", asking._CAPTURE, hidden, "effects", "--json"],
+            [sys.executable, "-c", asking._CAPTURE, effects, hidden, "effects", "--json"],
             capture_output=True,
             text=True,
         ).stdout

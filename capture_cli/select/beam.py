@@ -31,7 +31,7 @@ class BeamSettings:
     width: int = 4
     branches: int = 2
     of_a_branch: int = 2
-    pairs: int = 12
+    pairs: int = 8
     fitted: int = 8
     of_a_kind: int = 3
     united: int = 3

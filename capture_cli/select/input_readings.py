@@ -22,7 +22,7 @@ from capture_cli.select.criterion import bic_gain
 from capture_cli.select.log_parts import LogParts
 from capture_cli.select.model_comparison import CLEARLY_BETTER, effective_samples
 
-NARROW = BeamSettings(width=2, branches=2)
+NARROW = BeamSettings(width=2, branches=2, pairs=4)
 
 
 def timings_with_effects(
