@@ -18,6 +18,7 @@ from typer.core import TyperCommand, TyperGroup
 from capture_cli import __version__
 from capture_cli.cli._surroundings import check_surroundings
 from capture_cli.cli._wrong_usage import UsageError, check_numbers, wrong_usage
+from capture_cli.common.registry import with_first
 
 _NO_COMMANDS = ("app", "program")
 _FIRST = (  # in this order in --help, before those of other files
@@ -41,10 +42,9 @@ def _commands() -> dict[str, Callable[..., None]]:
     """Every command by its name: the function in a module of this folder that has the module's name."""
     stems = [m.name for m in pkgutil.iter_modules([str(Path(__file__).parent)]) if not m.name.startswith("_")]
     names = {stem.replace("_", "-"): stem for stem in stems if stem not in _NO_COMMANDS}
-    ordered = sorted(names, key=lambda name: (_FIRST.index(name) if name in _FIRST else len(_FIRST), name))
     return {
         name: getattr(importlib.import_module(f"{__package__}.{names[name]}"), names[name])
-        for name in ordered
+        for name in with_first(names, _FIRST)
     }
 
 

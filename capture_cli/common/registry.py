@@ -10,13 +10,18 @@ from __future__ import annotations
 import importlib
 import inspect
 import pkgutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Generic, TypeVar
 
 from capture_cli.errors import OptionError, did_you_mean
 
 T = TypeVar("T")
+
+
+def with_first(names: Iterable[str], first: Sequence[str]) -> list[str]:
+    """The names, those of `first` before others, in its order; others by the alphabet."""
+    return sorted(names, key=lambda name: (first.index(name) if name in first else len(first), name))
 
 
 class Registry(Generic[T]):

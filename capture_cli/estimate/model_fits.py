@@ -99,7 +99,7 @@ class ModelFits:
             carried = self._carried(offsets, theirs, effects)
             points = [start] if near is None else [start, self._as_near(near, effects, start)]
             start, offsets = self._nearer(part, effects, points, [carried, np.zeros_like(carried)])
-            new = effects[_in_common(theirs, effects) :]
+            new = effects[len(_in_common(theirs, effects)) :]
         offsets = self._with_states_found(part, effects, start, offsets, new)
         descend = partial(
             self._descended,
@@ -121,7 +121,7 @@ class ModelFits:
 
     def _as_near(self, near: Fit, effects: Sequence[Placed], start: np.ndarray) -> np.ndarray:
         """`start` (parameter,) of a model with `effects`, with what it has in common with `near` as it is there."""
-        known = self._parameters_in_common(near, effects)
+        known = self.parameter_count(_in_common(near.effects, effects))
         return np.concatenate([near.point[:known], start[known:]])
 
     def _nearer(
@@ -222,16 +222,17 @@ class ModelFits:
 
     def _known(self, near: Fit, effects: Sequence[Placed], evidence: Evidence) -> Known | None:
         """What `near` says of the sensitivities of a model with `effects`."""
-        same = near.effects[: _in_common(near.effects, effects)]
-        parameters = self._parameters_in_common(near, effects)
-        states = self.prepared.starts.sd.shape[1] + sum(len(e.states) for _, e in same)
-        known = near.at.known_in(evidence, parameters, states)
+        same = _in_common(near.effects, effects)
+        known = near.at.known_in(evidence, self.parameter_count(same), self._state_count(same))
         return known and replace(known, carried=known.carried + 1)
 
-    def _parameters_in_common(self, near: Fit, effects: Sequence[Placed]) -> int:
-        """How many of its first parameters a model with `effects` has in common with `near`."""
-        same = near.effects[: _in_common(near.effects, effects)]
-        return len(self.prepared.task.space) + sum(len(e.parameters) for _, e in same)
+    def parameter_count(self, effects: Sequence[Placed]) -> int:
+        """How many parameters the task has with `effects`."""
+        return len(self.prepared.task.space) + sum(len(e.parameters) for _, e in effects)
+
+    def _state_count(self, effects: Sequence[Placed]) -> int:
+        """How many states a window begins with, those of `effects` included."""
+        return self.prepared.starts.sd.shape[1] + sum(len(e.states) for _, e in effects)
 
     def at(
         self,
@@ -377,15 +378,13 @@ class ModelFits:
         """Offsets (window, state) of a model with `effects`, from those of one with the effects `theirs`: of the
         machine's own states, and of the first effects that are the same; 0 for the others.
         """
-        same = theirs[: _in_common(theirs, effects)]
-        kept = self.prepared.starts.sd.shape[1] + sum(len(e.states) for _, e in same)
-        states = self.prepared.starts.sd.shape[1] + sum(len(e.states) for _, e in effects)
-        carried = np.zeros((len(offsets), states))
+        kept = self._state_count(_in_common(theirs, effects))
+        carried = np.zeros((len(offsets), self._state_count(effects)))
         carried[:, :kept] = offsets[:, :kept]
         return carried
 
 
-def _in_common(theirs: Sequence[Placed], effects: Sequence[Placed]) -> int:
-    """How many effects, by their names, both begin with."""
-    same = (one.name == other.name for one, other in zip(theirs, effects, strict=False))
-    return sum(takewhile(bool, same))
+def _in_common(theirs: Sequence[Placed], effects: Sequence[Placed]) -> list[Placed]:
+    """The effects, by their names, that both begin with."""
+    pairs = zip(theirs, effects, strict=False)
+    return [one for one, _ in takewhile(lambda pair: pair[0].name == pair[1].name, pairs)]

@@ -16,7 +16,7 @@ from capture_cli.select.beam import Level, grown
 from capture_cli.select.candidates import Candidate
 from capture_cli.select.forward_round import RIVALS, SIMILAR, by_score, reject_at_first_sight
 from capture_cli.select.model_comparison import FittedSet, ModelComparison
-from capture_cli.select.rejection import MATERIAL, implausible, needed_error, slight
+from capture_cli.select.rejection import MATERIAL, implausible, needed_error, no_gain, slight
 from capture_cli.select.score import similarity
 
 
@@ -174,10 +174,8 @@ class BalanceRound:
 
     def _unfit(self, fit: Fit | None, added: Sequence[Placed], smaller: Fit) -> str | None:
         """What speaks against a fit before it is judged."""
-        if fit is None or fit.penalised_squares >= self.current.penalised_squares:
-            if fit is not None and not fit.finished and self._best is not None:
-                return f"fitted jointly it stays far behind {self._best.effects[-1].name}"
-            return "fitted jointly it explains nothing more"
+        if reason := no_gain(self.current, fit, self._best):
+            return reason
         reasons = (implausible(self.models, self.current, fit, placed) for placed in added)
         return next((r for r in reasons if r), None) or slight(smaller, fit, MATERIAL)
 

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from capture_cli.estimate.balance.regression import TINY
+
 LEVEL = 0.01  # chance of accepting anything where nothing is missing, over all candidates together
 SELECT_LEVEL = 0.05  # one-sided, of the paired test on data that was not fitted, with all other effects in
 # While other effects are still missing the right one need not help everywhere: it may enter, and is judged at the end.
@@ -16,7 +18,6 @@ RESAMPLES = 4000
 RESAMPLES_AT_A_TIME = 100  # so that a long log's take some MB
 FEW_BLOCKS = 12  # a bootstrap of so few is too sure of itself
 BLOCK_TIMES = 2  # a block lasts so many autocorrelation times of the residual
-TINY = 1e-300  # a sum of squares that is nothing
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from capture_cli.model.effects.base import GLOBAL
 from capture_cli.select.candidates import Candidate, score_at_null, worth_a_refit
 from capture_cli.select.model_comparison import FittedSet, ModelComparison
 from capture_cli.select.narrow_peaks import NarrowPeaks
-from capture_cli.select.rejection import MATERIAL, implausible, needed_error, slight
+from capture_cli.select.rejection import MATERIAL, implausible, needed_error, no_gain, slight
 from capture_cli.select.score import similarity
 from capture_cli.select.score_checkpoint import kept_scores
 
@@ -132,13 +132,8 @@ class ForwardRound:
         if candidate.start_doubted is not None and (fit is None or not self.models.is_explained(fit)):
             start = np.concatenate([declared, candidate.start_doubted])
             fit = self.models.explained_from(start, effects, current) or fit
-        if fit is None or fit.penalised_squares >= current.penalised_squares:
-            far = fit is not None and not fit.finished and rival is not None
-            candidate.why_rejected = (
-                f"fitted jointly it stays far behind {rival.effects[-1].name}"
-                if far
-                else "fitted jointly it explains nothing more"
-            )
+        if reason := no_gain(current, fit, rival):
+            candidate.why_rejected = reason
             return
         candidate.fit = fit
         candidate.support, candidate.select = self.models.support_of(

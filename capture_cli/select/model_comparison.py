@@ -177,8 +177,7 @@ class ModelComparison:
     def nested(self, last: Fit, count: int) -> Fit:
         """The fit of the declared model with the first `count` effects of `last`."""
         effects = last.effects[:count]
-        size = len(self.fits.prepared.task.space) + sum(len(e.parameters) for _, e in effects)
-        return self.fit(effects, last.point[:size], last) or last
+        return self.fit(effects, last.point[: self.fits.parameter_count(effects)], last) or last
 
     # --- judged ---
 

@@ -59,6 +59,15 @@ def needed_error(current: Fit, material: float) -> float:
     return float(np.sqrt(1.0 + (1.0 - material) * current.excess))
 
 
+def no_gain(current: Fit, fit: Fit | None, rival: Fit | None) -> str | None:
+    """Why `fit` explains no more than `current`, or None; rival: behind which it may have been given up."""
+    if fit is not None and fit.penalised_squares < current.penalised_squares:
+        return None
+    if fit is not None and not fit.finished and rival is not None:
+        return f"fitted jointly it stays far behind {rival.effects[-1].name}"
+    return "fitted jointly it explains nothing more"
+
+
 def slight(current: Fit, fit: Fit, material: float) -> str | None:
     """Why `fit`, which has to take this share, is no explanation of what `current` leaves above the noise, or None."""
     taken = current.excess - fit.excess

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -36,8 +36,19 @@ from capture_cli.store.provenance import Provenance
 EVALUATED = 200  # parameter sets of the evaluation curve, the same ones every time
 UNSEEN = 500  # others, that the finished policy is judged on, and the random one
 EVALUATIONS = 30
-# Episodes that are seen in a mirror as well, and by how much of the reward, whose scale is 1, they may differ there
-MIRRORED, AS_GOOD = 64, 1e-3
+
+
+@dataclass(frozen=True)
+class MirrorSettings:
+    """episodes: that are seen in a mirror as well; differ: by how much of the reward, whose scale is 1, on average a
+    machine may be worth something else there. A lag differs by rounding, a bias by much more.
+    """
+
+    episodes: int = 64
+    differ: float = 1e-3
+
+
+MIRROR = MirrorSettings()
 
 
 def train_policy(
@@ -160,15 +171,15 @@ def _is_mirrored(simulator: Simulator, effects: EffectRanges) -> bool:
     if not effects.placed:
         return True
     task, generator = simulator.task, np.random.default_rng(0)
-    parameters = task.space.from_unit(generator.random((MIRRORED, len(task.space))))
-    actions = task.draw_actions(generator.random((MIRRORED, len(task.actions))))
-    of_effects = effects.drawn(generator, MIRRORED)
+    parameters = task.space.from_unit(generator.random((MIRROR.episodes, len(task.space))))
+    actions = task.draw_actions(generator.random((MIRROR.episodes, len(task.actions))))
+    of_effects = effects.drawn(generator, MIRROR.episodes)
     sides = ((parameters, actions), (task.mirror_parameters(parameters), task.mirror_actions(actions)))
     rewards = [
         judge(task, acted, *simulator.trajectories(np.concatenate([under, of_effects], axis=1), acted))[0]
         for under, acted in sides
     ]
-    return float(np.abs(rewards[0] - rewards[1]).mean()) < AS_GOOD
+    return float(np.abs(rewards[0] - rewards[1]).mean()) < MIRROR.differ
 
 
 class _Run:

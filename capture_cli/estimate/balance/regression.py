@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-TINY = 1e-300
+TINY = 1e-300  # a sum of squares that is nothing
 ROUNDING = 1e-12  # of a column's square: some times what double precision loses of it
 
 

@@ -204,10 +204,11 @@ class Screening:
         """
         model, additions = self._fitted_and_additions(effects, values)
         self.whitening.reset()
-        left, found = self._white_left(self._judged(model)), []
+        target, own, _ = self._white_system(self._judged(model))
+        found = []
         for one, other in best_pairs(
             np.array([a.response for a in additions]),
-            left,
+            target - own @ _solved(own, target),
             np.array([len(a.placed.effect.parameters) for a in additions]),
             self.settings.alike,
             count,
@@ -316,12 +317,12 @@ class Screening:
         step = _solved(slope[:, free], white)
         return [t[..., 0] + c[..., free] @ step for t, c in zip(target, columns, strict=True)]
 
-    def _white_left(self, model: BalancedModel) -> np.ndarray:
-        """What the model leaves of the target once its parameters took a linear step, white, (row,)."""
+    def _white_system(self, model: BalancedModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The target (row,) and the columns (row, column) of the parameters that are free, white; and which are."""
         target, columns = self._system(model)
         target, columns = -self._white(target)[:, 0], self._white(columns)
-        own = columns[:, self._free(model, target, columns)]
-        return target - own @ _solved(own, target)
+        free = self._free(model, target, columns)
+        return target, columns[:, free], free
 
     def _with_slow_noise(self, model: BalancedModel) -> BalancedModel:
         """The model with the slow noise of the sensors that it leaves."""
@@ -401,10 +402,7 @@ class Screening:
 
     def _screened(self, model: BalancedModel) -> list[Addition]:
         """The best atom of each effect that is not in the model, best first."""
-        target, columns = self._system(model)
-        target, own = -self._white(target)[:, 0], self._white(columns)
-        free = self._free(model, target, own)
-        own = own[:, free]
+        target, own, free = self._white_system(model)
         row_block = self._block_of_row
         base = Sums.of(target, own, row_block)
         blocks = [np.flatnonzero(row_block == b) for b in range(len(base.count))]

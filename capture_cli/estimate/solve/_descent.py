@@ -102,7 +102,7 @@ class Descent:
         """The error that its next step promises by sensitivities that were measured; 0 where they were not."""
         if self._carried or not np.isfinite(self._promised):
             return 0.0
-        return float(np.sqrt(max(self.error**2 - self._promised / self.evidence.count, 0.0)))
+        return self._error_after(self._promised)
 
     @property
     def _little(self) -> float:
@@ -270,7 +270,10 @@ class Descent:
     def _least_error(self) -> float:
         """Of the linearization, within the unit cube."""
         dx, k = self._at.whole_step, self._k
-        gain = self._at.predicted_gain(dx, self._at.start_offsets(dx, k), k)
+        return self._error_after(self._at.predicted_gain(dx, self._at.start_offsets(dx, k), k))
+
+    def _error_after(self, gain: float) -> float:
+        """The error where the objective is lower by `gain`."""
         return float(np.sqrt(max(self.error**2 - gain / self.evidence.count, 0.0)))
 
     def _propose(self) -> None:

@@ -7,7 +7,7 @@ channels and times, whatever the task, is in `log_health` and `log_findings`.
 
 from __future__ import annotations
 
-from capture_cli.common.registry import Registry
+from capture_cli.common.registry import Registry, with_first
 from capture_cli.log.checks.base import Check
 
 REGISTRY: Registry[Check] = Registry(
@@ -30,7 +30,4 @@ _FIRST = (  # are told in this order, before others
 def in_order() -> list[type[Check]]:
     """Every check, in the order in which findings are told."""
     found = dict(REGISTRY.items())
-    return [
-        found[name]
-        for name in sorted(found, key=lambda n: (_FIRST.index(n) if n in _FIRST else len(_FIRST), n))
-    ]
+    return [found[name] for name in with_first(found, _FIRST)]
