@@ -65,10 +65,10 @@ test-core: $(CORE)/installed
 test-wheel: $(CORE)/installed
 	tests/installed_wheel.sh $(CORE)/bin/python
 
-# every stage once, by shell, on sizes that take minutes
+# every stage by shell, on sizes that take a minute: `make test` runs the same script
 pipeline: dev
 	rm -rf runs/pipeline
-	CAPTURE="$(CURDIR)/$(BIN)/capture" docs/pipeline.sh runs/pipeline
+	CAPTURE="$(CURDIR)/$(BIN)/capture" docs/closed_loop.sh runs/pipeline tiny
 
 lint: dev
 	$(BIN)/ruff check .

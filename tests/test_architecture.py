@@ -138,7 +138,7 @@ def test_fits_and_selection_know_a_log_and_no_other_file(module):
 @pytest.mark.parametrize("registry", registries(), ids=lambda r: r.package)
 def test_plug_ins_do_not_import_each_other(registry):
     folder = registry.package.removeprefix("capture_cli.")
-    plug_ins = {f"{folder}.{name.replace('-', '_')}" for name in registry.own_names()}
+    plug_ins = {f"{folder}.{name.replace('-', '_')}" for name in registry.own_names}
     assert plug_ins <= set(MODULES)
     for plug_in in plug_ins:
         assert not imported(plug_in) & (plug_ins - {plug_in}), plug_in

@@ -11,6 +11,7 @@ import importlib
 import inspect
 import pkgutil
 from collections.abc import Callable, Iterable, Sequence
+from functools import cached_property
 from pathlib import Path
 from typing import Generic, TypeVar
 
@@ -44,16 +45,18 @@ class Registry(Generic[T]):
         self.kind = kind
         self.not_listed = ("base", *not_listed)
         self.besides = besides
+        self._classes: dict[str, type[T]] = {}
 
     def names(self) -> list[str]:
         """Public names, sorted; reads the folder, imports no plug-in."""
-        return sorted([*self.own_names(), *(self.besides.names() if self.besides is not None else ())])
+        return sorted([*self.own_names, *(self.besides.names() if self.besides is not None else ())])
 
-    def own_names(self) -> list[str]:
+    @cached_property
+    def own_names(self) -> tuple[str, ...]:
         """Those of the package itself."""
         folder = Path(importlib.import_module(self.package).__file__).parent
         stems = (m.name for m in pkgutil.iter_modules([str(folder)]) if not m.name.startswith("_"))
-        return sorted({s.replace("_", "-") for s in stems} - set(self.not_listed))
+        return tuple(sorted({s.replace("_", "-") for s in stems} - set(self.not_listed)))
 
     def get(self, name: str, offered: Callable[[type[T]], bool] | None = None) -> type[T]:
         """The class called `name`. Raises OptionError, naming those that exist.
@@ -63,8 +66,13 @@ class Registry(Generic[T]):
         if name not in self.names():
             names = self.names() if offered is None else [n for n, c in self.items() if offered(c)]
             raise OptionError(f"unknown {self.kind} {name!r}", cure=did_you_mean(name, names))
-        if name not in self.own_names():
+        if name not in self.own_names:
             return self.besides.get(name)
+        if name not in self._classes:
+            self._classes[name] = self._class(name)
+        return self._classes[name]
+
+    def _class(self, name: str) -> type[T]:
         module = importlib.import_module(f"{self.package}.{name.replace('-', '_')}")
         base = getattr(importlib.import_module(f"{self.package}.base"), self.base)
         own = [

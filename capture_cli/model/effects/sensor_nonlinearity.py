@@ -15,7 +15,7 @@ INVERSIONS = 30  # Newton steps
 
 def bent(series, *, quadratic, cubic):
     """series + quadratic x^2 + cubic x^3, with x the series."""
-    return series + quadratic * series**2 + cubic * series**3
+    return series + series * series * (quadratic + cubic * series)
 
 
 class SensorNonlinearity(NumberEffect):
