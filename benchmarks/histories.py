@@ -23,10 +23,12 @@ from mujoco import rollout
 from benchmarks._speeds import interleaved
 from benchmarks.base import Benchmark, Figure, Result
 from capture_cli.model.tasks import load_task
-from capture_cli.stages.gen_histories import ROUNDS, gen_histories
+from capture_cli.options.gen_histories import GenHistoriesOptions
+from capture_cli.stages.gen_histories import gen_histories
 
 TASKS = {"air-hockey": 48, "scooping": 384}  # pairs per repeat: some seconds
 REPEATS, EPISODES, CONTROL_STEPS = 5, 200, 60
+ROUNDS = GenHistoriesOptions.rounds
 SIMULATED = 2 * ROUNDS - 1  # rollouts per history: the last round's two are one
 OVER_BARE, OVER_ROBOSUITE = 0.75, 15.0
 RAY_TASK, RAY_PAIRS = "scooping", 2560

@@ -78,7 +78,7 @@ def with_parts(page: str, parts: dict[str, Callable[[], str]]) -> str:
 
 
 def commands() -> str:
-    """Every command with its options, from the signatures in capture_cli/cli; those of many commands once."""
+    """Every command with its options, from the classes of their options; those of many commands once."""
     from capture_cli.cli.app import app
 
     callbacks = {command.name: command.callback for command in app.registered_commands}

@@ -30,6 +30,7 @@ ROWS = (
     ("model",),
     ("log",),
     ("store",),
+    ("options",),
     ("common",),
     ("errors",),
     ("__init__",),

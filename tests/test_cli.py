@@ -17,12 +17,12 @@ import pytest
 import typer
 from fuzz.forked_run import CAN_RUN, run
 
-from capture_cli.cli._config import _read_config
 from capture_cli.cli.app import app
 from capture_cli.errors import OptionError
 from capture_cli.estimate.prepare import prepare
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model.tasks import load_task
+from capture_cli.options.config import _read_config
 from capture_cli.simulate.simulator import Simulator
 from capture_cli.stages import identify as stage
 from capture_cli.store import output
@@ -239,7 +239,7 @@ def test_fail_on_a_verdict(capture, tmp_path, without_pages, effect, verdict, fa
 
 
 def test_our_own_faults_exit_with_1(capture, log, monkeypatch, tmp_path):
-    def broken(**_):
+    def broken(_):
         raise ZeroDivisionError("a bug")
 
     monkeypatch.setattr(stage, "identify", broken)
@@ -470,7 +470,7 @@ REPEATED = [(n, o) for n, o in OPTIONS if getattr(o, "multiple", False) or o.nar
 
 @pytest.mark.parametrize(("name", "option"), REPEATED, ids=[f"{n}-{o.name}" for n, o in REPEATED])
 def test_in_a_config_one_value_of_an_option_that_repeats_is_a_list_of_one(name, option, tmp_path):
-    (tmp_path / "run.toml").write_text(f'{option.name} = "one"')
+    (tmp_path / "run.toml").write_text(f'{option.opts[0].lstrip("-")} = "one"')
     context = typer.Context(COMMANDS[name], info_name=name)
     _read_config(context, tmp_path / "run.toml")
     assert context.default_map == {option.name: ["one"]}

@@ -398,7 +398,7 @@ def test_a_suite_names_the_checkpoints_that_it_does_not_use(folder, trained, cap
         evaluate_suite(identifiers=[str(L5)], out=folder / "none", **options)
     assert "no checkpoint for scooping" in caught.value.message
     given = [str(trained), str(L5)]
-    done = evaluate_suite(identifiers=given, out=folder / "some", **options, only=["scooping"], quiet=False)
+    done = evaluate_suite(identifiers=given, out=folder / "some", **options, cells=["scooping"], quiet=False)
     assert [text.split(" (")[0] for text in done["not_used"]] == [str(L5)]
     assert f"not used: {L5} (L 5" in capsys.readouterr().err
     document = {**_checkpoint("capture")[1], "task": "slider"}

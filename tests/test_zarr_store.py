@@ -15,9 +15,9 @@ import pytest
 import zarr
 from packaging.requirements import Requirement
 
-from capture_cli.cli._texts import byte_count
 from capture_cli.errors import OptionError, StoreError
 from capture_cli.log.measured_log import SCHEMA, MeasuredLog
+from capture_cli.options.texts import byte_count
 from capture_cli.store.array_metadata import array_metadata
 from capture_cli.store.zarr_store import MOST, ZarrStore
 

@@ -10,13 +10,13 @@ from capture_cli.cli._results import console, print_json
 
 
 def show_inspection(
-    path: Path, task: str | None, json_: bool, quiet: bool, max_log_size: int | None
+    path: Path, task: str | None, max_log_size: int | None, *, as_json: bool, quiet: bool = False
 ) -> dict[str, Any]:
     """The inspection, on stdout; if `quiet`, what must not go unseen on stderr."""
     from capture_cli.stages.inspect import inspect as stage
 
     document = stage(path, task, max_log_size)
-    if json_:
+    if as_json:
         print_json(document)
     elif quiet:
         from capture_cli.report.inspection import complaints

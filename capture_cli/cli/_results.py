@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import Any
+
+import typer
 
 
 def print_json(document: Any) -> None:
@@ -16,3 +19,9 @@ def console():
     from rich.console import Console
 
     return Console(highlight=False, markup=False, emoji=False)
+
+
+def fail_on(found: Collection[str], named: Collection[str]) -> None:
+    """End with 3 where what was `found` has something that --fail-on named."""
+    if set(found) & set(named):
+        raise typer.Exit(3)

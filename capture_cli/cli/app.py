@@ -19,6 +19,7 @@ from capture_cli import __version__
 from capture_cli.cli._surroundings import check_surroundings
 from capture_cli.cli._wrong_usage import UsageError, check_numbers, wrong_usage
 from capture_cli.common.registry import with_first
+from capture_cli.options.base import on_command_line
 
 _NO_COMMANDS = ("app", "program")
 _FIRST = (  # in this order in --help, before those of other files
@@ -100,7 +101,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 for _name, _command in _COMMANDS.items():
-    app.command(_name, cls=_Command)(_command)
+    app.command(_name, cls=_Command)(on_command_line(_command))
 
 
 def _version(wanted: bool) -> None:

@@ -3,25 +3,26 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from capture_cli.cli._config import Config
-from capture_cli.cli._options import Force, Json, OptionalTask, Quiet, Result
 from capture_cli.cli._results import print_json
+from capture_cli.options.shared import OptionalTask, Result, Writing
 
 
-def export(
-    result: Result,
-    out: Annotated[Path, typer.Option("--out", help="MJCF file to write.")],
-    task: OptionalTask = None,
-    force: Force = False,
-    json_: Json = False,
-    quiet: Quiet = False,
-    config: Config = None,
-) -> None:
+@dataclass(frozen=True, kw_only=True)
+class ExportOptions(Writing):
+    """task: where it is now, if it was moved since."""
+
+    result: Result
+    out: Annotated[Path, typer.Option("--out", help="MJCF file to write.")]
+    task: OptionalTask = None
+
+
+def export(options: ExportOptions) -> None:
     """Write the model with its identified values and effects as an MJCF that MuJoCo loads.
 
     Effects for which MuJoCo has no feature, and terms of a formula, go to a Python module beside it, STEM_effects.py.
@@ -30,10 +31,11 @@ def export(
     """
     from capture_cli.stages.export import export as stage
 
-    written = stage(result=result, out=out, task=task, force=force)
+    result, out, quiet = options.result, options.out, options.quiet
+    written = stage(result=result, out=out, task=options.task, force=options.force)
     if written.verdict in ("unexplained", "not-identifiable") and not quiet:
         print(f"warning: {result} is {written.verdict!r}. {written.summary}", file=sys.stderr)
-    if json_:
+    if options.json_:
         beside = {"companion": str(written.companion)} if written.companion else {}
         print_json({"model": str(written.model), **beside})
     elif not quiet:

@@ -2,35 +2,38 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from capture_cli.cli._config import Config
 from capture_cli.cli._inspection import show_inspection
-from capture_cli.cli._options import Json, MaxLogSize, OptionalTask, fail_on_option
-from capture_cli.cli._texts import chosen
+from capture_cli.cli._results import fail_on
+from capture_cli.options.base import Options
+from capture_cli.options.shared import Json, MaxLogSize, OptionalTask, failing
 
-SEVERITIES = ("warning",)  # that --fail-on may name
+Severities = failing("findings of this severity", "warning")
 
 
-def inspect(
-    path: Annotated[Path, typer.Argument(help="A log, or any other output of `capture`.")],
-    task: OptionalTask = None,
-    fail_on: Annotated[str | None, fail_on_option("findings of this severity", SEVERITIES)] = None,
-    max_log_size: MaxLogSize = None,
-    json_: Json = False,
-    config: Config = None,
-) -> None:
+@dataclass(frozen=True, kw_only=True)
+class InspectOptions(Options):
+    """path: of anything that `capture` wrote."""
+
+    path: Annotated[Path, typer.Argument(help="A log, or any other output of `capture`.")]
+    task: OptionalTask = None
+    fail_on: Severities = frozenset()
+    max_log_size: MaxLogSize = None
+    json_: Json = False
+
+
+def inspect(options: InspectOptions) -> None:
     """Say what a file is and how healthy it is: gaps, NaN, rate, saturation, excitation.
 
     Example: capture inspect run.zarr --task task.toml
     """
-    severities = chosen(fail_on, *SEVERITIES)
-    document = show_inspection(path, task, json_, quiet=False, max_log_size=max_log_size)
+    document = show_inspection(options.path, options.task, options.max_log_size, as_json=options.json_)
     found = {f["severity"] for f in document["findings"]}
     if "error" in found:
         raise typer.Exit(2)
-    if found & severities:
-        raise typer.Exit(3)
+    fail_on(found, options.fail_on)

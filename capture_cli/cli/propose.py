@@ -1,51 +1,16 @@
-"""`capture propose`: its options, and what it prints."""
+"""`capture propose`: its help, and what it prints."""
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-import typer
-
-from capture_cli.cli._completion import words
-from capture_cli.cli._config import Config
-from capture_cli.cli._options import Force, OptionalTask, Result, Seed, Threads
 from capture_cli.cli._results import print_json
-from capture_cli.cli._texts import named_numbers
+from capture_cli.options.propose import ProposeOptions
 
 
-def propose(
-    result: Result,
-    task: OptionalTask = None,
-    policy: Annotated[
-        str | None,
-        typer.Option(
-            "--policy",
-            help="Let this policy choose, rather than what tells most.",
-            autocompletion=words("random"),
-        ),
-    ] = None,
-    candidates: Annotated[
-        int, typer.Option("--candidates", min=1, help="Random actions that are compared.")
-    ] = 48,
-    amplitude: Annotated[
-        list[str], typer.Option("--amplitude", help="INPUT=VALUE, above 0: how far an input may be driven.")
-    ] = [],  # noqa: B006
-    beyond_log: Annotated[
-        bool,
-        typer.Option("--beyond-log", help="Also multisines that take the model beyond what the log shows."),
-    ] = False,
-    out: Annotated[Path | None, typer.Option("--out", help="File to write; default stdout.")] = None,
-    csv: Annotated[
-        Path | None, typer.Option("--csv", help="Also the inputs, in the columns and units of the log.")
-    ] = None,
-    seed: Seed = 0,
-    threads: Threads = None,
-    force: Force = False,
-    config: Config = None,
-) -> None:
+def propose(options: ProposeOptions) -> None:
     """Propose what to run on the machine next, as JSON, and print where that takes the identified model, open loop.
 
     Inputs stay such that the model stays near what the log shows: within the range of every output, widened by half of
@@ -57,27 +22,17 @@ def propose(
     from capture_cli.stages.propose import propose as stage
     from capture_cli.store.output import New, new_outputs, refuse_existing, refuse_misnamed
 
+    out, csv, force = options.out, options.csv, options.force
     for file, option, ending in ((out, "--out", ".json"), (csv, "--csv", ".csv")):
         if file is not None:
             refuse_misnamed(file, ending, option=option)
             refuse_existing(file, force=force)
-    document = stage(
-        result=result,
-        task=task,
-        policy=policy,
-        candidates=candidates,
-        amplitude=named_numbers(amplitude, "--amplitude"),
-        seed=seed,
-        threads=threads,
-        out=out,
-        csv=csv,
-        beyond_log=beyond_log,
-    )
+    document = stage(options)
     texts = []
     if csv is not None:
         from capture_cli.stages.excitation.proposal_csv import proposal_csv
 
-        texts.append((csv, proposal_csv(document, result, task)))
+        texts.append((csv, proposal_csv(document, options.result, options.task)))
     if out is not None:
         texts.append((out, json_text(document) + "\n"))
     if texts:

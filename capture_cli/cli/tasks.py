@@ -2,19 +2,30 @@
 
 from __future__ import annotations
 
-from capture_cli.cli._options import Json, OptionalTask
+from dataclasses import dataclass
+
 from capture_cli.cli._results import console, print_json
+from capture_cli.options.base import Options
+from capture_cli.options.shared import Json, OptionalTask
 
 
-def tasks(task: OptionalTask = None, json_: Json = False) -> None:
+@dataclass(frozen=True, kw_only=True)
+class TasksOptions(Options):
+    """task: all that are built in where None."""
+
+    task: OptionalTask = None
+    json_: Json = False
+
+
+def tasks(options: TasksOptions) -> None:
     """List the built-in tasks, or the parameters, inputs and outputs of one.
 
     Example: capture tasks --task task.toml
     """
     from capture_cli.stages.tasks import describe
 
-    document = describe(task)
-    if json_:
+    document = describe(options.task)
+    if options.json_:
         print_json(document)
     else:
         from capture_cli.report.listing import print_tasks

@@ -17,10 +17,11 @@ from capture_cli.estimate.log_balance import with_timings
 from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.estimate.split import EarlierSplit
 from capture_cli.log.checks.wide_bounds import warn_of_wide_bounds
+from capture_cli.options.base import takes_options
+from capture_cli.options.diagnose import DiagnoseOptions
 from capture_cli.select.candidates import all_candidates
 from capture_cli.select.explain import Settings, explain
 from capture_cli.select.input_readings import timings_with_effects
-from capture_cli.select.search import MOST_EFFECTS
 from capture_cli.stages.documents.diagnosis_document import diagnosis_of
 from capture_cli.stages.log_to_fit import LogToFit, read_log
 from capture_cli.stages.recorded.diagnosed_estimate import DiagnosedEstimate
@@ -32,56 +33,45 @@ from capture_cli.store.provenance import Provenance
 from capture_cli.store.result import read_provenance
 
 
-def diagnose(
-    *,
-    real_log: Path,
-    out: Path,
-    estimate: Path | None = None,
-    task: str | None = None,
-    test: str | None = None,
-    window: float | None = None,
-    starts: int = 3,
-    most_effects: int = MOST_EFFECTS,
-    expression: bool = True,
-    time_limit: float | None = None,
-    seed: int | None = None,
-    max_log_size: int | None = None,
-    threads: int | None = None,
-    force: bool = False,
-    resume: bool = False,
-    quiet: bool = False,
-) -> Diagnosis:
-    """Diagnose the log at `real_log`; write a diagnosis directory at `out`.
+@takes_options
+def diagnose(options: DiagnoseOptions) -> Diagnosis:
+    """Diagnose the log; write a diagnosis directory at `out`.
 
-    estimate: the estimate directory of the same log, whose task, windows, held-out part and seed are taken over where
-    nothing else is said. Without it `task`, `test`, `window` and `seed` are as for identify. most_effects: to add.
-    expression: where the catalogue leaves something, look for a formula of the missing force. time_limit: s, after
-    which the search ends with the best so far. With `resume` a run that
-    was killed goes on after the last step that it made, to the same result, and one that is complete is read.
-    max_log_size: bytes in memory, see `ZarrStore.read`. Raises CaptureError for whatever the user can mend.
+    With `resume` a run that was killed goes on after the last step that it made, to the same result, and one that is
+    complete is read. Raises CaptureError for whatever the user can mend.
     """
-    options = {k: v for k, v in locals().items() if k not in ("quiet", "force", "resume")}
-    deadline = time.monotonic() + (np.inf if time_limit is None else time_limit)
-    complete = is_complete(out, force=force, resume=resume)
-    log = read_log("diagnose", real_log, max_log_size, quiet=quiet)
+    limit = np.inf if options.time_limit is None else options.time_limit
+    deadline = time.monotonic() + limit
+    complete = is_complete(options.out, force=options.force, resume=options.resume)
+    log = read_log("diagnose", options)
     begin = None
-    if estimate is None:
-        found = find_task(task, log)
+    if options.estimate is None:
+        found = find_task(options.task, log)
     else:
-        begin = DiagnosedEstimate.read(estimate)
-        found, options = begin.task(task, log), begin.taken_over(options)
-    to_fit = LogToFit.of("diagnose", log, found, options, out=out, estimate=estimate)
-    provenance = to_fit.provenance
+        begin = DiagnosedEstimate.read(options.estimate)
+        found = begin.task(options.task, log)
+    held_out = None if begin is None or options.test is not None else begin.held_out
+    if begin is not None:
+        options = begin.taken_over(options)
+    to_fit = LogToFit.of("diagnose", log, found, options, estimate=options.estimate)
+    options, provenance = to_fit.options, to_fit.provenance
     if complete:
-        return _completed(out, provenance)
+        return _completed(options.out, provenance)
     warn_of_wide_bounds(found)
-    held_out = None if begin is None or test is not None else begin.held_out
     nominal = found.space.nominal if begin is None else begin.values(found)
-    with unfinished_diagnosis(out, provenance.document(), force=force, resume=resume) as (folder, kept):
-        settings = Settings(starts, most_effects, expression, to_fit.options["seed"], threads, kept, deadline)
-        with Progress("diagnose", "model", quiet=quiet) as progress:
+    with unfinished_diagnosis(options, provenance.document()) as (folder, kept):
+        settings = Settings(
+            starts=options.starts,
+            most_effects=options.most_effects,
+            expression=options.expression,
+            seed=options.seed,
+            threads=options.threads,
+            kept=kept,
+            deadline=deadline,
+        )
+        with Progress("diagnose", "model", quiet=options.quiet) as progress:
             progress.doing("making the log ready")
-            prepared = _prepared(to_fit, held_out, threads)
+            prepared = _prepared(to_fit, held_out)
             diagnosis = diagnose_prepared(prepared, nominal, settings, progress)
         diagnosis.write(folder)
         _write_pages(diagnosis, folder, provenance)
@@ -89,14 +79,14 @@ def diagnose(
     return diagnosis
 
 
-def _prepared(to_fit: LogToFit, held_out: EarlierSplit | None, threads: int | None) -> PreparedLog:
+def _prepared(to_fit: LogToFit, held_out: EarlierSplit | None) -> PreparedLog:
     """The log made ready; where something is missing, how inputs act is told by the best effect with each reading."""
     prepared, task = to_fit.prepared(held_out), to_fit.task
     if prepared.input_timings or all(c.linear is not None for c in task.inputs):
         return prepared
     unread = replace(prepared, task=task)
     timings, screening = timings_with_effects(
-        unread, all_candidates(prepared), partial(to_fit.prepared, held_out), threads
+        unread, all_candidates(prepared), partial(to_fit.prepared, held_out), to_fit.options.threads
     )
     if any(t.linear for t in timings):
         prepared = to_fit.prepared(held_out, with_timings(task, timings))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -25,108 +25,66 @@ from capture_cli.context.observation_noise import standard_deviations
 from capture_cli.context.search import REGISTRY as SEARCHES
 from capture_cli.context.search.base import ALPHA, Search
 from capture_cli.errors import OptionError, did_you_mean
+from capture_cli.model.effects.ranges import EffectRanges
 from capture_cli.model.model_hash import model_hash
 from capture_cli.model.parameters import ParameterSpace
 from capture_cli.model.tasks.base import ActionTask, Task
 from capture_cli.model.tasks.sequence_task import SequenceTask
+from capture_cli.options.base import takes_options
+from capture_cli.options.gen_histories import GenHistoriesOptions
 from capture_cli.stages.recorded.recorded_task import task_inputs
 from capture_cli.stages.simulated_machine import SimulatedMachine
-from capture_cli.store.histories import SHARD_PAIRS, HistoriesWriter, is_url, shard_rows
+from capture_cli.store.histories import HistoriesWriter, is_url, shard_rows
 from capture_cli.store.output import refuse_inputs
 from capture_cli.store.provenance import Provenance
 
-ROUNDS = 7  # L of the paper
 EXECUTORS = ("local", "ray")
+OF_SEQUENCES = ("inputs_from", "max_log_size", "window", "points", "amplitude", "band")  # options
 
 
-def gen_histories(
-    *,
-    task: str,
-    out: str | Path,
-    policy: str = "random",
-    search: str = "randomized-binary",
-    pairs: int = 1000,
-    rounds: int = ROUNDS,
-    alpha: float | None = None,
-    effects: Sequence[str] = (),
-    estimate: Path | None = None,
-    noise: str = "none",
-    noise_sd: Mapping[str, float] | float = 0.0,
-    inputs_from: Path | None = None,
-    window: float | None = None,
-    points: int | None = None,
-    amplitude: Mapping[str, float] | None = None,
-    band: tuple[float, float] | None = None,
-    seed: int = 0,
-    max_log_size: int | None = None,
-    threads: int | None = None,
-    executor: str = "local",
-    address: str | None = None,
-    shard_pairs: int = SHARD_PAIRS,
-    force: bool = False,
-    resume: bool = False,
-    quiet: bool = True,
-) -> dict[str, Any]:
+@takes_options
+def gen_histories(options: GenHistoriesOptions) -> dict[str, Any]:
     """Write `pairs` histories of `rounds` rounds at `out`, a path or a URL; returns what was done, JSON-able.
 
-    policy: a name, or a checkpoint directory. alpha: shape of the Beta that `search` draws from. noise: one of
-    `observation_noise.NOISES`; noise_sd: standard deviation of white noise besides, per feature or one for all.
-    effects, estimate: what machines have that the task's model lacks, see `SimulatedMachine`; in simulated trajectories
-    at the middle of its range, in measured ones anywhere in it, anew for each pair.
-    inputs_from, window, points, amplitude, band, max_log_size: the actions of a task.toml, see `sequence_task`.
-    executor: where shards are made, "local" or "ray" (at `address`). With `resume` a run that ended early goes on,
-    and one that is complete is left as it is. The bytes written do not depend on threads, executor or hosts.
-    Raises CaptureError.
+    Machines have the effects in simulated trajectories at the middle of their ranges, in measured ones anywhere in
+    them, anew for each pair. The bytes written do not depend on threads, executor or hosts. Raises CaptureError.
     """
-    options = {k: v for k, v in locals().items() if k not in ("force", "resume", "quiet")}
-    if executor == "ray":
+    if options.executor == "ray":
         require("ray", "--executor ray")
-    out = str(out).removeprefix("file://")
-    _check(pairs, rounds, executor, address)
+    out = str(options.out).removeprefix("file://")
+    _check(options)
     asked = SimulatedMachine.to_learn_in(
-        task, estimate, effects, why="histories go over all values of the parameters"
+        options.task,
+        options.estimate,
+        options.effects,
+        why="histories go over all values of the parameters",
     )
     machine = asked.task
-    checkpoints = [policy] if Path(policy).exists() else []
+    checkpoints = [options.policy] if Path(options.policy).exists() else []
     if not is_url(out):
-        refuse_inputs(Path(out), [inputs_from, estimate, *checkpoints, *task_inputs(machine).values()])
-    machine = _action_task(
-        machine,
-        seed,
-        inputs_from=inputs_from,
-        max_log_size=max_log_size,
-        window=window,
-        points=points,
-        amplitude=amplitude or None,
-        band=band,
-    )
-    features = [f.name for f in machine.features]
-    observation_noise.check(noise, features)
-    recipe = Recipe(
-        task=machine,
-        policy=load_policy(policy, machine),
-        effects=asked.effects,
-        search=_search(search, alpha),
-        rounds=rounds,
-        noise=noise,
-        noise_sd=standard_deviations("--noise-sd", noise_sd, features, "a trajectory has no feature"),
-        seed=seed,
-    )
-    attributes = _attributes(recipe, policy, search, pairs, shard_pairs)
-    inputs = {"task": machine.path, "inputs_from": inputs_from, "estimate": estimate}
-    provenance = Provenance("gen-histories", options, inputs)
-    if resume and not force and is_complete(HistoriesWriter(out), attributes, checkpoints):
+        read = [options.inputs_from, options.estimate, *checkpoints, *task_inputs(machine).values()]
+        refuse_inputs(Path(out), read)
+    machine = _action_task(machine, options)
+    recipe = _recipe(machine, asked.effects, options)
+    attributes = _attributes(recipe, options)
+    inputs = {"task": machine.path, "inputs_from": options.inputs_from, "estimate": options.estimate}
+    provenance = Provenance("gen-histories", options.recorded(), inputs)
+    if options.resume and not options.force and is_complete(HistoriesWriter(out), attributes, checkpoints):
         return _summary(out, attributes, made=0, seconds=0.0)
     if isinstance(machine, SequenceTask):
         check_parameters_move_trajectories(
-            machine.with_effects(asked.effects.at_middle), seed=seed, threads=threads
+            machine.with_effects(asked.effects.at_middle), seed=options.seed, threads=options.threads
         )
     began = time.monotonic()
-    with _shard_maker(executor, address) as make_shards, place(out, force=force, resume=resume) as location:
+    with (
+        _shard_maker(options) as make_shards,
+        place(out, force=options.force, resume=options.resume) as location,
+    ):
         writer = HistoriesWriter(location)
         todo = shards_to_make(writer, attributes, checkpoints)
-        shards = [(s, range(pairs)[shard_rows(s, shard_pairs, pairs)]) for s in todo]
-        _follow(make_shards(recipe, writer, shards, threads), shards, pairs, quiet)
+        pairs = range(options.pairs)
+        shards = [(s, pairs[shard_rows(s, options.shard_pairs, len(pairs))]) for s in todo]
+        _follow(make_shards(recipe, writer, shards, options.threads), shards, len(pairs), options.quiet)
         writer.finish()
         if not is_url(location):
             provenance.write(Path(location))
@@ -136,30 +94,45 @@ def gen_histories(
 # --- what is asked for ---
 
 
-def _check(pairs: int, rounds: int, executor: str, address: str | None) -> None:
-    if pairs < 1:
-        raise OptionError(f"--pairs {pairs}", cure="give at least 1")
-    if rounds < 2:
+def _check(options: GenHistoriesOptions) -> None:
+    if options.pairs < 1:
+        raise OptionError(f"--pairs {options.pairs}", cure="give at least 1")
+    if options.rounds < 2:
         raise OptionError(
-            f"--rounds {rounds}: a history has a source and a target", cure="give at least 2 rounds"
+            f"--rounds {options.rounds}: a history has a source and a target", cure="give at least 2 rounds"
         )
-    if executor not in EXECUTORS:
-        raise OptionError(f"--executor {executor!r}", cure=did_you_mean(executor, EXECUTORS))
-    if address is not None and executor != "ray":
-        raise OptionError(f"--address {address} without --executor ray", cure="add --executor ray")
+    if options.executor not in EXECUTORS:
+        raise OptionError(f"--executor {options.executor!r}", cure=did_you_mean(options.executor, EXECUTORS))
+    if options.address is not None and options.executor != "ray":
+        raise OptionError(f"--address {options.address} without --executor ray", cure="add --executor ray")
 
 
-def _action_task(machine: Task, seed: int, **tape_options) -> ActionTask:
-    """A built-in task as it is; that of a task.toml with actions made as `tape_options` say."""
-    given = {k: v for k, v in tape_options.items() if v is not None}
+def _action_task(machine: Task, options: GenHistoriesOptions) -> ActionTask:
+    """A built-in task as it is; that of a task.toml with actions made as the options say."""
+    given = {n: v for n in OF_SEQUENCES if (v := getattr(options, n)) not in (None, {})}
     if not isinstance(machine, ActionTask):
-        return sequence_task(machine, **given, seed=seed)
+        return sequence_task(machine, **given, seed=options.seed)
     if given:
-        options = ", ".join(f"--{k.replace('_', '-')}" for k in given)
+        names = ", ".join(f"--{name.replace('_', '-')}" for name in given)
         raise OptionError(
-            f"{options}: {machine.name!r} has actions of its own", cure="leave it out, or give a task.toml"
+            f"{names}: {machine.name!r} has actions of its own", cure="leave it out, or give a task.toml"
         )
     return machine
+
+
+def _recipe(machine: ActionTask, effects: EffectRanges, options: GenHistoriesOptions) -> Recipe:
+    features = [f.name for f in machine.features]
+    observation_noise.check(options.noise, features)
+    return Recipe(
+        task=machine,
+        policy=load_policy(options.policy, machine),
+        effects=effects,
+        search=_search(options.search, options.alpha),
+        rounds=options.rounds,
+        noise=options.noise,
+        noise_sd=standard_deviations("--noise-sd", options.noise_sd, features, "a trajectory has no feature"),
+        seed=options.seed,
+    )
 
 
 def _search(name: str, alpha: float | None) -> Search:
@@ -176,9 +149,9 @@ def _search(name: str, alpha: float | None) -> Search:
     return cls(alpha)
 
 
-def _attributes(recipe: Recipe, policy: str, search: str, pairs: int, shard_pairs: int) -> dict[str, Any]:
+def _attributes(recipe: Recipe, options: GenHistoriesOptions) -> dict[str, Any]:
     """All that the store says of itself; equal attributes mean equal bytes."""
-    task = recipe.task
+    task, policy = recipe.task, options.policy
     checkpoint = (Path(policy) / SETTINGS).is_file()
     return {
         "task": task.name,
@@ -188,10 +161,10 @@ def _attributes(recipe: Recipe, policy: str, search: str, pairs: int, shard_pair
         "library": _hash(library) if (library := getattr(task, "library", None)) is not None else None,
         "features": [{"name": f.name, "unit": f.unit, "scale": f.scale} for f in task.features],
         "point_times": np.asarray(task.point_times, dtype=float).tolist(),
-        "pairs": pairs,
-        "shard_pairs": shard_pairs,
+        "pairs": options.pairs,
+        "shard_pairs": options.shard_pairs,
         "rounds": recipe.rounds,
-        "search": search,
+        "search": options.search,
         "alpha": float(recipe.search.alpha) if recipe.search.takes_alpha else None,
         "effects": recipe.effects.rows(),
         "noise": recipe.noise,
@@ -217,14 +190,14 @@ def _hash(array: np.ndarray) -> str:
 
 
 @contextmanager
-def _shard_maker(executor: str, address: str | None) -> Iterator[Callable[..., Iterator[int]]]:
+def _shard_maker(options: GenHistoriesOptions) -> Iterator[Callable[..., Iterator[int]]]:
     """A function of (recipe, writer, shards (number, pairs), threads) that yields how many pairs each shard held."""
-    if executor == "local":
+    if options.executor == "local":
         yield _make_here
         return
     from capture_cli.context.histories.ray_cluster import ray_cluster
 
-    with ray_cluster(address) as make:
+    with ray_cluster(options.address) as make:
         yield make
 
 

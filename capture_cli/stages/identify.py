@@ -23,6 +23,8 @@ from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.estimate.solve.least_squares import LeastSquares
 from capture_cli.log.checks.wide_bounds import warn_of_wide_bounds
 from capture_cli.model.tasks.base import ActionTask
+from capture_cli.options.base import takes_options
+from capture_cli.options.identify import IdentifyOptions
 from capture_cli.report.findings import STAMPS_ALONE, THIS_ESTIMATE, behind, is_fit_explained, suspicions
 from capture_cli.stages.documents.estimate_document import Report, unexplained
 from capture_cli.stages.identification.chosen_identifier import ChosenIdentifier, choose_identifier
@@ -48,67 +50,47 @@ STEPS = 5  # the log, checks, the fit, what is left open about it, errors
 NEEDED_LAST = ("scipy.special", "capture_cli.report.figures")
 
 
-def identify(
-    *,
-    real_log: Path,
-    out: Path,
-    task: str | None = None,
-    identifier: str | None = None,
-    test: str | None = None,
-    window: float | None = None,
-    starts: int = 3,
-    rounds: int | None = None,
-    seed: int | None = None,
-    max_log_size: int | None = None,
-    threads: int | None = None,
-    resume: bool = False,
-    force: bool = False,
-    quiet: bool = False,
-) -> Estimate:
-    """Identify the parameters of `task` from the log at `real_log`; write an estimate directory at `out`.
+@takes_options
+def identify(options: IdentifyOptions) -> Estimate:
+    """Identify the task's parameters from the log; write an estimate directory at `out`.
 
-    identifier: a name, or the directory of a learned one, which works in rounds over the episodes before physics
-    refines it; None takes the one shipped for the task, or least squares. test: recordings to hold out, "none", or None
-    for a share of the log. window: s, instead of the task's. rounds: at most so many, over the episodes or of
-    simulations. resume: `out` is an estimate of the log's first episodes, and is taken up with the others; task,
-    identifier, test, window and seed are then the estimate's where None. seed: 0 where None. max_log_size: bytes in
-    memory, see `ZarrStore.read`.
+    An identifier that was learned works in rounds over the episodes before physics refines it.
     Raises CaptureError for whatever the user can mend, before anything is written.
     """
-    options = {k: v for k, v in locals().items() if k not in ("quiet", "force", "resume")}
-    refuse_existing(out, force=force or resume)
-    log = read_log("identify", real_log, max_log_size, quiet=quiet)
+    out = options.out
+    refuse_existing(out, force=options.force or options.resume)
+    log = read_log("identify", options)
     earlier = None
-    if resume:
+    if options.resume:
         earlier = EarlierEstimate.read(out)
-        options = earlier.taken_over(options, real_log)
-    found = find_task(options["task"], log)
+        options = earlier.taken_over(options)
+    found = find_task(options.task, log)
     if earlier is not None:
         earlier.check(found, log)
-    chosen = choose_identifier(options["identifier"], found, log)
+    chosen = choose_identifier(options.identifier, found, log)
     if chosen.checkpoint is not None:
         found = chosen.checkpoint.machine(found)
-    to_fit = LogToFit.of("identify", log, found, options, out=out, identifier=chosen.path)
+    to_fit = LogToFit.of("identify", log, found, options, identifier=chosen.path)
     warn_of_wide_bounds(found)
     options = to_fit.options
-    with Progress("identify", "round", quiet=quiet) as progress:
+    with Progress("identify", "round", quiet=options.quiet) as progress:
         progress.of(_step(1), "making the log ready")
         prepared = to_fit.prepared()
         if earlier is not None:
             prepared = replace(prepared, split=earlier.split(prepared.windows, prepared.split))
         _import_meanwhile(NEEDED_LAST)
-        search = _Search(prepared, chosen, progress, starts, rounds, options["seed"], threads, earlier)
+        search = _Search(prepared, chosen, progress, options, earlier)
         found = search.run()
         progress.of(_step(5), "errors and intervals")
-        estimate = Report(found, chosen.name, options["seed"], earlier, progress).estimate()
+        estimate = Report(found, chosen.name, options.seed, earlier, progress).estimate()
         if suspicions(estimate):
-            _look_for_misread(estimate.document, search, options["window"])
+            _look_for_misread(estimate.document, search)
         elif _lacks(estimate.document):
-            diagnose = ["capture", "diagnose", "--real-log", str(real_log)]
+            diagnose = ["capture", "diagnose", "--real-log", str(options.real_log)]
             if not estimate.document["effects"]:
                 diagnose += ["--estimate", THIS_ESTIMATE]
             estimate.document["next_command"] = shlex.join(diagnose)
-    with new_directory(out, force=force or resume) as folder:
+    with new_directory(out, force=options.force or options.resume) as folder:
         estimate.write(folder)
         _write_pages(estimate, folder, to_fit.provenance)
         to_fit.provenance.write(folder)
@@ -122,34 +104,32 @@ class _Search:
     prepared: PreparedLog
     chosen: ChosenIdentifier
     progress: Progress
-    starts: int
-    rounds: int | None
-    seed: int
-    threads: int | None
+    options: IdentifyOptions
     earlier: EarlierEstimate | None
 
     def run(self) -> Found:
         """With the noise floor that repeats show, and then on with that of the residual, where that is another."""
         prepared, start, progress = self.prepared, self._start(), self.progress
+        seed, threads = self.options.seed, self.options.threads
         rollouts = prepared.rollouts
         progress.of(_step(2), "checking that each parameter moves an output")
         if self._must_show_all():
-            rollouts += check_parameters_move_outputs(prepared, seed=self.seed, threads=self.threads)
+            rollouts += check_parameters_move_outputs(prepared, seed=seed, threads=threads)
         progress.doing("comparing repeated motions for their noise")
-        prepared, more = with_noise_of_repeats(prepared, start, threads=self.threads, seed=self.seed)
+        prepared, more = with_noise_of_repeats(prepared, start, threads=threads, seed=seed)
         rollouts += more
         progress.of(_step(3), "fit")
         found = self._find(prepared, start)
         progress.doing("looking at the noise that the fit leaves")
         part = prepared.part(~prepared.split.is_test)
-        quieter = with_noise_of_residual(prepared, part, found.at, self.threads)
+        quieter = with_noise_of_residual(prepared, part, found.at, threads)
         if quieter is not prepared:
             rollouts += found.fits.rollouts
             found = self._find(quieter, start, found)
         progress.of(_step(4), "looking about the estimate")
-        found = looked_about(found, progress, seed=self.seed)
+        found = looked_about(found, progress, seed=seed)
         progress.doing("looking for what the log excludes of each parameter")
-        found = with_profile(found, progress, seed=self.seed)
+        found = with_profile(found, progress, seed=seed)
         found.fits.rollouts += rollouts
         return found
 
@@ -179,10 +159,10 @@ class _Search:
             self.chosen.path,
             self.progress,
             start=start,
-            rounds=self.rounds,
-            starts=self.starts,
-            threads=self.threads,
-            seed=self.seed,
+            rounds=self.options.rounds,
+            starts=self.options.starts,
+            threads=self.options.threads,
+            seed=self.options.seed,
             new=new,
             earlier=None if self.earlier is None else self.earlier.rounds,
         )
@@ -192,7 +172,7 @@ class _Search:
         if before is not None:
             start, fitted = before.best.parameters, prepared.part(~prepared.split.is_test)
             offsets = fitted.offsets_from(before.part, before.best.offsets)
-        fits, starts = ModelFits(prepared, self.threads), self.starts
+        fits, starts = ModelFits(prepared, self.options.threads), self.options.starts
         if self.earlier is not None:
             starts = 1
         elif before is None and self.chosen.method is LeastSquares:
@@ -204,28 +184,30 @@ class _Search:
             offsets=offsets,
             method=self.chosen.method,
             starts=starts,
-            rounds=ROUNDS if self.rounds is None else self.rounds,
-            seed=self.seed,
+            rounds=ROUNDS if self.options.rounds is None else self.options.rounds,
+            seed=self.options.seed,
         )
         if before is not None:
             found.history = [*before.history, *found.history]
-        if self.rounds is not None or self.chosen.method is not LeastSquares:
+        if self.options.rounds is not None or self.chosen.method is not LeastSquares:
             return found
         self.progress.doing("looking for the differences that contacts need")
-        found = with_longer_differences(found, self.progress, seed=self.seed, threads=self.threads)
+        found = with_longer_differences(
+            found, self.progress, seed=self.options.seed, threads=self.options.threads
+        )
         self.progress.doing("looking for ways out of where the fit ended")
-        found = unstuck(found, self.progress, seed=self.seed)
+        found = unstuck(found, self.progress, seed=self.options.seed)
         self.progress.doing("looking where all parameters show")
-        return from_where_all_show(found, self.progress, seed=self.seed)
+        return from_where_all_show(found, self.progress, seed=self.options.seed)
 
     def _from_balance(self, fits: ModelFits, start: np.ndarray) -> tuple[np.ndarray, int]:
         """Where the fit begins, and how many descents: one, where the log gives a force balance, from what fills it
         best or from `start` (parameter,), whichever is nearer to the log.
         """
         fitted = ~fits.prepared.split.is_test
-        balanced = balanced_point(fits.prepared, np.flatnonzero(fitted), start, self.threads)
+        balanced = balanced_point(fits.prepared, np.flatnonzero(fitted), start, self.options.threads)
         if balanced is None or not len(start):
-            return start, self.starts
+            return start, self.options.starts
         return fits.nearest(fits.prepared.part(fitted), np.stack([balanced, start])), 1
 
 
@@ -233,12 +215,12 @@ def _step(number: int) -> str:
     return f"step {number} of {STEPS}"
 
 
-def _look_for_misread(document: dict[str, Any], search: _Search, window: float | None) -> None:
+def _look_for_misread(document: dict[str, Any], search: _Search) -> None:
     """Look for channels that are misread, for an estimate that leaves what no physics would; the document says which,
     and its summary that it may be so. Actions have no channels of the log's.
     """
     if not isinstance(search.prepared.task, ActionTask):
-        document["misread"], rollouts = _misread(search, window)
+        document["misread"], rollouts = _misread(search)
         document["rollouts"]["simulated"] += rollouts
     if not document["lack_of_fit"]["lacking"]:
         return
@@ -249,7 +231,7 @@ def _look_for_misread(document: dict[str, Any], search: _Search, window: float |
         document["summary"] = unexplained(document["lack_of_fit"], why)
 
 
-def _misread(search: _Search, window: float | None) -> tuple[dict[str, Any] | None, int]:
+def _misread(search: _Search) -> tuple[dict[str, Any] | None, int]:
     """Channels whose sign, unit or column leaves what no physics would, None where none is found; and how many windows
     were simulated to see it.
     """
@@ -258,7 +240,7 @@ def _misread(search: _Search, window: float | None) -> tuple[dict[str, Any] | No
     def tell(done: int, total: int) -> None:
         progress.part("other signs, units and columns,", done, total)
 
-    found, rollouts = misread_channels(search.prepared, window, search.threads, tell)
+    found, rollouts = misread_channels(search.prepared, search.options.window, search.options.threads, tell)
     return None if found is None else {**asdict(found), "text": found.text}, rollouts
 
 

@@ -25,6 +25,8 @@ from capture_cli.log.shorter_window import set_shorter
 from capture_cli.log.windows import SHORTEST_EPISODE
 from capture_cli.model.tasks import load_task
 from capture_cli.model.tasks.base import ActionTask, Task
+from capture_cli.options.base import takes_options
+from capture_cli.options.import_log import ImportLogOptions
 from capture_cli.stages.recorded.recorded_task import task_inputs
 from capture_cli.store.output import new_directory, refuse_existing, refuse_inputs, sha256
 from capture_cli.store.provenance import Provenance
@@ -40,81 +42,53 @@ COARSE_TIME = 1e-4  # s: no times that a log needs are closer
 MANY_MISSING = 0.2  # of a column's values: hardly an accident
 
 
-def import_log(
-    *,
-    files: Sequence[Path],
-    task: str,
-    out: Path,
-    append: bool = False,
-    force: bool = False,
-    drop_nan: bool = False,
-    drop_repeats: bool = False,
-    drop_held: bool = False,
-    even_times: bool = False,
-    max_log_size: int | None = None,
-) -> MeasuredLog:
-    """Read `files`, each a recording named by its stem, in their order, as channels of `task`; write a log at `out`.
+@takes_options
+def import_log(options: ImportLogOptions) -> MeasuredLog:
+    """Read the files, each a recording named by its stem, in their order, as channels of the task; write a log.
 
     Within a file a new episode begins where the value of the task's episode column changes. Of a task of actions, the
-    columns action.NAME hold the action of each episode. A file may be a measured log as well. drop_nan: leave
-    out rows in which a value is missing, NaN or infinite; each recording's `dropped_rows` says how many were. Values of
-    outputs that are sparse may be missing.
-    drop_repeats: leave out rows that say the same as the row before, time and all; `repeated_rows` says how many.
-    drop_held: empty the repeats of sparse outputs that hold each sample for some rows; `held_repeats` says how many.
-    even_times: put the samples of each episode at even intervals; `evened_times` says how far stamps were off, s.
-    append: `out` is a log already, and the episodes come after those in it; nobody else adds to it meanwhile.
-    max_log_size: bytes that a file, or a log, may take in memory, see `ZarrStore.read`.
-    A recording that is given twice, or that `out` holds already, is refused.
+    columns action.NAME hold the action of each episode. A file may be a measured log as well. Each recording says what
+    was mended: `dropped_rows`, `repeated_rows`, `held_repeats`, and `evened_times`, s. While episodes are appended
+    nobody else adds to the log. A recording that is given twice, or that `out` holds already, is refused.
     Raises LogError, TaskError, ModelError, StoreError or OutputError before anything is written.
     """
-    options = {**locals(), "files": [str(f) for f in files]}
-    refuse_existing(out, force=force or append)
-    if not files:
+    out, append = options.out, options.append
+    refuse_existing(out, force=options.force or append)
+    if not options.files:
         raise LogError("no file is given", cure="name one CSV or Parquet file or more")
-    machine = load_task(task)
-    sources = [open_source(Path(f), max_log_size) for f in files if not _is_store(Path(f))]
-    refuse_inputs(out, [*files, *task_inputs(machine).values()])
+    machine = load_task(options.task)
+    sources = [open_source(Path(f), options.max_log_size) for f in options.files if not _is_store(Path(f))]
+    refuse_inputs(out, [*options.files, *task_inputs(machine).values()])
     # who else adds to the log would put one without these episodes in its place
-    with only_writer(out) if append and Path(out).exists() else nullcontext():
-        held = [MeasuredLog.read(out, max_log_size)] if append else []
-        inputs = {"task": machine.path, **{str(f): Path(f) for f in files}}
-        provenance = Provenance("import-log", options, inputs)
-        logs = _read(files, sources, machine, drop_nan=drop_nan, drop_repeats=drop_repeats, most=max_log_size)
+    with only_writer(out) if append and out.exists() else nullcontext():
+        held = [MeasuredLog.read(out, options.max_log_size)] if append else []
+        inputs = {"task": machine.path, **{str(f): Path(f) for f in options.files}}
+        provenance = Provenance("import-log", options.recorded(), inputs)
+        logs = _read(options, sources, machine)
         for log in [*held, *logs]:
             _check_task(log, machine)
-        if drop_held:  # what is at `out` stays as it is
+        if options.drop_held:  # what is at `out` stays as it is
             logs = [without_repeats(log, machine) for log in logs]
-        if even_times:
+        if options.even_times:
             logs = [with_even_times(log) for log in logs]
         refuse_repeated([*held, *logs])
         log = reduce(MeasuredLog.followed_by, [*held, *logs]).check()
         _check_long_enough(log, machine)
-        with new_directory(out, force=force or append) as folder:
+        with new_directory(out, force=options.force or append) as folder:
             log.write(folder)
             provenance.write(folder)
-    return replace(log, path=Path(out))
+    return replace(log, path=out)
 
 
-def _read(
-    files: Sequence[Path],
-    sources: Sequence[SourceFile],
-    task: Task,
-    *,
-    drop_nan: bool,
-    drop_repeats: bool,
-    most: int | None,
-) -> list[MeasuredLog]:
-    """The logs among `files` in their order, and one of each run of the others, `sources`, between them."""
+def _read(options: ImportLogOptions, sources: Sequence[SourceFile], task: Task) -> list[MeasuredLog]:
+    """The logs among the files in their order, and one of each run of the others, `sources`, between them."""
     names = _recording_names([s.path for s in sources])
-    recordings = {
-        source.path: _read_recording(source, name, task, drop_nan=drop_nan, drop_repeats=drop_repeats)
-        for source, name in zip(sources, names, strict=True)
-    }
+    recordings = {s.path: _read_recording(s, n, task, options) for s, n in zip(sources, names, strict=True)}
     logs = []
-    for stored, run in groupby(map(Path, files), key=_is_store):
+    for stored, run in groupby(map(Path, options.files), key=_is_store):
         paths = list(run)
         if stored:
-            logs += [MeasuredLog.read(path, most) for path in paths]
+            logs += [MeasuredLog.read(path, options.max_log_size) for path in paths]
         else:
             logs.append(replace(_join([recordings[path] for path in paths], task), path=paths[0]))
     return logs
@@ -160,9 +134,7 @@ def _recording_names(files: Sequence[Path]) -> list[str]:
     return [f.name for f in files]  # run.csv and run.parquet in one folder
 
 
-def _read_recording(
-    source: SourceFile, name: str, task: Task, *, drop_nan: bool, drop_repeats: bool
-) -> _Recording:
+def _read_recording(source: SourceFile, name: str, task: Task, options: ImportLogOptions) -> _Recording:
     channels = (*task.inputs, *task.outputs)
     columns = [task.log.time, *(c.column for c in channels)]
     may_miss = np.array([False, *(c.sparse for c in channels)])
@@ -171,9 +143,9 @@ def _read_recording(
     actions = _actions(source, task)
     labels = _labels(source, len(data), task)
     sound = np.isfinite(data) | (np.isnan(data) & may_miss)
-    rows = np.flatnonzero(_usable(source, columns, data, sound, labels, task, drop_nan=drop_nan))
+    rows = np.flatnonzero(_usable(source, columns, data, sound, labels, task, drop_nan=options.drop_nan))
     dropped = len(data) - len(rows)
-    kept = rows if not drop_repeats else rows[~_repeats(data[rows], labels[rows])]
+    kept = rows if not options.drop_repeats else rows[~_repeats(data[rows], labels[rows])]
     repeated, rows = len(rows) - len(kept), kept
     actions = None if actions is None else actions[rows]
     data, labels = data[rows], labels[rows]

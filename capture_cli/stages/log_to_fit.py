@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from capture_cli.common.progress import Progress
 from capture_cli.estimate.prepare import prepare
@@ -13,16 +11,17 @@ from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.estimate.split import EarlierSplit
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model.tasks.base import Task
+from capture_cli.options.shared import FittingLog
 from capture_cli.stages.recorded.recorded_task import named, task_inputs
 from capture_cli.store.output import refuse_inputs
 from capture_cli.store.provenance import Provenance
 
 
-def read_log(command: str, path: Path, max_log_size: int | None, *, quiet: bool) -> MeasuredLog:
-    """The measured log at `path`, of `max_log_size` bytes in memory at most; a long one is told of while it is read."""
-    with Progress(command, "log", quiet=quiet) as progress:
+def read_log(command: str, options: FittingLog) -> MeasuredLog:
+    """The measured log that is fitted; a long one is told of while it is read."""
+    with Progress(command, "log", quiet=options.quiet) as progress:
         progress.doing("reading the log")
-        return MeasuredLog.read(path, max_log_size)
+        return MeasuredLog.read(options.real_log, options.max_log_size)
 
 
 @dataclass(frozen=True)
@@ -31,29 +30,22 @@ class LogToFit:
 
     log: MeasuredLog
     task: Task
-    options: Mapping[str, Any]
+    options: FittingLog
     provenance: Provenance
 
     @classmethod
     def of(
-        cls,
-        command: str,
-        log: MeasuredLog,
-        task: Task,
-        options: Mapping[str, Any],
-        *,
-        out: Path,
-        **others: Path | None,
+        cls, command: str, log: MeasuredLog, task: Task, options: FittingLog, **others: Path | None
     ) -> LogToFit:
-        """Of a run of the command that writes `out`. others: what it reads beside the log and the task, by the names
-        of their options. Raises OptionError where `out` is among what it reads.
+        """Of a run of the command. others: what it reads beside the log and the task, by the names of their options.
+        Raises OptionError where `out` is among what it reads.
         """
-        resolved = {**options, "task": options["task"] or named(task), "seed": options["seed"] or 0}
+        resolved = replace(options, task=options.task or named(task), seed=options.seed or 0)
         inputs = {"real_log": log.path, **task_inputs(task), **others}
-        refuse_inputs(out, inputs.values())
-        return cls(log, task, resolved, Provenance(command, resolved, inputs))
+        refuse_inputs(options.out, inputs.values())
+        return cls(log, task, resolved, Provenance(command, resolved.recorded(), inputs))
 
     def prepared(self, held_out: EarlierSplit | None = None, task: Task | None = None) -> PreparedLog:
         """As `prepare` makes it, with the options of the run. task: in the place of its own."""
-        given = {name: self.options[name] for name in ("window", "test", "seed", "threads")}
+        given = {name: getattr(self.options, name) for name in ("window", "test", "seed", "threads")}
         return prepare(self.log, task or self.task, **given, held_out=held_out)

@@ -12,6 +12,8 @@ from capture_cli.context.checkpoints.policy_checkpoint import load_policy
 from capture_cli.errors import OptionError
 from capture_cli.estimate.initial_states.from_outputs import model_starts
 from capture_cli.model.tasks.base import ActionTask, Task
+from capture_cli.options.base import takes_options
+from capture_cli.options.propose import ProposeOptions
 from capture_cli.select.experiment.excitation_range import ExcitationRange
 from capture_cli.select.experiment.expected_information import Axes, information, sensitivities
 from capture_cli.select.experiment.next_experiment import (
@@ -44,46 +46,35 @@ from capture_cli.store.output import PROVENANCE, refuse_inputs
 from capture_cli.store.proposal import FORMAT, VERSION
 from capture_cli.store.result import read_provenance
 
-CANDIDATES = 48  # actions that are compared
 STRONGEST = 2  # of a band: multisines whose information is compared
 
 
-def propose(
-    *,
-    result: Path,
-    task: str | None = None,
-    policy: str | None = None,
-    candidates: int = CANDIDATES,
-    amplitude: Mapping[str, float] | None = None,
-    seed: int = 0,
-    threads: int | None = None,
-    out: Path | None = None,
-    csv: Path | None = None,
-    beyond_log: bool = False,
-) -> dict[str, Any]:
+@takes_options
+def propose(options: ProposeOptions) -> dict[str, Any]:
     """What to do next, given the estimate or diagnosis directory `result`: the document of proposal.json.
 
-    Of a task of actions, the one of `candidates` random actions that tells most about what the estimate leaves open;
-    with `policy`, the action it chooses for the estimate. Of any other machine, the most telling of a menu of
-    multisines that peak at `amplitude` or below (what the log's inputs peaked at where not given), of those under which
-    the model stays near what the log shows; of all of them with `beyond_log`. Of a diagnosis, the experiment that would
-    separate what is tied. out, csv: where the document, and its inputs, will go. Raises CaptureError.
+    Of a task of actions, the candidate that tells most about what the estimate leaves open; with a policy, the action
+    it chooses for the estimate. Of any other machine, the most telling of a menu of multisines that peak at `amplitude`
+    or below (what the log's inputs peaked at where not given), of those under which the model stays near what the log
+    shows; of all of them with `beyond_log`. Of a diagnosis, the experiment that would separate what is tied. Raises
+    CaptureError.
     """
-    diagnosed = is_diagnosis(Path(result))
-    machine, log = proposed_machine(Path(result), task)
-    for path, option in ((out, "--out"), (csv, "--csv")):
+    result, amplitude, policy = options.result, options.amplitude, options.policy
+    diagnosed = is_diagnosis(result)
+    machine, log = proposed_machine(result, options.task)
+    for path, option in ((options.out, "--out"), (options.csv, "--csv")):
         if path is not None:
             refuse_inputs(path, [result, log, policy, *task_inputs(machine).values()], option=option)
-    check_amplitude(machine, amplitude or {})
-    check_above_zero(machine, amplitude or {}, "the log did")
+    check_amplitude(machine, amplitude)
+    check_above_zero(machine, amplitude, "the log did")
     if diagnosed:
         if policy is not None:
             raise OptionError(
                 f"--policy: {result} is a diagnosis, whose next experiment is proposed",
                 cure="leave it out, or propose from the estimate",
             )
-        return _of_diagnosis(Path(result), machine, amplitude or {}, seed, beyond_log, threads)
-    estimate = Estimate.read(Path(result))
+        return _of_diagnosis(machine, options)
+    estimate = Estimate.read(result)
     if (
         estimate.document["task"] != machine.name
         or tuple(estimate.document["parameters"]) != machine.space.names
@@ -95,21 +86,21 @@ def propose(
             cure="give the task it was made with (--task), or identify again",
         )
     measured = int(estimate.document["rollouts"]["measured"])
-    generator = np.random.default_rng([seed, measured])  # another draw after every episode
-    known = Known.of(machine, estimate, _window(Path(result)))
+    generator = np.random.default_rng([options.seed, measured])  # another draw after every episode
+    known = Known.of(machine, estimate, _window(result))
     if isinstance(machine, ActionTask):
         if amplitude:
             raise OptionError(f"--amplitude: {machine.name!r} is driven by actions", cure="leave it out")
-        if beyond_log:
+        if options.beyond_log:
             raise OptionError(f"--beyond-log: {machine.name!r} is driven by actions", cure="leave it out")
         if policy is not None:
             return _by_policy(machine, policy, estimate, generator)
-        return _doubted(_action(machine, known, candidates, generator, threads), estimate)
+        return _doubted(_action(machine, known, options, generator), estimate)
     if policy is not None:
         raise OptionError(f"--policy: {machine.name!r} has no actions", cure="leave it out")
-    farthest = _farthest(Path(result), machine, estimate, amplitude or {})
+    farthest = _farthest(result, machine, estimate, amplitude)
     shown = _shown(machine, estimate, known)
-    return _doubted(_multisine(machine, known, farthest, generator, threads, shown, beyond_log), estimate)
+    return _doubted(_multisine(machine, known, farthest, shown, options, generator), estimate)
 
 
 def _doubted(proposed: dict[str, Any], estimate: Estimate) -> dict[str, Any]:
@@ -159,13 +150,12 @@ def _most_telling(
 # --- kinds of proposals ---
 
 
-def _action(
-    task: ActionTask, known: Known, candidates: int, generator, threads: int | None
-) -> dict[str, Any]:
+def _action(task: ActionTask, known: Known, options: ProposeOptions, generator) -> dict[str, Any]:
+    candidates = options.candidates
     actions = task.draw_actions(generator.random((candidates, len(task.actions))))
     driven = acted(task, actions, rate=1 / max(known.interval, task.timestep))
     cure = "compare more actions (--candidates), or another --seed"
-    best, gains, expected = _most_telling(task, driven, known, threads, cure)
+    best, gains, expected = _most_telling(task, driven, known, options.threads, cure)
     middle = np.median(gains[np.isfinite(gains)])
     text = f"the most telling of {candidates} actions: {gains[best]:.2g} nats, their median {middle:.2g}"
     return {**_head(task, "action", text), "action": _values(task, actions[best]), **expected}
@@ -182,12 +172,12 @@ def _multisine(
     task: Task,
     known: Known,
     farthest: np.ndarray,
-    generator,
-    threads: int | None,
     shown: ExcitationRange,
-    beyond_log: bool,
+    options: ProposeOptions,
+    generator,
 ) -> dict[str, Any]:
     """Of every band the two strongest that stay near what the log shows are compared."""
+    threads, beyond_log = options.threads, options.beyond_log
     time = experiment_times(task)
     bands = (*BANDS, BAND)
     tapes = np.stack(
@@ -242,14 +232,8 @@ def _shown(task: Task, estimate: Estimate, known: Known) -> ExcitationRange:
     return ExcitationRange.of(task, known.noise.sd, **steps)
 
 
-def _of_diagnosis(
-    folder: Path,
-    task: Task,
-    amplitude: Mapping[str, float],
-    seed: int,
-    beyond_log: bool,
-    threads: int | None,
-) -> dict[str, Any]:
+def _of_diagnosis(task: Task, options: ProposeOptions) -> dict[str, Any]:
+    folder, amplitude = options.result, options.amplitude
     found = Diagnosis.read_document(folder)
     experiment = found.get("next_experiment")
     if experiment is None:
@@ -259,7 +243,7 @@ def _of_diagnosis(
             cure="propose from the estimate instead: capture propose ESTIMATE",
         )
     check_shape(experiment, EXPERIMENT, f"{folder / 'diagnosis.json'}: next_experiment", Diagnosis.CURE)
-    if beyond_log and (farther := experiment.get("beyond_log")):
+    if options.beyond_log and (farther := experiment.get("beyond_log")):
         where = f"{folder / 'diagnosis.json'}: next_experiment.beyond_log"
         check_shape(farther, EXPERIMENT, where, Diagnosis.CURE)
         experiment = farther
@@ -268,13 +252,13 @@ def _of_diagnosis(
         for c, p in zip(task.inputs, experiment["peaks"], strict=True)
     ]
     # one of before experiments kept their seed is driven by that of the proposal
-    time, tape = experiment_tape(task, {"seed": seed, **experiment, "peaks": farthest})
+    time, tape = experiment_tape(task, {"seed": options.seed, **experiment, "peaks": farthest})
     judged = {k: experiment[k] for k in ("is_near", "predicted") if k in experiment}
     text = experiment["text"]
     if not judged:
         text += "; where it takes the machine is not known: make the diagnosis again (capture diagnose)"
     elif amplitude:
-        where, judged = _driven_to(task, found, experiment, time, tape, threads)
+        where, judged = _driven_to(task, found, experiment, time, tape, options.threads)
         told = ", ".join(f"{name} {value:g}" for name, value in amplitude.items())
         text += f" (as diagnosed); with peaks of {told}, as told, {where}"
     return {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,17 +18,17 @@ from capture_cli.errors import FitError, OptionError, did_you_mean
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.log.windows import cut
 from capture_cli.model.tasks.base import ActionTask, Task
-from capture_cli.simulate.multisine import BAND
+from capture_cli.options.base import takes_options
+from capture_cli.options.record import RecordOptions
 from capture_cli.simulate.simulator import Simulator
 from capture_cli.stages.effect_option import beyond_range, refuse_negative, refuse_without_effect
-from capture_cli.stages.excitation.drive import Drive, DriveOptions, drive
+from capture_cli.stages.excitation.drive import Drive, drive
 from capture_cli.stages.recorded.recorded_task import task_inputs
 from capture_cli.stages.simulated_machine import SimulatedMachine
 from capture_cli.store.output import New, new_outputs, refuse_existing, refuse_inputs, refuse_misnamed
 from capture_cli.store.provenance import Provenance, write_json
 
 WORLDS = ("plant", "robosuite")
-TRUTH = ("parameters", "effects", "estimate")  # options that a log's provenance keeps to itself
 
 
 @dataclass(frozen=True)
@@ -37,84 +37,48 @@ class Recording:
 
     log: MeasuredLog
     truth: dict
+    truth_path: Path
     doubts: Sequence[str] = ()
 
 
-def record(
-    *,
-    task: str,
-    out: Path,
-    world: str = "plant",
-    parameters: Mapping[str, float] | None = None,
-    random_parameters: bool = False,
-    effects: Sequence[str] = (),
-    estimate: Path | None = None,
-    noise: Mapping[str, float] | float = 0.0,
-    episodes: int = 1,
-    policy: str | None = None,
-    belief: str = "nominal",
-    actions_from: Path | None = None,
-    duration: float | None = None,
-    rate: float | None = None,
-    inputs_from: Path | None = None,
-    amplitude: Mapping[str, float] | None = None,
-    band: tuple[float, float] = BAND,
-    start: Mapping[str, tuple[float, float]] | None = None,
-    start_velocity: Mapping[str, tuple[float, float]] | None = None,
-    truth: Path | None = None,
-    seed: int = 0,
-    max_log_size: int | None = None,
-    threads: int | None = None,
-    force: bool = False,
-) -> Recording:
+@takes_options
+def record(options: RecordOptions) -> Recording:
     """Record `episodes` of `duration` s at `rate` Hz (the model's own where None) and write a measured log at `out`.
 
-    world: "plant" simulates the task's model; "robosuite" the whole scene of a built-in task, in which a robot's own
-    controller drives it. effects, of the plant: "NAME@SITE.PARAMETER=VALUE" each, or "=LOW:HIGH", between which the
-    value is drawn; site and parameter may be left out where there is only one. estimate: of which the machine has the
-    values, where `parameters` has none and they are not random, and the effects, where `effects` has none. noise:
-    standard deviation of white noise per output, or one for all.
-
-    A task of actions is driven by one action per episode, chosen by `policy` (a checkpoint, or a name; random where
-    None) for parameters that are nominal or drawn anew for each episode (`belief`), or proposed in the file
-    `actions_from`, and logged at 100 Hz where `rate` is None. Inputs of any other task are multisines in `band` Hz that
-    peak at `amplitude` (the actuator's ctrlrange where not given), or those of the log or the proposal `inputs_from`.
-    start and start_velocity: JOINT -> (low, high), drawn anew for each episode. max_log_size: bytes in memory, of the
-    log `inputs_from` and of what is recorded. Raises CaptureError.
+    The world "plant" simulates the task's model; "robosuite" the whole scene of a built-in task, in which a robot's own
+    controller drives it. Effects are of the plant; those of the option stand in the place of the estimate's, as do its
+    parameters. Raises CaptureError.
     """
-    options = {k: v for k, v in locals().items() if k not in ("force", *TRUTH)}
-    if world == "robosuite":
+    if options.world == "robosuite":
         require("robosuite", "--world robosuite")
-    refuse_existing(out, force=force)
-    truth = truth or out.with_suffix(".truth.json")
-    _refuse_truth(truth, out, force=force)
-    asked = SimulatedMachine.of(task, estimate, effects)
-    machine = asked.task
-    read = [inputs_from, actions_from, estimate, _if_path(policy), *task_inputs(machine).values()]
+    out = options.out
+    refuse_existing(out, force=options.force)
+    truth = options.truth or out.with_suffix(".truth.json")
+    _refuse_truth(truth, out, force=options.force)
+    asked = SimulatedMachine.of(options.task, options.estimate, options.effects)
+    machine, policy = asked.task, _if_path(options.policy)
+    read = [options.inputs_from, options.actions_from, options.estimate, policy]
+    read += task_inputs(machine).values()
     refuse_inputs(out, read)
     refuse_inputs(truth, read, option="--truth")
     refuse_misnamed(truth, ".json", option="--truth")
-    provenance = Provenance(
-        "record",
-        options,
-        {"task": machine.path, "inputs_from": inputs_from, "policy": _if_path(policy)},
-    )
-    simulator = Simulator(machine, asked.effects.placed, threads)
-    noise_sd = _noise_sd(noise, machine)
-    generator = np.random.default_rng(seed)
-    point = _point(asked, parameters or {}, generator, random_parameters=random_parameters)
-    driving = DriveOptions(**{field.name: options[field.name] for field in fields(DriveOptions)})
-    driven, outputs = _outputs(world, simulator, point, drive(machine, driving, generator))
+    inputs = {"task": machine.path, "inputs_from": options.inputs_from, "policy": policy}
+    provenance = Provenance("record", options.recorded(), inputs)
+    simulator = Simulator(machine, asked.effects.placed, options.threads)
+    noise_sd = _noise_sd(options.noise, machine)
+    generator = np.random.default_rng(options.seed)
+    point = _point(asked, options, generator)
+    driven, outputs = _outputs(options.world, simulator, point, drive(machine, options, generator))
     outputs = outputs + np.array([*noise_sd.values()]) * generator.standard_normal(outputs.shape)
     log = driven.log(machine, outputs, name=out.stem, source="capture record")
-    known = _truth(world, simulator, point, noise_sd, seed)
-    outputs = (New(truth), New(out, is_folder=True))
-    with new_outputs(*outputs, force=force) as (file, folder):
+    known = _truth(simulator, point, noise_sd, options)
+    places = (New(truth), New(out, is_folder=True))
+    with new_outputs(*places, force=options.force) as (file, folder):
         write_json(file, known)
         log.write(folder)
         provenance.write(folder)
-    doubts = [*beyond_range(simulator.space.parameters, point), *_repeated(driven.actions, policy, belief)]
-    return Recording(log, known, doubts)
+    doubts = [*beyond_range(simulator.space.parameters, point), *_repeated(driven.actions, options)]
+    return Recording(log, known, truth, doubts)
 
 
 def _refuse_truth(truth: Path, log: Path, *, force: bool) -> None:
@@ -151,7 +115,7 @@ def _outputs(world: str, simulator: Simulator, point: np.ndarray, driven: Drive)
 
 
 def _truth(
-    world: str, simulator: Simulator, point: np.ndarray, noise_sd: Mapping[str, float], seed: int
+    simulator: Simulator, point: np.ndarray, noise_sd: Mapping[str, float], options: RecordOptions
 ) -> dict[str, Any]:
     """The document of the truth, which stands nowhere in the log. point (parameter,): of the task and its effects."""
     task, values = simulator.task, simulator.space.to_dict(point)
@@ -159,19 +123,19 @@ def _truth(
         "format": "capture/truth",
         "version": 1,
         "task": task.name,
-        "world": world,
+        "world": options.world,
         "parameters": {name: values[name] for name in task.space.names},
         "effects": {name: values[name] for name in simulator.space.names[len(task.space) :]},
         "noise_sd": dict(noise_sd),
-        "seed": seed,
+        "seed": options.seed,
     }
 
 
-def _repeated(actions: np.ndarray | None, policy: str | None, belief: str) -> list[str]:
+def _repeated(actions: np.ndarray | None, options: RecordOptions) -> list[str]:
     """The doubt, in words, that a policy chose the same action (episode, action) again and again; none where it did
     not.
     """
-    if actions is None or policy is None or belief != "nominal":
+    if actions is None or options.policy is None or options.belief != "nominal":
         return []
     different = len(np.unique(actions.round(6), axis=0))
     if different == len(actions):
@@ -182,19 +146,15 @@ def _repeated(actions: np.ndarray | None, policy: str | None, belief: str) -> li
     ]
 
 
-def _point(
-    asked: SimulatedMachine,
-    values: Mapping[str, float],
-    generator: np.random.Generator,
-    *,
-    random_parameters: bool,
-) -> np.ndarray:
+def _point(asked: SimulatedMachine, options: RecordOptions, generator: np.random.Generator) -> np.ndarray:
     """The parameters (parameter,) of the task and its effects. Those of the task without a value are drawn, or as the
     machine has them; those of effects are drawn where they have a range. Raises OptionError.
     """
     space, effects = asked.task.space, asked.effects
-    default = space.from_unit(generator.uniform(size=len(space))) if random_parameters else asked.values
-    point = space.to_vector(values, default=default)
+    default = (
+        space.from_unit(generator.uniform(size=len(space))) if options.random_parameters else asked.values
+    )
+    point = space.to_vector(options.parameters, default=default)
     for parameter, value in zip(space.parameters, point, strict=True):
         refuse_negative("--param", parameter, value)
     refuse_without_effect(asked.task, point, effects)

@@ -16,6 +16,7 @@ from capture_cli.common.documents import parse_json, read_json
 from capture_cli.context.checkpoints.training_state import check_recipe
 from capture_cli.errors import FitError, StoreError
 from capture_cli.estimate.checkpoint import Kept, Values
+from capture_cli.options.diagnose import DiagnoseOptions
 from capture_cli.store.document_shape import OBJECT, check_shape
 from capture_cli.store.output import resumable_directory
 from capture_cli.store.provenance import write_json
@@ -82,15 +83,16 @@ def _hash(name: str, given: Sequence[Any]) -> str:
 
 @contextmanager
 def unfinished_diagnosis(
-    out: Path, made: Mapping[str, Any], *, force: bool, resume: bool
+    options: DiagnoseOptions, made: Mapping[str, Any]
 ) -> Iterator[tuple[Path, StepFiles]]:
-    """A folder that becomes `out`, and the steps that are kept in it until then.
+    """A folder that becomes the diagnosis, and the steps that are kept in it until then.
 
     made: the provenance of this run. Raises OptionError where the folder is of a run with another recipe, otherwise as
     `resumable_directory`.
     """
+    scaffold = (STEPS, RECIPE, NEW_RECIPE)
     with resumable_directory(
-        out, kept=_kept, scaffold=(STEPS, RECIPE, NEW_RECIPE), force=force, resume=resume
+        options.out, kept=_kept, scaffold=scaffold, force=options.force, resume=options.resume
     ) as folder:
         steps = StepFiles(folder / STEPS)
         _begin(folder, {**recipe_of(made), "code": made["code"][:SHORT], "packages": made["packages"]})

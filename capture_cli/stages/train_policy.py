@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +28,8 @@ from capture_cli.context.torch_device import torch_device
 from capture_cli.errors import OptionError
 from capture_cli.model.effects.ranges import EffectRanges
 from capture_cli.model.tasks.base import ActionTask, Task
+from capture_cli.options.base import takes_options
+from capture_cli.options.train_policy import TrainPolicyOptions
 from capture_cli.simulate.simulator import Simulator
 from capture_cli.stages.simulated_machine import SimulatedMachine
 from capture_cli.store.output import is_complete, refuse_inputs, resumable_directory, unfinished
@@ -35,7 +37,6 @@ from capture_cli.store.provenance import Provenance
 
 EVALUATED = 200  # parameter sets of the evaluation curve, the same ones every time
 UNSEEN = 500  # others, that the finished policy is judged on, and the random one
-EVALUATIONS = 30
 
 
 @dataclass(frozen=True)
@@ -51,79 +52,53 @@ class MirrorSettings:
 MIRROR = MirrorSettings()
 
 
-def train_policy(
-    *,
-    task: str,
-    out: Path,
-    policy: str = "sac",
-    effects: Sequence[str] = (),
-    estimate: Path | None = None,
-    steps: int = 150_000,
-    envs: int = 64,
-    updates: int = 16,
-    batch: int = 256,
-    learning_rate: float = 1e-3,
-    entropy: float | None = None,
-    width: int = 64,
-    layers: int = 2,
-    evaluations: int = EVALUATIONS,
-    device: str = "cpu",
-    threads: int | None = None,
-    seed: int = 0,
-    force: bool = False,
-    resume: bool = False,
-    quiet: bool = True,
-) -> dict[str, Any]:
-    """Train `policy` for `task`; write its checkpoint directory at `out`; returns policy.json.
+@takes_options
+def train_policy(options: TrainPolicyOptions) -> dict[str, Any]:
+    """Train the policy for the task; write its checkpoint directory at `out`; returns policy.json.
 
-    effects, estimate: what the simulated machine has that the task's model lacks, see `SimulatedMachine`; where it has
-    a range, every episode draws from it, and the policy does not know what. steps: episodes, `envs` of them at once.
-    updates: gradient steps per such batch. entropy: its weight beside the reward; the task's own where None. threads:
-    of the simulator; the learner has one. With `resume` a run that was killed goes on from its last evaluation to the
-    same result, and one that is complete is read. Raises CaptureError before anything is written.
+    With `resume` a run that was killed goes on from its last evaluation to the same result, and one that is complete is
+    read. Raises CaptureError before anything is written.
     """
-    options = {k: v for k, v in locals().items() if k not in ("resume", "force", "quiet")}
     require("learn", "train-policy")
-    complete = is_complete(out, force=force, resume=resume)
+    out, resume = options.out, options.resume
+    complete = is_complete(out, force=options.force, resume=resume)
     asked = SimulatedMachine.to_learn_in(
-        task, estimate, effects, why="a policy is trained for all values of the parameters"
+        options.task,
+        options.estimate,
+        options.effects,
+        why="a policy is trained for all values of the parameters",
     )
     machine = _trainable(asked.task)
-    settings = TrainingSettings(
-        steps=steps,
-        envs=envs,
-        updates=updates,
-        batch=batch,
-        learning_rate=learning_rate,
-        entropy=machine.entropy if entropy is None else entropy,
-        width=width,
-        layers=layers,
-        seed=seed,
-    )
-    kind = _trained(policy)
-    _check_settings(settings, evaluations)
-    settings = replace(settings, device=torch_device(device, threads=1))
+    given = {f.name: getattr(options, f.name) for f in fields(TrainingSettings) if f.name != "device"}
+    settings = TrainingSettings(**given)
+    if settings.entropy is None:
+        settings = replace(settings, entropy=machine.entropy)
+    kind = _trained(options.policy)
+    _check_settings(settings, options.evaluations)
+    settings = replace(settings, device=torch_device(options.device, threads=1))
     made = {
-        "policy": policy,
+        "policy": options.policy,
         "task": machine.name,
         "effects": asked.effects.rows(),
         "training": asdict(settings),
     }
     if complete:
-        document = read_policy(Path(out), trained=True)
+        document = read_policy(out, trained=True)
         check_recipe({name: document.get(name) for name in made}, made)
         return document
-    refuse_inputs(out, [estimate])
-    provenance = Provenance("train-policy", options, {"task": machine.path, "estimate": estimate})
-    simulator = Simulator(machine, asked.effects.placed, threads)
+    refuse_inputs(out, [options.estimate])
+    inputs = {"task": machine.path, "estimate": options.estimate}
+    provenance = Provenance("train-policy", options.recorded(), inputs)
+    simulator = Simulator(machine, asked.effects.placed, options.threads)
     machine.mirrored = machine.mirrored and _is_mirrored(simulator, asked.effects)
-    run = _Run(kind.trainer(simulator, settings, asked.effects), simulator, asked.effects, evaluations)
-    recipe = {**made, "evaluations": evaluations}
+    trainer = kind.trainer(simulator, settings, asked.effects)
+    run = _Run(trainer, simulator, asked.effects, options.evaluations)
+    recipe = {**made, "evaluations": options.evaluations}
     if resume:
         run.restore(unfinished(out), recipe)
-    with resumable_directory(out, kept=kept, scaffold=OF_STATE, force=force, resume=resume) as folder:
-        run.train(folder, recipe, quiet)
-        document = run.finish(policy, folder)
+    with resumable_directory(out, kept=kept, scaffold=OF_STATE, force=options.force, resume=resume) as folder:
+        run.train(folder, recipe, options.quiet)
+        document = run.finish(options.policy, folder)
         provenance.write(folder)
     return document
 

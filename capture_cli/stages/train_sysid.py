@@ -28,6 +28,8 @@ from capture_cli.context.torch_device import torch_device
 from capture_cli.errors import OptionError, StoreError, did_you_mean
 from capture_cli.model.parameters import Parameter, ParameterSpace
 from capture_cli.model.tasks.base import Feature
+from capture_cli.options.base import takes_options
+from capture_cli.options.train_sysid import TrainSysidOptions
 from capture_cli.store.histories import SCHEMA, Histories, is_url
 from capture_cli.store.output import is_complete, refuse_inputs, resumable_directory, unfinished
 from capture_cli.store.provenance import Provenance
@@ -48,58 +50,32 @@ SMALLEST_HISTORIES = 10  # pairs
 CHECKED_PAIRS = 8192  # read at once while looking for what is not finite
 
 
-def train_sysid(
-    *,
-    histories: str | Path,
-    out: Path,
-    identifier: str = "capture",
-    tokens: str = "trajectory",
-    window: int | None = None,
-    width: int = 128,
-    layers: int = 3,
-    heads: int = 4,
-    dropout: float = 0.0,
-    steps: int = 20_000,
-    batch: int = 256,
-    learning_rate: float = 1e-3,
-    warmup: int = 200,
-    weight_decay: float = 0.01,
-    validation: float = 0.1,
-    patience: int = 10,
-    precision: str = "auto",
-    device: str = "auto",
-    threads: int = 1,
-    seed: int = 0,
-    resume: bool = False,
-    force: bool = False,
-    quiet: bool = True,
-) -> dict[str, Any]:
-    """Train `identifier` on the store `histories`; write its checkpoint directory at `out`; returns identifier.json.
+@takes_options
+def train_sysid(options: TrainSysidOptions) -> dict[str, Any]:
+    """Train the identifier on the store `histories`; write its checkpoint directory at `out`; returns identifier.json.
 
-    window: rounds that it reads; the identifier's own default where None. validation: share of the pairs held out.
-    patience: evaluations (there are 50) without a gain before it stops. threads: of the CPU; another number rounds
-    otherwise. With `resume` a run that was killed goes on from its last evaluation to the same result, and one that is
-    complete is read. Raises CaptureError before anything is written.
+    With `resume` a run that was killed goes on from its last evaluation to the same result, and one that is complete is
+    read. Raises CaptureError before anything is written.
     """
-    options = {k: v for k, v in locals().items() if k not in ("resume", "force", "quiet")}
     require("learn", "train-sysid")
-    complete = is_complete(out, force=force, resume=resume)
-    kind = _learned(identifier)
-    store = Histories(histories)
+    out, resume = options.out, options.resume
+    complete = is_complete(out, force=options.force, resume=resume)
+    kind = _learned(options.identifier)
+    store = Histories(options.histories)
     signature = signature_of(store.attributes)
-    _check_sizes(store, batch, steps, learning_rate, validation)
-    window = _window(identifier, kind, window, store.attributes["rounds"])
-    if not quiet:
-        _note_search(identifier, kind, store.attributes["search"])
-    trains_on = None if is_url(str(histories)) else Path(histories)
+    _check_sizes(store, options)
+    window = _window(kind, options, store.attributes["rounds"])
+    if not options.quiet:
+        _note_search(options.identifier, kind, store.attributes["search"])
+    trains_on = None if is_url(str(options.histories)) else Path(options.histories)
     refuse_inputs(out, [trains_on])
-    where = _device(device, precision, threads)
+    where = _device(options)
     # torch is imported from here on: its settings are made
     from capture_cli.context.identifiers._training import Trainer
 
     architecture, settings = _architecture(kind, signature, window, options), _settings(options)
     recipe = {
-        "identifier": identifier,
+        "identifier": options.identifier,
         "task": signature.task,
         "architecture": asdict(architecture),
         "training": asdict(settings),
@@ -107,8 +83,8 @@ def train_sysid(
     }
     if complete:
         return _trained(out, recipe)
-    provenance = Provenance("train-sysid", options, {"histories": trains_on})
-    _check_finite(store, quiet)
+    provenance = Provenance("train-sysid", options.recorded(), {"histories": trains_on})
+    _check_finite(store, options.quiet)
 
     def read(first: int, last: int) -> Rounds:
         return Rounds(**store.read(first, last))
@@ -118,8 +94,8 @@ def train_sysid(
     state = load_state(unfinished(out), begun) if resume else None
     if state is not None:
         trainer.restore(*state)
-    with resumable_directory(out, kept=kept, scaffold=OF_STATE, force=force, resume=resume) as folder:
-        _train(trainer, folder, begun, quiet)
+    with resumable_directory(out, kept=kept, scaffold=OF_STATE, force=options.force, resume=resume) as folder:
+        _train(trainer, folder, begun, options.quiet)
         document = _finish(trainer, recipe, folder)
         provenance.write(folder)
     return document
@@ -146,24 +122,32 @@ def _learned(name: str) -> type[LearnedIdentifier]:
     return round_identifier(name)
 
 
-def _check_sizes(store: Histories, batch: int, steps: int, learning_rate: float, validation: float) -> None:
+def _check_sizes(store: Histories, options: TrainSysidOptions) -> None:
     if len(store) < SMALLEST_HISTORIES:
         raise StoreError(
             f"{store.location} holds {len(store)} histories",
             cure=f"make at least {SMALLEST_HISTORIES}; thousands are needed to learn anything",
         )
-    for option, value in (("--batch", batch), ("--steps", steps), ("--lr", learning_rate)):
+    for option, value in (
+        ("--batch", options.batch),
+        ("--steps", options.steps),
+        ("--lr", options.learning_rate),
+    ):
         if not 0 < value < np.inf:
             raise OptionError(f"{option} {value}", cure="give a positive number, and a finite one")
-    if not 0 < validation < 1:
-        raise OptionError(f"--validation {validation:g}", cure="give a share between 0 and 1, say 0.1")
+    if not 0 < options.validation < 1:
+        raise OptionError(
+            f"--validation {options.validation:g}", cure="give a share between 0 and 1, say 0.1"
+        )
 
 
-def _window(name: str, kind: type[LearnedIdentifier], window: int | None, rounds: int) -> int:
+def _window(kind: type[LearnedIdentifier], options: TrainSysidOptions, rounds: int) -> int:
+    window = options.window
     if kind.fixed_window is not None:
         if window not in (None, kind.fixed_window):
             raise OptionError(
-                f"--window {window}: {name} reads {kind.fixed_window} round", cure="leave it out"
+                f"--window {window}: {options.identifier} reads {kind.fixed_window} round",
+                cure="leave it out",
             )
         return kind.fixed_window
     if window is None:
@@ -194,11 +178,12 @@ def _check_finite(store: Histories, quiet: bool) -> None:
             progress.step(f"{first} of {len(store)} pairs checked")
 
 
-def _device(device: str, precision: str, threads: int) -> Device:
+def _device(options: TrainSysidOptions) -> Device:
     """Where to compute, and how precisely. Raises OptionError."""
+    precision = options.precision
     if precision not in PRECISIONS:
         raise OptionError(f"--precision {precision!r}", cure=did_you_mean(precision, PRECISIONS))
-    name = torch_device(device, threads)
+    name = torch_device(options.device, options.threads)
     # torch is imported from here on
     from capture_cli.context.identifiers._training import Device
 
@@ -211,9 +196,9 @@ def _device(device: str, precision: str, threads: int) -> Device:
 
 
 def _architecture(
-    kind: type[LearnedIdentifier], signature: Signature, window: int, options: Mapping[str, Any]
+    kind: type[LearnedIdentifier], signature: Signature, window: int, options: TrainSysidOptions
 ) -> Architecture:
-    """The transformer of the sizes in `options`, for histories of the signature's shapes."""
+    """The transformer of the sizes in the options, for histories of the signature's shapes."""
     from capture_cli.context.identifiers._transformer import Architecture
 
     points, features = signature.trajectory_shape
@@ -224,16 +209,16 @@ def _architecture(
         features=features,
         window=window,
         residual=kind.residual,
-        **{name: options[name] for name in SIZES},
+        **{name: getattr(options, name) for name in SIZES},
     )
 
 
-def _settings(options: Mapping[str, Any]) -> Settings:
-    """How to train, from `options`; of a short training half is the warm-up at most."""
+def _settings(options: TrainSysidOptions) -> Settings:
+    """How to train; of a short training half is the warm-up at most."""
     from capture_cli.context.identifiers._training import Settings
 
-    warmup = min(options["warmup"], options["steps"] // 2)
-    return Settings(warmup=warmup, **{name: options[name] for name in TRAINING})
+    warmup = min(options.warmup, options.steps // 2)
+    return Settings(warmup=warmup, **{name: getattr(options, name) for name in TRAINING})
 
 
 def _described(attributes: Mapping[str, Any]) -> dict[str, Any]:
@@ -246,7 +231,7 @@ def _described(attributes: Mapping[str, Any]) -> dict[str, Any]:
 
 def _trained(out: Path, recipe: Mapping[str, Any]) -> dict[str, Any]:
     """identifier.json of the complete training at `out`. Raises OptionError where it has another recipe."""
-    document = read_document(Path(out))
+    document = read_document(out)
     check_recipe({name: document.get(name) for name in recipe}, recipe)
     return document
 

@@ -27,7 +27,7 @@ class Provenance:
 
     def __init__(self, command: str, options: Mapping[str, Any], inputs: Mapping[str, Path | None]):
         self.command = command
-        self.options = {k: str(v) if isinstance(v, Path) else v for k, v in options.items()}
+        self.options = {name: _plain(value) for name, value in options.items()}
         self.inputs = {
             name: {"path": str(path), "sha256": sha256(path)}
             for name, path in inputs.items()
@@ -56,6 +56,13 @@ class Provenance:
     def write(self, folder: Path) -> None:
         """Write provenance.json into `folder`."""
         write_json(folder / PROVENANCE, self.document())
+
+
+def _plain(value: Any) -> Any:
+    """An option's value, JSON-able."""
+    if isinstance(value, list | tuple):
+        return [_plain(v) for v in value]
+    return str(value) if isinstance(value, Path) else value
 
 
 def _versions() -> dict[str, str]:

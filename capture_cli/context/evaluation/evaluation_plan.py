@@ -16,6 +16,7 @@ from capture_cli.errors import OptionError, TaskError
 from capture_cli.model.effects.ranges import NO_EFFECTS, EffectRanges
 from capture_cli.model.tasks import load_task
 from capture_cli.model.tasks.base import ActionTask
+from capture_cli.options.eval_sim2sim import EvalSim2SimOptions
 
 
 @dataclass(frozen=True)
@@ -46,47 +47,47 @@ class EvaluationPlan:
 
 
 def evaluation_plan(
-    *,
-    task: str | None,
-    identifiers: Sequence[str],
-    policy: str,
-    pairs: int,
-    seeds: int,
-    rounds: int,
-    noise: str,
-    seed: int,
-    threads: int | None,
-    known_noise: bool = False,
-    effects: EffectRanges = NO_EFFECTS,
-    spelled_out: Sequence[str] = (),
+    options: EvalSim2SimOptions, effects: EffectRanges = NO_EFFECTS, *, spelled_out: Sequence[str] = ()
 ) -> EvaluationPlan:
-    """The plan of `evaluate` for these options. effects: of the machines.
+    """The plan of one evaluation for these options. effects: of the machines.
 
     spelled_out: as `load_evaluated` takes it. Raises CaptureError."""
-    require_extras(identifiers)
-    _check(pairs, seeds, rounds)
-    machine = _action_task(task)
+    require_extras(options.identifiers)
+    _check(options)
+    machine = _action_task(options.task)
+    noise, policy = options.noise, options.policy
     observation_noise.check(noise, [f.name for f in machine.features])
     chosen = load_policy(policy, machine)
-    evaluated = load_evaluated(identifiers, machine, spelled_out)
-    if known_noise:
+    evaluated = load_evaluated(options.identifiers, machine, spelled_out)
+    if options.known_noise:
         observation_noise.error_rate(noise)
     draws = [
-        Sim2Sim(machine, chosen, pairs, rounds, noise, seed, number, threads, known_noise, effects)
-        for number in range(seeds)
+        Sim2Sim(
+            machine,
+            chosen,
+            options.pairs,
+            options.rounds,
+            noise,
+            options.seed,
+            number,
+            options.threads,
+            options.known_noise,
+            effects,
+        )
+        for number in range(options.seeds)
     ]
-    noise = f"{noise} (known)" if known_noise else noise
+    noise = f"{noise} (known)" if options.known_noise else noise
     inputs = [e.path for e in evaluated if e.path is not None]
     inputs += [Path(policy)] if (Path(policy) / SETTINGS).is_file() else []
     return EvaluationPlan(
-        evaluated, draws, _attributes(machine, effects, policy, noise, seed, evaluated), inputs
+        evaluated, draws, _attributes(machine, effects, policy, noise, options.seed, evaluated), inputs
     )
 
 
-def _check(pairs: int, seeds: int, rounds: int) -> None:
-    for option, value in (("--pairs", pairs), ("--seeds", seeds), ("--rounds", rounds)):
-        if value < 1:
-            raise OptionError(f"{option} {value}", cure="give at least 1")
+def _check(options: EvalSim2SimOptions) -> None:
+    for name in ("pairs", "seeds", "rounds"):
+        if getattr(options, name) < 1:
+            raise OptionError(f"--{name} {getattr(options, name)}", cure="give at least 1")
 
 
 def _action_task(name: str | None) -> ActionTask:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shutil
 import sys
-from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +19,8 @@ from capture_cli.context.evaluation.evaluation_time import Expected, expected
 from capture_cli.context.evaluation.sim2sim import Sim2Sim
 from capture_cli.errors import OptionError, StoreError
 from capture_cli.model.effects.ranges import NO_EFFECTS
+from capture_cli.options.base import takes_options
+from capture_cli.options.eval_sim2sim import EvalSim2SimOptions
 from capture_cli.stages.simulated_machine import SimulatedMachine
 from capture_cli.store.evaluation import FORMAT, SCHEMA, VERSION, Evaluation, joined
 from capture_cli.store.output import is_complete, refuse_inputs, resumable_directory, unfinished
@@ -29,43 +30,24 @@ PARTS, RECIPE, NEW_RECIPE = "parts", "recipe.json", "recipe.json.new"  # of a ru
 BESIDE = ".new"  # of a part that is not complete
 
 
-def evaluate(
-    *,
-    task: str | None,
-    identifiers: Sequence[str],
-    out: Path,
-    policy: str = "random",
-    pairs: int = 100,
-    seeds: int = 3,
-    rounds: int = 30,
-    noise: str = "none",
-    seed: int = 0,
-    threads: int | None = None,
-    known_noise: bool = False,
-    effects: Sequence[str] = (),
-    force: bool = False,
-    resume: bool = False,
-    quiet: bool = True,
-) -> Evaluation:
-    """Evaluate `identifiers` on `pairs` pairs of `task`, `seeds` times; write the evaluation directory at `out`.
+@takes_options
+def evaluate(options: EvalSim2SimOptions) -> Evaluation:
+    """Evaluate the identifiers on `pairs` pairs of the task, `seeds` times; write the evaluation directory at `out`.
 
-    identifiers: as `load_evaluated` takes them. noise: one of `observation_noise.NOISES`, on what is measured.
-    known_noise: identifiers are told which labels are random. effects: what the machines have beside the task's model,
-    as `SimulatedMachine` takes it; identifiers simulate with those that their histories had. With `resume` a run that
-    was killed goes on after the identifier and seed it last completed, and one that is complete is read. The arrays do
-    not depend on `threads`. Raises CaptureError before any work.
+    Identifiers simulate with the effects that their histories had, machines have those of the options. With `resume` a
+    run that was killed goes on after the identifier and seed it last completed, and one that is complete is read. The
+    arrays do not depend on `threads`. Raises CaptureError before any work.
     """
-    options = {k: v for k, v in locals().items() if k not in ("force", "resume", "quiet")}
     machines = NO_EFFECTS
-    if effects and task is not None:
-        machines = SimulatedMachine.to_learn_in(task, None, effects).effects
-    plan = evaluation_plan(**{k: v for k, v in options.items() if k != "out"} | {"effects": machines})
-    if is_complete(out, force=force, resume=resume):
-        return completed(Path(out), plan)
-    refuse_inputs(out, plan.inputs)
-    if not quiet and (left := time_left(plan, out, resume=resume)):
+    if options.effects and options.task is not None:
+        machines = SimulatedMachine.to_learn_in(options.task, None, options.effects).effects
+    plan = evaluation_plan(options, machines)
+    if is_complete(options.out, force=options.force, resume=options.resume):
+        return completed(options.out, plan)
+    refuse_inputs(options.out, plan.inputs)
+    if not options.quiet and (left := time_left(plan, options.out, resume=options.resume)):
         print(left, file=sys.stderr, flush=True)
-    return carry_out(plan, options, out, force=force, resume=resume, quiet=quiet)
+    return carry_out(plan, options)
 
 
 def completed(out: Path, plan: EvaluationPlan) -> Evaluation:
@@ -83,27 +65,25 @@ def time_left(plan: EvaluationPlan, out: Path, *, resume: bool = False) -> Expec
     return expected([(e, draw) for _, e, draw in parts])
 
 
-def carry_out(
-    plan: EvaluationPlan,
-    options: Mapping[str, Any],
-    out: Path,
-    *,
-    force: bool = False,
-    resume: bool = False,
-    quiet: bool = True,
-) -> Evaluation:
-    """Do what `plan` says and write the evaluation directory at `out`. options: for its provenance."""
-    provenance = Provenance("eval-sim2sim", options, {})
+def carry_out(plan: EvaluationPlan, options: EvalSim2SimOptions, place: Path | None = None) -> Evaluation:
+    """Do what `plan` says and write the evaluation directory; place: where it is written until all of a suite is, at
+    `out` itself where None.
+    """
+    provenance = Provenance("eval-sim2sim", options.recorded(), {})
 
     def kept(folder: Path) -> str:
         count = kept_parts(folder)
         return f"{count} of {len(plan.parts())} parts are kept" if count else ""
 
     with resumable_directory(
-        out, kept=kept, scaffold=(PARTS, RECIPE, NEW_RECIPE), force=force, resume=resume
+        place or options.out,
+        kept=kept,
+        scaffold=(PARTS, RECIPE, NEW_RECIPE),
+        force=options.force,
+        resume=options.resume,
     ) as folder:
         _begin(folder, plan)
-        _run(plan, folder, quiet)
+        _run(plan, folder, options.quiet)
         arrays = _joined(plan, folder)
         tables = summary(arrays, plan.attributes, plan.task.trainable)
         evaluation = Evaluation({"format": FORMAT, "version": VERSION, **tables}, arrays, plan.attributes)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,8 @@ from capture_cli.context.evaluation.evaluation_plan import EvaluationPlan, evalu
 from capture_cli.context.evaluation.evaluation_time import Expected
 from capture_cli.context.identifiers import REGISTRY
 from capture_cli.errors import OptionError, StoreError, did_you_mean
+from capture_cli.options.base import takes_options
+from capture_cli.options.eval_sim2sim import EvalSim2SimOptions
 from capture_cli.stages.evaluation.evaluation_run import carry_out, completed, kept_parts, time_left
 from capture_cli.store.document_shape import OBJECT, check_shape
 from capture_cli.store.output import is_complete, refuse_inputs, resumable_directory, unfinished
@@ -66,38 +68,30 @@ SUITES = {
 }
 
 
-def evaluate_suite(
-    *,
-    suite: str,
-    identifiers: Sequence[str],
-    out: Path,
-    task: str | None = None,
-    only: Sequence[str] = (),
-    policy: str = "random",
-    pairs: int = 100,
-    seeds: int = 3,
-    rounds: int = 30,
-    seed: int = 0,
-    threads: int | None = None,
-    force: bool = False,
-    resume: bool = False,
-    quiet: bool = True,
-) -> dict[str, Any]:
-    """Run every cell of `suite` that there is something for; write them below `out`; returns suite.json.
+@takes_options
+def evaluate_suite(options: EvalSim2SimOptions) -> dict[str, Any]:
+    """Run every cell of the suite that there is something for; write them below `out`; returns suite.json.
 
-    identifiers: names, checkpoint directories, and folders that hold some. task: cells of this task alone. only: these
-    cells alone, by name. policy: a name, a checkpoint directory, or a folder with one for each task; random where there
-    is none for a task. With `resume` a run that was killed goes on within the cell it was at, and one that is complete
-    is read. Raises CaptureError before any work.
+    The identifiers are names, checkpoint directories, and folders that hold some; with a task, cells of it alone. The
+    policy may be a folder with one for each task; random where there is none for a task. With `resume` a run that was
+    killed goes on within the cell it was at, and one that is complete is read. Raises CaptureError before any work.
     """
-    options = {k: v for k, v in locals().items() if k not in ("force", "resume", "quiet")}
-    require_extras([*WITHOUT_CHECKPOINT, *identifiers])
-    cells = _cells(suite, task, only)
-    names, checkpoints = _found(identifiers)
-    complete = is_complete(out, force=force, resume=resume)
-    shared = {"pairs": pairs, "seeds": seeds, "rounds": rounds, "seed": seed, "threads": threads}
+    suite, out = options.suite, options.out
+    require_extras([*WITHOUT_CHECKPOINT, *options.identifiers])
+    cells = _cells(suite, options.task, options.cells)
+    names, checkpoints = _found(options.identifiers)
+    complete = is_complete(out, force=options.force, resume=options.resume)
     asked = {
-        c: {"task": c.task, "identifiers": own, "policy": _policy(policy, c.task), "noise": c.noise, **shared}
+        c: replace(
+            options,
+            task=c.task,
+            identifiers=own,
+            policy=_policy(options.policy, c.task),
+            noise=c.noise,
+            out=out / c.name,
+            force=False,
+            resume=True,
+        )
         for c in cells
         if (own := _members(c, names, checkpoints))
     }
@@ -109,11 +103,11 @@ def evaluate_suite(
             f"--suite {suite}: no checkpoint for {', '.join(sorted({c.task for c in cells}))}{spare}",
             cure="give --identifier a folder with checkpoints that `capture train-sysid` wrote",
         )
-    plans = {c: evaluation_plan(**o, spelled_out=[c.varied] if c.varied else []) for c, o in asked.items()}
+    plans = {c: evaluation_plan(o, spelled_out=[c.varied] if c.varied else []) for c, o in asked.items()}
     if complete:
-        return _completed(Path(out), plans)
+        return _completed(out, plans)
     refuse_inputs(out, [path for plan in plans.values() for path in plan.inputs])
-    provenance = Provenance("eval-sim2sim", options, {})
+    provenance = Provenance("eval-sim2sim", options.recorded(), {})
 
     def kept(folder: Path) -> str:
         whole = sum((folder / cell.name).is_dir() for cell in plans)
@@ -122,10 +116,10 @@ def evaluate_suite(
             return ""
         return f"{whole} of {len(plans)} cells are kept" + f", and {parts} parts of another" * bool(parts)
 
-    with resumable_directory(out, kept=kept, force=force, resume=resume) as folder:
-        if not quiet:
+    with resumable_directory(out, kept=kept, force=options.force, resume=options.resume) as folder:
+        if not options.quiet:
             _announce(plans, without, not_used, folder)
-        documents = _evaluate_all(plans, asked, Path(out), folder, quiet)
+        documents = _evaluate_all(plans, asked, folder, options.quiet)
         document = {
             "format": FORMAT,
             "version": VERSION,
@@ -162,26 +156,24 @@ def _announce(
 
 def _evaluate_all(
     plans: dict[Cell, EvaluationPlan],
-    asked: dict[Cell, dict[str, Any]],
-    out: Path,
+    asked: dict[Cell, EvalSim2SimOptions],
     folder: Path,
     quiet: bool,
 ) -> dict[str, dict[str, Any]]:
-    """evaluation.json of every cell, by its name; they are written into `folder`, which becomes `out`."""
+    """evaluation.json of every cell, by its name; they are written into `folder`, which becomes the suite's."""
     documents = {}
     for number, (cell, plan) in enumerate(plans.items(), 1):
         if not quiet:
             print(f"[{number}/{len(plans)}] {cell.name}", file=sys.stderr, flush=True)
-        about = {**asked[cell], "out": out / cell.name}
-        documents[cell.name] = _evaluated(plan, about, folder / cell.name, quiet)
+        documents[cell.name] = _evaluated(plan, asked[cell], folder / cell.name)
     return documents
 
 
-def _evaluated(plan: EvaluationPlan, options: dict[str, Any], out: Path, quiet: bool) -> dict[str, Any]:
+def _evaluated(plan: EvaluationPlan, options: EvalSim2SimOptions, place: Path) -> dict[str, Any]:
     """evaluation.json of a cell, which an earlier run may have completed or begun."""
-    if out.exists():
-        return completed(out, plan).document
-    return carry_out(plan, options, out, resume=True, quiet=quiet).document
+    if place.exists():
+        return completed(place, plan).document
+    return carry_out(plan, options, place).document
 
 
 def _completed(out: Path, plans: dict[Cell, EvaluationPlan]) -> dict[str, Any]:
@@ -249,11 +241,11 @@ def _members(cell: Cell, names: list[str], checkpoints: list[tuple[Path, Mapping
 def _not_used(
     suite: str,
     cells: Sequence[Cell],
-    asked: Mapping[Cell, Mapping[str, Any]],
+    asked: Mapping[Cell, EvalSim2SimOptions],
     checkpoints: list[tuple[Path, Mapping[str, Any]]],
 ) -> list[str]:
     """Checkpoints that no cell takes, and why; not those of tasks of the suite that were not asked for."""
-    taken = {text for options in asked.values() for text in options["identifiers"]}
+    taken = {text for options in asked.values() for text in options.identifiers}
     left_alone = {c.task for c in SUITES[suite]} - {c.task for c in cells}
     return [
         f"{path} ({_why_not(document, cells)})"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from capture_cli.log.windows import gaps, usual_interval
 from capture_cli.model.states import Starts
 from capture_cli.model.target_names import object_names
 from capture_cli.model.tasks.base import ActionTask, Task
+from capture_cli.options.record import RecordOptions
 from capture_cli.simulate.multisine import BAND, check_amplitude, check_band, multisine_sequence, peaks
 from capture_cli.store.proposal import read_action, read_inputs
 from capture_cli.store.zarr_store import MOST, size
@@ -29,31 +30,6 @@ OF_ACTIONS = ("policy", "belief", "actions_from")
 OF_POLICIES = ("policy", "belief")
 OF_INPUTS = ("duration", "inputs_from", "amplitude", "band", "start", "start_velocity")
 OF_MULTISINES = ("episodes", "duration", "rate", "amplitude", "band")
-
-
-@dataclass(frozen=True)
-class DriveOptions:
-    """The options of `record` that say what drives the machine, by their names there; None is not given."""
-
-    episodes: int = 1
-    duration: float | None = None  # s
-    rate: float | None = None  # Hz
-    policy: str | None = None
-    belief: str = "nominal"
-    actions_from: Path | None = None
-    inputs_from: Path | None = None
-    amplitude: Mapping[str, float] | None = None
-    band: tuple[float, float] = BAND  # Hz
-    start: Mapping[str, tuple[float, float]] | None = None
-    start_velocity: Mapping[str, tuple[float, float]] | None = None
-    max_log_size: int | None = None  # bytes
-
-    def refuse(self, names: Sequence[str], why: str) -> None:
-        """Raise OptionError where one of these was given, which means nothing here."""
-        for name in names:
-            value = getattr(self, name)
-            if value not in (None, {}, getattr(DriveOptions, name)):
-                raise OptionError(f"--{name.replace('_', '-')} means nothing: {why}", cure="leave it out")
 
 
 @dataclass(frozen=True)
@@ -96,7 +72,14 @@ class Drive:
         )
 
 
-def drive(task: Task, asked: DriveOptions, generator: np.random.Generator) -> Drive:
+def _refuse(asked: RecordOptions, names: Sequence[str], why: str) -> None:
+    """Raise OptionError where one of these was given, which means nothing here."""
+    for name in names:
+        if getattr(asked, name) not in (None, RecordOptions.default(name)):
+            raise OptionError(f"--{name.replace('_', '-')} means nothing: {why}", cure="leave it out")
+
+
+def drive(task: Task, asked: RecordOptions, generator: np.random.Generator) -> Drive:
     """What drives the machine of `task` as asked.
 
     A task of actions is driven by one action per episode, any other by multisines or by the inputs that `inputs_from`
@@ -105,20 +88,20 @@ def drive(task: Task, asked: DriveOptions, generator: np.random.Generator) -> Dr
     if asked.belief not in BELIEFS:
         raise OptionError(f"unknown --belief {asked.belief!r}", cure=did_you_mean(asked.belief, BELIEFS))
     if isinstance(task, ActionTask):
-        asked.refuse(OF_INPUTS, f"an episode of {task.name!r} is what its action says")
+        _refuse(asked, OF_INPUTS, f"an episode of {task.name!r} is what its action says")
         if asked.actions_from is not None:
-            asked.refuse(OF_POLICIES, f"the action is that of {asked.actions_from}")
+            _refuse(asked, OF_POLICIES, f"the action is that of {asked.actions_from}")
         return _by_actions(task, asked, generator)
-    asked.refuse(OF_ACTIONS, f"{task.name!r} has no actions")
+    _refuse(asked, OF_ACTIONS, f"{task.name!r} has no actions")
     if asked.inputs_from is not None:
-        asked.refuse(OF_MULTISINES, f"time and inputs are those of {asked.inputs_from}")
+        _refuse(asked, OF_MULTISINES, f"time and inputs are those of {asked.inputs_from}")
     return _by_inputs(task, asked, generator)
 
 
 # --- by actions ---
 
 
-def _by_actions(task: ActionTask, asked: DriveOptions, generator: np.random.Generator) -> Drive:
+def _by_actions(task: ActionTask, asked: RecordOptions, generator: np.random.Generator) -> Drive:
     rate = ACTION_RATE if asked.rate is None else asked.rate
     _check_positive(episodes=asked.episodes, rate=rate)
     _check_rate(rate, task)
@@ -150,7 +133,7 @@ def _steps(task: ActionTask, rate: float) -> int:
     return round(task.point_times[-1] * rate) + 1
 
 
-def _actions(task: ActionTask, asked: DriveOptions, generator: np.random.Generator) -> np.ndarray:
+def _actions(task: ActionTask, asked: RecordOptions, generator: np.random.Generator) -> np.ndarray:
     """Actions (episode, action): of a proposal, or as the policy chooses them under the parameters it believes in."""
     if asked.actions_from is not None:
         action = read_action(asked.actions_from, task.name, task.actions.names)
@@ -181,7 +164,7 @@ def _sampled(tape: np.ndarray, timestep: float, time: np.ndarray, linear: np.nda
 # --- by inputs ---
 
 
-def _by_inputs(task: Task, asked: DriveOptions, generator: np.random.Generator) -> Drive:
+def _by_inputs(task: Task, asked: RecordOptions, generator: np.random.Generator) -> Drive:
     if asked.inputs_from is None:
         time, inputs, ends = _multisines(task, asked, generator)
     else:
@@ -190,7 +173,7 @@ def _by_inputs(task: Task, asked: DriveOptions, generator: np.random.Generator) 
 
 
 def _multisines(
-    task: Task, asked: DriveOptions, generator: np.random.Generator
+    task: Task, asked: RecordOptions, generator: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Multisines in `band` Hz that peak at `amplitude`: time (step,), inputs (step, input), episode ends (episode,)."""
     duration = DURATION if asked.duration is None else asked.duration
@@ -212,7 +195,7 @@ def _multisines(
     return np.tile(time, asked.episodes), np.concatenate(tapes), steps * (1 + np.arange(asked.episodes))
 
 
-def _recorded_inputs(task: Task, asked: DriveOptions) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _recorded_inputs(task: Task, asked: RecordOptions) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Of a log or a proposal: time (step,), inputs (step, input), episode ends (episode,)."""
     path = asked.inputs_from
     names = tuple(c.name for c in task.inputs)
@@ -246,7 +229,9 @@ def _refuse_gaps(source: MeasuredLog) -> None:
             )
 
 
-def _starts(model: mujoco.MjModel, count: int, asked: DriveOptions, generator: np.random.Generator) -> Starts:
+def _starts(
+    model: mujoco.MjModel, count: int, asked: RecordOptions, generator: np.random.Generator
+) -> Starts:
     """The model's own, but for joints of which positions or velocities are given."""
     starts = model_starts(model, count).starts
     for option, given, state, address in (
@@ -288,7 +273,7 @@ def _check_samples(steps: int, duration: float, rate: float) -> None:
         )
 
 
-def _check_size(task: Task, asked: DriveOptions, steps: float, duration: float) -> None:
+def _check_size(task: Task, asked: RecordOptions, steps: float, duration: float) -> None:
     """Raise OptionError where a log of so many steps in `duration` s, or its simulation, takes more memory than is
     read.
     """
@@ -311,7 +296,7 @@ def _check_rate(rate: float, task: Task) -> None:
         )
 
 
-def _check_sampled(asked: DriveOptions, interval: float, task: Task) -> None:
+def _check_sampled(asked: RecordOptions, interval: float, task: Task) -> None:
     """Raise OptionError where a --band that was given has frequencies that samples every `interval` s cannot have."""
     (low, high), highest = asked.band, 0.5 / interval
     if asked.band == BAND or high <= highest:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from capture_cli.estimate.split import EarlierSplit
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model.effects.placed import placed_name
 from capture_cli.model.tasks.base import Task
+from capture_cli.options.diagnose import DiagnoseOptions
 from capture_cli.stages.recorded.earlier_estimate import continues
 from capture_cli.stages.recorded.recorded_task import load_recorded
 from capture_cli.store.estimate import Estimate
@@ -51,10 +52,10 @@ class DiagnosedEstimate:
             )
         return load_recorded(self.path, self.provenance, given, str(log.path))
 
-    def taken_over(self, options: Mapping[str, Any]) -> dict[str, Any]:
-        """Options of a diagnosis, those that nobody gave as it was made with."""
+    def taken_over(self, options: DiagnoseOptions) -> DiagnoseOptions:
+        """Those that nobody gave as it was made with."""
         own = self.provenance["options"]
-        return {n: own[n] if v is None and n in TAKEN_OVER else v for n, v in options.items()}
+        return replace(options, **{n: own[n] for n in TAKEN_OVER if getattr(options, n) is None})
 
     @property
     def held_out(self) -> EarlierSplit:

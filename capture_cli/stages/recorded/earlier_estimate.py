@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.log.windows import Windows
 from capture_cli.model.quaternion_signs import continuous
 from capture_cli.model.tasks.base import Task
+from capture_cli.options.identify import IdentifyOptions
 from capture_cli.stages.recorded.recorded_task import recorded_task
 from capture_cli.store.document_shape import NUMBER, TEXT, WHOLE, check_shape, or_none
 from capture_cli.store.estimate import HISTORY, Estimate
@@ -57,14 +58,14 @@ class EarlierEstimate:
         """With which it was made."""
         return self.provenance["options"]
 
-    def taken_over(self, options: Mapping[str, Any], real_log: Path) -> dict[str, Any]:
-        """Options of a run that goes on from it, those that nobody gave as it was made with; its task where the file
-        is now. Raises OptionError where it is gone.
+    def taken_over(self, options: IdentifyOptions) -> IdentifyOptions:
+        """Of a run that goes on from it, those that nobody gave as it was made with; its task where the file is now.
+        Raises OptionError where it is gone.
         """
-        taken = {**options, **{n: self.options[n] for n in OPTIONS if options[n] is None}}
-        if options["task"] is None:
-            taken["task"] = recorded_task(self.path, self.provenance, str(real_log))
-        return taken
+        taken = {n: self.options[n] for n in OPTIONS if getattr(options, n) is None}
+        if options.task is None:
+            taken["task"] = recorded_task(self.path, self.provenance, str(options.real_log))
+        return replace(options, **taken)
 
     def check(self, task: Task, log: MeasuredLog) -> None:
         """Raise CaptureError where it is of another task, other parameters, or not of the first episodes of `log`."""

@@ -1,22 +1,23 @@
-"""Options that several commands share."""
+"""Options that several commands share: each spelled once, and classes of those that go together."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, ClassVar
 
 import typer
 
-from capture_cli.cli._completion import effects, tasks, words
-from capture_cli.cli._texts import byte_count
+from capture_cli.options.base import Options, Text
+from capture_cli.options.completion import effects, tasks, words
+from capture_cli.options.texts import byte_count, chosen, named_numbers, named_ranges, standard_deviations
 
 MOST_THREADS, MOST_STARTS = 1024, 10_000
 LARGEST_SEED = 2**32 - 1  # that every generator of random numbers takes
 _TASK = "Built-in task, or path of a task.toml."
 
-Force = Annotated[bool, typer.Option("--force", help="Replace --out if it exists.")]
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")]
-Quiet = Annotated[bool, typer.Option("--quiet", help="No progress, no tables.")]
 TakenSeed = Annotated[
     int | None,
     typer.Option(
@@ -43,10 +44,6 @@ MaxLogSize = Annotated[
         help="Most memory for a log, say 2GB; default 100MB, or 50 times what it takes on disk.",
     ),
 ]
-Test = Annotated[
-    str | None,
-    typer.Option("--test", help="Recordings to hold out (names or patterns, comma-separated), or none."),
-]
 Window = Annotated[float | None, typer.Option("--window", help="Seconds between restarts of the state.")]
 Starts = Annotated[
     int,
@@ -57,8 +54,10 @@ Starts = Annotated[
         help="Descents from different places; one, where a force balance says where.",
     ),
 ]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")]
 Result = Annotated[Path, typer.Argument(help="Estimate or diagnosis directory.")]
 CheckpointOut = Annotated[Path, typer.Option("--out", help="Checkpoint directory to write.")]
+Force = Annotated[bool, typer.Option("--force", help="Replace --out if it exists.")]
 Resume = Annotated[bool, typer.Option("--resume", help="Go on with a run that ended early.")]
 ActionPolicy = Annotated[
     str,
@@ -68,7 +67,7 @@ ActionPolicy = Annotated[
         autocompletion=words("random"),
     ),
 ]
-AddedEffect = Annotated[
+AddedEffects = Annotated[
     list[str],
     typer.Option(
         "--effect",
@@ -98,8 +97,67 @@ Device = Annotated[
 ]
 
 
-def fail_on_option(what: str, names: tuple[str, ...]):
+def numbers(option: str, about: str) -> Any:
+    """NAME=VALUE, repeated: a number by name."""
+    return Annotated[Mapping[str, float], Text(list[str], named_numbers), typer.Option(option, help=about)]
+
+
+def ranges(option: str, about: str) -> Any:
+    """NAME=VALUE or NAME=LOW:HIGH, repeated: (low, high) by name."""
+    return Annotated[
+        Mapping[str, tuple[float, float]], Text(list[str], named_ranges), typer.Option(option, help=about)
+    ]
+
+
+def deviations(option: str, about: str) -> Any:
+    """SD, or NAME=SD, repeated: one standard deviation for all, or each by name."""
+    return Annotated[
+        Mapping[str, float] | float, Text(list[str], standard_deviations), typer.Option(option, help=about)
+    ]
+
+
+def failing(what: str, *names: str) -> Any:
     """--fail-on, which may name these."""
-    return typer.Option(
+    option = typer.Option(
         "--fail-on", help=f"Exit with 3 on {what}: {', '.join(names)}.", autocompletion=words(*names)
     )
+    return Annotated[frozenset[str], Text(str | None, partial(chosen, names)), option]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Writing(Options):
+    """Of a command that writes something, and prints what it was."""
+
+    force: Force = False
+    json_: Json = False
+    quiet: Annotated[bool, typer.Option("--quiet", help="No progress, no tables.")] = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class Simulating(Writing):
+    """Of one that simulates machines at random."""
+
+    seed: Seed = 0
+    threads: Threads = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class FittingLog(Writing):
+    """Of one that fits a model to a log. out: called after the log unless it is given."""
+
+    ending: ClassVar[str]  # of that name
+
+    real_log: RealLog
+    task: OptionalTask = None
+    out: Path | None = None
+    test: str | None = None
+    window: Window = None
+    starts: Starts = 3
+    seed: TakenSeed = None
+    max_log_size: MaxLogSize = None
+    threads: Threads = None
+    resume: Resume = False
+
+    def __post_init__(self):
+        if self.out is None:
+            object.__setattr__(self, "out", Path(f"{self.real_log.stem}{self.ending}"))

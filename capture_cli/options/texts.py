@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 
 from capture_cli.errors import OptionError, did_you_mean
 
@@ -68,11 +69,11 @@ _UNITS = {"B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12}
 _BYTES = re.compile(r"(\d{1,15}(?:\.\d{1,15})?)\s*([kMGT]?B)?", re.IGNORECASE)
 
 
-def chosen(text: str | None, *possible: str) -> set[str]:
-    """What --fail-on names, comma-separated, each one of the `possible`. Raises OptionError."""
-    names = {v.strip() for v in (text or "").split(",") if v.strip()}
+def chosen(possible: Sequence[str], text: str | None, option: str) -> frozenset[str]:
+    """What the option names, comma-separated, each one of the `possible`. Raises OptionError."""
+    names = frozenset(v.strip() for v in (text or "").split(",") if v.strip())
     for name in sorted(names - set(possible)):
-        raise OptionError(f"--fail-on {name!r}", cure=did_you_mean(name, possible))
+        raise OptionError(f"{option} {name!r}", cure=did_you_mean(name, possible))
     return names
 
 

@@ -21,10 +21,8 @@ def plug_ins(package: str) -> Completion:
 
 def tasks(incomplete: str) -> list[str]:
     """Built-in tasks, and the TOML files of the folder."""
-    from capture_cli.model.tasks import REGISTRY
-
     files = sorted(p.name for p in Path().glob("*.toml") if p.name != "pyproject.toml")
-    return _beginning(lambda: [*REGISTRY.names(), *files])(incomplete)
+    return [*plug_ins("capture_cli.model.tasks")(incomplete), *words(*files)(incomplete)]
 
 
 def _beginning(offered: Callable[[], Iterable[str]]) -> Completion:
