@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 import pytest
 from episodes_of import episodes_of
@@ -22,6 +23,7 @@ from capture_cli.context.identifiers.base import Rounds
 from capture_cli.errors import FitError, LogError, OptionError, StoreError
 from capture_cli.estimate.prepare import prepare
 from capture_cli.log.measured_log import MeasuredLog
+from capture_cli.model.model_hash import model_hash
 from capture_cli.model.tasks import load_task
 from capture_cli.stages.gen_histories import gen_histories
 from capture_cli.stages.identify import identify
@@ -335,3 +337,29 @@ def test_windows_that_begin_no_round_are_counted_and_another_model_is_noticed(sl
         **options, real_log=tmp_path / "log.zarr", identifier=str(tmp_path / "c"), out=tmp_path / "e2"
     ).document
     assert "histories of another model" in changed["in_context"]["text"]
+
+
+ROOT = Path(__file__).resolve().parents[1]
+SHIPPED = [
+    path.parent.relative_to(ROOT).as_posix()
+    for folder in ("capture_cli/checkpoints", "runs/sysid")
+    for path in sorted((ROOT / folder).rglob("identifier.json"))
+]
+
+
+@pytest.mark.parametrize("folder", SHIPPED)
+def test_what_is_shipped_was_trained_on_the_model_as_it_is(folder):
+    histories = json.loads((ROOT / folder / "identifier.json").read_text())
+    found = model_hash(load_task(histories["task"]).model)
+    assert histories["histories"]["model"] == found
+
+
+def test_how_contacts_are_searched_makes_no_other_model():
+    model = load_task("air-hockey").model
+    before = model_hash(model)
+    searched = int(mujoco.mjtDisableBit.mjDSBL_MIDPHASE)
+    assert model.opt.disableflags & searched
+    model.opt.disableflags &= ~searched
+    assert model_hash(model) == before
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+    assert model_hash(model) != before

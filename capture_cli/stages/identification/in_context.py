@@ -130,13 +130,12 @@ class InContext:
 
     @property
     def other_model(self) -> bool:
-        """Whether the histories were of another model, of a machine of the user's own: others come with the program.
-
-        Another version of MuJoCo writes models otherwise: then it is not known.
+        """Whether the histories were of another model; another version of MuJoCo writes models otherwise: then it is
+        not known.
         """
-        histories, task = self.checkpoint.document["histories"], self.logged.task
-        known = isinstance(task, SequenceTask) and histories["mujoco"] == mujoco.__version__
-        return known and histories["model"] != model_hash(task.model)
+        histories = self.checkpoint.document["histories"]
+        known = histories["mujoco"] == mujoco.__version__
+        return known and histories["model"] != model_hash(self.logged.task.model)
 
     @property
     def in_family(self) -> bool:
