@@ -33,7 +33,7 @@ full)
   noise=0.001 strokes=10
   policy=(--steps 24000 --evaluations 12)
   histories=(--pairs 8192)
-  identifier=(--identifier capture --width 64 --steps 5000 --batch 128)
+  identifier=(--identifier capture-trajectory --width 64 --steps 5000 --batch 128)
   diagnosis=()
   judged=
   evaluation=(--pairs 100 --seeds 3 --rounds 10)

@@ -5,13 +5,13 @@ set -eu
 # Air hockey: the main table, then fits, COMPASS and noise on the same pairs.
 capture gen-histories --task air-hockey --policy runs/policies/air-hockey --pairs 8192 --seed 1 --out randomized-binary.zarr
 capture gen-histories --task air-hockey --policy runs/policies/air-hockey --search scattered --pairs 1536 --seed 2 --out scattered.zarr
-capture train-sysid --histories randomized-binary.zarr --identifier capture --width 64 --steps 5000 --batch 128 --out runs/sysid/air-hockey/capture
+capture train-sysid --histories randomized-binary.zarr --identifier capture-trajectory --width 64 --steps 5000 --batch 128 --out runs/sysid/air-hockey/capture-trajectory
 capture train-sysid --histories randomized-binary.zarr --identifier expert-distillation --width 64 --steps 3000 --batch 128 --out runs/sysid/air-hockey/expert-distillation
 capture train-sysid --histories randomized-binary.zarr --identifier tunenet --width 64 --steps 3000 --batch 128 --out runs/sysid/air-hockey/tunenet
 capture train-sysid --histories scattered.zarr --identifier capture-refined --width 64 --steps 1200 --batch 128 --out runs/sysid/air-hockey/capture-refined
-capture eval-sim2sim --task air-hockey --policy runs/policies/air-hockey --identifier domain-randomization --identifier runs/sysid/air-hockey/expert-distillation --identifier runs/sysid/air-hockey/tunenet --identifier runs/sysid/air-hockey/capture --identifier posterior=runs/sysid/air-hockey/capture-refined --identifier runs/sysid/air-hockey/capture-refined --rounds 20 --out runs/evaluation/air-hockey
+capture eval-sim2sim --task air-hockey --policy runs/policies/air-hockey --identifier domain-randomization --identifier runs/sysid/air-hockey/expert-distillation --identifier runs/sysid/air-hockey/tunenet --identifier runs/sysid/air-hockey/capture-trajectory --identifier posterior=runs/sysid/air-hockey/capture-refined --identifier runs/sysid/air-hockey/capture-refined --rounds 20 --out runs/evaluation/air-hockey
 capture eval-sim2sim --task air-hockey --policy runs/policies/air-hockey --identifier compass --seeds 1 --rounds 10 --out runs/evaluation/air-hockey-compass
-capture eval-sim2sim --task air-hockey --policy runs/policies/air-hockey --noise scale --identifier domain-randomization --identifier runs/sysid/air-hockey/expert-distillation --identifier runs/sysid/air-hockey/tunenet --identifier runs/sysid/air-hockey/capture --identifier runs/sysid/air-hockey/capture-refined --seeds 1 --rounds 20 --out runs/evaluation/air-hockey-noise
+capture eval-sim2sim --task air-hockey --policy runs/policies/air-hockey --noise scale --identifier domain-randomization --identifier runs/sysid/air-hockey/expert-distillation --identifier runs/sysid/air-hockey/tunenet --identifier runs/sysid/air-hockey/capture-trajectory --identifier runs/sysid/air-hockey/capture-refined --seeds 1 --rounds 20 --out runs/evaluation/air-hockey-noise
 capture eval-sim2sim --task air-hockey --policy runs/policies/air-hockey --identifier least-squares --identifier runs/sysid/air-hockey/capture-refined --seeds 1 --rounds 5 --out runs/evaluation/air-hockey-fits
 capture eval-sim2sim --task air-hockey --policy runs/policies/air-hockey --identifier cma-es --identifier runs/sysid/air-hockey/capture-refined --seeds 1 --rounds 3 --out runs/evaluation/air-hockey-cma
 
@@ -22,27 +22,27 @@ capture gen-histories --task air-hockey --policy runs/policies/air-hockey --sear
 capture gen-histories --task air-hockey --policy runs/policies/air-hockey --rounds 5 --pairs 1536 --seed 1 --out ablations/L5.zarr
 capture gen-histories --task air-hockey --policy runs/policies/air-hockey --rounds 9 --pairs 1536 --seed 1 --out ablations/L9.zarr
 capture gen-histories --task air-hockey --policy runs/policies/air-hockey --rounds 13 --pairs 1536 --seed 1 --out ablations/L13.zarr
-capture train-sysid --histories ablations/randomized-binary.zarr --identifier capture --width 64 --steps 2000 --batch 128 --out ablations/air-hockey/randomized-binary
-capture train-sysid --histories ablations/linear-interpolation.zarr --identifier capture --width 64 --steps 2000 --batch 128 --out ablations/air-hockey/linear-interpolation
-capture train-sysid --histories ablations/binary.zarr --identifier capture --width 64 --steps 2000 --batch 128 --out ablations/air-hockey/binary
-capture train-sysid --histories ablations/L5.zarr --identifier capture --width 64 --steps 2000 --batch 128 --out ablations/air-hockey/L5
-capture train-sysid --histories ablations/L9.zarr --identifier capture --width 64 --steps 2000 --batch 128 --out ablations/air-hockey/L9
-capture train-sysid --histories ablations/L13.zarr --identifier capture --width 64 --steps 2000 --batch 128 --out ablations/air-hockey/L13
-capture train-sysid --histories ablations/randomized-binary.zarr --identifier capture --width 64 --steps 2000 --batch 128 --out ablations/air-hockey/k2 --window 2
-capture train-sysid --histories ablations/randomized-binary.zarr --identifier capture --width 64 --steps 2000 --batch 128 --out ablations/air-hockey/k6 --window 6
+capture train-sysid --histories ablations/randomized-binary.zarr --identifier capture-trajectory --width 64 --steps 2000 --batch 128 --out ablations/air-hockey/randomized-binary
+capture train-sysid --histories ablations/linear-interpolation.zarr --identifier capture-trajectory --width 64 --steps 2000 --batch 128 --out ablations/air-hockey/linear-interpolation
+capture train-sysid --histories ablations/binary.zarr --identifier capture-trajectory --width 64 --steps 2000 --batch 128 --out ablations/air-hockey/binary
+capture train-sysid --histories ablations/L5.zarr --identifier capture-trajectory --width 64 --steps 2000 --batch 128 --out ablations/air-hockey/L5
+capture train-sysid --histories ablations/L9.zarr --identifier capture-trajectory --width 64 --steps 2000 --batch 128 --out ablations/air-hockey/L9
+capture train-sysid --histories ablations/L13.zarr --identifier capture-trajectory --width 64 --steps 2000 --batch 128 --out ablations/air-hockey/L13
+capture train-sysid --histories ablations/randomized-binary.zarr --identifier capture-trajectory --width 64 --steps 2000 --batch 128 --out ablations/air-hockey/k2 --window 2
+capture train-sysid --histories ablations/randomized-binary.zarr --identifier capture-trajectory --width 64 --steps 2000 --batch 128 --out ablations/air-hockey/k6 --window 6
 capture eval-sim2sim --task air-hockey --policy runs/policies/air-hockey --identifier domain-randomization --identifier ablations/air-hockey/linear-interpolation --identifier ablations/air-hockey/binary --identifier ablations/air-hockey/randomized-binary --rounds 20 --out runs/evaluation/air-hockey-search
 capture eval-sim2sim --suite paper --cell air-hockey-L --cell air-hockey-k --identifier ablations --policy runs/policies --seeds 1 --rounds 20 --out runs/evaluation/air-hockey-ablations
 
 # Trained with the noise:
 capture gen-histories --task air-hockey --policy runs/policies/air-hockey --noise scale --pairs 8192 --seed 1 --out noisy.zarr
-capture train-sysid --histories noisy.zarr --identifier capture --width 64 --steps 5000 --batch 128 --out noisy/capture
+capture train-sysid --histories noisy.zarr --identifier capture-trajectory --width 64 --steps 5000 --batch 128 --out noisy/capture
 capture eval-sim2sim --task air-hockey --policy runs/policies/air-hockey --noise scale --identifier domain-randomization --identifier noisy/capture --seeds 1 --rounds 20 --out runs/evaluation/air-hockey-noise-trained
 
 # Scooping: COMPASS, and the observation that is not monotonic.
 capture eval-sim2sim --task scooping --policy runs/policies/scooping --identifier compass --rounds 10 --out runs/evaluation/scooping-compass
 capture train-policy --task scooping-distance --steps 6000 --evaluations 6 --out distance/policy
 capture gen-histories --task scooping-distance --policy distance/policy --pairs 4096 --seed 1 --out distance/histories.zarr
-capture train-sysid --histories distance/histories.zarr --identifier capture --width 32 --layers 2 --heads 2 --steps 2000 --batch 128 --out distance/sysid/capture
+capture train-sysid --histories distance/histories.zarr --identifier capture-trajectory --width 32 --layers 2 --heads 2 --steps 2000 --batch 128 --out distance/sysid/capture
 capture train-sysid --histories distance/histories.zarr --identifier expert-distillation --width 32 --layers 2 --heads 2 --steps 600 --batch 128 --out distance/sysid/expert-distillation
 capture train-sysid --histories distance/histories.zarr --identifier tunenet --width 32 --layers 2 --heads 2 --steps 600 --batch 128 --out distance/sysid/tunenet
 capture train-sysid --histories distance/histories.zarr --identifier capture-refined --width 32 --layers 2 --heads 2 --steps 1000 --batch 128 --out distance/sysid/capture-refined

@@ -19,6 +19,8 @@ from typing import NamedTuple, get_args, get_origin, get_type_hints
 
 from typer.models import ArgumentInfo, OptionInfo
 
+from docs import measured_identifiers
+
 ROOT = Path(__file__).resolve().parents[1]
 NOT_KEPT = (
     ".git",
@@ -830,6 +832,11 @@ PARTS: dict[str, dict[str, Callable[[], str]]] = {
     "docs/task-file.md": {"targets": targets},
     "docs/dev/architecture.md": {"rooms": rooms},
     "docs/dev/benchmarks.md": {"figures": measured},
+    "docs/dev/evaluation.md": {
+        "air hockey": measured_identifiers.air_hockey,
+        "scooping": measured_identifiers.scooping,
+    },
+    "docs/in-context.md": {"goals": measured_identifiers.goals},
     "README.md": {"found": found, "tree": folders},
 }
 

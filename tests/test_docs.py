@@ -357,6 +357,7 @@ def test_every_key_of_the_task_file_is_documented():
         "inputs",
         "outputs",
         "log",
+        "reward",
     }
 
 

@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 
 from capture_cli.cli.app import app
 from capture_cli.context.checkpoints.checkpoint_hash import checkpoint_hash
+from capture_cli.context.checkpoints.identifier_checkpoint import load_identifier
 from capture_cli.context.evaluation.evaluated_identifier import PAPER
 from capture_cli.context.evaluation.evaluation_summary import ours_among, paired_comparison
 from capture_cli.context.evaluation.sim2sim import Sim2Sim
@@ -283,8 +284,47 @@ def test_a_checkpoint_is_not_replaced_by_its_evaluation(folder, trained, suite):
 
 
 def test_a_machine_without_actions_is_refused(folder):
-    with pytest.raises(TaskError, match="no actions"):
+    with pytest.raises(TaskError, match="no actions") as caught:
         evaluate(out=folder / "none", identifiers=["cma-es"], **{**SMALL, "task": "datasets/cart/task.toml"})
+    assert "--histories" in caught.value.cure
+
+
+CART = str(Path(__file__).resolve().parents[1] / "datasets" / "cart" / "task.toml")
+
+
+@pytest.fixture(scope="module")
+def of_windows(folder, learn) -> tuple[Path, Path]:
+    """Histories of the cart over windows of multisines, and what was learned from them."""
+    made, learned = folder / "cart.zarr", folder / "of-cart"
+    gen_histories(task=CART, out=made, pairs=40, rounds=3, points=5, threads=1)
+    small = {"width": 8, "layers": 1, "heads": 1, "steps": 3, "batch": 16}
+    train_sysid(histories=made, out=learned, identifier="tunenet-all-rounds", **small)
+    return made, learned
+
+
+def test_ones_own_machine_takes_the_actions_of_its_histories(folder, of_windows):
+    histories, learned = of_windows
+    options = {"task": CART, "pairs": 4, "seeds": 1, "rounds": 3, "threads": 1, "histories": histories}
+    found = evaluate(out=folder / "own", identifiers=["least-squares", str(learned)], **options)
+    rows = found.document["identifiers"]
+    assert list(rows) == ["least-squares", "tunenet-all-rounds (L=3)"]
+    # without noise three windows tell mass, damping and stiffness
+    assert rows["least-squares"]["parameter_difference"]["mean"][-1] < 1e-3
+    assert found.attributes["policy"]["sha256"] is not None and rows["least-squares"]["success"] is None
+    with pytest.raises(OptionError, match="actions of its own"):
+        evaluate(out=folder / "no", identifiers=["cma-es"], **{**options, "task": "scooping"})
+    with pytest.raises(OptionError, match="--histories with --suite"):
+        eval_sim2sim(suite="paper", identifiers=[], out=folder / "no", histories=histories)
+
+
+def test_histories_of_another_machine_are_refused(folder, of_windows, tmp_path):
+    for name in ("task.toml", "model.xml"):
+        (tmp_path / name).write_text(Path(CART).with_name(name).read_text())
+    model = tmp_path / "model.xml"
+    model.write_text(model.read_text().replace('damping="2"', 'damping="2" frictionloss="1"'))
+    options = {"pairs": 2, "seeds": 1, "rounds": 1, "identifiers": ["cma-es"], "out": folder / "no"}
+    with pytest.raises(OptionError, match="of another model than"):
+        evaluate(task=str(tmp_path / "task.toml"), histories=of_windows[0], **options)
 
 
 def test_the_command_prints_one_document(folder, trained):
@@ -368,7 +408,7 @@ def _checkpoint(identifier: str, **facts) -> tuple[Path, dict]:
         "task": "scooping",
         "identifier": identifier,
         "histories": {"search": facts["search"], "rounds": facts["history_rounds"]},
-        "architecture": {"window": facts["window"], "tokens": facts["tokens"]},
+        "architecture": {"window": facts["window"], "tokens": "step"},
     }
     return Path(f"{identifier}-{'-'.join(map(str, facts.values()))}"), document
 
@@ -382,13 +422,17 @@ def test_ablations_vary_one_thing():
         _checkpoint("capture", search="binary"),
         _checkpoint("tunenet", window=1),
         _checkpoint("capture-refined", window=7),
+        _checkpoint("capture-trajectory"),
+        _checkpoint("capture-trajectory", window=2),
+        _checkpoint("tunenet-all-rounds", window=1),
     ]
     members = {c.name: _members(c, ["compass"], found) for c in SUITES["paper"] if c.task == "scooping"}
     path = {k: str(found[k][0]) for k in range(len(found))}
     assert members["scooping-L"] == [path[1], path[0]]
-    assert members["scooping-k"] == [path[0], path[2]]
+    assert members["scooping-k"] == [path[0], path[2], path[8], path[7]]
     posterior = f"posterior={path[6]}"
-    assert members["scooping"] == ["compass", path[5], path[4], path[0], posterior, path[6]]
+    ours = [path[7], posterior, path[6]]
+    assert members["scooping"] == ["compass", path[5], path[9], path[4], path[0], *ours]
 
 
 def test_a_suite_names_the_checkpoints_that_it_does_not_use(folder, trained, capsys):
@@ -540,10 +584,64 @@ def test_an_evaluation_of_the_version_before_had_no_effects(tmp_path):
         path = tmp_path / "e" / name
         document = json.loads(path.read_text())
         inner = document.get("attributes", document)
-        assert (inner.pop("effects"), inner["version"]) == ([], 2)
+        assert (inner.pop("effects"), inner["version"]) == ([], 3)
         inner["version"] = 1
         path.write_text(json.dumps(document))
     assert evaluate(**options, resume=True).document["effects"] == []
+
+
+def test_an_evaluation_of_the_version_before_had_one_name_for_two_networks(folder, learn):
+    """`capture` was what is `capture-trajectory` now, and what has the paper's tokens."""
+    made = checkpoint(folder / "tokens", "c", "capture-trajectory")
+    document = json.loads((made / "identifier.json").read_text())
+    (made / "identifier.json").write_text(json.dumps({**document, "identifier": "capture", "version": 2}))
+    assert load_identifier(made).name == "capture-trajectory"
+    (made / "identifier.json").write_text(json.dumps({**document, "identifier": "capture"}))
+    with pytest.raises(StoreError, match="'capture' has one token a step"):
+        load_identifier(made)
+    (made / "identifier.json").write_text(json.dumps(document))
+    out = folder / "tokens" / "e"
+    options = {"task": "scooping", "identifiers": [str(made)], "pairs": 2, "seeds": 1, "rounds": 1}
+    evaluate(out=out, **options)
+    for name in ("evaluation.json", "evaluation.zarr/zarr.json"):
+        text = (out / name).read_text()
+        assert '"version": 3' in text
+        text = text.replace('"version": 3', '"version": 2').replace("capture-trajectory", "capture")
+        (out / name).write_text(text)
+    assert list(evaluate(out=out, resume=True, **options).document["identifiers"]) == ["capture-trajectory"]
+
+
+def test_the_papers_network_is_evaluated_under_its_own_name(folder, learn):
+    both = folder / "both"
+    for name in ("capture", "capture-trajectory", "tunenet-all-rounds"):
+        checkpoint(both, name, name)
+    options = {
+        "suite": "paper",
+        "pairs": 2,
+        "seeds": 1,
+        "rounds": 1,
+        "cells": ["scooping"],
+        "out": both / "s",
+    }
+    rows = eval_sim2sim(identifiers=[str(both)], **options)["cells"]["scooping"]["identifiers"]
+    assert [name for name in rows if name not in ("domain-randomization", "compass")] == [
+        "tunenet-all-rounds",
+        "capture",
+        "capture-trajectory",
+    ]
+    assert (rows["capture"]["tokens"], rows["capture-trajectory"]["tokens"]) == ("step", "trajectory")
+    assert paper_numbers.trajectory_difference("air-hockey", "none", rows["capture"]) is not None
+    assert paper_numbers.trajectory_difference("air-hockey", "none", rows["capture-trajectory"]) is None
+
+
+@pytest.mark.usefixtures("learn")
+def test_steps_of_compass_are_an_option(folder):
+    options = {"task": "scooping", "pairs": 2, "seeds": 1, "rounds": 2, "fit_steps": 3}
+    found = evaluate(out=folder / "steps", identifiers=["domain-randomization", "compass"], **options)
+    assert list(found.document["identifiers"]) == ["domain-randomization", "compass (fit_steps=3)"]
+    with pytest.raises(OptionError, match="--fit-steps without an identifier") as caught:
+        evaluate(out=folder / "no-steps", identifiers=["domain-randomization"], **options)
+    assert "compass" in caught.value.cure
 
 
 def test_rows_of_other_code_are_not_gone_on_with(folder, monkeypatch):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 
 import numpy as np
@@ -15,6 +16,7 @@ from capture_cli.context.identifiers.compass import Compass
 from capture_cli.context.identifiers.domain_randomization import DomainRandomization
 from capture_cli.errors import OptionError
 from capture_cli.estimate.solve.base import Identifier
+from capture_cli.estimate.solve.cma_es import CmaEs
 
 PLAIN = [
     pytest.param(
@@ -144,6 +146,19 @@ def test_what_diverged_is_told_as_zeros():
 def test_an_identifier_of_logs_needs_a_simulator_in_rounds():
     with pytest.raises(ValueError, match="give it `simulate`"):
         round_identifier("least-squares")(SIGNATURE, SIGNATURE.space.nominal[None])
+
+
+def test_cma_es_keeps_its_state_over_rounds(monkeypatch):
+    """Two rounds of few generations: a search that begins anew in the second forgets what the first was for."""
+    module = importlib.import_module("capture_cli.context.identifiers.refitted")
+    monkeypatch.setattr(module, "EFFORT", 6)
+    kept, target, simulator = walk("cma-es")
+    monkeypatch.setattr(CmaEs, "carried_on", lambda *_: None)
+    begun, _, spent = walk("cma-es")
+    errors = [np.abs(done.estimates - target[:, None]).mean(axis=(0, 2)) for done in (kept, begun)]
+    assert np.array_equal(errors[0][0], errors[1][0])
+    assert errors[0][-1] < 0.5 * errors[1][-1]
+    assert simulator.rollouts == spent.rollouts
 
 
 @pytest.mark.smoke

@@ -107,7 +107,7 @@ def test_it_finds_the_parameters_of_new_targets(trained, name):
 
 
 def test_the_search_is_imitated_and_stays_at_the_target(trained):
-    error, _ = walk(trained("capture"), rounds=12)
+    error, _ = walk(trained("capture-trajectory"), rounds=12)
     by_round = error.mean(axis=(0, 2))
     assert by_round[0] > by_round[2] > by_round[5]
     assert by_round[-1] < 1.5 * by_round[5] + 0.01
@@ -341,7 +341,7 @@ def test_a_training_that_stopped_early_says_so(small, tmp_path):
 def test_from_the_command_line(small, tmp_path):
     out = str(tmp_path / "c")
     sizes = ["--width", "16", "--layers", "1", "--heads", "2", "--steps", "4", "--batch", "16"]
-    options = ["--histories", str(small), "--out", out, "--tokens", "step", "--precision", "bfloat16", *sizes]
+    options = ["--histories", str(small), "--out", out, "--precision", "bfloat16", *sizes]
     done = CliRunner().invoke(app, ["train-sysid", *options, "--json", "--quiet"])
     assert done.exit_code == 0, done.output
     document = json.loads(done.stdout)
@@ -365,7 +365,9 @@ def test_from_the_command_line(small, tmp_path):
         ({"window": 6}, "have 5 rounds"),
         ({"identifier": "tunenet", "window": 3}, "reads 1 round"),
         ({"width": 30, "heads": 4}, "not a multiple"),
-        ({"tokens": "word"}, "--tokens 'word'"),
+        ({"identifier": "posterior", "tokens": "word"}, "--tokens 'word'"),
+        ({"tokens": "trajectory"}, "capture has one token a step"),
+        ({"identifier": "capture-trajectory", "tokens": "step"}, "has one token a trajectory"),
         ({"validation": 1.0}, "--validation"),
         ({"learning_rate": 0.0}, "--lr"),
         ({"learning_rate": float("inf")}, "--lr inf"),
@@ -474,7 +476,7 @@ def test_a_checkpoint_of_something_else(checkpoint, other, message):
         (lambda c: (c / "identifier.safetensors").unlink(), "holds no identifier.safetensors"),
         (lambda c: (c / "identifier.safetensors").write_bytes(b"no"), "cannot be read"),
         (lambda c: (c / "identifier.json").unlink(), "holds no identifier.json"),
-        (lambda c: edit(c, version=3), "version 3; this program reads 2"),
+        (lambda c: edit(c, version=4), "version 4; this program reads 3"),
         (lambda c: edit(c, format="capture/policy"), "not of the format capture/identifier"),
         (lambda c: edit(c, signature={}), "cannot be read"),
         (lambda c: edit(c, architecture={"width": 8}), "cannot be read"),

@@ -26,7 +26,12 @@ class EvalSim2SimOptions(Simulating):
         ),
     ]
     task: Annotated[
-        str | None, typer.Option("--task", help="Built-in task with actions.", autocompletion=tasks)
+        str | None,
+        typer.Option(
+            "--task",
+            help="Built-in task with actions, or a task.toml with --histories or a policy.",
+            autocompletion=tasks,
+        ),
     ] = None
     policy: ActionPolicy = "random"
     suite: Annotated[
@@ -38,6 +43,10 @@ class EvalSim2SimOptions(Simulating):
         ),
     ] = None
     cells: Annotated[list[str], typer.Option("--cell", help="Of the suite, this comparison alone.")] = ()
+    histories: Annotated[
+        Path | None,
+        typer.Option("--histories", help="Of a task.toml: histories whose actions rounds take, at random."),
+    ] = None
     effects: Annotated[
         list[str],
         typer.Option(
@@ -53,4 +62,8 @@ class EvalSim2SimOptions(Simulating):
     known_noise: Annotated[
         bool, typer.Option("--known-noise", help="Tell identifiers which labels are random.")
     ] = False
+    fit_steps: Annotated[
+        int | None,
+        typer.Option("--fit-steps", min=1, help="Steps of compass's network each round; 1000 converge."),
+    ] = None
     resume: Resume = False

@@ -17,7 +17,12 @@ class TrainPolicyOptions(Simulating):
     and the policy does not know what. threads: of the simulator; the learner has one.
     """
 
-    task: Annotated[str, typer.Option("--task", help="Built-in task with a reward.", autocompletion=tasks)]
+    task: Annotated[
+        str,
+        typer.Option(
+            "--task", help="Built-in task with a reward, or a task.toml with one.", autocompletion=tasks
+        ),
+    ]
     out: CheckpointOut
     policy: Annotated[
         str, typer.Option("--policy", help="What to train: sac.", autocompletion=words("sac"))

@@ -10,10 +10,21 @@ import typer
 from capture_cli.options.completion import words
 from capture_cli.options.shared import CheckpointOut, Device, Resume, Seed, Writing
 
+LEARNED = (
+    "capture",
+    "capture-refined",
+    "capture-trajectory",
+    "expert-distillation",
+    "expert-distillation-all-rounds",
+    "posterior",
+    "tunenet",
+    "tunenet-all-rounds",
+)
+
 
 @dataclass(frozen=True, kw_only=True)
 class TrainSysidOptions(Writing):
-    """window: rounds that it reads; None is the identifier's own."""
+    """window: rounds that it reads; tokens: of a trajectory; None is the identifier's own."""
 
     histories: Annotated[
         str, typer.Option("--histories", help="Histories to learn from (.zarr): a path, or a URL.")
@@ -23,18 +34,18 @@ class TrainSysidOptions(Writing):
         str,
         typer.Option(
             "--identifier",
-            help="capture, capture-refined, expert-distillation, posterior or tunenet.",
-            autocompletion=words("capture", "capture-refined", "expert-distillation", "posterior", "tunenet"),
+            help=f"{', '.join(LEARNED[:-1])} or {LEARNED[-1]}.",
+            autocompletion=words(*LEARNED),
         ),
     ] = "capture"
     tokens: Annotated[
-        str,
+        str | None,
         typer.Option(
             "--tokens",
-            help="trajectory: one token each; step: one per state, as in the paper.",
+            help="trajectory: one token each; step: one per state, as capture has. Others: trajectory.",
             autocompletion=words("trajectory", "step"),
         ),
-    ] = "trajectory"
+    ] = None
     window: Annotated[
         int | None,
         typer.Option(

@@ -23,6 +23,8 @@ def eval_sim2sim(options: EvalSim2SimOptions) -> dict[str, Any]:
         return evaluate(options).document
     noise = "" if options.noise == "none" else f"--noise {options.noise}"
     own = "--effect" if options.effects else "--known-noise" if options.known_noise else noise
+    if options.histories is not None:
+        own = "--histories"
     if own:
         raise OptionError(f"{own} with --suite", cure="leave it out: a suite has its own")
     return evaluate_suite(options)

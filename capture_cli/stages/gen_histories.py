@@ -28,6 +28,7 @@ from capture_cli.errors import OptionError, did_you_mean
 from capture_cli.model.effects.ranges import EffectRanges
 from capture_cli.model.model_hash import model_hash
 from capture_cli.model.parameters import ParameterSpace
+from capture_cli.model.tasks.aimed_task import with_reward
 from capture_cli.model.tasks.base import ActionTask, Task
 from capture_cli.model.tasks.sequence_task import SequenceTask
 from capture_cli.options.base import takes_options
@@ -108,14 +109,17 @@ def _check(options: GenHistoriesOptions) -> None:
 
 
 def _action_task(machine: Task, options: GenHistoriesOptions) -> ActionTask:
-    """A built-in task as it is; that of a task.toml with actions made as the options say."""
+    """A built-in task as it is; that of a task.toml with actions of its policy, or made as the options say."""
     given = {n: v for n in OF_SEQUENCES if (v := getattr(options, n)) not in (None, {})}
+    if (Path(options.policy) / SETTINGS).is_file():
+        machine = with_reward(machine)
     if not isinstance(machine, ActionTask):
         return sequence_task(machine, **given, seed=options.seed)
     if given:
         names = ", ".join(f"--{name.replace('_', '-')}" for name in given)
         raise OptionError(
-            f"{names}: {machine.name!r} has actions of its own", cure="leave it out, or give a task.toml"
+            f"{names}: {machine.name!r} has actions of its own, or those of its policy",
+            cure="leave it out, or give a task.toml without --policy",
         )
     return machine
 

@@ -27,6 +27,7 @@ from capture_cli.context.policies.base import Policy, Trainer, TrainingSettings
 from capture_cli.context.torch_device import torch_device
 from capture_cli.errors import OptionError
 from capture_cli.model.effects.ranges import EffectRanges
+from capture_cli.model.tasks.aimed_task import with_reward
 from capture_cli.model.tasks.base import ActionTask, Task
 from capture_cli.options.base import takes_options
 from capture_cli.options.train_policy import TrainPolicyOptions
@@ -107,11 +108,13 @@ def train_policy(options: TrainPolicyOptions) -> dict[str, Any]:
 
 
 def _trainable(machine: Task) -> ActionTask:
+    machine = with_reward(machine)
     if not (isinstance(machine, ActionTask) and machine.trainable):
         raise OptionError(
             f"--task {machine.path or machine.name}: {machine.name!r} does not say what an episode is worth, so "
             "nothing can be learned",
-            cure="for histories of it no training is needed: `capture gen-histories --policy random`",
+            cure="write a [reward] into its task.toml; for histories of it no training is needed: "
+            "`capture gen-histories --policy random`",
         )
     return machine
 

@@ -23,6 +23,7 @@ from capture_cli.context.checkpoints.training_state import (
     write_metrics,
 )
 from capture_cli.context.identifiers import REGISTRY, round_identifier
+from capture_cli.context.identifiers._architecture import DEFAULT_TOKENS
 from capture_cli.context.identifiers.base import Rounds, Signature
 from capture_cli.context.torch_device import torch_device
 from capture_cli.errors import OptionError, StoreError, did_you_mean
@@ -41,7 +42,7 @@ if TYPE_CHECKING:
 
 PRECISIONS = ("auto", "float32", "bfloat16")
 # options of the transformer and of its training, by their names there
-SIZES = ("tokens", "width", "layers", "heads", "dropout")
+SIZES = ("width", "layers", "heads", "dropout")
 TRAINING = ("steps", "batch", "learning_rate", "weight_decay", "validation", "patience", "seed")
 # attributes of a store that the signature holds, or that do not change what is in it
 NOT_OF_HISTORIES = {"complete", "shard_pairs", "task", "parameters", "actions", "features", "point_times"}
@@ -65,6 +66,7 @@ def train_sysid(options: TrainSysidOptions) -> dict[str, Any]:
     signature = signature_of(store.attributes)
     _check_sizes(store, options)
     window = _window(kind, options, store.attributes["rounds"])
+    _check_tokens(kind, options)
     if not options.quiet:
         _note_search(options.identifier, kind, store.attributes["search"])
     trains_on = None if is_url(str(options.histories)) else Path(options.histories)
@@ -160,6 +162,16 @@ def _window(kind: type[LearnedIdentifier], options: TrainSysidOptions, rounds: i
     return window
 
 
+def _check_tokens(kind: type[LearnedIdentifier], options: TrainSysidOptions) -> None:
+    if kind.tokens in (None, options.tokens) or options.tokens is None:
+        return
+    others = [n for n, c in REGISTRY.items() if getattr(c, "tokens", None) == options.tokens]
+    raise OptionError(
+        f"--tokens {options.tokens!r}: {options.identifier} has one token a {kind.tokens}",
+        cure=" or ".join(["leave it out", *(f"--identifier {other}" for other in others)]),
+    )
+
+
 def _note_search(name: str, kind: type[LearnedIdentifier], search: str) -> None:
     """On stderr, where the histories were searched in another way than the identifier will."""
     if kind.any_order and search != OF_EVERY_KIND:
@@ -209,6 +221,7 @@ def _architecture(
         features=features,
         window=window,
         residual=kind.residual,
+        tokens=kind.tokens or options.tokens or DEFAULT_TOKENS,
         **{name: getattr(options, name) for name in SIZES},
     )
 

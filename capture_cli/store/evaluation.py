@@ -12,7 +12,8 @@ from capture_cli.store.result import Result
 from capture_cli.store.schema import ArraySpec, Schema
 
 FORMAT = "capture/evaluation"
-VERSION = 2
+VERSION = 3
+BY_TRAJECTORY = "capture-trajectory"
 _CURE = "make it again with `capture eval-sim2sim`"
 SHAPE = {  # of what is read of evaluation.json
     "task": TEXT,
@@ -38,11 +39,42 @@ def _without_effects(found: Mapping[str, Any]) -> Mapping[str, Any]:
     return {**found, "effects": []}
 
 
+def _named_by_its_tokens(found: Mapping[str, Any]) -> Mapping[str, Any]:
+    """A document or attributes as of version 3: before, `capture` was the name of both networks."""
+    rows = found.get("identifiers")
+    if isinstance(rows, dict):
+        return {**found, "identifiers": {_renamed(label, row): _row(row) for label, row in rows.items()}}
+    if isinstance(rows, list):
+        return {**found, "identifiers": [_labelled(row) for row in rows]}
+    return found
+
+
+def _labelled(row: Any) -> Any:
+    return {**_row(row), "label": _renamed(row.get("label", ""), row)} if _is_by_trajectory(row) else row
+
+
+def _row(about: Any) -> Any:
+    return {**about, "identifier": BY_TRAJECTORY} if _is_by_trajectory(about) else about
+
+
+def _renamed(label: str, about: Any) -> str:
+    return f"{BY_TRAJECTORY}{label.removeprefix('capture')}" if _is_by_trajectory(about) else label
+
+
+def _is_by_trajectory(about: Any) -> bool:
+    return isinstance(about, dict) and (about.get("identifier"), about.get("tokens")) == (
+        "capture",
+        "trajectory",
+    )
+
+
+EARLIER = {1: _without_effects, 2: _named_by_its_tokens}
+
 _AXES = ("identifier", "seed", "pair", "round")
 
 SCHEMA = Schema(
     format="capture/evaluation-arrays",
-    version=2,
+    version=VERSION,
     arrays=(
         ArraySpec(
             "source", ("seed", "pair", "parameter"), "float64", "per parameter", "where each pair begins"
@@ -84,12 +116,12 @@ SCHEMA = Schema(
         "identifiers": "list of {label, identifier, checkpoint, sha256, ...}, one per identifier",
         "policy": "{name, sha256 of its checkpoint or null} of what chose the actions",
         "effects": "what the machines had beside the task's model; list as in capture/histories. Version 1 had none, "
-        "and is read so",
+        "and is read so; of version 2 a `capture` with a token per trajectory is read as `capture-trajectory`",
         "noise": "kind of noise in what identifiers were told was measured",
         "seed": "of every random choice",
     },
     cure_for_other_version=_CURE,
-    earlier={1: _without_effects},
+    earlier=EARLIER,
 )
 
 
@@ -99,7 +131,7 @@ class Evaluation(Result):
     NAME, CURE = "evaluation", _CURE
     FORMAT, VERSION, SCHEMA = FORMAT, VERSION, SCHEMA
     SHAPE = SHAPE
-    EARLIER = {1: _without_effects}  # noqa: RUF012
+    EARLIER = EARLIER
 
 
 def joined(parts: list[Mapping[str, np.ndarray]], axis: str) -> dict[str, np.ndarray]:

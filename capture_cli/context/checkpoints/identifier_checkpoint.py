@@ -23,7 +23,7 @@ from capture_cli.store.tensors import read_weights, save_arrays
 if TYPE_CHECKING:
     from capture_cli.context.identifiers._learned import TrainedModel
 
-FORMAT, VERSION = "capture/identifier", 2
+FORMAT, VERSION = "capture/identifier", 3
 DOCUMENT, WEIGHTS = "identifier.json", "identifier.safetensors"
 _AGAIN = "train it again with `capture train-sysid`"
 SHAPE = {
@@ -80,7 +80,16 @@ def _of_no_effects(document: Mapping[str, Any]) -> Mapping[str, Any]:
     )
 
 
-EARLIER = {1: _of_no_effects}
+def _named_by_its_tokens(document: Mapping[str, Any]) -> Mapping[str, Any]:
+    """identifier.json as of version 3: before, `capture` was the name of both networks."""
+    architecture = document.get("architecture")
+    tokens = architecture.get("tokens") if isinstance(architecture, dict) else None
+    if (document.get("identifier"), tokens) == ("capture", "trajectory"):
+        return {**document, "identifier": "capture-trajectory"}
+    return document
+
+
+EARLIER = {1: _of_no_effects, 2: _named_by_its_tokens}
 
 
 @dataclass(frozen=True)
@@ -163,6 +172,8 @@ def load_identifier(path: str | Path, signature: Signature | None = None) -> Ide
         kind = round_identifier(document["identifier"])
         if not kind.needs_checkpoint:
             raise ValueError(f"identifier {document['identifier']!r} learns nothing")
+        if kind.tokens not in (None, document["architecture"]["tokens"]):
+            raise ValueError(f"identifier {document['identifier']!r} has one token a {kind.tokens}")
         observation_noise.check(
             document["histories"]["noise"], (f["name"] for f in document["signature"]["features"])
         )

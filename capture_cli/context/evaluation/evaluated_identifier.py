@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from operator import attrgetter
 from pathlib import Path
@@ -15,6 +15,7 @@ from capture_cli.common.extras import require
 from capture_cli.context.checkpoints.checkpoint_hash import checkpoint_hash
 from capture_cli.context.checkpoints.identifier_checkpoint import DOCUMENT, load_identifier
 from capture_cli.context.identifiers import REGISTRY, round_identifier
+from capture_cli.context.identifiers._architecture import DEFAULT_TOKENS
 from capture_cli.context.identifiers.base import RoundIdentifier, Signature
 from capture_cli.errors import OptionError
 from capture_cli.estimate.solve.base import AskTell
@@ -24,15 +25,16 @@ from capture_cli.model.tasks.base import ActionTask
 if TYPE_CHECKING:
     from capture_cli.context.identifiers._learned import TrainedModel
 
-# What a label leaves out: the paper's search, L and k, and our default for the tokens.
-PAPER = {"search": "randomized-binary", "history_rounds": 7, "window": 4, "tokens": "trajectory"}
+# What a label leaves out: the paper's search, L and k.
+PAPER = {"search": "randomized-binary", "history_rounds": 7, "window": 4}
 
 
 @dataclass(frozen=True)
 class Evaluated:
     """An identifier to evaluate. label: what it is called in tables. facts: what the evaluation says of it.
 
-    path: its checkpoint's, where it has one. effects: with values (parameter,), that it simulates with.
+    path: its checkpoint's, where it has one. effects: with values (parameter,), that it simulates with. numbers: of the
+    identifier's, by name, that were set.
     """
 
     label: str
@@ -41,25 +43,37 @@ class Evaluated:
     facts: Mapping[str, Any]
     path: Path | None = None
     effects: Sequence[tuple[Placed, np.ndarray]] = ()
+    numbers: Mapping[str, int] = field(default_factory=dict)
 
     def make(self, signature: Signature, start, **options) -> RoundIdentifier:
         """The identifier for pairs that begin at `start` (pair, parameter)."""
         kind = self.kind if self.model is None else partial(self.kind, model=self.model)
-        return kind(signature, start, **options)
+        return kind(signature, start, **self.numbers, **options)
 
 
 def load_evaluated(
-    given: Sequence[str], task: ActionTask, spelled_out: Sequence[str] = ()
+    given: Sequence[str],
+    task: ActionTask,
+    spelled_out: Sequence[str] = (),
+    numbers: Mapping[str, int] | None = None,
 ) -> list[Evaluated]:
     """The identifiers of `--identifier`: each a name, a checkpoint directory, or NAME=DIRECTORY.
 
     NAME=DIRECTORY: the identifier NAME with what was trained for another (`posterior` with what `capture-refined` was
     trained to). Labels are made different. spelled_out: facts that labels give where they are the paper's, too.
-    Raises CaptureError.
+    numbers: for identifiers that let them be set. Raises CaptureError.
     """
     if not given:
         raise OptionError("no --identifier", cure=f"give a checkpoint directory, or {', '.join(by_name())}")
-    return _distinct([_load(text, task, spelled_out) for text in given])
+    found = [_load(text, task, spelled_out, numbers or {}) for text in given]
+    for name in numbers or {}:
+        if not any(name in e.numbers for e in found):
+            takes = ", ".join(n for n, c in REGISTRY.items() if name in c.settable)
+            raise OptionError(
+                f"--{name.replace('_', '-')} without an identifier that has such",
+                cure=f"add --identifier {takes}, or leave it out",
+            )
+    return _distinct(found)
 
 
 def require_extras(given: Sequence[str]) -> None:
@@ -75,7 +89,7 @@ def checkpoints_in(folder: str | Path) -> list[Path]:
 
 
 def how_trained(document: Mapping[str, Any]) -> dict[str, Any]:
-    """What identifier.json says of the options that are the PAPER's or not."""
+    """What identifier.json says of the options that are the PAPER's or not, and of the tokens."""
     return {
         "search": document["histories"]["search"],
         "history_rounds": document["histories"]["rounds"],
@@ -94,11 +108,11 @@ def untrained(kind: type[AskTell]) -> bool:
     return not kind.needs_checkpoint
 
 
-def _load(text: str, task: ActionTask, spelled_out: Sequence[str]) -> Evaluated:
+def _load(text: str, task: ActionTask, spelled_out: Sequence[str], numbers: Mapping[str, int]) -> Evaluated:
     name, _, folder = text.rpartition("=") if not Path(text).exists() else ("", "", text)
     path = Path(folder)
     if not name and not path.is_dir():
-        return _named(text)
+        return _named(text, numbers)
     if not (path / DOCUMENT).is_file():
         inside = [str(p) for p in checkpoints_in(path)] if path.is_dir() else []
         below = f"; below it there are {', '.join(inside)}" if inside else ""
@@ -128,14 +142,18 @@ def _load(text: str, task: ActionTask, spelled_out: Sequence[str]) -> Evaluated:
     return Evaluated(_label(name, kind, facts, spelled_out), kind, found.model, facts, path, effects)
 
 
-def _named(name: str) -> Evaluated:
+def _named(name: str, numbers: Mapping[str, int]) -> Evaluated:
     kind = round_identifier(name, untrained)
     if kind.needs_checkpoint:
         raise OptionError(
             f"--identifier {name} must be trained",
             cure=f"give the directory that `capture train-sysid --identifier {name}` wrote",
         )
-    return Evaluated(name, kind, None, {"identifier": name, "checkpoint": None, "sha256": None})
+    own = {n: value for n, value in numbers.items() if n in kind.settable}
+    said = ", ".join(f"{n}={value}" for n, value in own.items())
+    label = f"{name} ({said})" if own else name
+    facts = {"identifier": name, "checkpoint": None, "sha256": None}
+    return Evaluated(label, kind, None, facts, numbers=own)
 
 
 def _label(
@@ -149,7 +167,7 @@ def _label(
         others.append(f"L={facts['history_rounds']}")
     if "window" in said and kind.fixed_window is None and kind.default_window:
         others.append(f"k={facts['window']}")
-    if "tokens" in said:
+    if kind.tokens is None and facts["tokens"] != DEFAULT_TOKENS:
         others.append(f"token per {facts['tokens']}")
     if "effects" in facts:
         others.append(f"with {', '.join(facts['effects'])}")

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from capture_cli.context import observation_noise
 from capture_cli.context.checkpoints.checkpoint_hash import checkpoint_hash
 from capture_cli.context.checkpoints.policy_checkpoint import SETTINGS, load_policy
 from capture_cli.context.evaluation.evaluated_identifier import Evaluated, load_evaluated, require_extras
 from capture_cli.context.evaluation.sim2sim import Sim2Sim
+from capture_cli.context.histories.action_library import task_of_histories
 from capture_cli.errors import OptionError, TaskError
 from capture_cli.model.effects.ranges import NO_EFFECTS, EffectRanges
 from capture_cli.model.tasks import load_task
+from capture_cli.model.tasks.aimed_task import with_reward
 from capture_cli.model.tasks.base import ActionTask
 from capture_cli.options.eval_sim2sim import EvalSim2SimOptions
 
@@ -54,11 +59,12 @@ def evaluation_plan(
     spelled_out: as `load_evaluated` takes it. Raises CaptureError."""
     require_extras(options.identifiers)
     _check(options)
-    machine = _action_task(options.task)
     noise, policy = options.noise, options.policy
+    machine = _action_task(options.task, policy, options.histories)
     observation_noise.check(noise, [f.name for f in machine.features])
     chosen = load_policy(policy, machine)
-    evaluated = load_evaluated(options.identifiers, machine, spelled_out)
+    numbers = {} if options.fit_steps is None else {"fit_steps": options.fit_steps}
+    evaluated = load_evaluated(options.identifiers, machine, spelled_out, numbers)
     if options.known_noise:
         observation_noise.error_rate(noise)
     draws = [
@@ -79,6 +85,7 @@ def evaluation_plan(
     noise = f"{noise} (known)" if options.known_noise else noise
     inputs = [e.path for e in evaluated if e.path is not None]
     inputs += [Path(policy)] if (Path(policy) / SETTINGS).is_file() else []
+    inputs += [options.histories] if options.histories is not None else []
     return EvaluationPlan(
         evaluated, draws, _attributes(machine, effects, policy, noise, options.seed, evaluated), inputs
     )
@@ -90,16 +97,26 @@ def _check(options: EvalSim2SimOptions) -> None:
             raise OptionError(f"--{name} {getattr(options, name)}", cure="give at least 1")
 
 
-def _action_task(name: str | None) -> ActionTask:
+def _action_task(name: str | None, policy: str, histories: Path | None) -> ActionTask:
+    """The task with actions: of a task.toml those of its policy, or of the rounds of `histories`."""
     if name is None:
         raise OptionError("no --task", cure="name one, or run all with --suite paper")
     machine = load_task(name)
-    if not isinstance(machine, ActionTask):
+    if (Path(policy) / SETTINGS).is_file():
+        machine = with_reward(machine)
+    if isinstance(machine, ActionTask):
+        if histories is not None:
+            raise OptionError(
+                f"--histories {histories}: {machine.name!r} has actions of its own, or those of its policy",
+                cure="leave it out",
+            )
+        return machine
+    if histories is None:
         raise TaskError(
             f"{name} has no actions of its own, which a round chooses",
-            cure="give a built-in task (`capture tasks` lists them); a machine's own log is for `capture identify`",
+            cure="give what identifiers were trained on, --histories DIR, or a policy that `train-policy` made for it",
         )
-    return machine
+    return task_of_histories(machine, histories)
 
 
 def _attributes(
@@ -113,9 +130,15 @@ def _attributes(
         "identifiers": [{"label": e.label, **e.facts} for e in evaluated],
         "policy": {
             "name": Path(policy).name if checkpoint else policy,
-            "sha256": checkpoint_hash(policy) if checkpoint else None,
+            "sha256": checkpoint_hash(policy) if checkpoint else _library_hash(task),
         },
         "effects": effects.rows(),
         "noise": noise,
         "seed": seed,
     }
+
+
+def _library_hash(task: ActionTask) -> str | None:
+    """Of the actions that a random policy draws from, where there are so many and no others."""
+    library = getattr(task, "library", None)
+    return None if library is None else hashlib.sha256(np.ascontiguousarray(library).tobytes()).hexdigest()

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+import mujoco
 import numpy as np
 
 from capture_cli.errors import FitError, LogError, OptionError
@@ -16,6 +17,7 @@ from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.log.input_sequences import inputs_at
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.log.windows import Windows
+from capture_cli.model.model_hash import model_hash
 from capture_cli.model.states import Starts
 from capture_cli.model.tasks.base import Task
 from capture_cli.model.tasks.sequence_task import SequenceTask, actions_of, resample
@@ -28,8 +30,10 @@ from capture_cli.simulate.multisine import (
     multisine_sequence,
     peaks,
 )
+from capture_cli.store.histories import Histories
 
 POINTS = 20
+MOST_PAIRS = 1024  # of histories, whose actions are taken
 EPISODES, WINDOWS = 64, 16  # simulated for a library of multisines, and windows taken from each
 LONG = 8  # windows that such an episode lasts
 BEYOND = 1.5  # sampling intervals: so much before its end a tape's last sample may be
@@ -89,6 +93,38 @@ def sequence_task(
     # in single precision, so that the last bits of a least-squares fit do not make another library elsewhere
     library = np.float32(tapes.actions).astype(float)
     return SequenceTask(machine, point_times, library, np.where(scale > 0, np.float32(scale), 1.0))
+
+
+def task_of_histories(machine: Task, location: Path) -> SequenceTask:
+    """`machine` with the actions that the rounds of the histories at `location` had, MOST_PAIRS pairs at most.
+
+    Raises StoreError, or OptionError where they are of another machine.
+    """
+    histories = Histories(location)
+    about = histories.attributes
+    outputs = [c.name for c in machine.outputs]
+    differ = [
+        what
+        for what, same in (
+            ("task", about["task"] == machine.name),
+            ("parameters", [p["name"] for p in about["parameters"]] == list(machine.space.names)),
+            ("outputs", [f["name"] for f in about["features"]] == outputs),
+            ("actions", about["library"] is not None),
+            ("model", about["mujoco"] != mujoco.__version__ or about["model"] == model_hash(machine.model)),
+        )
+        if not same
+    ]
+    if differ:
+        raise OptionError(
+            f"--histories {location}: of another {', '.join(differ)} than {machine.path}",
+            cure="make them again with `capture gen-histories`, without a policy",
+        )
+    low, high = (np.array([a[end] for a in about["actions"]]) for end in ("low", "high"))
+    scales = [f["scale"] for f in about["features"]]
+    task = SequenceTask(machine, np.array(about["point_times"]), np.stack([low, high]), scales)
+    actions = histories.read(0, min(len(histories), MOST_PAIRS))["actions"]
+    task.library = actions.reshape(-1, actions.shape[-1])
+    return task
 
 
 def log_tapes(prepared: PreparedLog, point_times: np.ndarray) -> Tapes:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from capture_cli.errors import OptionError, did_you_mean
 
 TOKENS = ("trajectory", "step")
+DEFAULT_TOKENS = TOKENS[0]  # of identifiers that may have either
 OVERSHOOT = 1.1  # of tanh, cut off afterwards: a bound can be reached without saturating
 # bounds of the predicted standard deviations, in the unit cube
 SMALLEST_SD, LARGEST_SD = 1e-4, 1.0
@@ -21,7 +22,7 @@ class Architecture:
     actions: int
     points: int
     features: int
-    tokens: str = "trajectory"
+    tokens: str = DEFAULT_TOKENS
     window: int = 4
     width: int = 128
     layers: int = 3

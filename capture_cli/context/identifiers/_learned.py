@@ -124,14 +124,16 @@ class LearnedIdentifier(RoundIdentifier):
 
     residual: the transformer predicts a change of the last round's parameters. fixed_window: rounds it reads; None
     where that is an option, with default_window (None: whole histories). Without `likelihood` it is trained by the
-    squared error of the mean, the uncertainty beside it. any_order: the answer does not depend on the order of the
-    rounds, so that training may shuffle them. rough: a fit of all rounds follows, so that simulations may be spared.
+    squared error of the mean, the uncertainty beside it. tokens: as `Architecture` has them; None where that is an
+    option. any_order: the answer does not depend on the order of the rounds, so that training may shuffle them. rough:
+    a fit of all rounds follows, so that simulations may be spared.
     """
 
     needs_checkpoint = True
     residual = False
     fixed_window: int | None = None
     default_window: int | None = 4
+    tokens: str | None = None
     any_order = False
 
     def __init__(self, signature, start, *, model: TrainedModel, rough: bool = False, **options):
@@ -142,9 +144,9 @@ class LearnedIdentifier(RoundIdentifier):
         self._best = self.start
         self.prediction: Prediction | None = None
 
-    @classmethod
+    @staticmethod
     @abstractmethod
-    def examples(cls, rounds: Rounds) -> tuple[Rounds, np.ndarray]:
+    def examples(rounds: Rounds) -> tuple[Rounds, np.ndarray]:
         """What it learns from histories: rounds to read, and the answer after each (pair, round, parameter)."""
 
     @property

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-
+from capture_cli.context.identifiers._examples import target_after_each
 from capture_cli.context.identifiers._label_refinement import LabelRefinement
 from capture_cli.context.identifiers._learned import LearnedIdentifier
 from capture_cli.context.identifiers._refinement import Refinement
@@ -28,6 +27,8 @@ class CaptureRefined(LearnedIdentifier):
     any_order = True
     simulates = True
 
+    examples = staticmethod(target_after_each)
+
     def __init__(self, signature, start, *, model, **options):
         super().__init__(signature, start, model=model, **options)
         if self.simulate is None:
@@ -38,11 +39,6 @@ class CaptureRefined(LearnedIdentifier):
             if labels
             else Refinement(signature, len(self.start), self.simulate, rough=self.rough)
         )
-
-    @classmethod
-    def examples(cls, rounds: Rounds) -> tuple[Rounds, np.ndarray]:
-        """The target after every round."""
-        return rounds, np.repeat(rounds.target[:, None], rounds.rounds, axis=1)
 
     def recall(self, earlier: Rounds) -> None:
         super().recall(earlier)

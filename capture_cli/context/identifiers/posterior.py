@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import numpy as np
-
+from capture_cli.context.identifiers._examples import target_after_each
 from capture_cli.context.identifiers._learned import LearnedIdentifier
-from capture_cli.context.identifiers.base import Rounds
 
 
 class Posterior(LearnedIdentifier):
@@ -21,7 +19,4 @@ class Posterior(LearnedIdentifier):
     likelihood = True
     any_order = True
 
-    @classmethod
-    def examples(cls, rounds: Rounds) -> tuple[Rounds, np.ndarray]:
-        """The target after every round."""
-        return rounds, np.repeat(rounds.target[:, None], rounds.rounds, axis=1)
+    examples = staticmethod(target_after_each)

@@ -15,7 +15,7 @@ SCREENED_ROUNDS = 2  # first rounds, in which a fit begins at several places
 
 
 class Refitted(RoundIdentifier):
-    """Drives `method` in rounds: each pair has a fit of its own, which goes on from the last best.
+    """Drives `method` in rounds: each pair has a fit of its own, which goes on where it stood, or from the last best.
 
     The simulations of all pairs are run together.
     """
@@ -31,6 +31,7 @@ class Refitted(RoundIdentifier):
         self._best = self.start.copy()
         self._actions: list[np.ndarray] = []
         self._measured: list[np.ndarray] = []
+        self._fits: list[Identifier | None] = [None] * len(self.start)
 
     @property
     def best(self) -> np.ndarray:
@@ -44,7 +45,7 @@ class Refitted(RoundIdentifier):
         self._actions = [*self._actions, actions][-REMEMBERED:]
         self._measured = [*self._measured, measured][-REMEMBERED:]
         actions, measured = np.stack(self._actions, axis=1), np.stack(self._measured, axis=1)
-        fits = [self._fit(pair, measured[pair]) for pair in range(len(measured))]
+        fits = self._fits = [self._fit(pair, measured[pair]) for pair in range(len(measured))]
         while going := [pair for pair, fit in enumerate(fits) if not fit.done]:
             trials = [fits[pair].ask() for pair in going]
             answers = self._evaluate(trials, actions[going], going)
@@ -56,7 +57,7 @@ class Refitted(RoundIdentifier):
                 self._best[pair] = fit.best.parameters
 
     def _fit(self, pair: int, measured: np.ndarray) -> Identifier:
-        """A new fit to measured (episode, point, feature); there are no starts to refine: an action fixes its own."""
+        """A fit to measured (episode, point, feature); there are no starts to refine: an action fixes its own."""
         evidence = Evidence(
             self.space,
             measured,
@@ -64,7 +65,9 @@ class Refitted(RoundIdentifier):
             self.noise_sd,
             np.zeros((len(measured), 0)),
         )
-        return self.method(
+        before = self._fits[pair]
+        carried_on = None if before is None else before.carried_on(evidence, EFFORT)
+        return carried_on or self.method(
             evidence,
             start=self._best[pair],
             seed=self.seed + pair,

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import numpy as np
-
+from capture_cli.context.identifiers._examples import target_after_the_first
 from capture_cli.context.identifiers._learned import LearnedIdentifier
-from capture_cli.context.identifiers.base import Rounds
 
 
 class TuneNet(LearnedIdentifier):
@@ -15,7 +13,4 @@ class TuneNet(LearnedIdentifier):
     fixed_window = 1
     residual = True
 
-    @classmethod
-    def examples(cls, rounds: Rounds) -> tuple[Rounds, np.ndarray]:
-        """The first round alone, and the target: later rounds are not independent of it."""
-        return rounds.first(1), rounds.target[:, None]
+    examples = staticmethod(target_after_the_first)

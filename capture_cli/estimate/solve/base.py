@@ -26,11 +26,13 @@ class AskTell(ABC):
     There are two kinds: an `Identifier` fits the windows of a whole log; a `RoundIdentifier` proposes
     parameters round by round, one measured rollout at a time, for many pairs at once. summary: one line for the docs.
     needs_checkpoint: whether it is made by `capture train-sysid`. likelihood: whether it was trained by the Gaussian
-    likelihood. extra: of the installation, that asking and telling need; None where the core is enough.
+    likelihood. extra: of the installation, that asking and telling need; None where the core is enough. settable: those
+    of its numbers that an evaluation may set.
     """
 
     summary: str
     extra: str | None = None
+    settable: tuple[str, ...] = ()
     needs_checkpoint = False
     likelihood = False
 
@@ -67,6 +69,13 @@ class Identifier(AskTell):
         self.seed = seed
         self.rounds_left = rounds
         self.starts = starts
+
+    def carried_on(self, evidence: Evidence, rounds: int) -> Identifier | None:
+        """The same search on other evidence about the same parameters, with what it knows of where to look.
+
+        None where nothing of it is of use but its best, where a new one begins.
+        """
+        return None
 
     @abstractmethod
     def ask(self) -> Trial:

@@ -44,6 +44,21 @@ class CmaEs(Identifier):
         self._linearizing = True
         self._asked: list[np.ndarray] = []
 
+    def carried_on(self, evidence, rounds):
+        """With its mean, step size and covariance. What has converged begins anew: it would not move again."""
+        if self._search is None or self._search.should_stop():
+            return None
+        self.evidence = evidence
+        self.rounds_left = rounds
+        self.offsets = np.zeros_like(evidence.start_sd)
+        # errors were of other evidence: the best point is looked at again first
+        self._best = Best(self._best.parameters, self.offsets, np.inf)
+        self._lowest = self._milestone = np.inf
+        self._at = None
+        self._generation = self._stalled = 0
+        self._linearizing = True
+        return self
+
     @property
     def best(self) -> Best:
         return self._best

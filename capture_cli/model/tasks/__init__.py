@@ -9,7 +9,10 @@ from capture_cli.errors import TaskError, did_you_mean
 from capture_cli.model.tasks.base import Task
 
 REGISTRY: Registry[Task] = Registry(
-    "capture_cli.model.tasks", "Task", "task", not_listed=("mjcf-file", "sequence-task")
+    "capture_cli.model.tasks",
+    "Task",
+    "task",
+    not_listed=("aimed-task", "mjcf-file", "reward", "sequence-task"),
 )
 
 

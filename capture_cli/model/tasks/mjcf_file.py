@@ -17,8 +17,10 @@ from capture_cli.model.sensor_units import factor_between, refuse_other_units, r
 from capture_cli.model.target_names import least_value, object_id, parse_target, split_target
 from capture_cli.model.targets import Target
 from capture_cli.model.tasks.base import Channel, LogColumns, Task
+from capture_cli.model.tasks.reward import Goal, Reward
 
 FORMAT = 1
+POINTS = 5  # of an episode with a reward, where none are given
 _JOINT_SENSORS = {
     int(mujoco.mjtJoint.mjJNT_HINGE): "jointpos",
     int(mujoco.mjtJoint.mjJNT_SLIDE): "jointpos",
@@ -34,7 +36,7 @@ class MjcfFile(Task):
         self.path = Path(path)
         table = read_toml(self.path, TaskError)
         where = str(self.path)
-        _known(table, {"format", "name", "model", "parameters", "inputs", "outputs", "log"}, where)
+        _known(table, {"format", "name", "model", "parameters", "inputs", "outputs", "log", "reward"}, where)
         if table.get("format") != FORMAT or isinstance(table["format"], bool):
             raise TaskError(
                 f"{where}: {_given(table, 'format')}; this program reads {FORMAT}",
@@ -66,6 +68,7 @@ class MjcfFile(Task):
                 f"{where}: no [outputs.NAME]", cure="name at least one sensor of the model as an output"
             )
         self.log = self._log_columns(table.get("log", {}), f"{where}: [log]")
+        self.reward = self._reward(table["reward"], f"{where}: [reward]") if "reward" in table else None
 
     def write(self, fields, parameters):
         for column, target in self._targets:
@@ -174,6 +177,44 @@ class MjcfFile(Task):
             for i in range(size)
             if columns[i]
         ]
+
+    def _reward(self, table: Any, where: str) -> Reward:
+        _known(table, {"duration", "points", "outputs"}, where)
+        seconds = "give the seconds that an episode lasts"
+        duration = _positive(table, "duration", where, default=_REQUIRED, cure=seconds)
+        points = _value(table, "points", float, where, default=float(POINTS))
+        if points != int(points) or not 2 <= points <= duration / self.timestep + 1:
+            raise TaskError(
+                f"{where}: points = {points:g}",
+                cure=f"give a whole number, from 2 to one a time step of the model, {self.timestep:g} s",
+            )
+        entries = _tables(table, "outputs", where)
+        if not entries:
+            raise TaskError(f"{where}: no goal", cure="write [reward.outputs.NAME] with target and within")
+        goals = tuple(
+            self._goal(name, entry, duration, f"{where[:-1]}.outputs.{name}]") for name, entry in entries
+        )
+        return Reward(goals, duration, int(points))
+
+    def _goal(self, name: str, entry: Any, duration: float, where: str) -> Goal:
+        _known(entry, {"target", "within", "at", "weight"}, where)
+        names = [c.name for c in self.outputs]
+        if name not in names:
+            raise TaskError(f"{where}: there is no output {name!r}", cure=did_you_mean(name, names))
+        at = _positive(
+            entry, "at", where, cure="give a time in the episode, or leave it out for all the while"
+        )
+        if at is not None and at > duration:
+            raise TaskError(
+                f"{where}: at = {at:g}", cure=f"an episode lasts {duration:g} s: give that at most"
+            )
+        return Goal(
+            output=name,
+            target=_value(entry, "target", float, where),
+            within=_positive(entry, "within", where, default=_REQUIRED, cure="give how near counts, above 0"),
+            at=at,
+            weight=_positive(entry, "weight", where, default=1.0, cure="give a number above 0"),
+        )
 
     def _sensor_to_take(self, name: str) -> str:
         """The cure where no sensor is called `name`."""

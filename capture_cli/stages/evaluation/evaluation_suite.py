@@ -37,9 +37,17 @@ from capture_cli.store.result import read_result
 FORMAT, VERSION = "capture/evaluation-suite", 1
 WITHOUT_CHECKPOINT = ("domain-randomization", "compass")  # the paper's; others are named by --identifier
 # Rows in the order of the paper's Table II, and within `capture` those of its searches
-ORDER = ("expert-distillation", "tunenet", "capture")
+ORDER = (
+    "expert-distillation",
+    "expert-distillation-all-rounds",
+    "tunenet",
+    "tunenet-all-rounds",
+    "capture",
+    "capture-trajectory",
+)
+DISTILLED = ("capture", "capture-trajectory")  # whose ablations there are
 SEARCHES = ("linear-interpolation", "binary", "randomized-binary")
-FACTS = {"history_rounds": "L", "window": "k", "tokens": "a token per"}  # what those of PAPER are called
+FACTS = {"history_rounds": "L", "window": "k"}  # what those of PAPER are called
 REFINED, UNREFINED = "capture-refined", "posterior"
 
 
@@ -226,9 +234,7 @@ def _members(cell: Cell, names: list[str], checkpoints: list[tuple[Path, Mapping
     """What to give to `--identifier` for the cell; nothing where no checkpoint is for it."""
     own = [(path, d) for path, d in checkpoints if d["task"] == cell.task]
     if cell.varied:
-        chosen = [(p, d) for p, d in own if d["identifier"] == "capture" and not _others(d, cell.varied)]
-        chosen.sort(key=lambda found: how_trained(found[1])[cell.varied])
-        return [str(p) for p, _ in chosen] if len(chosen) > 1 else []
+        return [path for name in DISTILLED for path in _ablated(cell.varied, name, own)]
     chosen = [(p, d) for p, d in own if _others(d, "search") <= _own_window(d)]
     chosen.sort(key=lambda found: _place(found[1]))
     refined = [str(p) for p, d in chosen if d["identifier"] == REFINED]
@@ -236,6 +242,13 @@ def _members(cell: Cell, names: list[str], checkpoints: list[tuple[Path, Mapping
     unrefined = [] if trained_so else [f"{UNREFINED}={path}" for path in refined[:1]]
     others = [str(p) for p, _ in chosen if str(p) not in refined]
     return [*names, *others, *unrefined, *refined] if chosen else []
+
+
+def _ablated(varied: str, name: str, own: list[tuple[Path, Mapping[str, Any]]]) -> list[str]:
+    """The checkpoints of the identifier `name` that differ in `varied` alone, where there are several."""
+    chosen = [(p, d) for p, d in own if d["identifier"] == name and not _others(d, varied)]
+    chosen.sort(key=lambda found: how_trained(found[1])[varied])
+    return [str(p) for p, _ in chosen] if len(chosen) > 1 else []
 
 
 def _not_used(
@@ -260,9 +273,9 @@ def _why_not(document: Mapping[str, Any], cells: Sequence[Cell]) -> str:
         return f"of the task {document['task']!r}"
     facts, unlike = how_trained(document), _others(document, "search") - _own_window(document)
     if not unlike:
-        return "the ablations asked for compare several of the identifier 'capture'"
+        return f"the ablations asked for compare several of {' or of '.join(DISTILLED)}"
     said = [f"{FACTS[name]} {facts[name]}, in the paper {PAPER[name]}" for name in PAPER if name in unlike]
-    return f"{'; '.join(said)}; an ablation takes several of 'capture' that differ in one such alone"
+    return f"{'; '.join(said)}; an ablation takes several of {' or of '.join(DISTILLED)} that differ in one such alone"
 
 
 def _place(document: Mapping[str, Any]) -> tuple[int, int]:

@@ -81,6 +81,12 @@ def task_of(task: Task, checkpoint: IdentifierCheckpoint, where: str | Path) -> 
             f"({', '.join(f.name for f in signature.features)}); this one is {task.name!r} with ({', '.join(outputs)})",
             cure="choose a checkpoint of this task, or train one with `capture gen-histories` and `train-sysid`",
         )
+    points = len(signature.point_times)
+    if len(signature.actions) == points * len(task.inputs):
+        raise OptionError(
+            f"{where} was trained on episodes that a policy drives from the model's initial state; a log has windows",
+            cure="train one on windows: `capture gen-histories` without --policy",
+        )
     library = np.stack([signature.actions.low, signature.actions.high])
     return SequenceTask(task, signature.point_times, library, [f.scale for f in signature.features])
 

@@ -1,0 +1,240 @@
+"""Every figure of docs/dev/evaluation.md, and the goals of docs/in-context.md: from the JSON in runs/evaluation.
+
+A table says how many pairs it is of and which code made it. Rows that an evaluation took over from an earlier run are
+of other code, and are left out.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from capture_cli.report import paper_numbers
+from capture_cli.store.evaluation import Evaluation
+
+RUNS = Path(__file__).resolve().parents[1] / "runs" / "evaluation"
+ROUNDS = (1, 2, 3, 5, 7, 10, 15, 20, 30)
+RATIO_ROUNDS = (5, 10, 20, 30)
+BUDGETS = (10, 20, 50, 100, 200, 500, 1000, 2000, 5000)  # simulated rollouts
+OURS = "capture-refined"
+NONE = ""  # of a cell
+
+Rows = list[list[str]]
+
+
+@dataclass(frozen=True)
+class Measured:
+    """An evaluation of runs/evaluation: its document without the rows of other code, and who made it."""
+
+    folder: str
+    document: Mapping[str, Any]
+    provenance: Mapping[str, Any]
+
+    @classmethod
+    def read(cls, folder: str) -> Measured:
+        document = Evaluation.read_document(RUNS / folder)
+        made = json.loads((RUNS / folder / "provenance.json").read_text(encoding="utf-8"))
+        # as they were called then
+        labels = json.loads((RUNS / folder / "evaluation.json").read_text(encoding="utf-8"))["identifiers"]
+        other = made.get("taken_over", {}).get("identifiers", [])
+        called = zip(labels, document["identifiers"].items(), strict=True)
+        rows = {label: e for then, (label, e) in called if then not in other}
+        return cls(folder, {**document, "identifiers": rows}, made)
+
+    @property
+    def rows(self) -> Mapping[str, Mapping[str, Any]]:
+        return self.document["identifiers"]
+
+    @property
+    def rounds(self) -> list[int]:
+        return [n for n in ROUNDS if n <= self.document["rounds"]]
+
+    def about(self) -> str:
+        """Counts, and the code."""
+        d, code = self.document, self.provenance.get("code")
+        seeds = f", {d['seeds']} draws of them" if d["seeds"] > 1 else ""
+        noise = "" if d["noise"] == "none" else f", noise {d['noise']}"
+        trained = {e["pairs_trained"] for e in self.rows.values() if e.get("pairs_trained")}
+        histories = f", identifiers trained on {_either(sorted(trained))} histories" if trained else ""
+        by = f"code {code[:12]}" if code else "the code was not noted"
+        link = f"[{self.folder}](../../runs/evaluation/{self.folder}/tables.md)"
+        return f"{link}: {d['pairs']} pairs{seeds}, {d['rounds']} rounds{noise}{histories}; {by}."
+
+
+def air_hockey() -> str:
+    """The part of that name."""
+    parts = [_section(folder, (parameters, ratios, budgets, pairs)) for folder in _folders("air-hockey")]
+    return "\n\n".join(parts)
+
+
+def scooping() -> str:
+    """The part of that name."""
+    parts = [_section(folder, (successes, parameters, pairs)) for folder in _folders("scooping")]
+    return "\n\n".join(parts)
+
+
+def _folders(task: str) -> list[str]:
+    """Of the task, and of those that are named like it."""
+    named = sorted(p.parent.relative_to(RUNS).as_posix() for p in RUNS.rglob("evaluation.json"))
+    return [n for n in named if Measured.read(n).document["task"].startswith(task)]
+
+
+def _section(folder: str, tables: Iterable[Callable[[Measured], str]]) -> str:
+    measured = Measured.read(folder)
+    made = [table(measured) for table in tables]
+    return "\n\n".join([measured.about(), *(text for text in made if text)])
+
+
+# --- tables ---
+
+
+def parameters(m: Measured) -> str:
+    """Parameter difference, what it cost and what the intervals hold."""
+    last, at = m.document["rounds"], min(10, m.document["rounds"])
+    header = [f"parameter difference, {m.document['rounds']} rounds at most", *map(str, m.rounds)]
+    header += [f"rollouts up to {last}", f"cover at {at}"]
+    rows = [
+        [
+            label,
+            *(_two(e["parameter_difference"]["mean"][n]) for n in m.rounds),
+            f"{e['simulated_rollouts'][last]:.0f}",
+            f"{e['coverage'][at - 1]:.2f}" if e.get("coverage") else NONE,
+        ]
+        for label, e in m.rows.items()
+    ]
+    return _table(header, rows)
+
+
+def ratios(m: Measured) -> str:
+    """Trajectory difference over that of domain randomisation, the paper's in brackets."""
+    shown = [n for n in RATIO_ROUNDS if n <= m.document["rounds"]] or [m.document["rounds"]]
+    with_ratio = {label: e for label, e in m.rows.items() if e["ratio"]}
+    if not with_ratio:
+        return ""
+    rows = []
+    for label, e in with_ratio.items():
+        cells = [f"{_two(e['ratio'][n])}{_of_paper(m, e, n)}" for n in shown]
+        rows.append([label, f"{e['trajectory_difference'][shown[-1]]:.3g}", *cells])
+    header = ["trajectory difference", f"at {shown[-1]}", *(f"ratio at {n}" for n in shown)]
+    return _table(header, rows)
+
+
+def _of_paper(m: Measured, e: Mapping[str, Any], number: int) -> str:
+    theirs = paper_numbers.trajectory_difference(m.document["task"], m.document["noise"], e)
+    yardstick = paper_numbers.trajectory_difference(
+        "air-hockey", "none", {"identifier": "domain-randomization"}
+    )
+    return f" ({_two(theirs[number][0] / yardstick[number][0])})" if theirs and number in theirs else NONE
+
+
+def successes(m: Measured) -> str:
+    """Success, by rounds."""
+    rows = [[label, *(f"{e['success'][n]:.2f}" for n in m.rounds)] for label, e in m.rows.items()]
+    return _table(["success", *map(str, m.rounds)], rows)
+
+
+def budgets(m: Measured) -> str:
+    """Parameter difference by what was simulated, of those that simulate by themselves: the budget curve."""
+    spends = {k: e for k, e in m.rows.items() if e["simulated_rollouts"][1] > 1}
+    if not spends:
+        return ""
+    most = max(e["simulated_rollouts"][-1] for e in spends.values())
+    shown = [b for b in BUDGETS if b <= most]
+    rows = [[label, *(_within(e, b) for b in shown)] for label, e in spends.items()]
+    return _table(["parameter difference within simulated rollouts", *map(str, shown)], rows)
+
+
+def _within(e: Mapping[str, Any], budget: int) -> str:
+    """The error after the last round that the budget allows."""
+    allowed = [n for n, spent in enumerate(e["simulated_rollouts"]) if n and spent <= budget]
+    return _two(e["parameter_difference"]["mean"][allowed[-1]]) if allowed else NONE
+
+
+def pairs(m: Measured) -> str:
+    """`capture-refined` against each other one, pair by pair, with the sign test."""
+    compared = {label: e["paired"] for label, e in m.rows.items() if e.get("paired")}
+    shown = [n for n in m.rounds if n in (1, 2, 3, 5, 10, 20)]
+    rows = []
+    for label, c in compared.items():
+        cells = [f"{c['nearer'][n]}/{c['as_near'][n]}/{c['further'][n]}, {_p(c['p'][n])}" for n in shown]
+        rows.append([label, *cells])
+    header = [f"`{OURS}` nearer / as near / further than, p", *map(str, shown)]
+    return _table(header, rows) if rows else ""
+
+
+def _p(p: float) -> str:
+    return "<0.001" if p < 1e-3 else f"{p:.2g}"
+
+
+# --- the goals of docs/in-context.md ---
+
+
+def goals() -> str:
+    """The part of that name: what was aimed at, beside the paper and what was measured."""
+    hockey, lift, noisy, known, disturbed = (
+        Measured.read(folder).rows
+        for folder in ("air-hockey", "scooping", "scooping-noise", "scooping-known-noise", "air-hockey-noise")
+    )
+    mine, refined = "capture-trajectory", OURS
+    rows = [
+        [
+            f"air hockey, ratio of trajectory differences at 10: `{mine}`",
+            "0.3",
+            "0.52",
+            _two(hockey[mine]["ratio"][10]),
+        ],
+        [f"`{refined}`", "0.1", NONE, _two(hockey[refined]["ratio"][10])],
+        [f"parameter difference at 7: `{mine}`", "0.05", "0.2", _mean(hockey[mine], 7)],
+        [f"`{refined}`", "0.01", NONE, _mean(hockey[refined], 7)],
+        [f"scooping, success from round 5 on: `{mine}`", NONE, "0.8 to 0.9", _lowest(lift[mine], 5)],
+        [f"`{refined}`", "0.95", NONE, _lowest(lift[refined], 5)],
+        [
+            f"the same under label noise: `{refined}`",
+            "0.85",
+            NONE,
+            ", ".join(f"{_lowest(noisy[refined], n)} from round {n}" for n in (5, 8, 10)),
+        ],
+        ["told which labels are random", "0.85", NONE, _lowest(known[refined], 5)],
+        [
+            f"`{refined}`, 95 % intervals hold, from round 5 on",
+            "0.92 to 0.98",
+            NONE,
+            f"air hockey {_held(hockey[refined], 5)}, scooping {_held(lift[refined], 5)}",
+        ],
+        ["the same under sensor noise of 10 %", "0.92 to 0.98", NONE, _held(disturbed[refined], 5)],
+    ]
+    return _table(["what", "goal", "paper", "measured"], rows)
+
+
+def _mean(e: Mapping[str, Any], number: int) -> str:
+    return _two(e["parameter_difference"]["mean"][number])
+
+
+def _lowest(e: Mapping[str, Any], first: int) -> str:
+    return f"{min(e['success'][first:]):.2f}"
+
+
+def _held(e: Mapping[str, Any], first: int) -> str:
+    held = e["coverage"][first - 1 :]
+    return f"{min(held):.2f} to {max(held):.2f}"
+
+
+# --- cells ---
+
+
+def _two(value: float) -> str:
+    """Two digits, never with an exponent."""
+    text = f"{value:.2g}"
+    return f"{value:.5f}".rstrip("0") if "e" in text else text
+
+
+def _either(values: list[int]) -> str:
+    return " or ".join(f"{v:,}" for v in values)
+
+
+def _table(header: list[str], rows: Rows) -> str:
+    lines = [f"| {' | '.join(cells)} |" for cells in [header, *rows]]
+    return "\n".join([lines[0], f"|---|{'---:|' * (len(header) - 1)}", *lines[1:]])

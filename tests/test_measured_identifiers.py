@@ -1,0 +1,70 @@
+"""The page of evaluations: what its tables make of the JSON, and what they leave out."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from docs import measured_identifiers
+from docs.measured_identifiers import Measured
+
+
+def entry(errors: list[float], rollouts: list[float], paired=None) -> dict:
+    return {
+        "identifier": "x",
+        "pairs_trained": 90,
+        "parameter_difference": {"mean": errors},
+        "trajectory_difference": errors,
+        "ratio": None,
+        "success": None,
+        "coverage": None,
+        "simulated_rollouts": rollouts,
+        "paired": paired,
+    }
+
+
+@pytest.fixture
+def measured() -> Measured:
+    p = {"nearer": [0, 5, 9], "as_near": [0, 1, 1], "further": [0, 4, 0], "p": [1.0, 0.754, 0.0039]}
+    rows = {
+        "cma-es": entry([0.3, 0.2, 0.123], [0, 147, 440], p),
+        "capture": entry([0.3, 0.2, 0.1], [0, 1, 2]),
+    }
+    document = {"task": "t", "pairs": 10, "seeds": 1, "rounds": 2, "noise": "none", "identifiers": rows}
+    return Measured("folder", document, {"code": "0123456789abcdef"})
+
+
+def test_a_table_says_how_many_pairs_it_is_of_and_whose_code_made_it(measured):
+    assert "10 pairs, 2 rounds, identifiers trained on 90 histories; code 0123456789ab." in measured.about()
+    assert "the code was not noted" in Measured("folder", measured.document, {}).about()
+
+
+def test_errors_are_those_of_the_last_round_that_a_budget_allows(measured):
+    header, _, row = measured_identifiers.budgets(measured).splitlines()
+    assert header.split(" | ")[1:] == ["10", "20", "50", "100", "200 |"]
+    assert row == "| cma-es |  |  |  |  | 0.2 |"
+
+
+def test_probabilities_are_those_of_the_sign_test(measured):
+    assert measured_identifiers.pairs(measured).splitlines()[-1] == "| cma-es | 5/1/4, 0.75 | 9/1/0, 0.0039 |"
+
+
+def test_rows_of_other_code_are_left_out(tmp_path, monkeypatch):
+    """They were told in provenance.json, by the names that they had then."""
+    monkeypatch.setattr(measured_identifiers, "RUNS", tmp_path)
+    (tmp_path / "e").mkdir()
+    row = {
+        "identifier": "capture",
+        "tokens": "trajectory",
+        "parameter_difference": {"mean": [0.1]},
+        "trajectory_difference": [0.1],
+        "success": None,
+    }
+    about = {k: 1 for k in ("pairs", "seeds", "rounds")} | {"task": "t", "policy": "p", "noise": "none"}
+    rows = {"capture": row, "capture (binary)": row}
+    document = {"format": "capture/evaluation", "version": 2, "effects": [], "identifiers": rows, **about}
+    (tmp_path / "e" / "evaluation.json").write_text(json.dumps(document))
+    made = {"taken_over": {"identifiers": ["capture"]}}
+    (tmp_path / "e" / "provenance.json").write_text(json.dumps(made))
+    assert list(Measured.read("e").rows) == ["capture-trajectory (binary)"]
