@@ -29,7 +29,7 @@ def measured() -> Measured:
     p = {"nearer": [0, 5, 9], "as_near": [0, 1, 1], "further": [0, 4, 0], "p": [1.0, 0.754, 0.0039]}
     rows = {
         "cma-es": entry([0.3, 0.2, 0.123], [0, 147, 440], p),
-        "capture": entry([0.3, 0.2, 0.1], [0, 1, 2]),
+        "compass": entry([0.3, 0.2, 0.1], [0, 10, 20]),
     }
     document = {"task": "t", "pairs": 10, "seeds": 1, "rounds": 2, "noise": "none", "identifiers": rows}
     return Measured("folder", document, {"code": "0123456789abcdef"})
@@ -41,13 +41,13 @@ def test_a_table_says_how_many_pairs_it_is_of_and_whose_code_made_it(measured):
 
 
 def test_errors_are_those_of_the_last_round_that_a_budget_allows(measured):
-    header, _, row = measured_identifiers.budgets(measured).splitlines()
+    header, _, row, other = measured_identifiers.budgets(measured).splitlines()
     assert header.split(" | ")[1:] == ["10", "20", "50", "100", "200 |"]
-    assert row == "| cma-es |  |  |  |  | 0.2 |"
+    assert row == "| cma-es |  |  |  |  | 0.2 |" and other == "| compass | 0.2 | 0.1 | 0.1 | 0.1 | 0.1 |"
 
 
 def test_probabilities_are_those_of_the_sign_test(measured):
-    assert measured_identifiers.pairs(measured).splitlines()[-1] == "| cma-es | 5/1/4, 0.75 | 9/1/0, 0.0039 |"
+    assert measured_identifiers.pairs(measured).splitlines()[-1] == "| cma-es | 5/1/4, 0.75 |"
 
 
 def test_rows_of_other_code_are_left_out(tmp_path, monkeypatch):
@@ -68,3 +68,6 @@ def test_rows_of_other_code_are_left_out(tmp_path, monkeypatch):
     made = {"taken_over": {"identifiers": ["capture"]}}
     (tmp_path / "e" / "provenance.json").write_text(json.dumps(made))
     assert list(Measured.read("e").rows) == ["capture-trajectory (binary)"]
+    assert measured_identifiers._folders("t") == []
+    (tmp_path / "e" / "provenance.json").write_text(json.dumps({"code": "0", **made}))
+    assert measured_identifiers._folders("t") == ["e"]
