@@ -2,7 +2,7 @@
 # The commands behind docs/dev/evaluation.md: runs/evaluation, made again. Run those that you need.
 set -eu
 
-# Air hockey: the main table, then fits, COMPASS and noise on the same pairs.
+# Air hockey: the main table, then fits and noise on the same pairs.
 capture gen-histories --task air-hockey --policy runs/policies/air-hockey --pairs 8192 --seed 1 --out randomized-binary.zarr
 capture gen-histories --task air-hockey --policy runs/policies/air-hockey --search scattered --pairs 1536 --seed 2 --out scattered.zarr
 capture train-sysid --histories randomized-binary.zarr --identifier capture-trajectory --width 64 --steps 5000 --batch 128 --out runs/sysid/air-hockey/capture-trajectory
@@ -10,27 +10,40 @@ capture train-sysid --histories randomized-binary.zarr --identifier expert-disti
 capture train-sysid --histories randomized-binary.zarr --identifier tunenet --width 64 --steps 3000 --batch 128 --out runs/sysid/air-hockey/tunenet
 capture train-sysid --histories scattered.zarr --identifier capture-refined --width 64 --steps 1200 --batch 128 --out runs/sysid/air-hockey/capture-refined
 capture eval-sim2sim --task air-hockey --policy runs/policies/air-hockey --identifier domain-randomization --identifier runs/sysid/air-hockey/expert-distillation --identifier runs/sysid/air-hockey/tunenet --identifier runs/sysid/air-hockey/capture-trajectory --identifier posterior=runs/sysid/air-hockey/capture-refined --identifier runs/sysid/air-hockey/capture-refined --rounds 20 --out runs/evaluation/air-hockey
-capture eval-sim2sim --task air-hockey --policy runs/policies/air-hockey --identifier compass --seeds 1 --rounds 10 --out runs/evaluation/air-hockey-compass
 capture eval-sim2sim --task air-hockey --policy runs/policies/air-hockey --noise scale --identifier domain-randomization --identifier runs/sysid/air-hockey/expert-distillation --identifier runs/sysid/air-hockey/tunenet --identifier runs/sysid/air-hockey/capture-trajectory --identifier runs/sysid/air-hockey/capture-refined --seeds 1 --rounds 20 --out runs/evaluation/air-hockey-noise
 capture eval-sim2sim --task air-hockey --policy runs/policies/air-hockey --identifier least-squares --identifier runs/sysid/air-hockey/capture-refined --seeds 1 --rounds 5 --out runs/evaluation/air-hockey-fits
-capture eval-sim2sim --task air-hockey --policy runs/policies/air-hockey --identifier cma-es --identifier runs/sysid/air-hockey/capture-refined --seeds 1 --rounds 3 --out runs/evaluation/air-hockey-cma
 
-# Searches, k and L, each from 1536 histories; their checkpoints are not shipped.
+# Equal data: everything that learns from the same 1,000 histories; then what searches in the simulator, by its rollouts.
+capture gen-histories --task air-hockey --policy runs/policies/air-hockey --pairs 1000 --seed 1 --out equal/air-hockey.zarr
+capture gen-histories --task scooping --policy runs/policies/scooping --pairs 1000 --seed 1 --out equal/scooping.zarr
+for identifier in capture:600 capture-trajectory:1000 capture-refined:600 expert-distillation:1500 expert-distillation-all-rounds:1500 tunenet:1500 tunenet-all-rounds:1500; do
+  capture train-sysid --histories equal/air-hockey.zarr --identifier "${identifier%:*}" --width 64 --batch 64 --steps "${identifier#*:}" --out "equal/air-hockey/${identifier%:*}"
+done
+for identifier in capture:1000 capture-trajectory:1000 capture-refined:800 expert-distillation:1000 expert-distillation-all-rounds:1000 tunenet:1000 tunenet-all-rounds:1000; do
+  capture train-sysid --histories equal/scooping.zarr --identifier "${identifier%:*}" --width 32 --layers 2 --heads 2 --batch 64 --steps "${identifier#*:}" --out "equal/scooping/${identifier%:*}"
+done
+rows() {
+  echo --identifier domain-randomization
+  for identifier in expert-distillation expert-distillation-all-rounds tunenet tunenet-all-rounds capture capture-trajectory; do
+    echo --identifier "equal/$1/$identifier"
+  done
+  echo --identifier "posterior=equal/$1/capture-refined" --identifier "equal/$1/capture-refined"
+}
+capture eval-sim2sim --task air-hockey --policy runs/policies/air-hockey $(rows air-hockey) --pairs 60 --seeds 1 --rounds 10 --out runs/evaluation/air-hockey-equal
+capture eval-sim2sim --task scooping --policy runs/policies/scooping $(rows scooping) --seeds 1 --rounds 10 --out runs/evaluation/scooping-equal
+capture eval-sim2sim --task air-hockey --policy runs/policies/air-hockey --identifier compass --identifier least-squares --identifier cma-es --identifier equal/air-hockey/capture-refined --pairs 10 --seeds 1 --rounds 4 --out runs/evaluation/air-hockey-budget
+
+# k and L, each from 1536 histories; their checkpoints are not shipped.
 capture gen-histories --task air-hockey --policy runs/policies/air-hockey --search randomized-binary --pairs 1536 --seed 1 --out ablations/randomized-binary.zarr
-capture gen-histories --task air-hockey --policy runs/policies/air-hockey --search linear-interpolation --pairs 1536 --seed 1 --out ablations/linear-interpolation.zarr
-capture gen-histories --task air-hockey --policy runs/policies/air-hockey --search binary --pairs 1536 --seed 1 --out ablations/binary.zarr
 capture gen-histories --task air-hockey --policy runs/policies/air-hockey --rounds 5 --pairs 1536 --seed 1 --out ablations/L5.zarr
 capture gen-histories --task air-hockey --policy runs/policies/air-hockey --rounds 9 --pairs 1536 --seed 1 --out ablations/L9.zarr
 capture gen-histories --task air-hockey --policy runs/policies/air-hockey --rounds 13 --pairs 1536 --seed 1 --out ablations/L13.zarr
 capture train-sysid --histories ablations/randomized-binary.zarr --identifier capture-trajectory --width 64 --steps 2000 --batch 128 --out ablations/air-hockey/randomized-binary
-capture train-sysid --histories ablations/linear-interpolation.zarr --identifier capture-trajectory --width 64 --steps 2000 --batch 128 --out ablations/air-hockey/linear-interpolation
-capture train-sysid --histories ablations/binary.zarr --identifier capture-trajectory --width 64 --steps 2000 --batch 128 --out ablations/air-hockey/binary
 capture train-sysid --histories ablations/L5.zarr --identifier capture-trajectory --width 64 --steps 2000 --batch 128 --out ablations/air-hockey/L5
 capture train-sysid --histories ablations/L9.zarr --identifier capture-trajectory --width 64 --steps 2000 --batch 128 --out ablations/air-hockey/L9
 capture train-sysid --histories ablations/L13.zarr --identifier capture-trajectory --width 64 --steps 2000 --batch 128 --out ablations/air-hockey/L13
 capture train-sysid --histories ablations/randomized-binary.zarr --identifier capture-trajectory --width 64 --steps 2000 --batch 128 --out ablations/air-hockey/k2 --window 2
 capture train-sysid --histories ablations/randomized-binary.zarr --identifier capture-trajectory --width 64 --steps 2000 --batch 128 --out ablations/air-hockey/k6 --window 6
-capture eval-sim2sim --task air-hockey --policy runs/policies/air-hockey --identifier domain-randomization --identifier ablations/air-hockey/linear-interpolation --identifier ablations/air-hockey/binary --identifier ablations/air-hockey/randomized-binary --rounds 20 --out runs/evaluation/air-hockey-search
 capture eval-sim2sim --suite paper --cell air-hockey-L --cell air-hockey-k --identifier ablations --policy runs/policies --seeds 1 --rounds 20 --out runs/evaluation/air-hockey-ablations
 
 # Trained with the noise:
@@ -38,8 +51,7 @@ capture gen-histories --task air-hockey --policy runs/policies/air-hockey --nois
 capture train-sysid --histories noisy.zarr --identifier capture-trajectory --width 64 --steps 5000 --batch 128 --out noisy/capture
 capture eval-sim2sim --task air-hockey --policy runs/policies/air-hockey --noise scale --identifier domain-randomization --identifier noisy/capture --seeds 1 --rounds 20 --out runs/evaluation/air-hockey-noise-trained
 
-# Scooping: COMPASS, and the observation that is not monotonic.
-capture eval-sim2sim --task scooping --policy runs/policies/scooping --identifier compass --rounds 10 --out runs/evaluation/scooping-compass
+# Scooping: the observation that is not monotonic.
 capture train-policy --task scooping-distance --steps 6000 --evaluations 6 --out distance/policy
 capture gen-histories --task scooping-distance --policy distance/policy --pairs 4096 --seed 1 --out distance/histories.zarr
 capture train-sysid --histories distance/histories.zarr --identifier capture-trajectory --width 32 --layers 2 --heads 2 --steps 2000 --batch 128 --out distance/sysid/capture

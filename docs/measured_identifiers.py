@@ -16,7 +16,7 @@ from capture_cli.report import paper_numbers
 from capture_cli.store.evaluation import Evaluation
 
 RUNS = Path(__file__).resolve().parents[1] / "runs" / "evaluation"
-ROUNDS = (1, 3, 5, 7, 10, 20, 30)
+ROUNDS = (1, 3, 5, 10, 20, 30)
 RATIO_ROUNDS = (5, 10, 20, 30)
 BUDGETS = (10, 20, 50, 100, 200, 500, 1000, 2000, 5000)  # simulated rollouts
 OURS = "capture-refined"
@@ -165,8 +165,8 @@ def pairs(m: Measured) -> str:
     """`capture-refined` against each other one, pair by pair, with the sign test."""
     others = {label: e["paired"] for label, e in m.rows.items() if e.get("paired")}
     shown = [n for n in m.rounds if n <= PAIRED]
-    # where every round is beyond doubt the tables above say enough
-    compared = {label: c for label, c in others.items() if max(c["p"][n] for n in shown) >= DOUBTFUL}
+    # where the end is beyond doubt the tables above say enough
+    compared = {label: c for label, c in others.items() if c["p"][shown[-1]] >= DOUBTFUL}
     rows = []
     for label, c in compared.items():
         cells = [f"{c['nearer'][n]}/{c['as_near'][n]}/{c['further'][n]}, {_p(c['p'][n])}" for n in shown]

@@ -48,6 +48,9 @@ def test_errors_are_those_of_the_last_round_that_a_budget_allows(measured):
 
 def test_probabilities_are_those_of_the_sign_test(measured):
     assert measured_identifiers.pairs(measured).splitlines()[-1] == "| cma-es | 5/1/4, 0.75 |"
+    sure = {**measured.rows["cma-es"]["paired"], "p": [1.0, 1e-4, 1e-5]}
+    rows = {**measured.rows, "cma-es": entry([0.3, 0.2, 0.123], [0, 147, 440], sure)}
+    assert measured_identifiers.pairs(Measured("f", {**measured.document, "identifiers": rows}, {})) == ""
 
 
 def test_rows_of_other_code_are_left_out(tmp_path, monkeypatch):
