@@ -14,7 +14,7 @@ from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.estimate.solve.base import Best
 from capture_cli.model.tasks import load_task
 from capture_cli.stages.identification import estimation
-from capture_cli.stages.identification.estimation import by_physics, from_where_all_show
+from capture_cli.stages.identification.estimation import Descents, by_physics, from_where_all_show
 from capture_cli.stages.record import record
 
 
@@ -30,7 +30,7 @@ def prepared(slider_task, tmp_path) -> PreparedLog:
 def found_in(prepared: PreparedLog, **options):
     start = prepared.task.space.nominal
     with Progress("identify", "round", quiet=True) as progress:
-        return by_physics(ModelFits(prepared, 1), start, progress, seed=0, **{"rounds": 50, **options})
+        return by_physics(ModelFits(prepared, 1), start, progress, Descents(0, **{"rounds": 50, **options}))
 
 
 def test_a_descent_that_converged_is_not_linearized_again(prepared, monkeypatch):

@@ -41,7 +41,7 @@ from capture_cli.store.output import (
     resumable_directory,
     sha256,
 )
-from capture_cli.store.result import read_result
+from capture_cli.store.result import DocumentKind, read_result
 from capture_cli.store.schema import ArraySpec, Schema
 from capture_cli.store.tensors import save_arrays
 
@@ -635,7 +635,7 @@ def test_the_schema_prints_every_array_and_attribute():
 
 def test_a_result_that_is_not_there_is_said_to_be_missing(tmp_path):
     with pytest.raises(StoreError, match="nowhere does not exist"):
-        read_result(tmp_path / "nowhere", "estimate.json", "capture/estimate", 1, "make it")
+        read_result(tmp_path / "nowhere", "estimate.json", DocumentKind("capture/estimate", 1, "make it"))
 
 
 # --- names of outputs ---

@@ -44,13 +44,12 @@ def read_toml(
     path: Path, raises: type[CaptureError], *, called: str | None = None, cure: str = CORRECT
 ) -> dict[str, Any]:
     """The table in the file at `path`, which messages name as `called`. Raises `raises` for what is none."""
-    import tomllib  # of other documents nothing needs it
 
     where = called or str(path)
     text = read_text(path, raises, most=LARGEST_TOML, called=called)
     if found := _LONG_KEY.search(text):
         raise _too_deep(f"{where}, line {_line(text, found)}", raises, cure)
-    return _parsed(tomllib.loads, text, "TOML", where, raises, cure)
+    return _parsed("TOML", text, where, raises, cure)
 
 
 def read_json(path: Path, raises: type[CaptureError], *, cure: str) -> Any:
@@ -66,7 +65,7 @@ def parse_json(
     any_numbers: infinity, and whole numbers of more than 64 bits, as the state of a generator of random numbers.
     """
     decoded = _decoded(text, where, raises, cure)
-    return _parsed(json.loads, decoded, "JSON", where, raises, cure, any_numbers=any_numbers)
+    return _parsed("JSON", decoded, where, raises, cure, any_numbers=any_numbers)
 
 
 def read_text(path: Path, raises: type[CaptureError], *, most: int, called: str | None = None) -> str:
@@ -154,20 +153,21 @@ def _decoded(text: str | bytes, where: str, raises: type[CaptureError], cure: st
         raise raises(f"{where} is not UTF-8 text: {error.reason} at byte {error.start}", cure=cure) from error
 
 
+def _parser(form: str) -> Callable[[str], Any]:
+    if form == "JSON":
+        return json.loads
+    import tomllib  # few commands read any
+
+    return tomllib.loads
+
+
 def _parsed(
-    parse: Callable[[str], Any],
-    text: str,
-    form: str,
-    where: str,
-    raises: type[CaptureError],
-    cure: str,
-    *,
-    any_numbers: bool = False,
+    form: str, text: str, where: str, raises: type[CaptureError], cure: str, *, any_numbers: bool = False
 ) -> Any:
     if (parts := text.count("[") + text.count("{")) > MOST_PARTS:
         raise raises(f"{where}: {parts} lists and tables, and {MOST_PARTS} are the most", cure=cure)
     try:
-        document = parse(text)
+        document = _parser(form)(text)
     except RecursionError as error:
         raise _too_deep(where, raises, cure) from error
     except ValueError as error:

@@ -30,6 +30,7 @@ from capture_cli.stages.documents.estimate_document import Report, unexplained
 from capture_cli.stages.identification.chosen_identifier import ChosenIdentifier, choose_identifier
 from capture_cli.stages.identification.estimation import (
     ROUNDS,
+    Descents,
     Found,
     by_physics,
     by_rounds,
@@ -148,24 +149,8 @@ class _Search:
         """before: found with another noise floor; physics goes on from there, rounds in context are made anew."""
         new = None if self.earlier is None else self.earlier.new(prepared.windows)
         if self.chosen.checkpoint is not None and (new is None or (new & ~prepared.split.is_test).any()):
-            return self._by_rounds(prepared, start, new)
+            return by_rounds(prepared, self.chosen, self.options, self.earlier, start, self.progress)
         return self._by_physics(prepared, start, before)
-
-    def _by_rounds(self, prepared: PreparedLog, start: np.ndarray, new: np.ndarray | None) -> Found:
-        """new (window,): those of episodes that the earlier estimate has not seen."""
-        return by_rounds(
-            prepared,
-            self.chosen.checkpoint,
-            self.chosen.path,
-            self.progress,
-            start=start,
-            rounds=self.options.rounds,
-            starts=self.options.starts,
-            threads=self.options.threads,
-            seed=self.options.seed,
-            new=new,
-            earlier=None if self.earlier is None else self.earlier.rounds,
-        )
 
     def _by_physics(self, prepared: PreparedLog, start: np.ndarray, before: Found | None) -> Found:
         offsets = None
@@ -177,16 +162,13 @@ class _Search:
             starts = 1
         elif before is None and self.chosen.method is LeastSquares:
             start, starts = self._from_balance(fits, start)
-        found = by_physics(
-            fits,
-            start,
-            self.progress,
-            offsets=offsets,
+        descents = Descents(
+            self.options.seed,
             method=self.chosen.method,
             starts=starts,
             rounds=ROUNDS if self.options.rounds is None else self.options.rounds,
-            seed=self.options.seed,
         )
+        found = by_physics(fits, start, self.progress, descents, offsets)
         if before is not None:
             found.history = [*before.history, *found.history]
         if self.options.rounds is not None or self.chosen.method is not LeastSquares:

@@ -143,7 +143,10 @@ def _read_recording(source: SourceFile, name: str, task: Task, options: ImportLo
     actions = _actions(source, task)
     labels = _labels(source, len(data), task)
     sound = np.isfinite(data) | (np.isnan(data) & may_miss)
-    rows = np.flatnonzero(_usable(source, columns, data, sound, labels, task, drop_nan=options.drop_nan))
+    unlabelled = np.array([label is None for label in labels], dtype=bool)
+    if not options.drop_nan:
+        _refuse_incomplete(source, columns, data, sound, unlabelled, task)
+    rows = np.flatnonzero(sound.all(axis=1) & ~unlabelled)
     dropped = len(data) - len(rows)
     kept = rows if not options.drop_repeats else rows[~_repeats(data[rows], labels[rows])]
     repeated, rows = len(rows) - len(kept), kept
@@ -218,15 +221,14 @@ def _actions(source: SourceFile, task: Task) -> np.ndarray | None:
     return values
 
 
-def _usable(source: SourceFile, columns, data, sound, labels, task: Task, *, drop_nan: bool) -> np.ndarray:
-    """Which rows have what they need, (row,). Raises LogError at the first that has not, unless `drop_nan`.
+def _refuse_incomplete(source: SourceFile, columns, data, sound, unlabelled, task: Task) -> None:
+    """Raise LogError at the first row that lacks what it needs.
 
-    sound (row, column): where data (row, column) may be what it is.
+    sound (row, column): where data (row, column) may be what it is. unlabelled (row,): which episode is not said.
     """
-    unlabelled = np.array([label is None for label in labels], dtype=bool)
     usable = sound.all(axis=1) & ~unlabelled
-    if usable.all() or drop_nan:
-        return usable
+    if usable.all():
+        return
     row = int(np.flatnonzero(~usable)[0])
     if unlabelled[row]:
         column, value = task.log.episode, "empty"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
@@ -26,7 +26,7 @@ class Result:
     """NAME.json as a dict (`document`) and the arrays of NAME.zarr by path.
 
     FORMAT and VERSION are those of NAME.json, and SCHEMA is that of NAME.zarr. CURE: of one that cannot be read.
-    SHAPE: of what stages read of NAME.json. EARLIER: as `read_result` takes it.
+    SHAPE, EARLIER: as `DocumentKind` has them.
     """
 
     NAME: ClassVar[str]
@@ -55,9 +55,8 @@ class Result:
     def read_document(cls, folder: Path) -> dict[str, Any]:
         """NAME.json alone. Raises StoreError where there is none, or it is damaged or of another version."""
         name = f"{cls.NAME}.json"
-        document = read_result(
-            Path(folder), name, cls.FORMAT, cls.VERSION, cls.CURE, cls.SHAPE, earlier=cls.EARLIER
-        )
+        kind = DocumentKind(cls.FORMAT, cls.VERSION, cls.CURE, cls.SHAPE, cls.EARLIER)
+        document = read_result(Path(folder), name, kind)
         check_bounds(document, Path(folder) / name, cls.CURE)
         return document
 
@@ -94,36 +93,40 @@ def is_within(value: float, low: float, high: float) -> bool:
 def read_provenance(folder: Path, cure: str) -> dict[str, Any]:
     """The provenance.json of a result directory. Raises StoreError where it is none, damaged or of another version."""
     shape = {"options": OBJECT, "inputs": {str: {"path": TEXT, "sha256": TEXT}}}
-    return read_result(folder, PROVENANCE, provenance.FORMAT, provenance.VERSION, cure, shape)
+    return read_result(folder, PROVENANCE, DocumentKind(provenance.FORMAT, provenance.VERSION, cure, shape))
 
 
-def read_result(
-    folder: Path,
-    name: str,
-    form: str,
-    version: int,
-    cure: str,
-    shape: Mapping[str, Any] | None = None,
-    earlier: Migrations | None = None,
-) -> dict[str, Any]:
-    """The JSON document `name` of a result directory, as of `version`. Raises StoreError where it is not one of `form`,
-    or lacks or mistypes what `shape` says.
+@dataclass(frozen=True)
+class DocumentKind:
+    """What a JSON document is: its format and version. cure: of one that cannot be read. shape: of what is read of it.
 
     earlier: for each version before this one that is read, what makes its document one of the next.
     """
-    path = folder / name
+
+    format: str
+    version: int
+    cure: str
+    shape: Mapping[str, Any] = field(default_factory=dict)
+    earlier: Migrations = field(default_factory=dict)
+
+
+def read_result(folder: Path, name: str, kind: DocumentKind) -> dict[str, Any]:
+    """The JSON document `name` of a result directory, as of the version of its kind. Raises StoreError where it is
+    none, or lacks or mistypes what the shape says.
+    """
+    path, cure = folder / name, kind.cure
     if not folder.exists():
         raise StoreError(f"{folder} does not exist", cure="check the path")
     if not path.is_file():
         raise StoreError(f"{folder} holds no {name}", cure=f"give the directory that holds it; {cure}")
     document = read_json(path, StoreError, cure=cure)
-    if not isinstance(document, dict) or document.get("format") != form:
-        raise StoreError(f"{path} is not of the format {form}", cure=cure)
-    while isinstance(document.get("version"), int) and document["version"] in (earlier or {}):
-        document = {**earlier[document["version"]](document), "version": document["version"] + 1}
-    if document.get("version") != version:
+    if not isinstance(document, dict) or document.get("format") != kind.format:
+        raise StoreError(f"{path} is not of the format {kind.format}", cure=cure)
+    while isinstance(version := document.get("version"), int) and version in kind.earlier:
+        document = {**kind.earlier[version](document), "version": version + 1}
+    if version != kind.version:
         raise StoreError(
-            f"{path}: {form} version {document.get('version')!r}; this program reads {version}", cure=cure
+            f"{path}: {kind.format} version {version!r}; this program reads {kind.version}", cure=cure
         )
-    check_shape(document, shape or {}, path, cure)
+    check_shape(document, kind.shape, path, cure)
     return document

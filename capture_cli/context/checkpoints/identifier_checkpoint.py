@@ -17,7 +17,7 @@ from capture_cli.model.tasks.base import Task
 from capture_cli.select.recorded_effects import placed_effects, recorded_effects
 from capture_cli.store.document_shape import COUNT, EFFECTS, FEATURES, FLAG, NUMBER, PARAMETERS, TEXT, WHOLE
 from capture_cli.store.provenance import write_json
-from capture_cli.store.result import read_result
+from capture_cli.store.result import DocumentKind, read_result
 from capture_cli.store.tensors import read_weights, save_arrays
 
 if TYPE_CHECKING:
@@ -145,7 +145,7 @@ def save_identifier(model: TrainedModel, document: Mapping[str, Any], folder: Pa
 
 def read_document(path: Path) -> Mapping[str, Any]:
     """identifier.json in the directory `path`. Raises StoreError where it is missing, damaged or of another version."""
-    found = read_result(path, DOCUMENT, FORMAT, VERSION, _AGAIN, SHAPE, EARLIER)
+    found = read_result(path, DOCUMENT, DocumentKind(FORMAT, VERSION, _AGAIN, SHAPE, EARLIER))
     names = [p["name"] for p in found["signature"]["parameters"]]
     for key in OF_PARAMETERS:
         if sorted(found["result"][key]) != sorted(names):

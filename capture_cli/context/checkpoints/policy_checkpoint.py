@@ -16,7 +16,7 @@ from capture_cli.model.parameters import ParameterSpace
 from capture_cli.model.tasks.base import ActionTask
 from capture_cli.store.document_shape import BOUNDS, COUNT, EFFECTS, NUMBER, OBJECT, TEXT, check_shape
 from capture_cli.store.provenance import write_json
-from capture_cli.store.result import read_result
+from capture_cli.store.result import DocumentKind, read_result
 from capture_cli.store.tensors import read_weights, save_arrays
 
 FORMAT, VERSION = "capture/policy", 2
@@ -146,7 +146,7 @@ def read_policy(path: Path, *, trained: bool = False) -> dict[str, Any]:
 
     trained: it has to say how it was trained and judged, too.
     """
-    found = read_result(path, SETTINGS, FORMAT, VERSION, AGAIN, SHAPE, EARLIER)
+    found = read_result(path, SETTINGS, DocumentKind(FORMAT, VERSION, AGAIN, SHAPE, EARLIER))
     if trained:
         check_shape(found, TRAINED, path / SETTINGS, AGAIN)
     for kind, bounds in found["bounds"].items():

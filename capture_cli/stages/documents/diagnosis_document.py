@@ -19,6 +19,8 @@ from capture_cli.select.log_parts import FIT, SELECT, TEST, LogParts
 from capture_cli.select.residual_curves import ResidualCurve, residual_curves
 from capture_cli.select.search import Accepted
 from capture_cli.stages.documents.result_document import (
+    FoundPoint,
+    Judged,
     attributes_of,
     common_part,
     error_of,
@@ -69,16 +71,11 @@ def _document(
 ) -> dict[str, Any]:
     prepared, before, after = found.parts.prepared, found.before, found.after
     log, fit, sure = prepared.log, after.again, found.sure
+    effects = [(a.placed.effect, fit.point[fit.columns(a.name)]) for a in found.accepted]
     common = common_part(
         prepared,
-        fit.space,
-        fit.point,
-        sure,
-        effects=[(a.placed.effect, fit.point[fit.columns(a.name)]) for a in found.accepted],
-        held=found.held_out,
-        predicted=predicted,
-        shorter=found.shorter_step,
-        stamps=found.stamps,
+        FoundPoint(fit.space, fit.point, sure, effects),
+        Judged(found.held_out, predicted, found.shorter_step, found.stamps),
         parts={name: found.parts.number == part for name, part in PARTS.items()},
         simulated=simulated,
     )

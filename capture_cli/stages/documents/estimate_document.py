@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -11,7 +12,7 @@ from capture_cli.common.progress import Progress
 from capture_cli.common.quantities import significant
 from capture_cli.context.identifiers.base import Rounds
 from capture_cli.estimate.fit import TOLERANCE, Fit
-from capture_cli.estimate.held_out import HeldOut, held_out
+from capture_cli.estimate.held_out import held_out
 from capture_cli.estimate.noise.lack_of_fit import LackOfFit, lack_of_fit
 from capture_cli.estimate.noise.time_stamp_jitter import time_stamp_jitter
 from capture_cli.estimate.part_fit import PartFit
@@ -27,6 +28,8 @@ from capture_cli.model.parameters import Parameter, ParameterSpace
 from capture_cli.model.tasks.base import ActionTask, Task
 from capture_cli.report.findings import behind, beyond_chance, not_alike
 from capture_cli.stages.documents.result_document import (
+    FoundPoint,
+    Judged,
     attributes_of,
     common_part,
     error_of,
@@ -85,7 +88,10 @@ class Report:
         recordings = self._recordings(found)
         whole = self._whole(offsets, simulated)
         held = held_out(self.fits, fit, found.covariance, whole, self.is_test)
-        document = self._document(found, lacking, whole, held, self._predicted(offsets), recordings, diverged)
+        shorter = shorter_step(self.fits, self.result.part, fit, found)
+        stamps = time_stamp_jitter(self.prepared, whole, fit.at, ~self.is_test)
+        judged = Judged(held, self._predicted(offsets), shorter, stamps)
+        document = self._document(found, lacking, whole, judged, recordings, diverged)
         arrays = self._arrays(found, offsets, simulated, nominal, recordings)
         attributes = {"parameters": list(self.space.names), **attributes_of(self.prepared.log)}
         return Estimate(document, arrays, attributes)
@@ -162,29 +168,11 @@ class Report:
     # --- what is written ---
 
     def _document(
-        self,
-        found: Intervals,
-        lacking: LackOfFit,
-        whole: PartFit,
-        held: HeldOut,
-        predicted: Predicted,
-        recordings,
-        diverged,
+        self, found: Intervals, lacking: LackOfFit, whole: PartFit, judged: Judged, recordings, diverged
     ) -> dict:
-        prepared, parts = self.prepared, {"fit": ~self.is_test, "test": self.is_test}
-        shorter = shorter_step(self.fits, self.result.part, self.result.at, found)
-        common = common_part(
-            prepared,
-            self.space,
-            self.best.parameters,
-            found,
-            held=held,
-            predicted=predicted,
-            shorter=shorter,
-            stamps=time_stamp_jitter(prepared, whole, self.result.at.at, ~self.is_test),
-            parts=parts,
-            simulated=self.fits.rollouts,
-        )
+        prepared, parts, held = self.prepared, {"fit": ~self.is_test, "test": self.is_test}, judged.held
+        at = FoundPoint(self.space, self.best.parameters, found)
+        common = common_part(prepared, at, judged, parts, self.fits.rollouts)
         lacks = [lack_of_fit_of(prepared, part) for part in (lacking, held.lack)]
         verdict = _verdict(found, diverged.any() or lacking.lacking or held.lacking)
         return {
@@ -198,7 +186,7 @@ class Report:
             "verdict": verdict,
             "summary": _summary(
                 verdict,
-                *lacks,
+                lacks,
                 common["parameters"],
                 diverged,
                 self._why(common),
@@ -332,14 +320,16 @@ def _unmeasured_joints(task: Task) -> list[str]:
 
 def _summary(
     verdict: str,
-    lacking: dict[str, Any],
-    held_out: dict[str, Any],
+    lacks: Sequence[dict[str, Any]],
     parameters: dict[str, dict],
     diverged: np.ndarray,
     why: str,
     unlike: str,
 ) -> str:
-    """why: what leaves an error, where it need not be the model. unlike: how what was held out may differ."""
+    """lacks: what is left of what was fitted, and of what was held out. why: what leaves an error, where it need not be
+    the model. unlike: how what was held out may differ.
+    """
+    lacking, held_out = lacks
     if diverged.any():
         return (
             f"With these parameters the simulation runs away in {diverged.sum()} of {len(diverged)} windows. "

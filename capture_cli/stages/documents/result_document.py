@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -31,42 +32,52 @@ from capture_cli.store.output import sha256
 MOST_NAMED = 3  # parameters that a sentence says
 
 
+@dataclass(frozen=True)
+class FoundPoint:
+    """space, point (parameter,), sure: the parameters of the task, and after them those of effects, where they were
+    found and how well they are known. effects: each with its values (parameter,).
+    """
+
+    space: ParameterSpace
+    point: np.ndarray
+    sure: Intervals
+    effects: Sequence[tuple[Effect, np.ndarray]] = ()
+
+
+@dataclass(frozen=True)
+class Judged:
+    """held, shorter: what the windows that were held out, and a shorter time step of the model, say of a point.
+    predicted: its errors in open loop, and of other models. stamps: what is left says of time stamps.
+    """
+
+    held: HeldOut
+    predicted: Predicted
+    shorter: ShorterStep | None
+    stamps: TimeStampJitter | None
+
+
 def common_part(
-    prepared: PreparedLog,
-    space: ParameterSpace,
-    point: np.ndarray,
-    sure: Intervals,
-    *,
-    effects: Sequence[tuple[Effect, np.ndarray]] = (),
-    held: HeldOut,
-    predicted: Predicted,
-    shorter: ShorterStep | None,
-    stamps: TimeStampJitter | None,
-    parts: Mapping[str, np.ndarray],
-    simulated: int,
+    prepared: PreparedLog, found: FoundPoint, judged: Judged, parts: Mapping[str, np.ndarray], simulated: int
 ) -> dict[str, Any]:
     """The keys of the document that an estimate and a diagnosis have in common, by name.
 
-    space, point (parameter,), sure: the parameters of the task, and after them those of effects, where they were found
-    and how well they are known. effects: each with its values (parameter,). held, shorter: what the windows that were
-    held out, and a shorter time step of the model, say of the point. predicted: its errors in open loop, and of other
-    models. stamps: what is left says of time stamps. parts: which windows are of "fit", "test" and what
-    else there is, (window,) each. simulated: windows.
+    parts: which windows are of "fit", "test" and what else there is, (window,) each. simulated: windows.
     """
     task, log = prepared.task, prepared.log
-    declared = sure.rows(space, point, range(len(task.space)))
+    space, point = found.space, found.point
+    declared = found.sure.rows(space, point, range(len(task.space)))
     return {
         "task": task.name,
         "log": {"path": str(log.path), "sha256": sha256(log.path)},
         "parameters": dict(zip(task.space.names, declared, strict=True)),
-        "undetermined": undetermined_of(space, point, sure),
+        "undetermined": undetermined_of(space, point, found.sure),
         **noise_floor_of(prepared),
-        "prediction": prediction_of(prepared, predicted),
-        "held_out": held_out_of(prepared, space, point, held, parts["test"]),
-        "beyond_fitted": beyond_fitted_of(prepared, held),
-        "impossible_inertia": impossible_inertia_of(task, point[: len(task.space)], effects),
-        "time_step": time_step_of(shorter, space, point),
-        "time_stamps": time_stamps_of(prepared, stamps),
+        "prediction": prediction_of(prepared, judged.predicted),
+        "held_out": held_out_of(prepared, space, point, judged.held, parts["test"]),
+        "beyond_fitted": beyond_fitted_of(prepared, judged.held),
+        "impossible_inertia": impossible_inertia_of(task, point[: len(task.space)], found.effects),
+        "time_step": time_step_of(judged.shorter, space, point),
+        "time_stamps": time_stamps_of(prepared, judged.stamps),
         "input_timing": input_timing_of(prepared),
         "split": {
             "how": prepared.split.how,

@@ -32,7 +32,7 @@ from capture_cli.stages.evaluation.evaluation_run import carry_out, completed, k
 from capture_cli.store.document_shape import OBJECT, check_shape
 from capture_cli.store.output import is_complete, refuse_inputs, resumable_directory, unfinished
 from capture_cli.store.provenance import Provenance, write_json
-from capture_cli.store.result import read_result
+from capture_cli.store.result import DocumentKind, read_result
 
 FORMAT, VERSION = "capture/evaluation-suite", 1
 WITHOUT_CHECKPOINT = ("domain-randomization", "compass")  # the paper's; others are named by --identifier
@@ -187,7 +187,7 @@ def _evaluated(plan: EvaluationPlan, options: EvalSim2SimOptions, place: Path) -
 def _completed(out: Path, plans: dict[Cell, EvaluationPlan]) -> dict[str, Any]:
     """The suite at `out`, if it is the one that is planned. Raises CaptureError otherwise."""
     again = "make it again with `capture eval-sim2sim --suite`"
-    document = read_result(out, "suite.json", FORMAT, VERSION, again)
+    document = read_result(out, "suite.json", DocumentKind(FORMAT, VERSION, again))
     names = [cell.name for cell in plans]
     if list(document["cells"]) != names:
         raise OptionError(

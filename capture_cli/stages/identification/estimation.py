@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from pathlib import Path
 
 import numpy as np
 
 from capture_cli.common.evenly_spread import evenly_spread
 from capture_cli.common.progress import Progress
-from capture_cli.context.checkpoints.identifier_checkpoint import IdentifierCheckpoint
-from capture_cli.context.identifiers.base import Rounds, finite
+from capture_cli.context.identifiers.base import finite
 from capture_cli.estimate.difference_step import difference_step, hits_something
 from capture_cli.estimate.escape import WAYS_OUT, way_out
 from capture_cli.estimate.fit import AS_GOOD, TOLERANCE, Fit
@@ -29,8 +27,11 @@ from capture_cli.estimate.solve.intervals import Intervals, intervals, unit_cova
 from capture_cli.estimate.solve.least_squares import LeastSquares
 from capture_cli.estimate.solve.linearization import Linearization
 from capture_cli.model.parameters import ParameterSpace
+from capture_cli.options.identify import IdentifyOptions
 from capture_cli.simulate.simulator import Simulator
+from capture_cli.stages.identification.chosen_identifier import ChosenIdentifier
 from capture_cli.stages.identification.in_context import InContext, LoggedRounds, logged_rounds, walk_log
+from capture_cli.stages.recorded.earlier_estimate import EarlierEstimate
 
 # Simulated hits make the error a little rough: near the noise a descent can look for ever for what is not there.
 IDLE_ROUNDS = 4
@@ -101,29 +102,39 @@ class Found:
         return found if seen is None else found.limited(self.at.space, seen.looked, seen.excluded)
 
 
+@dataclass(frozen=True)
+class Descents:
+    """How a fit descends: from so many starts, in so many rounds at most. what: it is called in the progress.
+
+    idle_rounds: it also ends when so many rounds gained next to nothing, of a log that is not explained; of one that
+    is, when rounds gain nothing more that its noise would not hide.
+    """
+
+    seed: int
+    what: str = "fit"
+    method: type[Identifier] = LeastSquares
+    starts: int = 1
+    rounds: int = ROUNDS
+    idle_rounds: int | None = None
+
+
 def by_physics(
     fits: ModelFits,
     start: np.ndarray,
     progress: Progress,
-    *,
-    seed: int,
-    method: type[Identifier] = LeastSquares,
-    starts: int = 1,
-    rounds: int = ROUNDS,
+    descents: Descents,
     offsets: np.ndarray | None = None,
     known: Linearization | None = None,
-    idle_rounds: int | None = None,
-    what: str = "fit",
 ) -> Found:
-    """What `method` finds from start (parameter,) and offsets (window, state) of the starts.
+    """What is found from start (parameter,) and offsets (window, state) of the starts.
 
-    known: the linearization there with fewer starts that may move, if there is one. what: it is called in the progress.
-    idle_rounds: also end when so many rounds gained next to nothing, of a log that is not explained; of one that is,
-    when rounds gain nothing more that its noise would not hide. Raises FitError where every simulation diverged.
+    known: the linearization there with fewer starts that may move, if there is one. Raises FitError where every
+    simulation diverged.
     """
     part = fits.prepared.part(~fits.prepared.split.is_test)
     simulator = fits.simulator([])
     evidence = part.evidence(simulator)
+    what, rounds = descents.what, descents.rounds
     history: list[Best] = []
     idle = False
 
@@ -132,17 +143,17 @@ def by_physics(
         history.append(best)
         error = f"error {best.error:.3g} x noise floor" if np.isfinite(best.error) else "no fit yet"
         progress.step(f"{what}, round {min(len(history) + 1, rounds)} of at most {rounds}, {error}")
-        idle = idle_rounds is not None and _idle(history, evidence.count, idle_rounds)
+        idle = descents.idle_rounds is not None and _idle(history, evidence.count, descents.idle_rounds)
         if idle:
             solver.rounds_left = 0
 
     every = len(simulator.space), evidence.start_sd.shape[1]
-    solver = method(
+    solver = descents.method(
         evidence,
         start=start,
-        seed=seed,
+        seed=descents.seed,
         rounds=rounds,
-        starts=starts,
+        starts=descents.starts,
         offsets=offsets,
         known=known and known.known_in(evidence, *every),
     )
@@ -156,41 +167,27 @@ def by_physics(
 
 def by_rounds(
     prepared: PreparedLog,
-    checkpoint: IdentifierCheckpoint,
-    path: Path,
-    progress: Progress,
-    *,
+    chosen: ChosenIdentifier,
+    options: IdentifyOptions,
+    earlier: EarlierEstimate | None,
     start: np.ndarray,
-    rounds: int | None,
-    starts: int,
-    threads: int | None,
-    seed: int,
-    new: np.ndarray | None = None,
-    earlier: Rounds | None = None,
+    progress: Progress,
 ) -> Found:
     """Rounds over the fitted part of the log, then least squares from the best estimate of them.
 
     The fit begins with starts where the actions say, if there are actions. Where it does not explain the log, the
     starts are freed. Where that is far from explaining it, or the identifier has seen nothing like the log, other
     places are tried, as without an identifier: then it was not for a wrong proposal.
-    new (window,): those to make rounds with, where not all; earlier: the rounds made before.
+    start (parameter,). Rounds are made with episodes that the earlier estimate has not seen.
     """
-    fits = ModelFits(as_acted(prepared), threads)
+    fits = ModelFits(as_acted(prepared), options.threads)
     fitted = ~prepared.split.is_test
     part = fits.prepared.part(fitted)
     progress.doing("rounds in context")
-    logged = logged_rounds(fits.prepared.part(fitted if new is None else fitted & new), checkpoint, path)
-    in_context = walk_log(
-        checkpoint,
-        path,
-        logged,
-        start=start,
-        rounds=rounds,
-        engine=fits.engine,
-        seed=seed,
-        earlier=earlier,
-        on_round=lambda number, total: progress.part("round in context", number, total),
-    )
+    new = fitted if earlier is None else fitted & earlier.new(prepared.windows)
+    logged = logged_rounds(fits.prepared.part(new), chosen.checkpoint, chosen.path)
+    logged = replace(logged, before=None if earlier is None else earlier.rounds)
+    in_context = walk_log(chosen, logged, start, options, fits.engine, progress)
     estimates = in_context.walk.estimates[0]
     points = np.concatenate([start[None], estimates])
     if not logged.noise_sd.all():
@@ -199,15 +196,18 @@ def by_rounds(
     none = np.zeros_like(part.starts.sd)
     history = [Best(p, none, float(e)) for p, e in zip(estimates, errors[1:], strict=False)]
     nearest = points[np.argmin(errors)]
-    found = by_physics(fits, nearest, progress, seed=seed, idle_rounds=IDLE_AS_ACTED)
+    descents = Descents(options.seed, idle_rounds=IDLE_AS_ACTED)
+    found = by_physics(fits, nearest, progress, descents)
     history += found.history
     fallback = found.lacking
+    freed = replace(descents, what="fit with free starts", idle_rounds=IDLE_FREE)
     if fallback:
-        found = _freed(ModelFits(prepared, threads), found, progress, seed=seed, idle_rounds=IDLE_FREE)
+        found = _freed(ModelFits(prepared, options.threads), found, progress, freed)
         history += found.history
     elsewhere = fallback and (not in_context.in_family or found.best.error > FAR) and found.lacking
     if elsewhere:
-        found = _freed(found.fits, found, progress, seed=seed, starts=starts, idle_rounds=None)
+        freed = replace(freed, starts=options.starts, idle_rounds=None)
+        found = _freed(found.fits, found, progress, freed)
         history += found.history
     found.history, found.in_context = history, in_context
     found.fallback, found.elsewhere = fallback, elsewhere
@@ -229,7 +229,7 @@ def with_longer_differences(found: Found, progress: Progress, *, seed: int, thre
     longer.rollouts = fits.rollouts
     x, offsets = found.best.parameters, found.best.offsets
     what = "fit with longer differences"
-    again = by_physics(longer, x, progress, seed=seed, rounds=AGAIN, offsets=offsets, what=what)
+    again = by_physics(longer, x, progress, Descents(seed, what, rounds=AGAIN), offsets)
     return _after(found, again)
 
 
@@ -250,7 +250,7 @@ def unstuck(found: Found, progress: Progress, *, seed: int) -> Found:
         if way is None:
             break
         x, offsets = way
-        again = by_physics(fits, x, progress, seed=seed, rounds=AGAIN, offsets=offsets, what=what)
+        again = by_physics(fits, x, progress, Descents(seed, what, rounds=AGAIN), offsets)
         if again.best.error >= found.best.error:
             break
         found = _after(found, again)
@@ -274,9 +274,7 @@ def from_where_all_show(found: Found, progress: Progress, *, seed: int) -> Found
         if point is not None:
             offsets = found.at.at.offsets
             what = f"fit from where {found.at.space.names[column]} shows"
-            again = by_physics(
-                found.fits, point, progress, seed=seed, rounds=AGAIN, offsets=offsets, what=what
-            )
+            again = by_physics(found.fits, point, progress, Descents(seed, what, rounds=AGAIN), offsets)
             gained = (found.best.error**2 - again.best.error**2) * found.at.at.evidence.count
             if gained > AS_GOOD * found.at.at.scatter:
                 return _after(found, again)
@@ -322,7 +320,7 @@ def with_profile(found: Found, progress: Progress, *, seed: int) -> Found:
             break
         x, offsets = seen.better
         what = "fit from a better point along a parameter"
-        again = by_physics(found.fits, x, progress, seed=seed, rounds=AGAIN, offsets=offsets, what=what)
+        again = by_physics(found.fits, x, progress, Descents(seed, what, rounds=AGAIN), offsets)
         history = [*found.history, *again.history]
         found = replace(found, best=again.best, known=again.known, history=history, sampled=None)
     return replace(found, profile=seen)
@@ -351,29 +349,17 @@ def looked_about(found: Found, progress: Progress, *, seed: int) -> Found:
         sampled = sampled_posterior(at, covariance, evaluate, seed)
         if sampled.gain > TOLERANCE:
             x, what = sampled.point, "fit from the likeliest point about"
-            better = by_physics(fits, x, progress, seed=seed, rounds=AGAIN, offsets=at.offsets, what=what)
+            better = by_physics(fits, x, progress, Descents(seed, what, rounds=AGAIN), at.offsets)
             history = [*found.history, *better.history]
             found = replace(found, best=better.best, known=better.known, history=history)
         found = replace(found, sampled=sampled)
     return found
 
 
-def _freed(
-    fits: ModelFits, found: Found, progress: Progress, *, seed: int, idle_rounds: int | None, starts: int = 1
-) -> Found:
-    """What least squares finds from there with the starts as free as the log leaves them."""
+def _freed(fits: ModelFits, found: Found, progress: Progress, descents: Descents) -> Found:
+    """What is found from there with the starts as free as the log leaves them."""
     fits.rollouts = found.fits.rollouts
-    return by_physics(
-        fits,
-        found.best.parameters,
-        progress,
-        seed=seed,
-        starts=starts,
-        offsets=found.best.offsets,
-        known=found.known,
-        idle_rounds=idle_rounds,
-        what="fit with free starts",
-    )
+    return by_physics(fits, found.best.parameters, progress, descents, found.best.offsets, found.known)
 
 
 def _around(space: ParameterSpace, point: np.ndarray) -> np.ndarray:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ import mujoco
 import numpy as np
 
 import capture_cli
+from capture_cli.common.progress import Progress
 from capture_cli.context.checkpoints.checkpoint_hash import checkpoint_hash
 from capture_cli.context.checkpoints.identifier_checkpoint import IdentifierCheckpoint
 from capture_cli.context.histories.action_library import log_tapes
@@ -21,8 +21,10 @@ from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model.model_hash import model_hash
 from capture_cli.model.tasks.base import ActionTask, Task
 from capture_cli.model.tasks.sequence_task import SequenceTask
+from capture_cli.options.identify import IdentifyOptions
 from capture_cli.simulate.engine import Engine
 from capture_cli.simulate.simulator import Simulator
+from capture_cli.stages.identification.chosen_identifier import ChosenIdentifier
 
 ROUNDS = 10  # over a log, unless told otherwise; fewer where it has fewer episodes
 OUTSIDE = 0.01  # share of the training histories that lie as far out, below which a log is like none of them
@@ -34,7 +36,7 @@ class LoggedRounds:
     """What a log gives to identify in rounds with: actions (entry, action), measured (entry, point, feature).
 
     An entry is an episode of a task of actions, or a window of any other machine. noise_sd (feature,): of measured.
-    left_out: how many windows are no entry.
+    left_out: how many windows are no entry. before: rounds that were made with an earlier log, which are read as well.
     """
 
     task: ActionTask
@@ -42,6 +44,7 @@ class LoggedRounds:
     measured: np.ndarray
     noise_sd: np.ndarray
     left_out: int = 0
+    before: Rounds | None = None
 
     def __len__(self) -> int:
         return len(self.actions)
@@ -225,44 +228,42 @@ def named(path: Path) -> str:
 
 
 def walk_log(
-    checkpoint: IdentifierCheckpoint,
-    path: Path,
+    chosen: ChosenIdentifier,
     logged: LoggedRounds,
-    *,
     start: np.ndarray,
-    rounds: int | None,
+    options: IdentifyOptions,
     engine: Engine,
-    seed: int = 0,
-    earlier: Rounds | None = None,
-    on_round: Callable[[int, int], None],
+    progress: Progress,
 ) -> InContext:
-    """Identify in rounds over the log from start (parameter,); its entries are taken in turn, again if there are fewer.
-
-    earlier: rounds that were made before, which the identifier reads as well. on_round: told the number of each round
-    that was made, and of how many.
-    """
-    rounds = min(len(logged), ROUNDS) if rounds is None else rounds
+    """Identify in rounds over the log from start (parameter,); its entries are taken in turn, again if they are few."""
+    checkpoint, before = chosen.checkpoint, logged.before
+    rounds = min(len(logged), ROUNDS) if options.rounds is None else options.rounds
     used = np.arange(rounds) % len(logged)
     simulator = Simulator(logged.task, engine=engine)
     signature = Signature.of(logged.task)
     identifier = checkpoint.kind(
-        signature, start[None], model=checkpoint.model, rough=True, simulate=simulator.trajectories, seed=seed
+        signature,
+        start[None],
+        model=checkpoint.model,
+        rough=True,
+        simulate=simulator.trajectories,
+        seed=options.seed,
     )
-    if earlier is not None:
-        _check_alike(earlier, signature, path)
-        identifier.recall(earlier)
+    if before is not None:
+        _check_alike(before, signature, chosen.path)
+        identifier.recall(before)
     walk = run_rounds(
         identifier,
         rounds,
         act=lambda number, _: logged.actions[used[number], None],
         measure=lambda number, _: logged.measured[used[number], None],
         simulate=simulator.trajectories,
-        on_round=lambda number: on_round(number, rounds),
+        on_round=lambda number: progress.part("round in context", number, rounds),
     )
     family = checkpoint.model.family.with_noise(checkpoint.noise_beyond(logged.noise_sd))
-    made = walk.rounds if earlier is None else earlier.followed_by(walk.rounds)
+    made = walk.rounds if before is None else before.followed_by(walk.rounds)
     beyond = float(family.share_beyond(made)[0])
-    return InContext(checkpoint, path, walk, used, logged, beyond)
+    return InContext(checkpoint, chosen.path, walk, used, logged, beyond)
 
 
 def _check_alike(earlier: Rounds, signature: Signature, path: Path) -> None:
