@@ -20,7 +20,7 @@ from capture_cli.model.tasks import load_task
 from capture_cli.model.tasks.base import ActionTask
 from capture_cli.simulate.simulator import Simulator
 from capture_cli.stages.identification.chosen_identifier import shipped_for
-from capture_cli.stages.identification.in_context import OUTSIDE
+from capture_cli.stages.identification.in_context import SETTINGS as IN_CONTEXT
 
 EPISODES, SEED = 8, 20
 NOISE = {"air-hockey": 5e-4, "scooping": 0.0}  # m; of a label
@@ -76,7 +76,7 @@ class Logs:
         measured = simulated + noise * generator.standard_normal(simulated.shape)
         arrays = (belief, actions, simulated, measured)
         rounds = Rounds(*(a.reshape(self.count, EPISODES, *a.shape[1:]) for a in arrays))
-        return float((self.family.with_noise(noise).share_beyond(rounds) < OUTSIDE).mean())
+        return float((self.family.with_noise(noise).share_beyond(rounds) < IN_CONTEXT.outside).mean())
 
 
 def _leaning(angle: float) -> Callable[[ActionTask, np.ndarray], None]:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from reaching import Reaching
+from setting_numbers import set_numbers
 
 from capture_cli.context.checkpoints.policy_checkpoint import load_policy
 from capture_cli.errors import OptionError
@@ -504,8 +505,8 @@ def test_a_training_with_a_drawn_effect_goes_on_to_the_same_bytes(reaching, tmp_
 def test_half_of_the_actions_are_mirrored_only_where_the_machine_is_alike_there(
     tmp_path, monkeypatch, learn, effect, mirrored
 ):
-    monkeypatch.setattr(train_policy_stage, "UNSEEN", 16)
-    monkeypatch.setattr(train_policy_stage, "EVALUATED", 16)
+    set_numbers(monkeypatch, train_policy_stage, unseen=16)
+    set_numbers(monkeypatch, train_policy_stage, evaluated=16)
     sizes = {"steps": 64, "envs": 32, "evaluations": 1, "width": 8, "layers": 1, "batch": 16, "updates": 1}
     made = train_policy(task="air-hockey", out=tmp_path / "p", effects=[effect], threads=1, **sizes)
     assert made["settings"]["mirrored"] is mirrored

@@ -9,7 +9,8 @@ from capture_cli.model.fields import ModelFields
 from capture_cli.model.states import Starts
 from capture_cli.model.targets import restitution
 from capture_cli.model.tasks import load_task
-from capture_cli.model.tasks.air_hockey import TARGET, TARGET_RADIUS, AirHockey
+from capture_cli.model.tasks.air_hockey import SETTINGS as AIR_HOCKEY
+from capture_cli.model.tasks.air_hockey import TARGET, AirHockey
 from capture_cli.simulate.engine import Engine
 from capture_cli.simulate.simulator import Simulator
 
@@ -185,7 +186,7 @@ def test_the_stroke_is_as_fast_and_as_long_as_the_action_says():
 
 def test_a_puck_on_the_target_is_worth_one():
     trajectories = np.zeros((2, 10, 2))
-    trajectories[:, -1] = TARGET, TARGET + 0.75 * TARGET_RADIUS
+    trajectories[:, -1] = TARGET, TARGET + 0.75 * AIR_HOCKEY.target_radius
     np.testing.assert_array_equal(TASK.success(np.zeros((2, 4)), trajectories), [True, False])
     assert TASK.reward(np.zeros((2, 4)), trajectories)[0] == 1
 

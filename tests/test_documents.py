@@ -11,14 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from capture_cli.common.documents import (
-    DEEPEST,
-    LARGEST_TOML,
-    MOST_PARTS,
-    parse_json,
-    read_json,
-    read_toml,
-)
+from capture_cli.common.documents import SETTINGS as DOCUMENTS
+from capture_cli.common.documents import parse_json, read_json, read_toml
 from capture_cli.errors import LONGEST, OptionError, StoreError, TaskError, shortened
 from capture_cli.log.checks.base import finding
 
@@ -27,7 +21,7 @@ OTHER_FAULTS = {  # of a value: as TOML and JSON write it, and what the message 
     "400-digits": ("9" * 400, "19 are the most"),
     "5000-digits": ("9" * 5000, "19 are the most"),
     "infinite": ("1e999", "finite number"),
-    "deep": (DEEP, f"more than {DEEPEST} levels deep"),
+    "deep": (DEEP, f"more than {DOCUMENTS.deepest} levels deep"),
     "zero-character": (r'"a\u0000b"', "the control character U+0000"),
     "escape": (r'"a\u001b[31mb"', "the control character U+001B"),
 }
@@ -35,7 +29,7 @@ JSON_FAULTS = {
     **OTHER_FAULTS,
     "half-a-character": (r'"\ud800"', "half of a surrogate pair"),
     "nan": ("NaN", "finite number"),
-    "many-parts": ("[" + "[]," * MOST_PARTS + "[]]", f"{MOST_PARTS} are the most"),
+    "many-parts": ("[" + "[]," * DOCUMENTS.most_parts + "[]]", f"{DOCUMENTS.most_parts} are the most"),
     "65-levels": ("[" * 65 + "]" * 65, "levels deep"),
     "no-json": ("{", "is not JSON"),
 }
@@ -102,13 +96,13 @@ def test_what_is_sound_is_read(tmp_path):
 
 def test_what_is_no_file_is_said(tmp_path):
     os.mkfifo(tmp_path / "pipe")
-    (tmp_path / "large.toml").write_bytes(b"#" * (LARGEST_TOML + 1))
+    (tmp_path / "large.toml").write_bytes(b"#" * (DOCUMENTS.largest_toml + 1))
     (tmp_path / "latin.toml").write_bytes(b'a = "\xe4"')
     cases = {
         "missing": "does not exist",
         "": "is a folder",
         "pipe": "is a device or a pipe",
-        "large.toml": f"more than {LARGEST_TOML} bytes",
+        "large.toml": f"more than {DOCUMENTS.largest_toml} bytes",
         "latin.toml": "is not UTF-8 text: invalid continuation byte at byte 5",
         "a" * 5000: "File name too long",
         "a\0b": "null byte",

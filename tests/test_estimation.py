@@ -141,6 +141,8 @@ def test_far_from_explained_a_way_out_has_to_lead_far_down(prepared, error):
     found = found_in(prepared)
     stuck = replace(found, best=replace(found.best, error=error))
     at = found.at.at
-    share = estimation.LEAST_GAIN * at.objectives(at.scatter).sum() / at.scatter
-    assert share > estimation.ONE_SD
-    assert estimation._worth_of_a_way(stuck) == (estimation.ONE_SD if error < estimation.CLEARLY else share)
+    share = estimation.SETTINGS.least_gain * at.objectives(at.scatter).sum() / at.scatter
+    assert share > estimation.SETTINGS.one_sd
+    assert estimation._worth_of_a_way(stuck) == (
+        estimation.SETTINGS.one_sd if error < estimation.SETTINGS.clearly else share
+    )

@@ -13,9 +13,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pyarrow import parquet
 
+from capture_cli.common.documents import SETTINGS as DOCUMENTS
 from capture_cli.errors import CaptureError, LogError, OutputError
 from capture_cli.estimate.log_requirements import check_fits
-from capture_cli.log.measured_log import LARGEST, MeasuredLog
+from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.log.readers import open_source
 from capture_cli.model.tasks import load_task
 from capture_cli.stages import import_log as stage
@@ -755,7 +756,7 @@ def test_two_that_add_to_a_log_at_once_do_not_lose_a_recording(tmp_path, slider_
 
 # --- whatever a file holds ---
 
-numbers = st.floats(-LARGEST, LARGEST)
+numbers = st.floats(-DOCUMENTS.largest, DOCUMENTS.largest)
 increasing_times = st.lists(st.integers(0, 10**9), min_size=2, max_size=30, unique=True).map(
     lambda ticks: [1e-3 * t for t in sorted(ticks)]
 )

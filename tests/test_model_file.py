@@ -14,6 +14,7 @@ import mujoco
 import numpy as np
 import pytest
 from conftest import SLIDER_XML
+from setting_numbers import set_numbers
 
 from capture_cli.errors import LogError, ModelError, shortened
 from capture_cli.model.fields import ModelFields
@@ -137,7 +138,7 @@ def test_the_model_is_the_one_that_mujoco_compiles(model):
     ],
 )
 def test_what_takes_too_much_is_named(model, monkeypatch, old, new, told):
-    monkeypatch.setattr(model_file, "SECONDS", 1.0)
+    set_numbers(monkeypatch, model_file, seconds=1.0)
     edit(model, old, new)
     with pytest.raises(ModelError, match=told) as caught:
         compile_file(model)
@@ -145,7 +146,7 @@ def test_what_takes_too_much_is_named(model, monkeypatch, old, new, told):
 
 
 def test_a_step_that_takes_too_long_is_no_step(model, monkeypatch):
-    monkeypatch.setattr(model_file, "SLOWEST_STEP", -1.0)
+    set_numbers(monkeypatch, model_file, slowest_step=-1.0)
     with pytest.raises(ModelError, match="one step of it takes"):
         compile_file(model)
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from machines import machine
+from setting_numbers import set_numbers
 
 from capture_cli.estimate.model_fits import ModelFits
 from capture_cli.estimate.noise.lack_of_fit import lack_of_fit
@@ -73,7 +74,7 @@ def test_pulses_add_up_to_a_force_whatever_the_chunks(monkeypatch):
     assert pulses.count < MOST_PULSES and pulses.fastest > 10
     heights = np.random.default_rng(0).uniform(-1, 1, pulses.count)
     every = np.vstack([np.zeros(pulses.count), np.diag(heights), heights])
-    monkeypatch.setattr("capture_cli.simulate.engine.CHUNK_SIMULATIONS", 5)
+    set_numbers(monkeypatch, "capture_cli.simulate.engine", chunk_simulations=5)
     count = len(every)
     still = Starts(*(np.zeros((count, n)) for n in (model.nq, model.nv, model.na)), np.zeros(count))
     sensors = (

@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 
 import pytest
+from setting_numbers import set_numbers
 
 from capture_cli.common import progress as module
 from capture_cli.common.progress import Progress
@@ -33,8 +34,8 @@ def clock(monkeypatch):
 @pytest.fixture
 def soon(monkeypatch):
     """The first line after 20 ms, and another every 50 ms."""
-    monkeypatch.setattr(module, "FIRST", 0.02)
-    monkeypatch.setattr(module, "PLAIN_EVERY", 0.05)
+    set_numbers(monkeypatch, module, first=0.02)
+    set_numbers(monkeypatch, module, plain_every=0.05)
 
 
 def test_time_left_follows_from_what_came_before(clock):

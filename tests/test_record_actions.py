@@ -15,7 +15,7 @@ from capture_cli.estimate.prepare import prepare
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model.tasks import load_task
 from capture_cli.simulate.simulator import Simulator
-from capture_cli.stages.excitation.drive import ACTION_RATE
+from capture_cli.stages.excitation.drive import SETTINGS as DRIVE
 from capture_cli.stages.identify import identify
 from capture_cli.stages.import_log import import_log
 from capture_cli.stages.record import record
@@ -93,14 +93,14 @@ def test_a_log_does_not_say_what_is_true(tmp_path):
 def test_the_log_is_sampled_at_its_rate_to_the_end_of_the_action(recorded):
     _, made = recorded
     for steps in made.log.episodes:
-        np.testing.assert_allclose(np.diff(made.log.time[steps]), 1 / ACTION_RATE)
+        np.testing.assert_allclose(np.diff(made.log.time[steps]), 1 / DRIVE.action_rate)
         assert made.log.time[steps][-1] == pytest.approx(2.0)
 
 
 def test_logged_inputs_move_the_mallet_as_the_action_does(recorded):
     _, made = recorded
     task = load_task("air-hockey")
-    points = np.rint(task.point_times * ACTION_RATE).astype(int)
+    points = np.rint(task.point_times * DRIVE.action_rate).astype(int)
     measured = np.stack([made.log.outputs[s][points] for s in made.log.episodes])
     parameters = task.space.to_vector(made.truth["parameters"])
     simulated, _ = Simulator(task).trajectories(np.tile(parameters, (4, 1)), made.log.actions)

@@ -12,7 +12,8 @@ from capture_cli.context.histories.action_library import sequence_task
 from capture_cli.errors import CaptureError, OptionError
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model.tasks import load_task
-from capture_cli.simulate.multisine import BAND, from_rest, multisine, multisine_sequence, peak
+from capture_cli.simulate.multisine import SETTINGS as MULTISINE
+from capture_cli.simulate.multisine import from_rest, multisine, multisine_sequence, peak
 from capture_cli.stages.record import record
 
 
@@ -90,9 +91,9 @@ def test_a_range_that_is_not_symmetric_is_filled_and_not_left(slider_task, low, 
     task = load_task(with_range(slider_task, low, high))
     given = {} if amplitude is None else {"drive": amplitude}
     peaks = np.array([peak(task.model, task.inputs[0], given)])
-    tape = multisine_sequence(task, TIME, peaks, BAND, np.random.default_rng(0))
+    tape = multisine_sequence(task, TIME, peaks, MULTISINE.band, np.random.default_rng(0))
     assert (tape.min(), tape.max()) == reached
-    rested = multisine_sequence(task, TIME, peaks, BAND, np.random.default_rng(0), at_rest=True)
+    rested = multisine_sequence(task, TIME, peaks, MULTISINE.band, np.random.default_rng(0), at_rest=True)
     assert low <= rested.min() and rested.max() <= high and np.ptp(rested) > 0.5 * np.ptp(reached)
     assert rested[0, 0] == np.clip(0, low, high)
     assert np.abs(np.diff(rested[:, 0]))[:10].max() < 0.1 * np.ptp(reached)
@@ -103,9 +104,9 @@ def test_a_symmetric_range_is_driven_to_its_peak(slider_task, high):
     task = load_task(str(slider_task) if high is None else with_range(slider_task, -high, high))
     peaks = np.array([peak(task.model, task.inputs[0], {"drive": 3.0} if high is None else {})])
     assert peaks[0] == (high or 3.0)
-    signals = multisine(TIME, 1, BAND, np.random.default_rng(0))
+    signals = multisine(TIME, 1, MULTISINE.band, np.random.default_rng(0))
     plain, rested = (
-        multisine_sequence(task, TIME, peaks, BAND, np.random.default_rng(0), at_rest=r)
+        multisine_sequence(task, TIME, peaks, MULTISINE.band, np.random.default_rng(0), at_rest=r)
         for r in (False, True)
     )
     assert plain.tobytes() == (peaks * signals).tobytes()
@@ -114,8 +115,8 @@ def test_a_symmetric_range_is_driven_to_its_peak(slider_task, high):
 
 def test_a_symmetric_range_is_not_left_however_far_an_input_is_to_go(slider_task):
     task = load_task(with_range(slider_task, -4, 4))
-    tape = multisine_sequence(task, TIME, np.array([9.0]), BAND, np.random.default_rng(0))
-    wanted = 9 * multisine(TIME, 1, BAND, np.random.default_rng(0))
+    tape = multisine_sequence(task, TIME, np.array([9.0]), MULTISINE.band, np.random.default_rng(0))
+    wanted = 9 * multisine(TIME, 1, MULTISINE.band, np.random.default_rng(0))
     np.testing.assert_array_equal(tape, np.clip(wanted, -4, 4))
     assert tape.max() == 4 or tape.min() == -4
 

@@ -18,7 +18,8 @@ from matplotlib.image import imread
 from rich.console import Console
 
 from capture_cli.common.quantities import MISSING, bound, scaled_unit, significant, to_precision_of
-from capture_cli.report.curve_plots import MOST_POINTS, curve_views
+from capture_cli.report.curve_plots import SETTINGS as CURVE_PLOTS
+from capture_cli.report.curve_plots import curve_views
 from capture_cli.report.curves import Curves, autocorrelation, thin
 from capture_cli.report.estimate_page import render
 from capture_cli.report.figure_parts import new_figure, save
@@ -405,7 +406,7 @@ def test_long_log_stays_light_and_keeps_its_peaks():
     estimate = make(outputs={"q": ("m", 2e-5)}, windows=50, steps=4000, held_out=10)
     estimate.arrays["step/measured"][123_456, 0] += 5.0
     views = curve_views(estimate, Curves.of(estimate))
-    assert views["views"][0]["last"] <= MOST_POINTS + 3 * 50
+    assert views["views"][0]["last"] <= CURVE_PLOTS.most_points + 3 * 50
     shown = np.frombuffer(base64.b64decode(views["sets"]["log"]["measured/0"]["bdata"]), "<f4")
     assert np.nanmax(shown) == np.float32(estimate.arrays["step/measured"][123_456, 0])
     labels = [v["label"] for v in views["views"][1:]]

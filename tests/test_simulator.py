@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from setting_numbers import set_numbers
 
 from capture_cli.context.histories.action_library import sequence_task
 from capture_cli.estimate.initial_states.from_outputs import model_starts
@@ -67,7 +68,7 @@ def test_tapes_that_are_larger_than_what_is_run_at_a_time(slider, monkeypatch):
     delay = Placed("control-delay", REGISTRY.get("control-delay")(task.model, "drive"))
     points = np.array([[1.0, 2.0, 0.01], [2.0, 2.0, 0.02]])
     whole = Simulator(task, [delay], threads=1).simulate(windows, starts, points).outputs
-    monkeypatch.setattr("capture_cli.simulate.simulator.TAPE_BYTES", 1)
+    set_numbers(monkeypatch, "capture_cli.simulate.simulator", tape_bytes=1)
     one_by_one = Simulator(task, [delay], threads=1).simulate(windows, starts, points).outputs
     np.testing.assert_array_equal(one_by_one, whole)
 
@@ -80,7 +81,7 @@ def test_outputs_that_are_larger_than_what_is_run_at_a_time(slider, name, monkey
     if name:
         points = np.hstack([points, np.repeat(effects[0].effect.space.high[None] / 2, 3, axis=0)])
     whole = Simulator(task, effects, threads=1).simulate(windows, starts, points).outputs
-    monkeypatch.setattr("capture_cli.simulate.simulator.SENSOR_BYTES", 1)
+    set_numbers(monkeypatch, "capture_cli.simulate.simulator", sensor_bytes=1)
     one_by_one = Simulator(task, effects, threads=1).simulate(windows, starts, points).outputs
     np.testing.assert_array_equal(one_by_one, whole)
 
@@ -118,7 +119,7 @@ def test_episodes_are_the_same_however_many_are_simulated_at_once(slider, monkey
     parameters = task.space.from_unit(generator.random((10, len(task.space))))
     actions = task.draw_actions(generator.random((10, len(task.actions))))
     at_once, diverged = Simulator(task, threads=1).trajectories(parameters, actions)
-    monkeypatch.setattr("capture_cli.simulate.simulator.EPISODES", 4)
+    set_numbers(monkeypatch, "capture_cli.simulate.simulator", episodes=4)
     simulator = Simulator(task, threads=1)
     trajectories, in_parts = simulator.trajectories(parameters, actions)
     np.testing.assert_array_equal(trajectories, at_once)

@@ -19,7 +19,8 @@ from capture_cli.errors import OptionError, StoreError
 from capture_cli.log.measured_log import SCHEMA, MeasuredLog
 from capture_cli.options.texts import byte_count
 from capture_cli.store.array_metadata import array_metadata
-from capture_cli.store.zarr_store import MOST, ZarrStore
+from capture_cli.store.zarr_store import SETTINGS as ZARR_STORE
+from capture_cli.store.zarr_store import ZarrStore
 
 STEPS = 40
 
@@ -206,8 +207,8 @@ def test_a_log_that_is_large_on_disk_is_read_without_an_option(tmp_path):
     metadata = array_metadata(
         {
             "zarr_format": 2,
-            "shape": [MOST],
-            "chunks": [MOST // 1000],
+            "shape": [ZARR_STORE.most],
+            "chunks": [ZARR_STORE.most // 1000],
             "dtype": "<f8",
             "compressor": None,
             "filters": None,
@@ -216,12 +217,12 @@ def test_a_log_that_is_large_on_disk_is_read_without_an_option(tmp_path):
         "here",
         "none",
     )
-    assert metadata.nbytes == 8 * MOST and metadata.chunk_count == 1000
+    assert metadata.nbytes == 8 * ZARR_STORE.most and metadata.chunk_count == 1000
     (tmp_path / ".zgroup").write_text('{"zarr_format": 2}')
     (tmp_path / "x").mkdir()
     for k in range(1000):
         with (tmp_path / "x" / str(k)).open("wb") as file:
-            file.truncate(MOST // 1000 * 8)  # takes nothing
+            file.truncate(ZARR_STORE.most // 1000 * 8)  # takes nothing
     with pytest.raises(StoreError, match="metadata of x cannot be read"):  # there is none: it came as far
         ZarrStore(tmp_path).read({"x": metadata})
 

@@ -4,18 +4,26 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, get_args, get_type_hints
 
 import typer
 
-from capture_cli.common.documents import LARGEST
+from capture_cli.common.documents import SETTINGS as DOCUMENTS
 from capture_cli.errors import OptionError
 
 UsageError = (
     typer.BadParameter.__base__
 )  # of the library that reads options, which typer does not give a name
-LARGEST_WHOLE = 2**31 - 1  # of what is counted
-SHOWN = 60  # characters of what was found
+
+
+@dataclass(frozen=True)
+class WrongUsageSettings:
+    largest_whole: int = 2**31 - 1  # of what is counted
+    shown: int = 60  # characters of what was found
+
+
+SETTINGS = WrongUsageSettings()
 
 
 def wrong_usage(error: UsageError, arguments: Sequence[str]) -> OptionError:
@@ -29,18 +37,19 @@ def check_numbers(context: typer.Context) -> None:
     for param in context.command.params:
         given = context.params.get(param.name)
         for value in given if isinstance(given, list | tuple) else (given,):
-            if isinstance(value, float) and not abs(value) <= LARGEST:
+            if isinstance(value, float) and not abs(value) <= DOCUMENTS.largest:
                 raise OptionError(
-                    f"{param.opts[0]} {value:g}", cure=f"give a finite number, of {LARGEST:g} at most"
+                    f"{param.opts[0]} {value:g}",
+                    cure=f"give a finite number, of {DOCUMENTS.largest:g} at most",
                 )
             if (
                 isinstance(value, int)
-                and value > LARGEST_WHOLE
+                and value > SETTINGS.largest_whole
                 and param.name not in ("seed", "max_log_size")
             ):
                 raise OptionError(
                     f"{param.opts[0]} {_short(str(value))}",
-                    cure=f"give a whole number of {LARGEST_WHOLE} at most",
+                    cure=f"give a whole number of {SETTINGS.largest_whole} at most",
                 )
 
 
@@ -75,7 +84,7 @@ def _wrong_number(error: typer.BadParameter, arguments: Sequence[str]) -> Option
 
 
 def _short(text: str) -> str:
-    return text if len(text) <= SHOWN else f"{text[:SHOWN]}... ({len(text)} characters)"
+    return text if len(text) <= SETTINGS.shown else f"{text[: SETTINGS.shown]}... ({len(text)} characters)"
 
 
 _NUMBERS = {int: "whole number", float: "number"}

@@ -1,7 +1,7 @@
 """The one place that reads documents: TOML and JSON in files, and JSON that stands in other files.
 
 Whoever wrote it, what comes out is made of finite numbers, whole numbers of 64 bits and texts that can be written, at
-most DEEPEST levels deep. What is not is refused: too large a file, one that may not be read, a folder, a device.
+most `deepest` levels deep. What is not is refused: too large a file, one that may not be read, a folder, a device.
 """
 
 from __future__ import annotations
@@ -12,26 +12,37 @@ import os
 import re
 import stat
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from capture_cli.errors import CaptureError
 
-LARGEST_TOML = 2**18  # bytes: a table of a thousand channels, and its parser is slow
-LARGEST_JSON = 2**24  # bytes: a minute of a proposal's inputs takes a tenth of it
-MOST_PARTS = (
-    1_000_000  # lists and tables in a document: each takes a hundred bytes, and may be written in three
-)
-DEEPEST = 64  # levels: those that `capture` writes have a dozen
-# In SI: nothing that is asked for, commanded, measured or identified is larger, and its square is far from overflow.
-LARGEST = 1e15
-LARGEST_WHOLE = 2**63  # below it, as TOML says and arrays hold
-MOST_DIGITS = 19  # of such a number
-SHOWN = 40  # characters of a key in a message
+
+@dataclass(frozen=True)
+class DocumentsSettings:
+    largest_toml: int = 2**18  # bytes: a table of a thousand channels, and its parser is slow
+    largest_json: int = 2**24  # bytes: a minute of a proposal's inputs takes a tenth of it
+    # lists and tables in a document: each takes a hundred bytes, and may be written in three
+    most_parts: int = 1_000_000
+    deepest: int = 64  # levels: those that `capture` writes have a dozen
+    # In SI: nothing that is asked for, commanded, measured or identified is larger, and its square is far from
+    # overflow.
+    largest: float = 1e15
+    largest_whole: int = 2**63  # below it, as TOML says and arrays hold
+    most_digits: int = 19  # of such a number
+    shown: int = 40  # characters of a key in a message
+
+
+SETTINGS = DocumentsSettings()
+
+
 CHECK_PATH = "check the path"
 CORRECT = "correct the file at the place named"
 # Keys with so many points: tomllib takes a time that grows with the square of them.
-_LONG_KEY = re.compile(rf"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){{{DEEPEST}}}""")
+_LONG_KEY = re.compile(
+    rf"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){{{SETTINGS.deepest}}}"""
+)
 _LONG_WHOLE = re.compile(r"(?<![\d_])[\d_]{4300,}")  # digits, as many as Python does not convert
 
 # All but tab and line breaks: MuJoCo ends a name at the first zero, and a terminal obeys others.
@@ -46,7 +57,7 @@ def read_toml(
     """The table in the file at `path`, which messages name as `called`. Raises `raises` for what is none."""
 
     where = called or str(path)
-    text = read_text(path, raises, most=LARGEST_TOML, called=called)
+    text = read_text(path, raises, most=SETTINGS.largest_toml, called=called)
     if found := _LONG_KEY.search(text):
         raise _too_deep(f"{where}, line {_line(text, found)}", raises, cure)
     return _parsed("TOML", text, where, raises, cure)
@@ -54,7 +65,7 @@ def read_toml(
 
 def read_json(path: Path, raises: type[CaptureError], *, cure: str) -> Any:
     """The document in the file at `path`. Raises `raises` for what is none, with `cure` for what is wrong in it."""
-    return parse_json(read_text(path, raises, most=LARGEST_JSON), str(path), raises, cure=cure)
+    return parse_json(read_text(path, raises, most=SETTINGS.largest_json), str(path), raises, cure=cure)
 
 
 def parse_json(
@@ -164,8 +175,8 @@ def _parser(form: str) -> Callable[[str], Any]:
 def _parsed(
     form: str, text: str, where: str, raises: type[CaptureError], cure: str, *, any_numbers: bool = False
 ) -> Any:
-    if (parts := text.count("[") + text.count("{")) > MOST_PARTS:
-        raise raises(f"{where}: {parts} lists and tables, and {MOST_PARTS} are the most", cure=cure)
+    if (parts := text.count("[") + text.count("{")) > SETTINGS.most_parts:
+        raise raises(f"{where}: {parts} lists and tables, and {SETTINGS.most_parts} are the most", cure=cure)
     try:
         document = _parser(form)(text)
     except RecursionError as error:
@@ -173,7 +184,7 @@ def _parsed(
     except ValueError as error:
         if found := _LONG_WHOLE.search(text):  # or else it is the number that Python says in a long sentence
             what = f"line {_line(text, found)} has a number of thousands of digits"
-            raise raises(f"{where}: {what}, and {MOST_DIGITS} are the most", cure=cure) from error
+            raise raises(f"{where}: {what}, and {SETTINGS.most_digits} are the most", cure=cure) from error
         raise raises(f"{where} is not {form}: {error}", cure=cure) from error
     fault_of_leaf = _fault_of_text if any_numbers else _fault
     for place, fault in _faults(document, fault_of_leaf):
@@ -185,7 +196,7 @@ def _parsed(
 
 def _too_deep(where: str, raises: type[CaptureError], cure: str) -> CaptureError:
     return raises(
-        f"{where}: its tables or lists lie more than {DEEPEST} levels deep in each other", cure=cure
+        f"{where}: its tables or lists lie more than {SETTINGS.deepest} levels deep in each other", cure=cure
     )
 
 
@@ -194,7 +205,7 @@ def _faults(document: Any, fault_of_leaf: Callable[[Any], str | None]) -> Iterat
     containers: list[tuple[Any, Place, int]] = [((document,), None, 0)]
     while containers:
         container, place, depth = containers.pop()
-        if depth > DEEPEST:
+        if depth > SETTINGS.deepest:
             yield place, None
             return
         if isinstance(container, dict):
@@ -214,9 +225,9 @@ def _faults(document: Any, fault_of_leaf: Callable[[Any], str | None]) -> Iterat
 def _fault(value: Any) -> str | None:
     if isinstance(value, float):
         return None if math.isfinite(value) else f"= {value}; expected a finite number"
-    if isinstance(value, int) and not -LARGEST_WHOLE <= value < LARGEST_WHOLE:
+    if isinstance(value, int) and not -SETTINGS.largest_whole <= value < SETTINGS.largest_whole:
         digits = int(value.bit_length() * math.log10(2)) + 1
-        return f"is a whole number of {digits} digits, and {MOST_DIGITS} are the most"
+        return f"is a whole number of {digits} digits, and {SETTINGS.most_digits} are the most"
     return _fault_of_text(value)
 
 
@@ -243,7 +254,7 @@ def _named(place: Place) -> str:
 
 def _short(key: str) -> str:
     shown = key if key.isprintable() else repr(key)[1:-1]
-    return shown if len(shown) <= SHOWN else f"{shown[: SHOWN - 3]}..."
+    return shown if len(shown) <= SETTINGS.shown else f"{shown[: SETTINGS.shown - 3]}..."
 
 
 def _line(text: str, found: re.Match) -> int:

@@ -8,10 +8,16 @@ import time
 from contextlib import suppress
 from dataclasses import dataclass
 
-FIRST = 1.0  # s until the first line: what is done sooner needs none, and starting takes some, too
-PLAIN_EVERY = 10.0  # s
-REFRESHED_EVERY = 1.0  # s, the bar of a terminal
-LONG = 2.0  # s that are worth telling
+
+@dataclass(frozen=True)
+class ProgressSettings:
+    first: float = 1.0  # s until the first line: what is done sooner needs none, and starting takes some, too
+    plain_every: float = 10.0  # s
+    refreshed_every: float = 1.0  # s, the bar of a terminal
+    long: float = 2.0  # s that are worth telling
+
+
+SETTINGS = ProgressSettings()
 
 
 @dataclass(frozen=True)
@@ -28,8 +34,10 @@ class _Doing:
         """In words, with how long it lasts already, or how long, by those before, the rest will take."""
         if self.done:
             left = (now - self.first) / self.done * (self.total - self.done)
-            return self.text + (f", {left:.0f} s left of these" if left >= LONG else "")
-        return self.text + (f", for {now - self.since:.0f} s" if now - self.since >= PLAIN_EVERY else "")
+            return self.text + (f", {left:.0f} s left of these" if left >= SETTINGS.long else "")
+        return self.text + (
+            f", for {now - self.since:.0f} s" if now - self.since >= SETTINGS.plain_every else ""
+        )
 
 
 class Progress:
@@ -107,7 +115,7 @@ class Progress:
 
     def _tell(self) -> None:
         """What the thread does until all is over."""
-        wait = FIRST if self.bar is None else REFRESHED_EVERY
+        wait = SETTINGS.first if self.bar is None else SETTINGS.refreshed_every
         while not self.over.wait(wait):
             with suppress(OSError, ValueError):  # nobody listens any more
                 if self.bar is not None:
@@ -115,4 +123,4 @@ class Progress:
                 elif text := self.said():
                     elapsed = time.monotonic() - self.began
                     print(f"{self.what}: {elapsed:.0f} s, {text}", file=sys.stderr, flush=True)
-            wait = PLAIN_EVERY if self.bar is None else REFRESHED_EVERY
+            wait = SETTINGS.plain_every if self.bar is None else SETTINGS.refreshed_every

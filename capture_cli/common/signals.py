@@ -12,14 +12,23 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from types import FrameType
 
 ENDING = (signal.SIGINT, signal.SIGTERM)
-# s after a signal in which no other is heeded: `timeout` sends it twice, people press Ctrl-C until something happens,
-# and a second one would end the clearing up
-DEAF = 10.0
-SOON = 0.05  # s
-_PARENT_DEATH_SIGNAL = 1  # PR_SET_PDEATHSIG of prctl
+
+
+@dataclass(frozen=True)
+class SignalsSettings:
+    # s after a signal in which no other is heeded: `timeout` sends it twice, people press Ctrl-C until
+    # something happens,
+    # and a second one would end the clearing up
+    deaf: float = 10.0
+    soon: float = 0.05  # s
+    parent_death_signal: int = 1  # PR_SET_PDEATHSIG of prctl
+
+
+SETTINGS = SignalsSettings()
 
 
 def heed_signals() -> list[int]:
@@ -29,12 +38,12 @@ def heed_signals() -> list[int]:
     an object is freed, comes again.
     """
     received: list[int] = []
-    last = -DEAF
+    last = -SETTINGS.deaf
 
     def interrupt(number: int, _frame: FrameType | None) -> None:
         nonlocal last
         now = time.monotonic()
-        if now - last < DEAF:
+        if now - last < SETTINGS.deaf:
             return
         last = now
         received.append(number)
@@ -45,8 +54,8 @@ def heed_signals() -> list[int]:
         if not (received and swallowed.exc_type is KeyboardInterrupt):
             shown(swallowed)
             return
-        last = -DEAF
-        threading.Timer(SOON, os.kill, (os.getpid(), received[-1])).start()
+        last = -SETTINGS.deaf
+        threading.Timer(SETTINGS.soon, os.kill, (os.getpid(), received[-1])).start()
 
     for number in ENDING:
         if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
@@ -80,7 +89,7 @@ def end_with_parent(parent: int) -> None:
     import ctypes
 
     try:
-        ctypes.CDLL(None).prctl(_PARENT_DEATH_SIGNAL, signal.SIGKILL)
+        ctypes.CDLL(None).prctl(SETTINGS.parent_death_signal, signal.SIGKILL)
     except (AttributeError, OSError, TypeError):
         return
     if os.getppid() != parent:

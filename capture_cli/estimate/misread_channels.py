@@ -13,7 +13,8 @@ from capture_cli.errors import CaptureError
 from capture_cli.estimate.model_fits import ModelFits
 from capture_cli.estimate.prepare import prepare
 from capture_cli.estimate.prepared_log import PreparedLog, attitudes
-from capture_cli.model.quaternion_order import W_FIRST, W_LAST, order_in_names
+from capture_cli.model.quaternion_order import SETTINGS as QUATERNION_ORDER
+from capture_cli.model.quaternion_order import order_in_names
 from capture_cli.model.tasks.base import Channel
 
 FACTORS = {  # by which a channel may have to be multiplied
@@ -250,8 +251,8 @@ def _orders(prepared: PreparedLog) -> Iterator[Reading]:
         columns = [c.column for c in channels]
         if len(set(columns)) < len(columns):
             continue
-        for order in dict.fromkeys((order_in_names(columns), W_LAST)):
-            if order not in (None, W_FIRST):
+        for order in dict.fromkeys((order_in_names(columns), QUATERNION_ORDER.w_last)):
+            if order not in (None, QUATERNION_ORDER.w_first):
                 read_from = tuple(columns[k] for k in order)
                 yield Reading("outputs", tuple(c.name for c in channels), columns=read_from)
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from capture_cli.common.documents import LARGEST
+from capture_cli.common.documents import SETTINGS as DOCUMENTS
 from capture_cli.errors import LogError, StoreError
 from capture_cli.store.document_shape import (
     FLAG,
@@ -181,11 +181,11 @@ class MeasuredLog:
                     f"{where}{name} is {values[bad[0]]} at step {bad[0]} ({bad.size} such values)",
                     cure="drop those rows (`capture import-log --drop-nan`) or fill them in the source file",
                 )
-            huge = np.flatnonzero(np.abs(values) > LARGEST) if name != "time" else bad
+            huge = np.flatnonzero(np.abs(values) > DOCUMENTS.largest) if name != "time" else bad
             if huge.size:
                 raise LogError(
                     f"{where}{name} is {values[huge[0]]:.4g} at step {huge[0]} ({huge.size} such values), too large to "
-                    f"be a measurement: {LARGEST:g} is the most",
+                    f"be a measurement: {DOCUMENTS.largest:g} is the most",
                     cure="correct the value in the source file, or its scale in the task.toml, and import again",
                 )
         for number, steps in enumerate(self.episodes):

@@ -19,7 +19,14 @@ _KINDS = {
     _S.mjSENS_TENDONVEL: "velocity",
 }
 _SCALAR = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
-ROUNDING = 1e-9  # of a coordinate, that a sum of readings may be off by
+
+
+@dataclass(frozen=True)
+class CoordinateSourcesSettings:
+    rounding: float = 1e-9  # of a coordinate, that a sum of readings may be off by
+
+
+SETTINGS = CoordinateSourcesSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +135,7 @@ def _alone(model: mujoco.MjModel, data: np.ndarray) -> Iterator[Source]:
             if turned is None:
                 continue
             weights = turned.of_velocity
-            whole = np.abs(np.delete(weights, number, axis=1)).max(axis=1, initial=0.0) < ROUNDING
+            whole = np.abs(np.delete(weights, number, axis=1)).max(axis=1, initial=0.0) < SETTINGS.rounding
             if whole.any():
                 dofs = tuple(np.array(turned.dofs)[whole].tolist())
                 yield Source("velocity", columns, own, dofs, (), weights[whole][:, number])
@@ -170,9 +177,9 @@ def _unmixed(model: mujoco.MjModel, data: np.ndarray, kind: str, alone: Sequence
     wanted = [int(d) for d in np.flatnonzero(matrix.any(axis=0)) if d not in given]
     inverse = np.linalg.pinv(matrix[:, wanted])
     for number, dof in enumerate(wanted):
-        share = np.where(np.abs(inverse[number]) > ROUNDING, inverse[number], 0.0)
+        share = np.where(np.abs(inverse[number]) > SETTINGS.rounding, inverse[number], 0.0)
         found = share @ matrix
-        if np.abs(found[wanted] - (np.array(wanted) == dof)).max() > ROUNDING:
+        if np.abs(found[wanted] - (np.array(wanted) == dof)).max() > SETTINGS.rounding:
             continue
         weights = dict(zip(sums, share, strict=True)) | {given[d]: -found[d] for d in given}
         used = [column for column, weight in weights.items() if weight]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import mujoco
@@ -17,19 +17,27 @@ import numpy as np
 from capture_cli.model.object_names import object_name
 from capture_cli.model.states import Starts
 
-ROUNDS = 20  # of Newton's method at one state
-CLOSED = 1e-9  # m or rad: a step less than that ends them
-# m/s^2 or rad/s^2: soft constraints give way under loads that would accelerate by this at least: gravity's
-LOAD = 10.0
-UNLIKE = 3.0  # times what they give way by in a simulation, whose parameters and phase may be others
-EVERY = 0.01  # s between the samples that a path is followed through
-DETERMINED = 0.1  # share of a coordinate's standard deviation that the constraints leave, at most
-FREE = 1.0  # rad or m: sd of what nothing measures while a path is followed
-# rad, or share of the model's extent: steps in which a machine is led from one measured position to the next. In longer
-# ones a loop may fold over, or its closing may not be found at all.
-LED = 0.1
-# Times what noise and softness make of a gap: beyond, what was measured contradicts the constraint.
-OPEN = 10.0
+
+@dataclass(frozen=True)
+class LoopClosureSettings:
+    rounds: int = 20  # of Newton's method at one state
+    closed: float = 1e-9  # m or rad: a step less than that ends them
+    # m/s^2 or rad/s^2: soft constraints give way under loads that would accelerate by this at least: gravity's
+    load: float = 10.0
+    # times what they give way by in a simulation, whose parameters and phase may be others
+    unlike: float = 3.0
+    every: float = 0.01  # s between the samples that a path is followed through
+    determined: float = 0.1  # share of a coordinate's standard deviation that the constraints leave, at most
+    free: float = 1.0  # rad or m: sd of what nothing measures while a path is followed
+    # rad, or share of the model's extent: steps in which a machine is led from one measured position to the
+    # next. In longer
+    # ones a loop may fold over, or its closing may not be found at all.
+    led: float = 0.1
+    # Times what noise and softness make of a gap: beyond, what was measured contradicts the constraint.
+    open: float = 10.0
+
+
+SETTINGS = LoopClosureSettings()
 
 
 class LoopClosure:
@@ -72,9 +80,9 @@ class LoopClosure:
         time (step,) s; measured (step, column): positions that outputs report, which stand at qpos_columns (column,);
         dofs, sd: which tangent coordinates they are, and how well they are known.
         """
-        known = np.full(self.model.nv, FREE)
+        known = np.full(self.model.nv, SETTINGS.free)
         known[dofs] = sd
-        stride = max(1, int(EVERY / np.median(np.diff(time)))) if len(time) > 1 else 1
+        stride = max(1, int(SETTINGS.every / np.median(np.diff(time)))) if len(time) > 1 else 1
         wanted = {int(step): place for place, step in enumerate(at)}
         found = np.empty((len(at), self.model.nq))
         qpos = begin
@@ -95,7 +103,7 @@ class LoopClosure:
         """
         target, apart = self._with(begin, columns, measured), np.zeros(self.model.nv)
         mujoco.mj_differentiatePos(self.model, apart, 1.0, begin, target)
-        steps = int(np.ceil(np.abs(apart / (LED * self._reach)).max(initial=0.0)))
+        steps = int(np.ceil(np.abs(apart / (SETTINGS.led * self._reach)).max(initial=0.0)))
         here = begin
         for step in range(1, steps):
             on_the_way = begin.copy()
@@ -124,7 +132,7 @@ class LoopClosure:
         followed (place, nq): from where the others are moved. measured (place, column), qpos_columns, dofs, sd: as of
         `follow`.
         """
-        free = np.full(self.model.nv, FREE)
+        free = np.full(self.model.nv, SETTINGS.free)
         free[dofs] = 0.0
         squares: dict[str, list[tuple[float, float]]] = {}
         for qpos, values in zip(followed, measured, strict=True):
@@ -136,7 +144,7 @@ class LoopClosure:
                 name = object_name(self.model, "equality", int(row))
                 squares.setdefault(name, []).append((gap**2, may))
         means = {name: np.sqrt(np.mean(pairs, axis=0)) for name, pairs in squares.items()}
-        return {name: float(gap) for name, (gap, may) in means.items() if gap > OPEN * may}
+        return {name: float(gap) for name, (gap, may) in means.items() if gap > SETTINGS.open * may}
 
     def close(self, starts: Starts, sd: np.ndarray, followed: np.ndarray) -> tuple[Starts, np.ndarray]:
         """Starts that satisfy the constraints, as near to `starts` as their sd (window, state) say, and their new sd.
@@ -150,7 +158,7 @@ class LoopClosure:
         for window in range(len(starts)):
             position, velocity = sd[window, :nv], sd[window, nv : 2 * nv]
             _, left = self._at(followed[window], position)
-            qpos[window] = self._begun(qpos[window], followed[window], left < DETERMINED * position)
+            qpos[window] = self._begun(qpos[window], followed[window], left < SETTINGS.determined * position)
             qpos[window], left = self._closed(qpos[window], position)
             together[window, 0] = self._together(position)
             gain, gives = self._gain(velocity, per_second=True)
@@ -172,7 +180,7 @@ class LoopClosure:
         """Where the constraints hold, (nq,), the nearest to `qpos` in units of sd (dof,), and how well it is known."""
         here = qpos.copy()
         moved = np.zeros(self.model.nv)
-        for _ in range(ROUNDS):
+        for _ in range(SETTINGS.rounds):
             gain, left = self._at(here, sd)
             if not self.data.ne:
                 return here, left
@@ -180,7 +188,7 @@ class LoopClosure:
             whole = gain @ (self._jacobian @ moved - self.data.efc_pos[: self.data.ne])
             here = qpos.copy()
             mujoco.mj_integratePos(self.model, here, whole, 1.0)
-            if np.abs(whole - moved).max() < CLOSED:
+            if np.abs(whole - moved).max() < SETTINGS.closed:
                 break
         return here, self._at(here, sd)[1]
 
@@ -222,7 +230,7 @@ class LoopClosure:
         """What a move of each coordinate, in units of what the constraints leave of its sd, is made into: (dof, dof).
 
         A square root of the covariance that they leave, by QR (Potter & Stern 1963), best known coordinates first: what
-        they determine moves along with those, and beside them as far as loads beyond LOAD let it.
+        they determine moves along with those, and beside them as far as loads beyond `load` let it.
         """
         gain, left = self._gain(sd, per_second)
         kept = np.eye(self.model.nv) - gain @ self._jacobian
@@ -237,7 +245,7 @@ class LoopClosure:
         return moves
 
     def _softness(self, per_second: bool) -> np.ndarray:
-        """How far each constraint (row,) may give way: under LOAD, or more where loads are known; how fast, per second.
+        """How far each constraint (row,) may give way: under `load`, or more where it is known; how fast, per second.
 
         The joints of a gripper or a wrist are so light that their motors would accelerate them by hundreds of rad/s^2:
         taken as stiffer than it is there, a constraint would move starts away from where they are measured.
@@ -245,14 +253,14 @@ class LoopClosure:
         slack = self._under_load(per_second)
         if self.slack is None or self.slack.shape[1] != len(slack):
             return slack
-        return np.maximum(slack, UNLIKE * self.slack[int(per_second)])
+        return np.maximum(slack, SETTINGS.unlike * self.slack[int(per_second)])
 
     def _under_load(self, per_second: bool) -> np.ndarray:
-        """How far each constraint (row,) gives way under LOAD; how fast, per second."""
+        """How far each constraint (row,) gives way under `load`; how fast, per second."""
         rows = slice(self.data.ne)
         stiffness, damping = self.data.efc_KBIP[rows, 0], self.data.efc_KBIP[rows, 1]
         impedance = self.data.efc_KBIP[rows, 2]
-        return (1 - impedance) / impedance * LOAD / (damping if per_second else stiffness)
+        return (1 - impedance) / impedance * SETTINGS.load / (damping if per_second else stiffness)
 
 
 def _places(model: mujoco.MjModel, joint: int) -> tuple[slice, slice]:

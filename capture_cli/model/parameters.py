@@ -10,8 +10,14 @@ import numpy as np
 
 from capture_cli.errors import OptionError, did_you_mean
 
-AT_BOUND = 1e-4  # of the range: nearer to its end a parameter is at it
-STEP = 1e-4  # of the range: well above the solver's tolerance, well below curvature
+
+@dataclass(frozen=True)
+class ParametersSettings:
+    at_bound: float = 1e-4  # of the range: nearer to its end a parameter is at it
+    step: float = 1e-4  # of the range: well above the solver's tolerance, well below curvature
+
+
+SETTINGS = ParametersSettings()
 
 
 @dataclass(frozen=True)
@@ -21,7 +27,7 @@ class Parameter:
     nominal: the model's own value. For the parameter of an effect it is the null value, at which the model with
         the effect is exactly the model without it.
     step: of finite differences, as a share of the range. A simulation with contacts needs a longer one than one
-        without: where between two steps a body arrives makes outputs a little rough. One that is shorter than STEP is
+        without: where between two steps a body arrives makes outputs a little rough. One that is shorter than `step` is
         what the parameter needs, and stays so.
     """
 
@@ -30,7 +36,7 @@ class Parameter:
     low: float
     high: float
     nominal: float
-    step: float = STEP
+    step: float = SETTINGS.step
 
     def __post_init__(self):
         values = (self.low, self.high, self.nominal)
@@ -47,7 +53,7 @@ class Parameter:
 
     def with_step_of(self, least: float) -> Parameter:
         """With finite differences of that share of the range at least, where it does not need shorter ones."""
-        return self if self.step < STEP else replace(self, step=max(self.step, least))
+        return self if self.step < SETTINGS.step else replace(self, step=max(self.step, least))
 
 
 class ParameterSpace:

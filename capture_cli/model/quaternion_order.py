@@ -4,15 +4,22 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 
-# Which of four columns are w, x, y and z
-W_FIRST = (0, 1, 2, 3)
-W_LAST = (3, 0, 1, 2)
-SMALL = 0.2  # of length 1: a body that leans by less than 33 degrees
-LARGE = 0.7
+
+@dataclass(frozen=True)
+class QuaternionOrderSettings:
+    # Which of four columns are w, x, y and z
+    w_first: tuple[int, ...] = (0, 1, 2, 3)
+    w_last: tuple[int, ...] = (3, 0, 1, 2)
+    small: float = 0.2  # of length 1: a body that leans by less than 33 degrees
+    large: float = 0.7
+
+
+SETTINGS = QuaternionOrderSettings()
 
 
 def order_in_names(columns: Sequence[str]) -> tuple[int, ...] | None:
@@ -35,7 +42,7 @@ def _half_a_turn_away(values: np.ndarray) -> bool:
     length = np.linalg.norm(values, axis=1)
     with np.errstate(invalid="ignore"):
         unit = np.abs(values[length > 0] / length[length > 0, None])
-    return bool(len(unit) and (unit[:, :2] < SMALL).all() and (unit[:, 3] > LARGE).any())
+    return bool(len(unit) and (unit[:, :2] < SETTINGS.small).all() and (unit[:, 3] > SETTINGS.large).any())
 
 
 def _poses(model: mujoco.MjModel, sensor: int) -> np.ndarray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
+from dataclasses import dataclass
 from itertools import product
 from typing import Any, NamedTuple
 
@@ -16,8 +17,17 @@ _S = mujoco.mjtSensor
 _HINGE, _SLIDE = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
 _TURN = 2 * math.pi
 _TURNS = {"rad": _TURN, "deg": 360.0, "turns": 1.0}  # a whole turn, as it may be written
-_ROUNDED = 0.01  # of 6.28 for a turn, or 0.0175 for a degree
-_GRAVITY = 9.80665  # m/s^2
+
+
+@dataclass(frozen=True)
+class SensorUnitsSettings:
+    rounded: float = 0.01  # of 6.28 for a turn, or 0.0175 for a degree
+    gravity: float = 9.80665  # m/s^2
+
+
+SETTINGS = SensorUnitsSettings()
+
+
 # How many of the first there are in one of each
 _SIZES: dict[str, dict[str, float]] = {
     "m": {
@@ -37,7 +47,12 @@ _SIZES: dict[str, dict[str, float]] = {
     },
     "N": {
         **{"N": 1.0, "uN": 1e-6, "mN": 1e-3, "cN": 1e-2, "daN": 10.0, "kN": 1e3, "MN": 1e6},
-        **{"gf": 1e-3 * _GRAVITY, "kgf": _GRAVITY, "kp": _GRAVITY, "lbf": 4.4482216153},
+        **{
+            "gf": 1e-3 * SETTINGS.gravity,
+            "kgf": SETTINGS.gravity,
+            "kp": SETTINGS.gravity,
+            "lbf": 4.4482216153,
+        },
     },
     "A": {"A": 1.0, "mA": 1e-3},
     "V": {"V": 1.0, "mV": 1e-3},
@@ -65,8 +80,8 @@ class _Unit(NamedTuple):
 
 
 _SHORT = {
-    "g": _Unit.of(_GRAVITY, m=1, s=-2),
-    "mg": _Unit.of(1e-3 * _GRAVITY, m=1, s=-2),
+    "g": _Unit.of(SETTINGS.gravity, m=1, s=-2),
+    "mg": _Unit.of(1e-3 * SETTINGS.gravity, m=1, s=-2),
     "kph": _Unit.of(1 / 3.6, m=1, s=-1),
     "mph": _Unit.of(0.44704, m=1, s=-1),
     "rpm": _Unit.of(_TURN / 60, rad=1, s=-1),
@@ -171,7 +186,7 @@ def refuse_period_in_other_unit(period: float, unit: str, scale: float, where: s
 
 def _turn_written(size: float) -> str | None:
     """The unit in which a whole turn is `size`; None where it is so in none of these."""
-    return next((u for u, turn in _TURNS.items() if math.isclose(size, turn, rel_tol=_ROUNDED)), None)
+    return next((u for u, turn in _TURNS.items() if math.isclose(size, turn, rel_tol=SETTINGS.rounded)), None)
 
 
 def unit_in_name(column: str, own: str) -> tuple[str, float] | None:

@@ -7,7 +7,13 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 
-DEPENDENT = 1e-6  # of the largest singular value: a move that constraints do not let be
+
+@dataclass(frozen=True)
+class StatesSettings:
+    dependent: float = 1e-6  # of the largest singular value: a move that constraints do not let be
+
+
+SETTINGS = StatesSettings()
 
 
 @dataclass(frozen=True)
@@ -58,5 +64,5 @@ def offsets_between(model: mujoco.MjModel, begin: Starts, end: Starts) -> np.nda
         mujoco.mj_differentiatePos(model, row, 1.0, here, there)
     moves = np.stack([positions, end.qvel - begin.qvel], axis=1)
     if begin.together is not None:
-        moves = (np.linalg.pinv(begin.together, rcond=DEPENDENT) @ moves[..., None])[..., 0]
+        moves = (np.linalg.pinv(begin.together, rcond=SETTINGS.dependent) @ moves[..., None])[..., 0]
     return np.hstack([moves.reshape(-1, 2 * nv), end.act - begin.act])

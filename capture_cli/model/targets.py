@@ -15,8 +15,14 @@ import numpy as np
 
 from capture_cli.model.fields import ModelFields, model_field
 
-CONTACT_STIFFNESS = 5000.0  # 1/s^2, for a restitution on a geom whose solref is not in direct form
-CONTACT_IMPEDANCE = 0.95  # MuJoCo's default solimp dmax
+
+@dataclass(frozen=True)
+class TargetsSettings:
+    contact_stiffness: float = 5000.0  # 1/s^2, for a restitution on a geom whose solref is not in direct form
+    contact_impedance: float = 0.95  # MuJoCo's default solimp dmax
+
+
+SETTINGS = TargetsSettings()
 
 
 class Target(ABC):
@@ -119,7 +125,7 @@ class Restitution(Target):
 
     def read(self, model):
         stiffness, damping = self._direct(model.geom_solref[None, self.geom])
-        ratio = damping / CONTACT_IMPEDANCE / (2 * np.sqrt(stiffness / CONTACT_IMPEDANCE))
+        ratio = damping / SETTINGS.contact_impedance / (2 * np.sqrt(stiffness / SETTINGS.contact_impedance))
         return float(restitution(np.clip(ratio, 0, 1 - 1e-9))[0])
 
     def write(self, fields, values):
@@ -127,14 +133,18 @@ class Restitution(Target):
         stiffness, _ = self._direct(solref[:, self.geom])
         ratio = damping_ratio(values)
         solref[:, self.geom, 0] = -stiffness
-        solref[:, self.geom, 1] = -ratio * 2 * np.sqrt(stiffness / CONTACT_IMPEDANCE) * CONTACT_IMPEDANCE
+        solref[:, self.geom, 1] = (
+            -ratio * 2 * np.sqrt(stiffness / SETTINGS.contact_impedance) * SETTINGS.contact_impedance
+        )
 
     @staticmethod
     def _direct(solref: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         is_direct = solref[:, 0] < 0
-        stiffness = np.where(is_direct, -solref[:, 0], CONTACT_STIFFNESS)
+        stiffness = np.where(is_direct, -solref[:, 0], SETTINGS.contact_stiffness)
         damping = np.where(
-            is_direct, -solref[:, 1], solref[:, 1] * 2 * np.sqrt(CONTACT_STIFFNESS * CONTACT_IMPEDANCE)
+            is_direct,
+            -solref[:, 1],
+            solref[:, 1] * 2 * np.sqrt(SETTINGS.contact_stiffness * SETTINGS.contact_impedance),
         )
         return stiffness, damping
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,13 +16,23 @@ from capture_cli.store.estimate import Estimate
 Record = Estimate | Diagnosis
 # Shades of the parts of a log; what is fitted has none.
 SHADES = {"selecting": "--select-shade", HELD_OUT: "--test-shade"}
-# Numbers of all curves together: 2 MB for the whole log, and half of that for the windows held apart.
-NUMBERS = 400_000
-MOST_POINTS, FEWEST_POINTS = 40_000, 2_000
-MOST_WINDOW_POINTS, FEWEST_WINDOW_POINTS = 4_000, 500
-POINT = 2.6  # px, of a sample of an output that is drawn by points, where a line would be 1 px wide
-# More marks than these are a grey wall.
-MOST_EPISODE_MARKS = 60
+
+
+@dataclass(frozen=True)
+class CurvePlotsSettings:
+    # Numbers of all curves together: 2 MB for the whole log, and half of that for the windows held apart.
+    numbers: int = 400_000
+    most_points: int = 40_000
+    fewest_points: int = 2_000
+    most_window_points: int = 4_000
+    fewest_window_points: int = 500
+    # px, of a sample of an output that is drawn by points, where a line would be 1 px wide
+    point: float = 2.6
+    # More marks than these are a grey wall.
+    most_episode_marks: int = 60
+
+
+SETTINGS = CurvePlotsSettings()
 
 
 def curve_views(record: Record, curves: Curves) -> dict[str, Any]:
@@ -31,7 +42,7 @@ def curve_views(record: Record, curves: Curves) -> dict[str, Any]:
     the median and the worst of the held-out and of the fitted ones, whose points are then held apart.
     """
     values, names = _series(record, curves)
-    budget = _budget(NUMBERS, len(names), FEWEST_POINTS, MOST_POINTS)
+    budget = _budget(SETTINGS.numbers, len(names), SETTINGS.fewest_points, SETTINGS.most_points)
     at, rows, ends = thin(values, curves.slices, budget)
     sets = {"log": _packed_set(curves.x[at], rows, names)}
     views = [{"label": "the whole log", "set": "log", "first": 0, "last": len(at)}]
@@ -40,7 +51,9 @@ def curve_views(record: Record, curves: Curves) -> dict[str, Any]:
         if len(ends) > 1:
             views += [_view(curves, w, error[w], "log", ends[w]) for w in range(len(ends))]
         return {"sets": sets, "views": views}
-    budget = _budget(NUMBERS // 2, 6 * len(names), FEWEST_WINDOW_POINTS, MOST_WINDOW_POINTS)
+    budget = _budget(
+        SETTINGS.numbers // 2, 6 * len(names), SETTINGS.fewest_window_points, SETTINGS.most_window_points
+    )
     for w, kind in _telling_windows(curves, error).items():
         steps = curves.slices[w]
         at, rows, ends = thin(values[steps], (slice(0, steps.stop - steps.start),), budget)
@@ -59,7 +72,7 @@ def overlay(record: Record, curves: Curves, k: int) -> Plot:
         if has_gaps(curves, name, k):
             more |= {
                 "mode": "markers",
-                "marker": {"color": color, "size": POINT * more.get("width", 1.5) ** 0.5},
+                "marker": {"color": color, "size": SETTINGS.point * more.get("width", 1.5) ** 0.5},
             }
         return line(title, color, meta=source, hovertemplate=f"%{{y:.5g}} {in_template(hover_unit)}", **more)
 
@@ -215,7 +228,7 @@ def _marks(curves: Curves, floor: float | None) -> list[Plot]:
         for a, b in curves.spans(windows_of(curves, part))
     ]
     starts = curves.episode_starts()
-    shapes += [mark(x) for x in starts] if len(starts) <= MOST_EPISODE_MARKS else []
+    shapes += [mark(x) for x in starts] if len(starts) <= SETTINGS.most_episode_marks else []
     if floor:
         edges = {"color": "--floor-shade", "edge": "--floor"}
         shapes.append(band(-2 * floor, 2 * floor, along="y2", across="paper", **edges))

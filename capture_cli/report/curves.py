@@ -11,9 +11,17 @@ import numpy as np
 from capture_cli.store.diagnosis import Diagnosis
 from capture_cli.store.estimate import Estimate
 
-# Past this the log's own clock (an epoch, say) makes unreadable tick labels: time is counted from the start.
-LONGEST_CLOCK = 1e5
-MAX_LAGS = 200
+
+@dataclass(frozen=True)
+class CurvesSettings:
+    # Past this the log's own clock (an epoch, say) makes unreadable tick labels: time is counted from the start.
+    longest_clock: float = 1e5
+    max_lags: int = 200
+
+
+SETTINGS = CurvesSettings()
+
+
 HELD_OUT = "held out"
 
 
@@ -186,9 +194,9 @@ def thin(
 def autocorrelation(residual: np.ndarray, slices: tuple[slice, ...]) -> np.ndarray:
     """Of one output's residual (step,), pooled over the windows: at lags 0, 1, … samples, (lag,).
 
-    It reaches to half the median window and MAX_LAGS at most; not-finite steps count as the mean.
+    It reaches to half the median window and `max_lags` at most; not-finite steps count as the mean.
     """
-    lags = int(min(MAX_LAGS, max(1, np.median([s.stop - s.start for s in slices]) // 2)))
+    lags = int(min(SETTINGS.max_lags, max(1, np.median([s.stop - s.start for s in slices]) // 2)))
     centred = np.nan_to_num(residual - np.nanmean(residual), posinf=0.0, neginf=0.0)
     total = np.zeros(lags + 1)
     for s in slices:
@@ -212,7 +220,7 @@ def bin_edges(residual: np.ndarray, floor: float | None, samples: int) -> np.nda
 
 def _lay_out(time, slices, episode) -> tuple[np.ndarray, str]:
     if len(np.unique(episode)) == 1:
-        if np.abs(time).max() <= LONGEST_CLOCK:
+        if np.abs(time).max() <= SETTINGS.longest_clock:
             return time, "time [s]"
         return time - time.min(), "time since the start [s]"
     x = np.empty_like(time)

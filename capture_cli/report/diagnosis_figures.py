@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -22,7 +23,6 @@ from capture_cli.report.diagnosis_plots import (
 )
 from capture_cli.report.figure_parts import (
     INK,
-    MOST_OUTPUTS,
     MUTED,
     PALETTE,
     RULE,
@@ -36,9 +36,16 @@ from capture_cli.report.figure_parts import (
     save,
     title,
 )
+from capture_cli.report.figure_parts import SETTINGS as FIGURE_PARTS
 from capture_cli.store.diagnosis import Diagnosis
 
-BAR = 0.24  # of the distance between two models
+
+@dataclass(frozen=True)
+class DiagnosisFiguresSettings:
+    bar: float = 0.24  # of the distance between two models
+
+
+SETTINGS = DiagnosisFiguresSettings()
 
 
 def write_figures(diagnosis: Diagnosis, folder: Path) -> list[Path]:
@@ -70,12 +77,12 @@ def _stages(diagnosis: Diagnosis) -> Figure:
     axis = figure.subplots()
     log = {"log": True} if found.decades else {}
     for number, (part, errors) in enumerate(found.errors.items()):
-        at = np.arange(count) + BAR * (number - (len(found.errors) - 1) / 2)
-        bars = axis.barh(at, errors, BAR, color=PALETTE[COLORS[part]], label=PARTS[part], **log)
+        at = np.arange(count) + SETTINGS.bar * (number - (len(found.errors) - 1) / 2)
+        bars = axis.barh(at, errors, SETTINGS.bar, color=PALETTE[COLORS[part]], label=PARTS[part], **log)
         text = [with_unit(significant(v), found.unit) for v in errors]
         axis.bar_label(bars, text, padding=3, color=INK, size=8)
     if found.floor:
-        bars = axis.barh([count], [found.floor], BAR, color=PALETTE["--floor"], **log)
+        bars = axis.barh([count], [found.floor], SETTINGS.bar, color=PALETTE["--floor"], **log)
         axis.bar_label(bars, [found.floor_text], padding=3, color=INK, size=8)
     names = [*found.names, *["noise floor"] * bool(found.floor)]
     axis.set_yticks(range(len(names)), names, color=INK)
@@ -119,7 +126,7 @@ def _absorbed(diagnosis: Diagnosis) -> Figure:
 
 
 def _localisation(diagnosis: Diagnosis) -> Figure:
-    outputs = range(min(MOST_OUTPUTS, len(diagnosis.attributes["outputs"])))
+    outputs = range(min(FIGURE_PARTS.most_outputs, len(diagnosis.attributes["outputs"])))
     drawn = {k: found for k in outputs if (found := drawn_curves(diagnosis, k))}
     columns = localisation_columns(max(len(found) for found in drawn.values()))
     heights = {k: -(-len(found) // columns) for k, found in drawn.items()}

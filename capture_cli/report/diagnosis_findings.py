@@ -39,10 +39,19 @@ TITLES = {
 }
 # Of each part of the log, in the words of diagnosis.json: what it was for.
 PARTS = {"fit": "fitted", "select": "selecting", "test": "held out"}
-HIDDEN = 0.7  # of the error on what judges: what was fitted is seldom so much easier
-MOVED = 2.0  # sd: more than chance moves a parameter
-WORTH_A_LOGARITHM = 15.0  # errors that differ by more than this factor
-TELLING = 0.1  # share of a residual's variance that is worth a word
+
+
+@dataclass(frozen=True)
+class DiagnosisFindingsSettings:
+    hidden: float = 0.7  # of the error on what judges: what was fitted is seldom so much easier
+    moved: float = 2.0  # sd: more than chance moves a parameter
+    worth_a_logarithm: float = 15.0  # errors that differ by more than this factor
+    telling: float = 0.1  # share of a residual's variance that is worth a word
+
+
+SETTINGS = DiagnosisFindingsSettings()
+
+
 ACCEPTED, TIED, NOT_TRIED = "accepted", "tied", "not tried"
 
 
@@ -126,7 +135,7 @@ def moved(document: Mapping[str, Any]) -> list[Moved]:
 
 def absorbing(document: Mapping[str, Any]) -> list[Moved]:
     """Those that moved by more than their interval allows."""
-    return [row for row in moved(document) if abs(row.shift_in_sd) > MOVED]
+    return [row for row in moved(document) if abs(row.shift_in_sd) > SETTINGS.moved]
 
 
 def shift(row: Moved) -> str:
@@ -238,7 +247,8 @@ def starts_hide(document: Mapping[str, Any]) -> bool:
     """
     declared = document["stages"][0]
     return (
-        bool(declared["select"]) and declared["fit"]["normalized"] < HIDDEN * declared["select"]["normalized"]
+        bool(declared["select"])
+        and declared["fit"]["normalized"] < SETTINGS.hidden * declared["select"]["normalized"]
     )
 
 
@@ -294,7 +304,7 @@ def expression_error(document: Mapping[str, Any]) -> str:
 
 def strongest_covariate(document: Mapping[str, Any]) -> str:
     """What the declared model's residual depends on most; "" where nothing is known."""
-    curves = [c for c in document["localisation"] if c["share"] >= TELLING]
+    curves = [c for c in document["localisation"] if c["share"] >= SETTINGS.telling]
     if not curves:
         return ""
     top = max(curves, key=lambda c: c["share"])
@@ -366,5 +376,5 @@ def stage_errors(diagnosis: Diagnosis) -> StageErrors:
         floor_text = with_unit(significant(floor and floor * floor_factor), floor_unit)
         floor = floor * factor if floor else None
     judged = errors[parts[-1]]
-    decades = min(judged) > 0 and max(judged) > WORTH_A_LOGARITHM * min(judged)
+    decades = min(judged) > 0 and max(judged) > SETTINGS.worth_a_logarithm * min(judged)
     return StageErrors([stage["model"] for stage in stages], errors, floor, floor_text, title, unit, decades)

@@ -18,8 +18,15 @@ from capture_cli.report.prediction import predictions
 from capture_cli.store.diagnosis import Diagnosis
 
 CODE = re.compile(r"`([^`]+)`")  # as in Markdown
-# Outputs past these are folded: a page of thirty sensors must still open at once.
-OPEN_OUTPUTS = 3
+
+
+@dataclass(frozen=True)
+class DiagnosisPageSettings:
+    # Outputs past these are folded: a page of thirty sensors must still open at once.
+    open_outputs: int = 3
+
+
+SETTINGS = DiagnosisPageSettings()
 
 
 def render(diagnosis: Diagnosis, provenance: Mapping[str, Any] | None) -> str:
@@ -51,10 +58,10 @@ def render(diagnosis: Diagnosis, provenance: Mapping[str, Any] | None) -> str:
         starts_hide=findings.starts_hide(document),
         stages_height=diagnosis_plots.stages_height(diagnosis),
         moved=findings.moved(document) if document["parameters"] else [],
-        least_moved=findings.MOVED,
+        least_moved=findings.SETTINGS.moved,
         absorbed_height=diagnosis_plots.absorbed_height(document),
         outputs=diagnosis.attributes["outputs"],
-        open_outputs=OPEN_OUTPUTS,
+        open_outputs=SETTINGS.open_outputs,
         views=len(curves.slices),
         localisation_heights={
             k: diagnosis_plots.localisation_height(diagnosis, k)

@@ -3,18 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from capture_cli.common.quantities import place, scaled_unit, significant, titled, with_unit
-from capture_cli.report.curves import LONGEST_CLOCK
+from capture_cli.report.curves import SETTINGS as CURVES
 from capture_cli.report.diagnosis_findings import PARTS, Moved, StageErrors, moved, shift, stage_errors
 from capture_cli.report.plotly_parts import NO_BUTTONS, Plot, heading, in_template, line, rounded
 from capture_cli.store.diagnosis import Diagnosis
 
 COLORS = {"fit": "--measured", "select": "--select", "test": "--test"}
-ABOVE, UNDER, CELL, BETWEEN = 56, 44, 170, 76  # px: of the plots of localisation, and what is around them
+
+
+@dataclass(frozen=True)
+class DiagnosisPlotsSettings:
+    # px: of the plots of localisation, and what is around them
+    above: int = 56
+    under: int = 44
+    cell: int = 170
+    between: int = 76
+
+
+SETTINGS = DiagnosisPlotsSettings()
+
+
 LEGEND = {"orientation": "h", "x": 0, "y": 1.02, "xanchor": "left", "yanchor": "bottom"}
 
 
@@ -130,10 +144,10 @@ def localisation(diagnosis: Diagnosis, k: int) -> Plot | None:
         "hovermode": "closest",
         "legend": {
             **LEGEND,
-            "y": 1 + 30 / (localisation_height(diagnosis, k) - ABOVE - UNDER),
+            "y": 1 + 30 / (localisation_height(diagnosis, k) - SETTINGS.above - SETTINGS.under),
             "traceorder": "normal",
         },
-        "margin": {"l": 20, "r": 12, "t": ABOVE, "b": UNDER},
+        "margin": {"l": 20, "r": 12, "t": SETTINGS.above, "b": SETTINGS.under},
         "annotations": annotations,
         **axes,
     }
@@ -144,7 +158,7 @@ def localisation_height(diagnosis: Diagnosis, k: int) -> int:
     """px that the plot of localisation needs."""
     count = len(drawn_curves(diagnosis, k))
     rows = -(-count // localisation_columns(count))
-    return ABOVE + UNDER + rows * CELL + (rows - 1) * BETWEEN
+    return SETTINGS.above + SETTINGS.under + rows * SETTINGS.cell + (rows - 1) * SETTINGS.between
 
 
 def localisation_columns(count: int) -> int:
@@ -163,7 +177,7 @@ def drawn_curves(diagnosis: Diagnosis, k: int) -> list[int]:
 def drawn_against(diagnosis: Diagnosis, row: int) -> tuple[np.ndarray, str]:
     """What a curve is drawn against, (bin,), and the title of that axis; by a clock of an epoch, since the start."""
     x, curve = np.asarray(diagnosis.arrays["bin/centre"])[row], diagnosis.attributes["curves"][row]
-    if curve["against"] != "time" or np.abs(x).max() <= LONGEST_CLOCK:
+    if curve["against"] != "time" or np.abs(x).max() <= CURVES.longest_clock:
         return x, titled(curve["against"], curve["unit"])
     return x - np.asarray(diagnosis.arrays["step/time"]).min(), "time since the start [s]"
 
@@ -280,8 +294,8 @@ def _curve(
 def _cell(row: int, column: int, rows: int, columns: int, number: str) -> Plot:
     """The axes of one small plot of a grid."""
     left, width = column / columns, 1 / columns
-    total = rows * CELL + (rows - 1) * BETWEEN
-    top = 1 - row * (CELL + BETWEEN) / total
+    total = rows * SETTINGS.cell + (rows - 1) * SETTINGS.between
+    top = 1 - row * (SETTINGS.cell + SETTINGS.between) / total
     matched = {} if row == column == 0 else {"matches": "y"}
     return {
         f"xaxis{number}": {
@@ -289,6 +303,10 @@ def _cell(row: int, column: int, rows: int, columns: int, number: str) -> Plot:
             "anchor": f"y{number}",
             "nticks": 6,
         },
-        f"yaxis{number}": {"domain": [max(top - CELL / total, 0.0), top], "anchor": f"x{number}", "nticks": 5}
+        f"yaxis{number}": {
+            "domain": [max(top - SETTINGS.cell / total, 0.0), top],
+            "anchor": f"x{number}",
+            "nticks": 5,
+        }
         | matched,
     }

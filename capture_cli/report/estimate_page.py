@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 from capture_cli.common.quantities import counted, significant
@@ -12,8 +13,14 @@ from capture_cli.report.page import page
 from capture_cli.report.prediction import predictions
 from capture_cli.store.estimate import Estimate
 
-# Outputs past these are folded: a page of thirty sensors must still open at once.
-OPEN_OUTPUTS = 4
+
+@dataclass(frozen=True)
+class EstimatePageSettings:
+    # Outputs past these are folded: a page of thirty sensors must still open at once.
+    open_outputs: int = 4
+
+
+SETTINGS = EstimatePageSettings()
 
 
 def render(estimate: Estimate, provenance: Mapping[str, Any] | None) -> str:
@@ -36,7 +43,7 @@ def render(estimate: Estimate, provenance: Mapping[str, Any] | None) -> str:
         predictions=predictions(document, estimate.attributes["outputs"]),
         floor_sources=findings.FLOOR_SOURCES,
         outputs=estimate.attributes["outputs"],
-        open_outputs=OPEN_OUTPUTS,
+        open_outputs=SETTINGS.open_outputs,
         views=len(curves.slices),
         recordings_height=parameter_plots.recordings_height(document) if "recordings" in plots else None,
         facts=_facts(document),

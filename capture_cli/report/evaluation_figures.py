@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,9 +17,16 @@ from capture_cli.report.figure_parts import MUTED, new_figure, restrain, save, t
 
 OURS, PAPER = "#1f6391", "#c8430a"
 OTHERS = ("#1b7a4a", "#7546b8", "#b98a1d", "#5c6772", "#b0476a", "#3d8f96", "#8c959e", "#8a6d1f")
-COLUMNS = 3
-LEGEND_COLUMNS = 4
-SMALLEST = 1e-4  # of a range: what is nearer is drawn there, where axes are logarithmic
+
+
+@dataclass(frozen=True)
+class EvaluationFiguresSettings:
+    columns: int = 3
+    legend_columns: int = 4
+    smallest: float = 1e-4  # of a range: what is nearer is drawn there, where axes are logarithmic
+
+
+SETTINGS = EvaluationFiguresSettings()
 
 
 def write_figures(document: Mapping[str, Any], folder: Path) -> list[Path]:
@@ -35,9 +43,11 @@ def write_figures(document: Mapping[str, Any], folder: Path) -> list[Path]:
 
 def _parameters(document: Mapping[str, Any]) -> Figure:
     names = document["parameters"]
-    rows = -(-len(names) // COLUMNS)
+    rows = -(-len(names) // SETTINGS.columns)
     figure = new_figure(0.9 + 2.6 * rows)
-    axes = figure.subplots(rows, min(COLUMNS, len(names)), squeeze=False, sharex=True, sharey=True).ravel()
+    axes = figure.subplots(
+        rows, min(SETTINGS.columns, len(names)), squeeze=False, sharex=True, sharey=True
+    ).ravel()
     for axis, name in zip(axes, names, strict=False):
         for label, e, look in _looks(document):
             axis.plot(e["parameter_difference"][name], label=label, **look)
@@ -72,7 +82,9 @@ def _success(axis: Axes, document: Mapping[str, Any]) -> None:
 def _cost(axis: Axes, document: Mapping[str, Any]) -> None:
     for label, e, look in _looks(document):
         spent = np.array(e["simulated_rollouts"][1:])
-        axis.loglog(spent, np.maximum(e["parameter_difference"]["mean"][1:], SMALLEST), label=label, **look)
+        axis.loglog(
+            spent, np.maximum(e["parameter_difference"]["mean"][1:], SETTINGS.smallest), label=label, **look
+        )
     _frame(axis, "normalised parameter difference")
     axis.set_xlabel("simulated rollouts per pair")
 
@@ -97,5 +109,5 @@ def _looks(document: Mapping[str, Any]):
 def _finished(figure: Figure, document: Mapping[str, Any]) -> Figure:
     handles = [Line2D([], [], label=label, **look) for label, _, look in _looks(document)]
     look = {"frameon": False, "fontsize": 9, "labelcolor": MUTED}
-    figure.legend(handles=handles, loc="outside upper left", ncols=LEGEND_COLUMNS, **look)
+    figure.legend(handles=handles, loc="outside upper left", ncols=SETTINGS.legend_columns, **look)
     return figure

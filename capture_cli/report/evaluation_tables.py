@@ -16,9 +16,15 @@ from capture_cli.common.quantities import MISSING, significant
 from capture_cli.model.effects.placed import placed_name
 from capture_cli.report import paper_numbers
 
-PARAMETER_ROUND = 7  # where the paper's text compares parameter differences
-RATIO_ROUND = 10
-COLUMN_GAP = 3  # characters between two columns at the terminal
+
+@dataclass(frozen=True)
+class EvaluationTablesSettings:
+    parameter_round: int = 7  # where the paper's text compares parameter differences
+    ratio_round: int = 10
+    column_gap: int = 3  # characters between two columns at the terminal
+
+
+SETTINGS = EvaluationTablesSettings()
 
 
 @dataclass(frozen=True)
@@ -63,7 +69,9 @@ def print_evaluation(document: Mapping[str, Any], console: Console, out_path: Pa
 
 def _blocks(rows: Rows, width: int) -> Iterator[list[int]]:
     """Columns that have room beside each other in `width` characters, after the first one, which all begin with."""
-    widths = [max(map(len, column)) + COLUMN_GAP for column in zip(rows.header, *rows.cells, strict=True)]
+    widths = [
+        max(map(len, column)) + SETTINGS.column_gap for column in zip(rows.header, *rows.cells, strict=True)
+    ]
     block, used = [0], widths[0]
     for k in range(1, len(widths)):
         if used + widths[k] >= width and len(block) > 1:
@@ -110,7 +118,7 @@ def _line(cells: Sequence[str]) -> str:
 
 
 def _trajectories(document: Mapping[str, Any]) -> Rows:
-    rounds, at = document["table_rounds"], _at(document, RATIO_ROUND)
+    rounds, at = document["table_rounds"], _at(document, SETTINGS.ratio_round)
     cells = []
     for label, e in document["identifiers"].items():
         ours = [_of_several(e["trajectory_difference"][r], e["trajectory_difference_sd"][r]) for r in rounds]
@@ -138,7 +146,7 @@ def _paper_ratio(paper: Mapping[int, tuple[float, float]], at: int) -> str:
 
 
 def _parameters(document: Mapping[str, Any]) -> Rows:
-    shown = [0, 1, 2, 3, 5, _at(document, PARAMETER_ROUND), *document["table_rounds"]]
+    shown = [0, 1, 2, 3, 5, _at(document, SETTINGS.parameter_round), *document["table_rounds"]]
     shown = sorted(r for r in set(shown) if r <= document["rounds"])
     cells = [
         (label, *(significant(e["parameter_difference"]["mean"][r], 2) for r in shown))
@@ -149,7 +157,7 @@ def _parameters(document: Mapping[str, Any]) -> Rows:
 
 
 def _each_parameter(document: Mapping[str, Any]) -> Rows:
-    at, names = _at(document, PARAMETER_ROUND), document["parameters"]
+    at, names = _at(document, SETTINGS.parameter_round), document["parameters"]
     cells = [
         (label, *(significant(e["parameter_difference"][name][at], 2) for name in names))
         for label, e in document["identifiers"].items()

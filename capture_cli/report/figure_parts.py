@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
 
@@ -27,14 +28,26 @@ from capture_cli.report.curve_plots import (
 )
 from capture_cli.report.curves import Curves, thin
 
-DPI = 150
-WIDTH = 9.0  # inches
-COMPRESSION = 2  # of zlib, not 6: a seventh more bytes, written in half the time
-POINTS = 4_000  # of each curve: more than there are pixels
-# Around and between the rows of a figure, inches: matplotlib's own layout measures every number of every axis twice.
-LEFT, RIGHT, ABOVE, BELOW, BETWEEN = 0.62, 0.1, 0.55, 0.42, 0.28
-# Rows of a figure: a log with thirty sensors is for the page.
-MOST_OUTPUTS = 6
+
+@dataclass(frozen=True)
+class FigurePartsSettings:
+    dpi: int = 150
+    width: float = 9.0  # inches
+    compression: int = 2  # of zlib, not 6: a seventh more bytes, written in half the time
+    points: int = 4_000  # of each curve: more than there are pixels
+    # Around and between the rows of a figure, inches: matplotlib's own layout measures every number of every
+    # axis twice.
+    left: float = 0.62
+    right: float = 0.1
+    above: float = 0.55
+    below: float = 0.42
+    between: float = 0.28
+    # Rows of a figure: a log with thirty sensors is for the page.
+    most_outputs: int = 6
+
+
+SETTINGS = FigurePartsSettings()
+
 
 INK, MUTED, RULE = "#15191e", "#5c6772", "#d5dade"
 # The light colours of page.css, by their names there.
@@ -83,7 +96,7 @@ def _draw(jobs: Sequence[tuple[Path, Drawing]]) -> None:
         figure = drawing()
         _without_formulas(figure)
         # savefig lays out and draws everything twice
-        figure.canvas.print_png(path, pil_kwargs={"compress_level": COMPRESSION})
+        figure.canvas.print_png(path, pil_kwargs={"compress_level": SETTINGS.compression})
 
 
 def _without_formulas(figure: Figure) -> None:
@@ -109,26 +122,31 @@ def _draw_and_exit(jobs: Sequence[tuple[Path, Drawing]], parent: int) -> NoRetur
 
 def new_figure(height: float, layout: str | None = "constrained") -> Figure:
     """An empty figure, as wide as all of them and `height` inches high."""
-    figure = Figure(figsize=(WIDTH, height), dpi=DPI, layout=layout, facecolor="white")
+    figure = Figure(figsize=(SETTINGS.width, height), dpi=SETTINGS.dpi, layout=layout, facecolor="white")
     FigureCanvasAgg(figure)
     return figure
 
 
 def rows(outputs: int, heights: Sequence[float]) -> tuple[Figure, np.ndarray]:
     """A figure and its axes (output, one for each of `heights` in inches), under each other on one time axis."""
-    count = min(MOST_OUTPUTS, outputs)
+    count = min(SETTINGS.most_outputs, outputs)
     heights = np.tile(heights, count)
-    height = ABOVE + heights.sum() + BELOW - BETWEEN
+    height = SETTINGS.above + heights.sum() + SETTINGS.below - SETTINGS.between
     figure = new_figure(height, layout=None)
-    figure.subplots_adjust(LEFT / WIDTH, BELOW / height, 1 - RIGHT / WIDTH, 1 - ABOVE / height)
-    within = heights - BETWEEN
+    figure.subplots_adjust(
+        SETTINGS.left / SETTINGS.width,
+        SETTINGS.below / height,
+        1 - SETTINGS.right / SETTINGS.width,
+        1 - SETTINGS.above / height,
+    )
+    within = heights - SETTINGS.between
     axes = figure.subplots(
         len(heights),
         1,
         sharex=True,
         squeeze=False,
         height_ratios=within,
-        gridspec_kw={"hspace": BETWEEN / within.mean()},
+        gridspec_kw={"hspace": SETTINGS.between / within.mean()},
     )
     return figure, axes[:, 0].reshape(count, -1)
 
@@ -137,7 +155,7 @@ def draw_outputs(axis: Axes, record: Record, curves: Curves, k: int) -> list:
     """Output k, measured and simulated over time; returns the legend's handles."""
     factor, unit = output_scale(record, curves, k)
     values = [curves.measured[:, k], *(curves.simulated[m.name][:, k] for m in curves.models)]
-    at, drawn, _ = thin(np.stack(values, axis=1) * factor, curves.slices, POINTS)
+    at, drawn, _ = thin(np.stack(values, axis=1) * factor, curves.slices, SETTINGS.points)
     x = curves.x[at]
     look = _drawn(curves, "measured", k, PALETTE["--measured"], 2.4)
     handles = axis.plot(x, drawn[:, 0], label="measured", **look)
@@ -164,7 +182,7 @@ def draw_residuals(axis: Axes, record: Record, curves: Curves, k: int) -> list:
     factor, unit = residual_scale(record, curves, k)
     drawn_models = [m for m in curves.models if m.residual_color]
     values = np.stack([curves.residuals[m.name][:, k] for m in drawn_models], axis=1)
-    at, drawn, _ = thin(values * factor, curves.slices, POINTS)
+    at, drawn, _ = thin(values * factor, curves.slices, SETTINGS.points)
     for m, series in reversed(list(zip(drawn_models, drawn.T, strict=True))):
         axis.plot(curves.x[at], series, **_drawn(curves, "residual", k, PALETTE[m.residual_color], 0.8))
     floor, handles = record.document["noise_floor"].get(output["name"]), []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -26,8 +27,16 @@ from capture_cli.report.figure_parts import (
 )
 from capture_cli.store.estimate import Estimate
 
-# More names than these would cover the curves they name.
-MOST_NAMED = 8
+
+@dataclass(frozen=True)
+class FiguresSettings:
+    # More names than these would cover the curves they name.
+    most_named: int = 8
+
+
+SETTINGS = FiguresSettings()
+
+
 PATHS = ("#1f6391", "#c8430a", "#1b7a4a", "#7546b8", "#b0476a", "#8a6d1f", "#3d8f96", "#5c6772")
 
 
@@ -104,7 +113,7 @@ def _convergence(estimate: Estimate) -> Figure:
         p = estimate.document["parameters"][name]
         path = place(np.asarray(estimate.arrays["round/parameters"])[:, k], p)
         axes[1].plot(path, color=PATHS[k % len(PATHS)], lw=1.2, marker=marker, ms=3)
-    if 0 < len(names) <= MOST_NAMED:
+    if 0 < len(names) <= SETTINGS.most_named:
         named(axes[1], names)
     if names:
         axes[1].set(ylim=(-0.05, 1.05), ylabel="place in range")

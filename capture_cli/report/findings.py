@@ -13,9 +13,19 @@ from capture_cli.common.quantities import bound, floor_unit, scaled_unit, signif
 from capture_cli.store.estimate import Estimate
 from capture_cli.store.result import Result
 
-# Of the motion within a window, and times the noise floor: physics seldom leaves so much
-LEFT, ABOVE = 0.5, 3.0
-TOO_GOOD = 0.7  # times the noise floor: no fit gets so far below it
+
+@dataclass(frozen=True)
+class FindingsSettings:
+    # Of the motion within a window, and times the noise floor: physics seldom leaves so much
+    left: float = 0.5
+    above: float = 3.0
+    too_good: float = 0.7  # times the noise floor: no fit gets so far below it
+    most: float = 0.5  # of what is beyond chance
+
+
+SETTINGS = FindingsSettings()
+
+
 # In `next_command` of estimate.json: the folder it lies in, by which two equal estimates do not differ.
 THIS_ESTIMATE = "ESTIMATE"
 TITLES = {"explained": "explained", "unexplained": "unexplained", "not-identifiable": "not identifiable"}
@@ -25,7 +35,6 @@ FIT_BOTH = (
 )
 STAMPS_ALONE = "With time stamps that are off at random nothing is missing."
 STAMPS_MOST = "Most of that is as if time stamps were off at random."
-MOST = 0.5  # of what is beyond chance
 UNTRUSTED = "Do not trust the intervals: they leave out what the model lacks."
 FLOOR_SOURCES = {
     "declared": "declared in the task",
@@ -129,7 +138,7 @@ def notes(document: Mapping[str, Any]) -> list[str]:
         behind = "; here the time step may be that" if document.get("time_step") else ""
         found.append(recordings["text"] + behind)
     left = document["lack_of_fit"]["normalized"]
-    if left < TOO_GOOD:
+    if left < SETTINGS.too_good:
         size = significant(left, 2)
         found.append(
             f"The error is {size} times the noise floor: the floor is too high and may hide what the model lacks. "
@@ -215,7 +224,7 @@ def time_stamps(document: Mapping[str, Any]) -> list[str]:
 def behind(document: Mapping[str, Any]) -> str:
     """What stamps are of what is beyond chance, where that is most of it; "" where not."""
     share = (document.get("time_stamps") or {}).get("explained") or 0.0
-    return STAMPS_ALONE if share == 1 else STAMPS_MOST if share > MOST else ""
+    return STAMPS_ALONE if share == 1 else STAMPS_MOST if share > SETTINGS.most else ""
 
 
 def suspicions(estimate: Estimate) -> list[str]:
@@ -252,7 +261,8 @@ def outputs_left(result: Result, error: Mapping[str, Any] | None) -> list[str]:
     far = [
         o["name"]
         for o, motion in zip(result.attributes["outputs"], _motion(result), strict=True)
-        if (rmse.get(o["name"]) or 0.0) > max(LEFT * motion, ABOVE * floors[o["name"]]) and motion > 0
+        if (rmse.get(o["name"]) or 0.0) > max(SETTINGS.left * motion, SETTINGS.above * floors[o["name"]])
+        and motion > 0
     ]
     if not far:
         return []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from rich import box
@@ -15,10 +16,19 @@ from capture_cli.report.inspected_results import result_tables
 
 STYLES = {"error": "bold red", "warning": "yellow", "note": "dim"}
 SEVERITIES = ("error", "warning", "note")
-# More rows would push the findings off the screen; --json has them all.
-MOST_ROWS = 12
-LEAST_REST = 0.01  # share of the samples
-FINE = 0.01  # of the change from sample to sample: steps below it are how many digits the file has
+
+
+@dataclass(frozen=True)
+class InspectionSettings:
+    # More rows would push the findings off the screen; --json has them all.
+    most_rows: int = 12
+    least_rest: float = 0.01  # share of the samples
+    fine: float = 0.01  # of the change from sample to sample: steps below it are how many digits the file has
+
+
+SETTINGS = InspectionSettings()
+
+
 _KINDS = {
     "file": "file",
     "measured-log": "measured log",
@@ -129,12 +139,12 @@ def _movement(channel: Mapping[str, Any]) -> str:
                 f"{channel['sampling']['samples']} samples, {_number(channel['sampling']['rate'], 3, 'Hz')}"
             )
         step, change = channel["quantisation"]["step"], channel["quantisation"]["change"]
-        if step is None or (change is not None and step < FINE * change):
+        if step is None or (change is not None and step < SETTINGS.fine * change):
             return ", ".join(said)
         return ", ".join([*said, with_unit(f"steps of {bound(float(f'{step:.3g}'))}", channel["unit"])])
     moves = channel["excitation"]
     parts = ["input"]
-    if moves["at_rest"] is not None and moves["at_rest"] >= LEAST_REST:
+    if moves["at_rest"] is not None and moves["at_rest"] >= SETTINGS.least_rest:
         parts.append(f"at rest {percent(moves['at_rest'])}")
     if moves["frequency_95"] is not None:
         parts.append(
@@ -154,7 +164,7 @@ def _print_table(console: Console, head: Sequence[str], rows: Sequence[Sequence[
         last = k == len(head) - 1 and title == "notes"
         table.add_column(Text(title), justify="left" if k == 0 or last else "right", overflow="fold")
     shown = (
-        rows if len(rows) == MOST_ROWS + 1 else rows[:MOST_ROWS]
+        rows if len(rows) == SETTINGS.most_rows + 1 else rows[: SETTINGS.most_rows]
     )  # the one more is as short as its mention
     for row in shown:
         table.add_row(*(Text(cell, style="bold" if k == 0 else "") for k, cell in enumerate(row)))

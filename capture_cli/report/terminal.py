@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path, PurePath
 from typing import Any
 
@@ -32,14 +33,27 @@ STYLES = {
     "unexplained": "bold yellow",
     "not-identifiable": "bold yellow",
 }
-# Narrower than this, the bounds are left to the page.
-WIDE = 96
-# More than these would push the verdict off a small screen; the page has them all.
-MOST_NOTES, MOST_OUTPUTS, MOST_PREDICTED = 4, 8, 5
-# A diagnosis is told in five lines, and a few more where it found several effects.
-MOST_LINES, MOST_NAMED, SHORT = 12, 2, 2
-MARK = 9  # characters, of the words that open its lines
-COLUMN_GAP = 3  # characters
+
+
+@dataclass(frozen=True)
+class TerminalSettings:
+    # Narrower than this, the bounds are left to the page.
+    wide: int = 96
+    # More than these would push the verdict off a small screen; the page has them all.
+    most_notes: int = 4
+    most_outputs: int = 8
+    most_predicted: int = 5
+    # A diagnosis is told in five lines, and a few more where it found several effects.
+    most_lines: int = 12
+    most_named: int = 2
+    short: int = 2
+    mark: int = 9  # characters, of the words that open its lines
+    column_gap: int = 3  # characters
+
+
+SETTINGS = TerminalSettings()
+
+
 _ASCII = str.maketrans(
     {
         "–": "-",
@@ -64,7 +78,7 @@ def print_estimate(estimate: Estimate, console: Console, out_path: Path) -> None
     screen.wrapped("", f"{document['task']} · {log} · {document['identifier']}", "dim")
     screen.blank()
     if document["parameters"]:
-        screen.table(_parameters(document, wide=console.width >= WIDE))
+        screen.table(_parameters(document, wide=console.width >= SETTINGS.wide))
         screen.blank()
     errors = findings.output_errors(estimate)
     screen.table(_errors(errors))
@@ -101,8 +115,8 @@ def print_diagnosis(diagnosis: Diagnosis, console: Console, out_path: Path) -> N
     ):
         if line:
             cut = mark == "next" and len(document["effects"]) > 1  # what was found goes before
-            screen.wrapped(f"{mark:<{MARK}}", line, "dim", most=SHORT if cut else None)
-    screen.whole(f"{'report':<{MARK}}", f"  {Path(out_path) / 'report.html'}")
+            screen.wrapped(f"{mark:<{SETTINGS.mark}}", line, "dim", most=SETTINGS.short if cut else None)
+    screen.whole(f"{'report':<{SETTINGS.mark}}", f"  {Path(out_path) / 'report.html'}")
     if len(document["effects"]) > 1:
         _print_sizes(document, screen)
     _print_predictions(diagnosis, screen)
@@ -111,19 +125,19 @@ def print_diagnosis(diagnosis: Diagnosis, console: Console, out_path: Path) -> N
 def _print_sizes(document: Mapping[str, Any], screen: _Screen) -> None:
     """What is known of several effects, in a table where there is room for one."""
     rows = _effects(document)
-    if screen.lines + len(rows) + 2 <= MOST_LINES:
+    if screen.lines + len(rows) + 2 <= SETTINGS.most_lines:
         screen.blank()
         screen.table(rows)
-    elif screen.lines < MOST_LINES:
+    elif screen.lines < SETTINGS.most_lines:
         sizes = "; ".join(f"{diagnosis_findings.placed(e)} {_sizes(e)}".strip() for e in document["effects"])
-        screen.wrapped(f"{'  sizes':<{MARK}}", sizes, "dim", most=MOST_LINES - screen.lines)
+        screen.wrapped(f"{'  sizes':<{SETTINGS.mark}}", sizes, "dim", most=SETTINGS.most_lines - screen.lines)
 
 
 def _print_predictions(record: Estimate | Diagnosis, screen: _Screen) -> None:
     """The errors in open loop of what was held out, or of what there is; earlier versions did not look."""
     for found in prediction.predictions(record.document, record.attributes["outputs"])[:1]:
         screen.blank()
-        screen.table(prediction.for_terminal(found, MOST_PREDICTED))
+        screen.table(prediction.for_terminal(found, SETTINGS.most_predicted))
         for why in found.left_out:
             screen.wrapped("", why, "dim")
 
@@ -219,7 +233,7 @@ def _width(rows: list[list[str]]) -> int:
         [p for c in column for p in c.split("\n" if t else None)]
         for t, column in zip(head, columns, strict=True)
     ]
-    return sum(max(map(len, p), default=0) for p in pieces) + COLUMN_GAP * (len(head) - 1)
+    return sum(max(map(len, p), default=0) for p in pieces) + SETTINGS.column_gap * (len(head) - 1)
 
 
 def _parameters(document: Mapping[str, Any], *, wide: bool) -> list[list[str]]:
@@ -236,7 +250,7 @@ def _parameters(document: Mapping[str, Any], *, wide: bool) -> list[list[str]]:
 
 def _errors(errors: list[findings.OutputError]) -> list[list[str]]:
     """The outputs that stand farthest above their floor, in the order of the log."""
-    farthest = sorted(errors, key=lambda e: -(e.ratio or 0.0))[: _shown(len(errors), MOST_OUTPUTS)]
+    farthest = sorted(errors, key=lambda e: -(e.ratio or 0.0))[: _shown(len(errors), SETTINGS.most_outputs)]
     rows = [["output", "fitted", "held out", "nominal", "noise floor", "over the floor"]]
     for e in (e for e in errors if e in farthest):
         nominal = with_unit(significant(e.nominal), e.nominal_unit)
@@ -248,10 +262,10 @@ def _errors(errors: list[findings.OutputError]) -> list[list[str]]:
 
 def _few(notes: list[str], outputs: int) -> list[str]:
     """As many notes as fit, and what else the report holds."""
-    shown = _shown(len(notes), MOST_NOTES)
+    shown = _shown(len(notes), SETTINGS.most_notes)
     left = {
         "notes": len(notes) - shown,
-        "outputs nearer to their floor": outputs - _shown(outputs, MOST_OUTPUTS),
+        "outputs nearer to their floor": outputs - _shown(outputs, SETTINGS.most_outputs),
     }
     more = [f"{what} ({count})" for what, count in left.items() if count > 0]
     return notes[:shown] + ([f"Only in the report: {' and '.join(more)}."] if more else [])
@@ -286,7 +300,7 @@ def _error_line(diagnosis: Diagnosis) -> str:
     document, rows = diagnosis.document, diagnosis_findings.changes(diagnosis)
     part = diagnosis_findings.best_part(document)
     on = diagnosis_findings.where(part)
-    farthest = sorted(rows, key=lambda row: -(row.over_before or 0.0))[:MOST_NAMED]
+    farthest = sorted(rows, key=lambda row: -(row.over_before or 0.0))[: SETTINGS.most_named]
     each = ", ".join(_change(row, part, document) for row in rows if row in farthest)
     if len(rows) == 1:
         return f"{each} {on}; noise floor {with_unit(significant(rows[0].floor), rows[0].floor_unit)}"
@@ -310,8 +324,8 @@ def _absorbed_line(document: Mapping[str, Any]) -> str:
     rows = diagnosis_findings.absorbing(document)
     if not rows:
         return "nothing: no declared parameter had been standing in for it"
-    more = f", and {len(rows) - MOST_NAMED} more" if len(rows) > MOST_NAMED else ""
-    return ", ".join(_shift(row) for row in rows[:MOST_NAMED]) + more
+    more = f", and {len(rows) - SETTINGS.most_named} more" if len(rows) > SETTINGS.most_named else ""
+    return ", ".join(_shift(row) for row in rows[: SETTINGS.most_named]) + more
 
 
 def _shift(row: diagnosis_findings.Moved) -> str:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from capture_cli.estimate.solve.linearization import Linearization, held_step
-from capture_cli.model.parameters import AT_BOUND
+from capture_cli.model.parameters import SETTINGS as PARAMETERS
 
 STEP = 0.3  # of each parameter's range: how far the linear step may go
 
@@ -78,8 +78,8 @@ def _decrease(hessian: np.ndarray, gradient: np.ndarray, step: np.ndarray) -> fl
 
 def _held(x: np.ndarray, step: np.ndarray) -> np.ndarray:
     """Which parameters (parameter,) `step` leaves at an end of their range: they imitate nothing more."""
-    low, high = x < AT_BOUND, x > 1 - AT_BOUND
-    return (low & (step <= AT_BOUND)) | (high & (step >= -AT_BOUND))
+    low, high = x < PARAMETERS.at_bound, x > 1 - PARAMETERS.at_bound
+    return (low & (step <= PARAMETERS.at_bound)) | (high & (step >= -PARAMETERS.at_bound))
 
 
 def _imitation(hessian: np.ndarray, size: int, free: np.ndarray) -> np.ndarray:

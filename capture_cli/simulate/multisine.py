@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -10,9 +11,15 @@ import numpy as np
 from capture_cli.errors import OptionError, did_you_mean
 from capture_cli.model.tasks.base import Channel, Task
 
-LINES = 12  # sines of a multisine
-FADE = 0.5  # s
-BAND = (0.1, 3.0)  # Hz, of a multisine unless told otherwise
+
+@dataclass(frozen=True)
+class MultisineSettings:
+    lines: int = 12  # sines of a multisine
+    fade: float = 0.5  # s
+    band: tuple[float, float] = (0.1, 3.0)  # Hz, of a multisine unless told otherwise
+
+
+SETTINGS = MultisineSettings()
 
 
 def multisine(
@@ -21,8 +28,10 @@ def multisine(
     """`count` sums of sines of random phase, frequencies evenly spread in `band` Hz, peaking at 1; (step, count)."""
     signals = np.zeros((len(time), count))
     for k in range(count):
-        frequency = np.linspace(*band, LINES) + (band[1] - band[0]) / LINES * (generator.random(LINES) - 0.5)
-        phase = generator.uniform(0, 2 * np.pi, LINES)
+        frequency = np.linspace(*band, SETTINGS.lines) + (band[1] - band[0]) / SETTINGS.lines * (
+            generator.random(SETTINGS.lines) - 0.5
+        )
+        phase = generator.uniform(0, 2 * np.pi, SETTINGS.lines)
         signals[:, k] = np.sin(2 * np.pi * np.abs(frequency) * time[:, None] + phase).sum(axis=1)
         signals[:, k] /= max(np.abs(signals[:, k]).max(), 1e-12)
     return signals
@@ -40,7 +49,7 @@ def multisine_sequence(
     """Inputs (step, input): multisines in `band` Hz that go to `peaks` (input,), as `peak` gives them.
 
     Where a ctrlrange is not symmetric about 0 they fill what of it is no further from 0 than the peak. at_rest: the
-    machine is, so they begin at 0, or as near to it as the actuator goes, and come up over FADE s.
+    machine is, so they begin at 0, or as near to it as the actuator goes, and come up over `fade` s.
     """
     signals = multisine(time, len(peaks), band, generator)
     tape = peaks * (from_rest(time, signals) if at_rest else signals)
@@ -71,14 +80,14 @@ def _limited(machine: Task) -> Iterator[tuple[int, float, float]]:
 
 
 def from_rest(time: np.ndarray, signals: np.ndarray) -> np.ndarray:
-    """Signals (step, count) that begin at 0 and come up over FADE s, peaking at 1: no jump for a machine at rest."""
+    """Signals (step, count) that begin at 0 and come up over `fade` s, peaking at 1: no jump for a machine at rest."""
     faded = signals * _coming_up(time)[:, None]
     return faded / np.maximum(np.abs(faded).max(axis=0), 1e-12)
 
 
 def _coming_up(time: np.ndarray) -> np.ndarray:
-    """From 0 to 1 in FADE s, (step,)."""
-    return 0.5 - 0.5 * np.cos(np.pi * np.minimum((time - time[0]) / FADE, 1.0))
+    """From 0 to 1 in `fade` s, (step,)."""
+    return 0.5 - 0.5 * np.cos(np.pi * np.minimum((time - time[0]) / SETTINGS.fade, 1.0))
 
 
 def check_amplitude(machine: Task, amplitude: Mapping[str, float]) -> None:

@@ -20,11 +20,17 @@ from capture_cli.model.tasks.base import Task
 from capture_cli.model.world import Force
 from capture_cli.simulate.engine import Engine, Rollouts
 
-EPISODES = 1024  # simulated at once: bounds the memory that recorded sensors take
-TAPE_BYTES = 64 << 20  # of controls of one call, of which effects make several copies
-SENSOR_BYTES = 64 << 20  # of outputs of one call, which are interpolated in several copies
-SHOWS = 0.25  # of an effect's memory: the rest is for the last digits
-LENGTH_RATIO = 1.2  # windows within this ratio of lengths are stepped together
+
+@dataclass(frozen=True)
+class SimulatorSettings:
+    episodes: int = 1024  # simulated at once: bounds the memory that recorded sensors take
+    tape_bytes: int = 64 << 20  # of controls of one call, of which effects make several copies
+    sensor_bytes: int = 64 << 20  # of outputs of one call, which are interpolated in several copies
+    shows: float = 0.25  # of an effect's memory: the rest is for the last digits
+    length_ratio: float = 1.2  # windows within this ratio of lengths are stepped together
+
+
+SETTINGS = SimulatorSettings()
 
 
 @dataclass(frozen=True)
@@ -180,7 +186,7 @@ class Simulator:
         for own in self._placed:
             sd[:, own.states] = own.effect.states_matter(windows.first)
             if own.effect.states_before:
-                shows = SHOWS * own.effect.memory(own.effect.space.high[None])
+                shows = SETTINGS.shows * own.effect.memory(own.effect.space.high[None])
                 sd[(windows.known > 0) & (windows.known >= shows), own.states] = 0.0
         return sd
 
@@ -243,11 +249,15 @@ class Simulator:
 
     def _at_a_time(self, row: np.ndarray, windows: Windows) -> list[np.ndarray]:
         """Numbers of the simulations of the windows `row` (simulation,) that are run at a time."""
-        order, steps, bound = np.arange(len(row)), windows.grid, SENSOR_BYTES
+        order, steps, bound = np.arange(len(row)), windows.grid, SETTINGS.sensor_bytes
         columns = len(self._sensors)
         if self.begins_early or any(own.effect.place == "control" for own in self._placed):
             # each has controls of its own
-            steps, columns, bound = windows.tapes.lead + windows.tapes.stop, self.task.model.nu, TAPE_BYTES
+            steps, columns, bound = (
+                windows.tapes.lead + windows.tapes.stop,
+                self.task.model.nu,
+                SETTINGS.tape_bytes,
+            )
         else:
             # one window's together, whose inputs they share
             order = np.argsort(row, kind="stable")
@@ -259,7 +269,7 @@ class Simulator:
 
         parameters (simulation, parameter), actions (simulation, action), at least one; the task is an ActionTask.
         """
-        parts = [slice(i, i + EPISODES) for i in range(0, len(actions), EPISODES)]
+        parts = [slice(i, i + SETTINGS.episodes) for i in range(0, len(actions), SETTINGS.episodes)]
         each = [self._trajectories(parameters[part], actions[part]) for part in parts]
         trajectories, diverged = (np.concatenate(arrays) for arrays in zip(*each, strict=True))
         return trajectories, diverged
@@ -545,5 +555,5 @@ def _between(controls: np.ndarray, row: np.ndarray, at: np.ndarray) -> np.ndarra
 
 def _by_length(grid_steps: np.ndarray) -> list[np.ndarray]:
     """Windows grouped so that none is stepped much further than it needs."""
-    key = np.ceil(np.log(np.maximum(grid_steps, 2)) / np.log(LENGTH_RATIO) - 1e-9)
+    key = np.ceil(np.log(np.maximum(grid_steps, 2)) / np.log(SETTINGS.length_ratio) - 1e-9)
     return [np.flatnonzero(key == k) for k in np.unique(key)]

@@ -28,8 +28,8 @@ from capture_cli.options.identify import IdentifyOptions
 from capture_cli.report.findings import STAMPS_ALONE, THIS_ESTIMATE, behind, is_fit_explained, suspicions
 from capture_cli.stages.documents.estimate_document import Report, unexplained
 from capture_cli.stages.identification.chosen_identifier import ChosenIdentifier, choose_identifier
+from capture_cli.stages.identification.estimation import SETTINGS as ESTIMATION
 from capture_cli.stages.identification.estimation import (
-    ROUNDS,
     Descents,
     Found,
     by_physics,
@@ -47,7 +47,15 @@ from capture_cli.store.estimate import Estimate
 from capture_cli.store.output import new_directory, refuse_existing
 from capture_cli.store.provenance import Provenance
 
-STEPS = 5  # the log, checks, the fit, what is left open about it, errors
+
+@dataclass(frozen=True)
+class IdentifySettings:
+    steps: int = 5  # the log, checks, the fit, what is left open about it, errors
+
+
+SETTINGS = IdentifySettings()
+
+
 NEEDED_LAST = ("scipy.special", "capture_cli.report.figures")
 
 
@@ -166,7 +174,7 @@ class _Search:
             self.options.seed,
             method=self.chosen.method,
             starts=starts,
-            rounds=ROUNDS if self.options.rounds is None else self.options.rounds,
+            rounds=ESTIMATION.rounds if self.options.rounds is None else self.options.rounds,
         )
         found = by_physics(fits, start, self.progress, descents, offsets)
         if before is not None:
@@ -194,7 +202,7 @@ class _Search:
 
 
 def _step(number: int) -> str:
-    return f"step {number} of {STEPS}"
+    return f"step {number} of {SETTINGS.steps}"
 
 
 def _look_for_misread(document: dict[str, Any], search: _Search) -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from capture_cli.common.documents import SETTINGS as DOCUMENTS
 from capture_cli.common.documents import resolved
 from capture_cli.common.quantities import with_unit
 from capture_cli.errors import LogError
@@ -18,7 +19,7 @@ from capture_cli.estimate.log_requirements import check_fits
 from capture_cli.log.checks.equal_episodes import refuse_repeated
 from capture_cli.log.checks.even_times import with_even_times
 from capture_cli.log.checks.held_outputs import without_repeats
-from capture_cli.log.measured_log import LARGEST, MeasuredLog
+from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.log.readers import open_source
 from capture_cli.log.readers.base import SourceFile
 from capture_cli.log.shorter_window import set_shorter
@@ -32,14 +33,20 @@ from capture_cli.store.output import new_directory, refuse_existing, refuse_inpu
 from capture_cli.store.provenance import Provenance
 from capture_cli.store.writer_lock import only_writer
 
-LEAST_STEPS = 2  # of an episode
-LARGEST_PLAIN = 1e16  # that Python writes without an exponent
-MOST_NAMED = 6  # columns with holes
-FEW_TURNS = 5  # of time: episodes that begin, or files that were put together
-UNSORTED = 0.1  # of the rows: episodes are longer than ten
-MOSTLY_STILL = 0.6  # of the rows have the time of the row before: it is written too coarsely
-COARSE_TIME = 1e-4  # s: no times that a log needs are closer
-MANY_MISSING = 0.2  # of a column's values: hardly an accident
+
+@dataclass(frozen=True)
+class ImportLogSettings:
+    least_steps: int = 2  # of an episode
+    largest_plain: float = 1e16  # that Python writes without an exponent
+    most_named: int = 6  # columns with holes
+    few_turns: int = 5  # of time: episodes that begin, or files that were put together
+    unsorted: float = 0.1  # of the rows: episodes are longer than ten
+    mostly_still: float = 0.6  # of the rows have the time of the row before: it is written too coarsely
+    coarse_time: float = 1e-4  # s: no times that a log needs are closer
+    many_missing: float = 0.2  # of a column's values: hardly an accident
+
+
+SETTINGS = ImportLogSettings()
 
 
 @takes_options
@@ -248,14 +255,14 @@ def _holes(columns: Sequence[str], bad: np.ndarray) -> str:
     having = [f"{name!r} in {n}" for name, n in sorted(counts.items(), key=lambda c: -c[1]) if n]
     if len(having) < 2:
         return ""
-    more = f" and {len(having) - MOST_NAMED} more" if len(having) > MOST_NAMED else ""
-    return ": " + ", ".join(having[:MOST_NAMED]) + more
+    more = f" and {len(having) - SETTINGS.most_named} more" if len(having) > SETTINGS.most_named else ""
+    return ": " + ", ".join(having[: SETTINGS.most_named]) + more
 
 
 def _cure_of_missing(columns: Sequence[str], missing: np.ndarray, task: Task) -> str:
     """What to do about values that are `missing` (row, column): of a slow sensor something else than of accidents."""
     counts = {name: int(n) for name, n in zip(columns, missing.sum(axis=0), strict=True)}
-    rare = [name for name, n in counts.items() if n > MANY_MISSING * len(missing)]
+    rare = [name for name, n in counts.items() if n > SETTINGS.many_missing * len(missing)]
     said = []
     slow = [name for name in rare if name in {c.column for c in task.outputs}]
     if slow:
@@ -320,7 +327,7 @@ def _check_episodes(
 ) -> None:
     """Raise LogError where an episode has a single row, or its time, the first of data (step, column), stands still."""
     starts = np.array([0, *ends[:-1]])
-    short = np.flatnonzero(ends - starts < LEAST_STEPS)
+    short = np.flatnonzero(ends - starts < SETTINGS.least_steps)
     if short.size:
         column = task.log.episode
         raise LogError(
@@ -395,7 +402,7 @@ def _cure_of_times(data: np.ndarray, back: np.ndarray, task: Task) -> str:
     if _alike(data[back], data[back + 1]).all():
         return "add --drop-repeats: there the file has the same row twice"
     still = int((time[back + 1] == time[back]).sum())
-    if still > MOSTLY_STILL * len(time):
+    if still > SETTINGS.mostly_still * len(time):
         few = len(np.unique(time))
         return (
             f"the times have too few digits: the file's {len(time)} rows have {few} different one{'s' * (few > 1)}; "
@@ -403,7 +410,7 @@ def _cure_of_times(data: np.ndarray, back: np.ndarray, task: Task) -> str:
             "numbers), or from the start of the recording"
         )
     turns = back[time[back + 1] < time[back]]
-    if len(turns) > max(FEW_TURNS, UNSORTED * len(time)):
+    if len(turns) > max(SETTINGS.few_turns, SETTINGS.unsorted * len(time)):
         within = "" if task.log.episode is None else f", those of each {task.log.episode!r} by themselves"
         return f"the rows are not sorted by time: sort them{within}"
     before, after = time[back[0]], time[back[0] + 1]
@@ -423,13 +430,13 @@ def _lost_in_single_precision(time: np.ndarray, task: Task) -> float | None:
         return None
     resolution = float(np.spacing(np.abs(single).max()))
     interval = np.ptp(time) / max(len(time) - 1, 1)
-    too_far = resolution > interval and resolution * task.log.time_scale > COARSE_TIME
+    too_far = resolution > interval and resolution * task.log.time_scale > SETTINGS.coarse_time
     return resolution if too_far else None
 
 
 def _written(time: float) -> str:
     """Nanoseconds since 1970 without an exponent, as a file has them but for their last digits."""
-    return f"{time:.0f}" if time.is_integer() and abs(time) >= LARGEST_PLAIN else repr(time)
+    return f"{time:.0f}" if time.is_integer() and abs(time) >= SETTINGS.largest_plain else repr(time)
 
 
 def _check_finite_in_si(
@@ -449,14 +456,14 @@ def _check_measurable(
     source: SourceFile, data: np.ndarray, units: Sequence[str], columns: Sequence[str], rows: np.ndarray
 ) -> None:
     """Raise LogError where one of data (step, column) is too large to be measured; the first column is the time."""
-    huge = np.argwhere(np.abs(data[:, 1:]) > LARGEST)
+    huge = np.argwhere(np.abs(data[:, 1:]) > DOCUMENTS.largest)
     if not huge.size:
         return
     row, k = huge[0][0], huge[0][1] + 1
     scaled = with_unit(f"{data[row, k]:.4g}", units[k])
     raise LogError(
         f"{source.path}: column {columns[k]!r} comes to {scaled} at {source.place(rows[row])} "
-        f"({len(huge)} such values), too large to be a measurement: {LARGEST:g} is the most",
+        f"({len(huge)} such values), too large to be a measurement: {DOCUMENTS.largest:g} is the most",
         cure="correct the value, or scale and offset in the task.toml; if it marks what was not measured, leave the "
         "cell empty and add --drop-nan",
     )

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import mujoco
 import numpy as np
 
+from capture_cli.common.documents import SETTINGS as DOCUMENTS
 from capture_cli.common.documents import read_json
 from capture_cli.errors import CaptureError, StoreError
 from capture_cli.log.checks.base import finding
@@ -20,8 +21,8 @@ from capture_cli.log.checks.held_outputs import rows_per_sample, sample_rate, sl
 from capture_cli.log.checks.log_findings import log_findings, task_findings
 from capture_cli.log.checks.log_health import channel, excitation, quantisation, sampling, spikes, timing
 from capture_cli.log.checks.wide_bounds import wide_bounds
-from capture_cli.log.measured_log import LARGEST, MeasuredLog
 from capture_cli.log.measured_log import SCHEMA as LOG_SCHEMA
+from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.log.windows import usual_interval
 from capture_cli.model.tasks import load_task
 from capture_cli.model.tasks.base import Task
@@ -42,8 +43,17 @@ from capture_cli.store.zarr_store import ZarrStore
 FORMAT = "capture/inspection"
 VERSION = 1
 NOTHING_TO_DO = "nothing to do"
-MANY_DROPPED = 0.1  # of a recording's rows
-CHECKED_AT_ONCE = 4096  # histories
+
+
+@dataclass(frozen=True)
+class InspectSettings:
+    many_dropped: float = 0.1  # of a recording's rows
+    checked_at_once: int = 4096  # histories
+
+
+SETTINGS = InspectSettings()
+
+
 ROOTS = ("zarr.json", ".zgroup", ".zattrs")  # of Zarr, version 3 and 2
 MAKE_STORES = ("import-log", "record", "gen-histories")
 ARRAYS = {kind.SCHEMA.format: kind.SCHEMA for kind in (Estimate, Diagnosis, Evaluation)}
@@ -185,7 +195,7 @@ def _sizes(log: MeasuredLog) -> dict[str, int]:
 def _without_huge(log: MeasuredLog) -> MeasuredLog:
     """The log with infinity for what is too large to be measured: its squares would overflow."""
     inputs, outputs = (
-        np.where(np.abs(v) > LARGEST, np.copysign(np.inf, v), v) for v in (log.inputs, log.outputs)
+        np.where(np.abs(v) > DOCUMENTS.largest, np.copysign(np.inf, v), v) for v in (log.inputs, log.outputs)
     )
     return replace(log, inputs=inputs, outputs=outputs)
 
@@ -284,7 +294,7 @@ def _cut_off(recording: Mapping[str, Any]) -> dict[str, str]:
 def _dropped(recording: Mapping[str, Any]) -> dict[str, str]:
     """The finding that rows were dropped: between those that are left, inputs are taken as held, or as straight."""
     name, dropped, steps = (recording[key] for key in ("name", "dropped_rows", "steps"))
-    if dropped < MANY_DROPPED * (dropped + steps):
+    if dropped < SETTINGS.many_dropped * (dropped + steps):
         return finding("note", name, f"{dropped} incomplete rows were dropped on import", NOTHING_TO_DO)
     return finding(
         "warning",
@@ -385,8 +395,8 @@ def _inspect_zarr(path: Path, document: dict[str, Any]) -> None:
 def _inspect_histories(path: Path, document: dict[str, Any]) -> None:
     histories = Histories(path)
     document["sizes"] |= {"pairs": len(histories), "rounds": histories.attributes["rounds"]}
-    for first in range(0, len(histories), CHECKED_AT_ONCE):
-        histories.read(first, first + CHECKED_AT_ONCE)  # raises where a shard is missing or damaged
+    for first in range(0, len(histories), SETTINGS.checked_at_once):
+        histories.read(first, first + SETTINGS.checked_at_once)  # raises where a shard is missing or damaged
 
 
 def _header(document: dict[str, Any], attributes: Mapping[str, Any]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -25,14 +26,8 @@ from capture_cli.select.experiment.next_experiment import (
     experiment_times,
 )
 from capture_cli.select.recorded_effects import placed_effects, recorded_effects, recorded_values
-from capture_cli.simulate.multisine import (
-    BAND,
-    check_above_zero,
-    check_amplitude,
-    multisine_sequence,
-    peak,
-    peaks,
-)
+from capture_cli.simulate.multisine import SETTINGS as MULTISINE
+from capture_cli.simulate.multisine import check_above_zero, check_amplitude, multisine_sequence, peak, peaks
 from capture_cli.simulate.simulator import Simulator
 from capture_cli.stages.excitation.drive import Drive, acted
 from capture_cli.stages.excitation.planned_episodes import Known, planned
@@ -46,7 +41,13 @@ from capture_cli.store.output import PROVENANCE, refuse_inputs
 from capture_cli.store.proposal import FORMAT, VERSION
 from capture_cli.store.result import read_provenance
 
-STRONGEST = 2  # of a band: multisines whose information is compared
+
+@dataclass(frozen=True)
+class ProposeSettings:
+    strongest: int = 2  # of a band: multisines whose information is compared
+
+
+SETTINGS = ProposeSettings()
 
 
 @takes_options
@@ -179,7 +180,7 @@ def _multisine(
     """Of every band the two strongest that stay near what the log shows are compared."""
     threads, beyond_log = options.threads, options.beyond_log
     time = experiment_times(task)
-    bands = (*BANDS, BAND)
+    bands = (*BANDS, MULTISINE.band)
     tapes = np.stack(
         [
             multisine_sequence(
@@ -217,12 +218,12 @@ def _multisine(
 
 
 def _strongest(may: np.ndarray, bands: int) -> np.ndarray:
-    """Numbers of the strongest STRONGEST of each band that `may` be compared, (multisine,), band after band, the
+    """Numbers of the strongest `strongest` of each band that `may` be compared, (multisine,), band after band, the
     strongest first; all where none may.
     """
     if not may.any():
         return np.arange(len(may))
-    return np.flatnonzero(may & (np.cumsum(may.reshape(bands, -1), axis=1).ravel() <= STRONGEST))
+    return np.flatnonzero(may & (np.cumsum(may.reshape(bands, -1), axis=1).ravel() <= SETTINGS.strongest))
 
 
 def _shown(task: Task, estimate: Estimate, known: Known) -> ExcitationRange:

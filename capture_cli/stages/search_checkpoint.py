@@ -7,6 +7,7 @@ import json
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -23,8 +24,17 @@ from capture_cli.store.provenance import write_json
 from capture_cli.store.tensors import read_arrays, save_arrays
 
 STEPS, RECIPE, NEW_RECIPE = "steps", "steps.json", "steps.json.new"  # of a run that is not complete
-MOST = 2e9  # bytes, of all steps: of a log of a million rows one takes hundreds of megabytes
-SHORT = 12  # characters of a hash in a message
+
+
+@dataclass(frozen=True)
+class SearchCheckpointSettings:
+    most: float = 2e9  # bytes, of all steps: of a log of a million rows one takes hundreds of megabytes
+    short: int = 12  # characters of a hash in a message
+
+
+SETTINGS = SearchCheckpointSettings()
+
+
 OPTIONS = ("task", "test", "window", "starts", "seed")
 ENDS = (
     "most_effects",
@@ -39,7 +49,7 @@ class StepFiles(Kept):
     Those that would take the folder beyond `most` bytes are not kept, and made again.
     """
 
-    def __init__(self, folder: Path, most: float = MOST):
+    def __init__(self, folder: Path, most: float = SETTINGS.most):
         self._folder = folder
         self._number = 0
         self._room = most - sum(path.stat().st_size for path in folder.glob("*.safetensors"))
@@ -78,7 +88,7 @@ def _hash(name: str, given: Sequence[Any]) -> str:
     for value in given:
         array = isinstance(value, np.ndarray)
         digest.update(b"\0" + (np.ascontiguousarray(value).tobytes() if array else repr(value).encode()))
-    return digest.hexdigest()[:SHORT]
+    return digest.hexdigest()[: SETTINGS.short]
 
 
 @contextmanager
@@ -95,7 +105,9 @@ def unfinished_diagnosis(
         options.out, kept=_kept, scaffold=scaffold, force=options.force, resume=options.resume
     ) as folder:
         steps = StepFiles(folder / STEPS)
-        _begin(folder, {**recipe_of(made), "code": made["code"][:SHORT], "packages": made["packages"]})
+        _begin(
+            folder, {**recipe_of(made), "code": made["code"][: SETTINGS.short], "packages": made["packages"]}
+        )
         try:
             yield folder, steps
         except FitError:
@@ -109,7 +121,7 @@ def _kept(folder: Path) -> str:
 
 def recipe_of(made: Mapping[str, Any], options: Sequence[str] = OPTIONS) -> dict[str, Any]:
     """Of the provenance `made` what the result follows from: these options, and hashes of the inputs."""
-    inputs = {name: i["sha256"][:SHORT] for name, i in made["inputs"].items()}
+    inputs = {name: i["sha256"][: SETTINGS.short] for name, i in made["inputs"].items()}
     return {"options": {name: made["options"].get(name) for name in options}, "inputs": inputs}
 
 

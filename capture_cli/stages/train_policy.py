@@ -36,8 +36,14 @@ from capture_cli.stages.simulated_machine import SimulatedMachine
 from capture_cli.store.output import is_complete, refuse_inputs, resumable_directory, unfinished
 from capture_cli.store.provenance import Provenance
 
-EVALUATED = 200  # parameter sets of the evaluation curve, the same ones every time
-UNSEEN = 500  # others, that the finished policy is judged on, and the random one
+
+@dataclass(frozen=True)
+class TrainPolicySettings:
+    evaluated: int = 200  # parameter sets of the evaluation curve, the same ones every time
+    unseen: int = 500  # others, that the finished policy is judged on, and the random one
+
+
+SETTINGS = TrainPolicySettings()
 
 
 @dataclass(frozen=True)
@@ -212,9 +218,9 @@ class _Run:
         """How the finished policy does on parameters that nothing has been judged on, and the random one."""
         random = REGISTRY.get("random")(self.simulator.task)
         return {
-            "episodes": UNSEEN,
-            **self._judged(policy, UNSEEN, purpose=1),
-            "random": self._judged(random, UNSEEN, purpose=1),
+            "episodes": SETTINGS.unseen,
+            **self._judged(policy, SETTINGS.unseen, purpose=1),
+            "random": self._judged(random, SETTINGS.unseen, purpose=1),
         }
 
     def _evaluate(self, seen: list[tuple[np.ndarray, np.ndarray]]) -> None:
@@ -224,7 +230,7 @@ class _Run:
                 "step": self.trainer.step,
                 "training_reward": float(rewards.mean()),
                 "training_success": float(successes.mean()),
-                **self._judged(self.trainer.policy(), EVALUATED, purpose=0),
+                **self._judged(self.trainer.policy(), SETTINGS.evaluated, purpose=0),
             }
         )
 

@@ -48,7 +48,14 @@ _SHAPE_2 = {
     "filters?": or_none([{"id": TEXT}]),
 }
 _NESTED = ("codecs", "index_codecs")  # of a shard
-SHOWN = 60  # characters of what was found
+
+
+@dataclass(frozen=True)
+class ArrayMetadataSettings:
+    shown: int = 60  # characters of what was found
+
+
+SETTINGS = ArrayMetadataSettings()
 
 
 @dataclass(frozen=True)
@@ -98,15 +105,16 @@ class ArrayMetadata:
         """Raise StoreError where it does not hold numbers, or is packed by what is not known to unpack alone."""
         if not self.is_of_numbers:
             raise StoreError(
-                f"{where} holds elements of the type {self.dtype:.{SHOWN}}; only numbers are read, and none that "
-                "Python would have to build objects of",
+                f"{where} holds elements of the type {self.dtype:.{SETTINGS.shown}}; only numbers are read, and none "
+                "that Python would have to build objects of",
                 cure="write it again as numbers, say float64",
             )
         known = CODECS[self.zarr_format]
         for codec in self.codecs:
             if codec not in known:
                 raise StoreError(
-                    f"{where} is packed by {codec!r:.{SHOWN}}, which is not unpacked: it may run what the file says",
+                    f"{where} is packed by {codec!r:.{SETTINGS.shown}}, which is not unpacked: it may run what the "
+                    "file says",
                     cure=f"write it again without it; what is unpacked: {', '.join(known)}",
                 )
         if len(self.chunks) != len(self.shape) or len(self.inner) != len(self.shape):

@@ -14,7 +14,13 @@ from typing import Any
 
 from capture_cli.errors import StoreError
 
-SHOWN = 40  # characters of what was found
+
+@dataclass(frozen=True)
+class DocumentShapeSettings:
+    shown: int = 40  # characters of what was found
+
+
+SETTINGS = DocumentShapeSettings()
 
 
 @dataclass(frozen=True)
@@ -108,4 +114,6 @@ def _faults_of_keys(value: dict[str, Any], shape: dict[str, Any], name: str) -> 
 
 def _unlike(value: Any, expected: str, name: str) -> str:
     found = repr(value)
-    return f"{name or 'it'} is {found if len(found) <= SHOWN else found[: SHOWN - 3] + '...'}; expected {expected}"
+    if len(found) > SETTINGS.shown:
+        found = f"{found[: SETTINGS.shown - 3]}..."
+    return f"{name or 'it'} is {found}; expected {expected}"

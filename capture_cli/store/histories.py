@@ -11,6 +11,7 @@ import json
 import math
 from collections.abc import Mapping
 from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -35,8 +36,16 @@ from capture_cli.store.document_shape import (
 from capture_cli.store.schema import ArraySpec, Schema
 from capture_cli.store.zarr_store import MAKE_AGAIN, ROOT, ZarrStore
 
-SHARD_PAIRS = 256  # the unit of work: at most so much is lost when a run is killed
-CHUNK_PAIRS = 64  # the unit of reading
+
+@dataclass(frozen=True)
+class HistoriesSettings:
+    shard_pairs: int = 256  # the unit of work: at most so much is lost when a run is killed
+    chunk_pairs: int = 64  # the unit of reading
+
+
+SETTINGS = HistoriesSettings()
+
+
 MARKS = "written"
 
 SCHEMA = Schema(
@@ -158,7 +167,7 @@ class HistoriesWriter:
         group = zarr.open_group(self.location, mode="w", zarr_format=3)
         for spec in DATA:
             rest = tuple(sizes[d] for d in spec.dims[1:])
-            chunk = math.gcd(CHUNK_PAIRS, shard)
+            chunk = math.gcd(SETTINGS.chunk_pairs, shard)
             _create(group, spec, (pairs, *rest), (chunk, *rest), (shard, *rest))
         _create(group, SCHEMA.arrays[-1], (sizes["shard"],), (1,), None)
         # last: until now, whoever opens it finds no store

@@ -27,7 +27,22 @@ PARTIAL = ".partial-"
 REPLACED = ".replaced-"
 UNFINISHED = ".unfinished"
 PROVENANCE = "provenance.json"
-LONGEST = 200  # characters of a path in a message
+
+
+@dataclass(frozen=True)
+class OutputSettings:
+    longest: int = 200  # characters of a path in a message
+    # s, to remove a folder that something is still written into
+    tries: int = 20
+    between: float = 0.05
+    # AT_FDCWD and RENAME_EXCHANGE of renameat2
+    here: int = -100
+    exchanged: int = 2
+
+
+SETTINGS = OutputSettings()
+
+
 # What a file is by the end of its name, for whoever opens it.
 FORMATS = {
     ".csv": "CSV",
@@ -40,8 +55,6 @@ FORMATS = {
     ".xml": "XML",
     ".zarr": "Zarr",
 }
-TRIES, BETWEEN = 20, 0.05  # s, to remove a folder that something is still written into
-_HERE, _EXCHANGED = -100, 2  # AT_FDCWD and RENAME_EXCHANGE of renameat2
 GO_ON = "go on with the same command and --resume"
 # Outputs that this process has put in place: whoever is interrupted after that is told so.
 PLACED: list[Path] = []
@@ -358,11 +371,11 @@ def _remove(item: Path) -> None:
     if not item.is_dir() or item.is_symlink():
         item.unlink(missing_ok=True)
         return
-    for _ in range(TRIES):
+    for _ in range(SETTINGS.tries):
         shutil.rmtree(item, ignore_errors=True)
         if not item.exists():
             return
-        time.sleep(BETWEEN)  # a thread of a library is about to end that writes into it
+        time.sleep(SETTINGS.between)  # a thread of a library is about to end that writes into it
 
 
 def _remove_leftovers(path: Path) -> None:
@@ -423,7 +436,9 @@ def _exchange(one: Path, other: Path) -> bool:
         renameat2 = ctypes.CDLL(None, use_errno=True).renameat2
     except (AttributeError, OSError, TypeError):  # of Linux alone
         return False
-    return renameat2(_HERE, os.fsencode(one), _HERE, os.fsencode(other), _EXCHANGED) == 0
+    return (
+        renameat2(SETTINGS.here, os.fsencode(one), SETTINGS.here, os.fsencode(other), SETTINGS.exchanged) == 0
+    )
 
 
 def _sync_parent(path: Path) -> None:
@@ -439,7 +454,7 @@ def _as_output_error(error: OSError, path: Path) -> OutputError:
         return OutputError(
             f"the disk is full: {path} was not written", cure="free some space, or choose another --out"
         )
-    named = str(path) if len(str(path)) <= LONGEST else f"{str(path)[:LONGEST]}..."
+    named = str(path) if len(str(path)) <= SETTINGS.longest else f"{str(path)[: SETTINGS.longest]}..."
     return OutputError(
         f"cannot write {named}: {error.strerror or error}", cure="choose an --out you may write to"
     )

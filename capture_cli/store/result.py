@@ -9,7 +9,8 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from capture_cli.common.documents import LARGEST, read_json
+from capture_cli.common.documents import SETTINGS as DOCUMENTS
+from capture_cli.common.documents import read_json
 from capture_cli.errors import StoreError
 from capture_cli.store import provenance
 from capture_cli.store.document_shape import OBJECT, TEXT, check_shape
@@ -18,7 +19,14 @@ from capture_cli.store.provenance import write_json
 from capture_cli.store.schema import Schema
 
 Migrations = Mapping[int, Callable[[Mapping[str, Any]], Mapping[str, Any]]]
-ROUNDING = 1e-9  # of a range: a value at one end may be beyond it in its last digits
+
+
+@dataclass(frozen=True)
+class ResultSettings:
+    rounding: float = 1e-9  # of a range: a value at one end may be beyond it in its last digits
+
+
+SETTINGS = ResultSettings()
 
 
 @dataclass(frozen=True)
@@ -76,17 +84,17 @@ def check_bounds(document: Mapping[str, Any], where: object, cure: str) -> None:
             )
     for effect in effects or ():
         for name, parameter in effect["parameters"].items():
-            if abs(parameter["value"]) > LARGEST:
+            if abs(parameter["value"]) > DOCUMENTS.largest:
                 raise StoreError(
                     f"{where}: {effect['name']}@{effect['site']}.{name} = {parameter['value']:g}, and no quantity is "
-                    f"larger than {LARGEST:g} in SI units",
+                    f"larger than {DOCUMENTS.largest:g} in SI units",
                     cure=cure,
                 )
 
 
 def is_within(value: float, low: float, high: float) -> bool:
     """Whether a fit between these bounds may have ended at the value."""
-    slack = ROUNDING * (high - low)
+    slack = SETTINGS.rounding * (high - low)
     return low - slack <= value <= high + slack
 
 

@@ -3,17 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from capture_cli.common.documents import LARGEST_JSON, check_file, open_file, parse_json
+from capture_cli.common.documents import SETTINGS as DOCUMENTS
+from capture_cli.common.documents import check_file, open_file, parse_json
 from capture_cli.errors import StoreError
 
-LENGTH = 8  # bytes, little-endian, before the header: how many it has
+
+@dataclass(frozen=True)
+class TensorsSettings:
+    length: int = 8  # bytes, little-endian, before the header: how many it has
+    largest_weight: float = 1e4  # of a network that was trained; those that are shipped have none above 2
+
+
+SETTINGS = TensorsSettings()
+
+
 METADATA = "__metadata__"
-LARGEST_WEIGHT = 1e4  # of a network that was trained; those that are shipped have none above 2
 
 
 def save_arrays(
@@ -65,11 +75,11 @@ def read_weights(path: Path, cure: str, network: str = "") -> dict[str, np.ndarr
             raise StoreError(f"{path}: {name} is of type {array.dtype}; expected floating point", cure=cure)
         if not np.isfinite(array).all():
             raise StoreError(f"{path}: {name} is not finite", cure=cure)
-        wrong = np.flatnonzero((np.abs(array) > LARGEST_WEIGHT) & name.startswith(network))
+        wrong = np.flatnonzero((np.abs(array) > SETTINGS.largest_weight) & name.startswith(network))
         if wrong.size:
             raise StoreError(
                 f"{path}: {name} holds {array.ravel()[wrong[0]]:g}, which no training ends with; the most that is "
-                f"believed is {LARGEST_WEIGHT:g}",
+                f"believed is {SETTINGS.largest_weight:g}",
                 cure=cure,
             )
     return arrays
@@ -80,18 +90,23 @@ def _least_size(path: Path, cure: str) -> int:
     itself. Raises StoreError where there is nothing like a header.
     """
     with open_file(path, StoreError) as file:
-        length = int.from_bytes(file.read(LENGTH), "little")
-        if length > LARGEST_JSON:
+        length = int.from_bytes(file.read(SETTINGS.length), "little")
+        if length > DOCUMENTS.largest_json:
             raise StoreError(
-                f"{path} cannot be read: its header would have {length} bytes, and {LARGEST_JSON} are the most",
+                f"{path} cannot be read: its header would have {length} bytes, and {DOCUMENTS.largest_json} are "
+                "the most",
                 cure=cure,
             )
         text = file.read(length)
     if len(text) < length:
-        return LENGTH + length
+        return SETTINGS.length + length
     header = parse_json(text, f"{path}: its header", StoreError, cure=cure)
     entries = header.items() if isinstance(header, dict) else ()
-    return LENGTH + length + max((_end(entry) for name, entry in entries if name != METADATA), default=0)
+    return (
+        SETTINGS.length
+        + length
+        + max((_end(entry) for name, entry in entries if name != METADATA), default=0)
+    )
 
 
 def _end(entry: Any) -> int:

@@ -12,6 +12,7 @@ import socket
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -24,7 +25,14 @@ except ImportError:  # not on this system: then nobody is kept out
     fcntl = None
 
 LOCK, HOLDER = ".lock", "process "  # how what a lock says of its holder begins
-LONGEST_HOLDER = 200  # bytes
+
+
+@dataclass(frozen=True)
+class WriterLockSettings:
+    longest_holder: int = 200  # bytes
+
+
+SETTINGS = WriterLockSettings()
 
 
 @contextmanager
@@ -84,7 +92,7 @@ def _remove_left(lock: Path, path: Path) -> None:
     try:
         if not stat.S_ISREG(os.fstat(descriptor).st_mode):
             raise _no_lock(lock)
-        holder = os.read(descriptor, LONGEST_HOLDER).decode(errors="replace")
+        holder = os.read(descriptor, SETTINGS.longest_holder).decode(errors="replace")
         if not holder.startswith(HOLDER[: len(holder)]):
             raise _no_lock(lock)
         with suppress(OSError):  # a file system without locks

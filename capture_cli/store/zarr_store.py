@@ -7,6 +7,7 @@ import shlex
 import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -21,16 +22,24 @@ from capture_cli.store.memory_limit import memory_limit
 MAKE_AGAIN = "the store is damaged: copy it again, or make it again with the command that wrote it"
 ROOT, OLD_GROUP, OLD_ARRAY, OLD_ATTRIBUTES = "zarr.json", ".zgroup", ".zarray", ".zattrs"
 METADATA = (ROOT, OLD_GROUP, OLD_ARRAY, OLD_ATTRIBUTES, ".zmetadata")
-MOST = 500_000_000  # bytes: a million steps of sixty channels
-# bytes unpacked that few on disk may be: what comes next takes several times as much
-MOST_OF_FEW = 100_000_000
-MOST_TIMES = 50  # of what it takes on disk: motion halves, and what stands still is packed a hundredfold
-MOST_CHUNKS = 100_000  # files of an array: read in seconds, and of 4 MB each more than a disk holds
-MOST_NODES = 10_000  # groups and arrays that are listed
-INDEX_ENTRY = 16  # bytes, of each part in the index of a shard
-ROOM = 1 << 16  # bytes of a file besides its numbers
-# bytes: what unpacking takes besides the numbers themselves and a copy of them
-WORKING_MEMORY = 300_000_000
+
+
+@dataclass(frozen=True)
+class ZarrStoreSettings:
+    most: int = 500_000_000  # bytes: a million steps of sixty channels
+    # bytes unpacked that few on disk may be: what comes next takes several times as much
+    most_of_few: int = 100_000_000
+    # of what it takes on disk: motion halves, and what stands still is packed a hundredfold
+    most_times: int = 50
+    most_chunks: int = 100_000  # files of an array: read in seconds, and of 4 MB each more than a disk holds
+    most_nodes: int = 10_000  # groups and arrays that are listed
+    index_entry: int = 16  # bytes, of each part in the index of a shard
+    room: int = 1 << 16  # bytes of a file besides its numbers
+    # bytes: what unpacking takes besides the numbers themselves and a copy of them
+    working_memory: int = 300_000_000
+
+
+SETTINGS = ZarrStoreSettings()
 
 
 class ZarrStore:
@@ -75,15 +84,17 @@ class ZarrStore:
                 if not folder.is_dir() or (found := self._node(name)) is None:
                     continue
                 (groups if found[0] else names).append(name)
-                if len(names) + len(groups) > MOST_NODES:
-                    raise StoreError(f"{self.path} has more than {MOST_NODES} arrays", cure=MAKE_AGAIN)
+                if len(names) + len(groups) > SETTINGS.most_nodes:
+                    raise StoreError(
+                        f"{self.path} has more than {SETTINGS.most_nodes} arrays", cure=MAKE_AGAIN
+                    )
         return sorted(names)
 
     def read(
         self, arrays: Mapping[str, ArrayMetadata], most: int | None = None, larger: str = MAKE_AGAIN
     ) -> dict[str, np.ndarray]:
-        """The arrays with these metadata, by name. most: bytes, unpacked; MOST_OF_FEW where None, or MOST_TIMES of what
-        they take on disk. larger: the cure where there are more.
+        """The arrays with these metadata, by name. most: bytes, unpacked; `most_of_few` where None, or `most_times`
+        of what they take on disk. larger: the cure where there are more.
 
         Raises StoreError before any is unpacked where there would be more, or they are no numbers; and where one is
         truncated or damaged.
@@ -95,23 +106,24 @@ class ZarrStore:
                 raise self._truncated(name, count, found.chunk_count)
             on_disk += taken
         unpacked = sum(found.nbytes for found in arrays.values())
-        limit = max(MOST_OF_FEW, MOST_TIMES * on_disk) if most is None else most
+        limit = max(SETTINGS.most_of_few, SETTINGS.most_times * on_disk) if most is None else most
         if unpacked > limit:
             raise StoreError(
                 f"{self.path} takes {size(unpacked)} in memory, {size(on_disk)} on disk; the most that is read "
                 f"is {size(limit)}",
                 cure=larger,
             )
-        with memory_limit(2 * unpacked + WORKING_MEMORY):
+        with memory_limit(2 * unpacked + SETTINGS.working_memory):
             return {name: self._unpacked(name, found) for name, found in arrays.items()}
 
     def open(self, name: str):
         """The Zarr array called `name`, which is there, checked. Raises StoreError where it must not be read."""
         found = self.metadata(name)
         self._check(name, found)
-        if found.chunk_bytes > MOST:
+        if found.chunk_bytes > SETTINGS.most:
             raise StoreError(
-                f"{self.path}: {name} has files of {size(found.chunk_bytes)} unpacked; {size(MOST)} are the most",
+                f"{self.path}: {name} has files of {size(found.chunk_bytes)} unpacked; {size(SETTINGS.most)} are "
+                "the most",
                 cure=MAKE_AGAIN,
             )
         return self._opened(name, found)
@@ -120,12 +132,17 @@ class ZarrStore:
         """How many files an array has, and their bytes. Raises StoreError where they are not what its metadata say."""
         where = f"{self.path}: {name}"
         found.check(where, MAKE_AGAIN)
-        if found.chunk_count > MOST_CHUNKS:
+        if found.chunk_count > SETTINGS.most_chunks:
             raise StoreError(
-                f"{where} is in {found.chunk_count} chunks, and {MOST_CHUNKS} are the most that is read",
+                f"{where} is in {found.chunk_count} chunks, and {SETTINGS.most_chunks} are the most that is read",
                 cure="write it again in larger chunks",
             )
-        largest = found.chunk_bytes + found.chunk_bytes // 8 + 2 * INDEX_ENTRY * found.parts + ROOM
+        largest = (
+            found.chunk_bytes
+            + found.chunk_bytes // 8
+            + 2 * SETTINGS.index_entry * found.parts
+            + SETTINGS.room
+        )
         count = total = 0
         for file, taken in _files(self.path / name, len(found.shape) + 1):
             if taken > largest:
@@ -133,7 +150,7 @@ class ZarrStore:
                     f"{file} has {size(taken)}, and its numbers take {size(found.chunk_bytes)}",
                     cure=MAKE_AGAIN,
                 )
-            if found.inner != found.chunks and taken < INDEX_ENTRY * found.parts:
+            if found.inner != found.chunks and taken < SETTINGS.index_entry * found.parts:
                 raise StoreError(
                     f"{file} has {taken} bytes, too few for the index of its {found.parts} parts",
                     cure=MAKE_AGAIN,

@@ -21,8 +21,8 @@ from capture_cli.model.model_hash import model_hash
 from capture_cli.model.states import Starts
 from capture_cli.model.tasks.base import Task
 from capture_cli.model.tasks.sequence_task import SequenceTask, actions_of, resample
+from capture_cli.simulate.multisine import SETTINGS as MULTISINE
 from capture_cli.simulate.multisine import (
-    BAND,
     check_above_zero,
     check_amplitude,
     check_band,
@@ -88,7 +88,7 @@ def sequence_task(
         log = MeasuredLog.read(inputs_from, max_log_size)
         tapes = log_tapes(prepare(log, machine, window=window, test=None, seed=seed), point_times)
     else:
-        tapes = _multisine_tapes(machine, point_times, amplitude or {}, band or BAND, seed)
+        tapes = _multisine_tapes(machine, point_times, amplitude or {}, band or MULTISINE.band, seed)
     scale = tapes.outputs.std(axis=(0, 1))
     # in single precision, so that the last bits of a least-squares fit do not make another library elsewhere
     library = np.float32(tapes.actions).astype(float)

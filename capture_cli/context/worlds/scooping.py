@@ -21,7 +21,8 @@ import numpy as np
 from robosuite.models.base import MujocoXML
 
 from capture_cli.context.worlds._scene import TABLE_TOP, Scene, check_rate
-from capture_cli.model.tasks._scooping import HALF_LENGTH, lift_height
+from capture_cli.model.tasks._scooping import SETTINGS as SCOOPING
+from capture_cli.model.tasks._scooping import lift_height
 from capture_cli.model.tasks.scooping import Scooping
 
 SCENE = Path(__file__).with_name("scooping_scene.xml")
@@ -91,7 +92,7 @@ class ObjectScooping(Scene):
         super()._reset_internal()
         com, scoop_point = (self.rng.uniform(-1, 1) if v is None else v for v in self._given)
         model, data = self.sim.model._model, self.sim.data._data
-        model.body("rod").ipos[0] = HALF_LENGTH * com
+        model.body("rod").ipos[0] = SCOOPING.half_length * com
         mujoco.mj_setConst(model, mujoco.MjData(model))
         data.qpos[self._measured] = self.plant.episodes(np.array([[scoop_point]])).starts.qpos[0]
         self.spatula_target = self.outputs[3:]

@@ -25,7 +25,8 @@ from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.log.windows import Windows
 from capture_cli.model.coordinate_sources import measures_every_coordinate, sources_of, unmeasured_joints
 from capture_cli.model.fields import ModelFields
-from capture_cli.model.loop_closure import EVERY, LoopClosure
+from capture_cli.model.loop_closure import SETTINGS as LOOP_CLOSURE
+from capture_cli.model.loop_closure import LoopClosure
 from capture_cli.model.quaternion_signs import aligned
 from capture_cli.model.tasks.base import ActionTask, Task
 from capture_cli.simulate.engine import Engine, Rollouts
@@ -157,7 +158,9 @@ def _of_whole_episodes(
         motions.append(followed_motion(log, task, whole, data, noise.sd, threads))
     number, step = in_whole_episodes(windows, whole)
     believed = [from_episodes(model, m, window_episode=number, window_step=step) for m in motions]
-    return believed, _slack(model, driven, whole.grid_steps, max(1, round(EVERY / task.timestep)))
+    return believed, _slack(
+        model, driven, whole.grid_steps, max(1, round(LOOP_CLOSURE.every / task.timestep))
+    )
 
 
 def in_whole_episodes(windows: Windows, whole: Windows) -> tuple[np.ndarray, np.ndarray]:

@@ -26,13 +26,14 @@ from capture_cli.estimate.noise.autocorrelation import (
 )
 from capture_cli.estimate.solve._sampled_posterior import SampledPosterior
 from capture_cli.estimate.solve.linearization import Linearization
-from capture_cli.model.parameters import AT_BOUND, ParameterSpace
+from capture_cli.model.parameters import SETTINGS as PARAMETERS
+from capture_cli.model.parameters import ParameterSpace
 
 # Posterior sd beyond this share of the range: the 95 % interval spans two thirds of what was known before.
 UNDETERMINED_SD = 1 / 6
 FAR = 2.0  # of the residual's variance over that of the noise, times its correlation time
 LOST_SD = 1.0  # of the range, where the log says nothing at all
-# Farther from a bound than so many of its sd the log decides a parameter: of bounds that are very wide, AT_BOUND of the
+# Farther from a bound than so many of its sd the log decides a parameter: of bounds that are very wide, at_bound of the
 # range may be more than the parameter itself.
 CLEAR_OF_BOUND_SD = 3.0
 ROUNDING = 1e-9  # of the range: what values at a bound are off it by
@@ -112,7 +113,7 @@ class Intervals:
     def _is_at_bound(x: float, sd: float) -> bool:
         """Whether a parameter is at the end of its range, at `x` in the unit cube, with its sd there."""
         distance = min(x, 1 - x)
-        return bool(distance < AT_BOUND and distance <= CLEAR_OF_BOUND_SD * sd + ROUNDING)
+        return bool(distance < PARAMETERS.at_bound and distance <= CLEAR_OF_BOUND_SD * sd + ROUNDING)
 
 
 def intervals(

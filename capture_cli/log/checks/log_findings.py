@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from capture_cli.common.documents import SETTINGS as DOCUMENTS
 from capture_cli.common.quantities import percent, with_unit
 from capture_cli.log.checks import in_order
 from capture_cli.log.checks.base import Finding, Inspected, finding
-from capture_cli.log.measured_log import FEWEST_OF_A_SPARSE, LARGEST, MeasuredLog
+from capture_cli.log.measured_log import FEWEST_OF_A_SPARSE, MeasuredLog
 from capture_cli.model.contacts import can_touch
 from capture_cli.model.tasks.base import Channel, Task
 
@@ -138,7 +139,7 @@ def _values(channel: Mapping[str, Any], episodes: int) -> Iterator[Finding]:
         yield finding(
             "error",
             where,
-            f"{bad} values are NaN, infinite or beyond {LARGEST:g}: {steps}",
+            f"{bad} values are NaN, infinite or beyond {DOCUMENTS.largest:g}: {steps}",
             "import the files again with --drop-nan, or correct them in the source",
         )
     sampling = channel.get("sampling")

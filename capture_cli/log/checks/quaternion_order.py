@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from capture_cli.log.checks.base import Check, finding
-from capture_cli.model.quaternion_order import W_FIRST, W_LAST, is_w_last, order_in_names
+from capture_cli.model.quaternion_order import SETTINGS as QUATERNION_ORDER
+from capture_cli.model.quaternion_order import is_w_last, order_in_names
 from capture_cli.model.quaternion_signs import quaternion_columns
 
 
@@ -21,9 +22,13 @@ class QuaternionOrder(Check):
             order, said = order_in_names(columns), ", and their names say {}"
             if order is None:
                 values = log.outputs[np.ix_(log.sampled[:, own].all(axis=1), own)]
-                order = W_LAST if is_w_last(values, task.model, sensor) else W_FIRST
+                order = (
+                    QUATERNION_ORDER.w_last
+                    if is_w_last(values, task.model, sensor)
+                    else QUATERNION_ORDER.w_first
+                )
                 said = ": so the body is half a turn from upright throughout, and as {} it stays upright"
-            if order != W_FIRST:
+            if order != QUATERNION_ORDER.w_first:
                 found = ", ".join("wxyz"[order.index(k)] for k in range(4))
                 mended = ", ".join(f'"{columns[k]}"' for k in order)
                 yield finding(

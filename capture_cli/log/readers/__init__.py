@@ -11,7 +11,7 @@ from capture_cli.common.documents import check_file, open_file
 from capture_cli.common.registry import Registry
 from capture_cli.errors import LogError
 from capture_cli.log.readers.base import SourceFile, too_large
-from capture_cli.store.zarr_store import MOST, MOST_OF_FEW, MOST_TIMES
+from capture_cli.store.zarr_store import SETTINGS as ZARR_STORE
 
 REGISTRY: Registry[SourceFile] = Registry("capture_cli.log.readers", "SourceFile", "file format")
 OTHER_KINDS = {  # by the first bytes: what it is, and the cure
@@ -31,7 +31,7 @@ def readers() -> dict[str, type[SourceFile]]:
 
 
 def open_source(path: Path, most: int | None = None) -> SourceFile:
-    """The file at `path`, which may take `most` bytes; where None MOST, or less of one that has few bytes.
+    """The file at `path`, which may take `most` bytes; where None `most`, or less of one that has few bytes.
 
     Raises LogError where it is missing, empty, too large, or of a kind that is not read.
     """
@@ -51,10 +51,10 @@ def open_source(path: Path, most: int | None = None) -> SourceFile:
         )
     if not taken:
         raise LogError(f"{path} is empty", cure="record it again, or leave it out")
-    if taken > (MOST if most is None else most):
-        raise too_large(path, taken, MOST if most is None else most)
+    if taken > (ZARR_STORE.most if most is None else most):
+        raise too_large(path, taken, ZARR_STORE.most if most is None else most)
     if most is None:
-        most = min(max(MOST_OF_FEW, MOST_TIMES * taken), MOST)
+        most = min(max(ZARR_STORE.most_of_few, ZARR_STORE.most_times * taken), ZARR_STORE.most)
     reader = known[path.suffix.lower()]
     _refuse_other_kinds(path, reader)
     return reader(path, most)

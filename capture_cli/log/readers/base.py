@@ -13,7 +13,8 @@ from capture_cli.errors import LogError, did_you_mean
 from capture_cli.log.measured_log import LARGER
 from capture_cli.log.readers._decimal_commas import GROUPS, NUMBER, has_decimal_commas
 from capture_cli.log.readers._time_stamps import is_stamp, seconds
-from capture_cli.store.zarr_store import MOST, size
+from capture_cli.store.zarr_store import SETTINGS as ZARR_STORE
+from capture_cli.store.zarr_store import size
 
 COMMENTS = ("#", "%", "//")
 AS_A_NUMBER = (
@@ -39,7 +40,7 @@ class SourceFile(ABC):
     magic: bytes | None = None
     comments = 0
 
-    def __init__(self, path: Path, most: int = MOST):
+    def __init__(self, path: Path, most: int = ZARR_STORE.most):
         self.path = path
         self.most = most
         self.columns = self._read_columns()

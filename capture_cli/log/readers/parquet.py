@@ -9,7 +9,8 @@ import numpy as np
 from capture_cli.errors import LogError
 from capture_cli.log.readers.base import AS_A_NUMBER, SourceFile, texts_of, too_large
 from capture_cli.store.memory_limit import memory_limit
-from capture_cli.store.zarr_store import WORKING_MEMORY, size
+from capture_cli.store.zarr_store import SETTINGS as ZARR_STORE
+from capture_cli.store.zarr_store import size
 
 
 class ParquetFile(SourceFile):
@@ -76,7 +77,7 @@ class ParquetFile(SourceFile):
         if most > self.most:
             raise too_large(self.path, most, self.most)
         try:
-            with memory_limit(4 * self.most + WORKING_MEMORY):
+            with memory_limit(4 * self.most + ZARR_STORE.working_memory):
                 return self._file.read(columns=names, use_threads=False).select(names)
         except MemoryError as error:
             raise LogError(

@@ -2,17 +2,27 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from capture_cli.model.effects._joint_force import JointForce
 from capture_cli.model.effects._kernel import inputs
 from capture_cli.model.parameters import Parameter
 
-FASTEST = 20.0  # Hz
-PEAKS = 2.0  # shapes per width of a peak: over a span T the peaks of a spectrum are 1 / T wide
-# Of the range, in finite differences: a longer step turns the phase by radians, at the far end of a log or of a travel
-SHAPE_STEP = 1e-6
-FINEST = 150  # to a turn: teeth of a worm wheel; finer ones cost every log as many more shapes that may fit by chance
+
+@dataclass(frozen=True)
+class PeriodicForceSettings:
+    fastest: float = 20.0  # Hz
+    peaks: float = 2.0  # shapes per width of a peak: over a span T the peaks of a spectrum are 1 / T wide
+    # Of the range, in finite differences: a longer step turns the phase by radians, at the far end of a log or
+    # of a travel
+    shape_step: float = 1e-6
+    # to a turn: teeth of a worm wheel; finer ones cost every log as many more shapes that may fit by chance
+    finest: int = 150
+
+
+SETTINGS = PeriodicForceSettings()
 
 
 def wave(qpos, *, sine, cosine, period):
@@ -41,7 +51,7 @@ class PeriodicForce(JointForce):
     @property
     def shortest_period(self) -> float:
         """s: of the fastest force worth looking for."""
-        return max(1 / FASTEST, 10 * float(self.model.opt.timestep))
+        return max(1 / SETTINGS.fastest, 10 * float(self.model.opt.timestep))
 
     def sweep(self, span: float, most: int) -> np.ndarray:
         """Points (point, parameter) with null amplitudes, the shape so dense that no peak falls between two.
@@ -50,7 +60,7 @@ class PeriodicForce(JointForce):
         """
         space, column = self.space, self.space.names.index(self.shapes[0])
         low, high = sorted(self.frequency(np.array([space.low[column], space.high[column]])))
-        count = int(np.clip(np.ceil(PEAKS * span * (high - low)) + 1, 2, most))
+        count = int(np.clip(np.ceil(SETTINGS.peaks * span * (high - low)) + 1, 2, most))
         points = np.repeat(space.nominal[None], count, axis=0)
         points[:, column] = np.clip(
             self.frequency(np.linspace(low, high, count)), space.low[column], space.high[column]
@@ -115,4 +125,6 @@ class AlongPosition(PeriodicForce):
     def period(self) -> Parameter:
         """Of a turn at most, or of the travel of a slide."""
         full = 2 * np.pi if self.is_hinge else 2 * self.travel
-        return Parameter("period", self.unit("m", "rad"), full / FINEST, full, full / 6, SHAPE_STEP)
+        return Parameter(
+            "period", self.unit("m", "rad"), full / SETTINGS.finest, full, full / 6, SETTINGS.shape_step
+        )

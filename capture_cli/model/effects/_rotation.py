@@ -2,9 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-LARGEST_TURN = 0.3  # rad, that a sensor may be off by
+
+@dataclass(frozen=True)
+class RotationSettings:
+    largest_turn: float = 0.3  # rad, that a sensor may be off by
+
+
+SETTINGS = RotationSettings()
 
 
 def rotate(vectors: np.ndarray, rotation: np.ndarray) -> np.ndarray:

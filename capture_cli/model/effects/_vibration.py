@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from capture_cli.model.effects.base import Effect, spread
 from capture_cli.model.parameters import Parameter
 
-SLOWEST, FASTEST = 0.3, 20.0  # Hz
-# Swings within a window, at least: with how it begins free, less of one imitates any force that changes slowly.
-SWINGS = 0.5
-# How much farther it commonly swings, before a window begins, than what pushes it would push it once
-RESONATES = 4.0
+
+@dataclass(frozen=True)
+class VibrationSettings:
+    # Hz
+    slowest: float = 0.3
+    fastest: float = 20.0
+    # Swings within a window, at least: with how it begins free, less of one imitates any force that changes slowly.
+    swings: float = 0.5
+    # How much farther it commonly swings, before a window begins, than what pushes it would push it once
+    resonates: float = 4.0
+
+
+SETTINGS = VibrationSettings()
 
 
 class Vibration:
@@ -57,9 +67,11 @@ class VibrationEffect(Effect):
     @property
     def swinging(self) -> tuple[Parameter, Parameter]:
         """The frequency and the damping ratio."""
-        slowest = float(np.clip(SWINGS / (self.window or np.inf), SLOWEST, FASTEST / 4))
+        slowest = float(
+            np.clip(SETTINGS.swings / (self.window or np.inf), SETTINGS.slowest, SETTINGS.fastest / 4)
+        )
         return (
-            Parameter("frequency", "Hz", slowest, FASTEST, max(2 * slowest, 2.0)),
+            Parameter("frequency", "Hz", slowest, SETTINGS.fastest, max(2 * slowest, 2.0)),
             Parameter("damping_ratio", "1", 0.002, 0.7, 0.05),
         )
 
@@ -79,5 +91,5 @@ class VibrationEffect(Effect):
     ) -> dict[str, np.ndarray]:
         """How it begins, (simulation,) each, at `states`; push: its usual accelerations, m/s^2 or rad/s^2."""
         states = np.zeros((len(values), len(self.states))) if states is None else states
-        turning, size = 2 * np.pi * values[:, 1], RESONATES * push
+        turning, size = 2 * np.pi * values[:, 1], SETTINGS.resonates * push
         return {"displaced": size / turning**2 * states[:, 0], "moving": size / turning * states[:, 1]}

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from capture_cli.model.effects._scales import characteristic_force
@@ -9,8 +11,16 @@ from capture_cli.model.effects._transmission import TransmissionEffect
 from capture_cli.model.effects._two_mass import TwoMass
 from capture_cli.model.parameters import Parameter
 
-# How far a stop gives at most under the force that the joint commonly sees, over the widest play
-SOFTEST = 0.1
+
+@dataclass(frozen=True)
+class BacklashSettings:
+    # How far a stop gives at most under the force that the joint commonly sees, over the widest play
+    softest: float = 0.1
+
+
+SETTINGS = BacklashSettings()
+
+
 WITHIN = 2  # steps of the play in one of the model: stops are stiff
 
 
@@ -66,7 +76,7 @@ class Backlash(TransmissionEffect):
     @property
     def parameters(self):
         widest = 0.1 * self.travel
-        softest = SOFTEST * widest / characteristic_force(self.model, self.joint)
+        softest = SETTINGS.softest * widest / characteristic_force(self.model, self.joint)
         return (
             Parameter("width", self.unit("m", "rad"), 0.0, widest, 0.0),
             self.rotor,

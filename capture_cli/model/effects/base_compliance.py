@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
 
 import mujoco
@@ -17,9 +18,16 @@ from capture_cli.model.world import World
 
 AXES = ("x", "y", "z")
 MOST = 0.8  # of what stands on the springs: a base of a quarter of what moves on it
-AGITATED = 5.0  # m/s^2: accelerations of the centre of mass, commonly within
-SEEN = 1e-6  # of all mass, per m/s, or per rad/s at 1 m
-POSES = 4  # in which it is looked at whether the machine can push its base along an axis
+
+
+@dataclass(frozen=True)
+class BaseComplianceSettings:
+    agitated: float = 5.0  # m/s^2: accelerations of the centre of mass, commonly within
+    seen: float = 1e-6  # of all mass, per m/s, or per rad/s at 1 m
+    poses: int = 4  # in which it is looked at whether the machine can push its base along an axis
+
+
+SETTINGS = BaseComplianceSettings()
 
 
 class SprungBase(Vibration):
@@ -81,7 +89,7 @@ class BaseCompliance(VibrationEffect):
         return (Parameter("mobility", "1", 0.0, MOST, 0.0), *self.swinging)
 
     def force(self, values, timestep, *, states=None, **_):
-        begins = self.begins(values, states, AGITATED * values[:, 0])
+        begins = self.begins(values, states, SETTINGS.agitated * values[:, 0])
         kind = ForceOfBase if self.accelerometers else ForceOfUnseenBase
         return kind(self, self.coefficients(values) | begins, timestep)
 
@@ -140,11 +148,11 @@ def _pushed(model: mujoco.MjModel) -> tuple[int, ...]:
     dofs = model.jnt_dofadr[driven_joints(model, by_tendons=True)]
     generator = np.random.default_rng(0)
     data, found = mujoco.MjData(model), set()
-    for _ in range(POSES):
+    for _ in range(SETTINGS.poses):
         mujoco.mj_integratePos(model, data.qpos, generator.standard_normal(model.nv), 1.0)
         mujoco.mj_fwdPosition(model, data)
         for k in range(len(AXES)):
             moved = momentum_along(model, k, data.cdof, data.subtree_com, model.body_subtreemass)
-            if np.abs(moved[dofs]).max(initial=0.0) > SEEN * model.body_subtreemass[0]:
+            if np.abs(moved[dofs]).max(initial=0.0) > SETTINGS.seen * model.body_subtreemass[0]:
                 found.add(k)
     return tuple(sorted(found))

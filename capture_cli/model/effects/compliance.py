@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from capture_cli.model.effects._scales import characteristic_force
@@ -11,10 +13,18 @@ from capture_cli.model.parameters import Parameter
 
 SLOWEST = 2 * np.pi * 2.0  # rad/s: a drive softer than 2 Hz is not a model error but another machine
 
-# Generalized-alpha (Chung and Hulbert 1993): second order, and of vibrations that the step cannot follow this
-# part is kept from one step to the next.
-KEPT = 0.3
-ALPHA_M, ALPHA_F = (2 * KEPT - 1) / (KEPT + 1), KEPT / (KEPT + 1)
+
+@dataclass(frozen=True)
+class ComplianceSettings:
+    # Generalized-alpha (Chung and Hulbert 1993): second order, and of vibrations that the step cannot follow this
+    # part is kept from one step to the next.
+    kept: float = 0.3
+
+
+SETTINGS = ComplianceSettings()
+
+
+ALPHA_M, ALPHA_F = (2 * SETTINGS.kept - 1) / (SETTINGS.kept + 1), SETTINGS.kept / (SETTINGS.kept + 1)
 GAMMA = 0.5 - ALPHA_M + ALPHA_F
 BETA = 0.25 * (1 - ALPHA_M + ALPHA_F) ** 2
 

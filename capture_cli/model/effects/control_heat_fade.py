@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.signal import lfilter
 
@@ -10,12 +12,19 @@ from capture_cli.model.effects._fade import TIME_CONSTANT
 from capture_cli.model.effects.base import Driven, Recordings
 from capture_cli.model.parameters import Parameter
 
-# Of a control as large as the largest, held for ever; motors are rated for a fraction of that, and a fifth of it is
-# a twenty-fifth of the heat
-LARGEST = 8.0
-MOST_BEFORE = 0.5
-MOST_RECORDINGS = 6  # that each have a heat of their own to begin with
-STEP = 0.02  # s, of the heat over a log: a twenty-fifth of the shortest time constant
+
+@dataclass(frozen=True)
+class ControlHeatFadeSettings:
+    # Of a control as large as the largest, held for ever; motors are rated for a fraction of that, and a fifth
+    # of it is
+    # a twenty-fifth of the heat
+    largest: float = 8.0
+    most_before: float = 0.5
+    most_recordings: int = 6  # that each have a heat of their own to begin with
+    step: float = 0.02  # s, of the heat over a log: a twenty-fifth of the shortest time constant
+
+
+SETTINGS = ControlHeatFadeSettings()
 
 
 class HeatFade:
@@ -58,7 +67,7 @@ class ControlHeatFade(ActuatorEffect):
         self._driven = driven
         if recordings is not None and recordings.several:
             count = int(recordings.of_step.max()) + 1
-            if count <= MOST_RECORDINGS:
+            if count <= SETTINGS.most_recordings:
                 self._recordings, self._heats = recordings, count
 
     @classmethod
@@ -69,8 +78,8 @@ class ControlHeatFade(ActuatorEffect):
     def parameters(self):
         names = ["before", *(f"before_{number}" for number in range(2, self._heats + 1))]
         return (
-            Parameter("fade", "1/ctrl^2", 0.0, LARGEST / self.scale**2, 0.0),
-            *(Parameter(name, "1", 0.0, MOST_BEFORE, 0.0) for name in names),
+            Parameter("fade", "1/ctrl^2", 0.0, SETTINGS.largest / self.scale**2, 0.0),
+            *(Parameter(name, "1", 0.0, SETTINGS.most_before, 0.0) for name in names),
             TIME_CONSTANT,
         )
 
@@ -100,7 +109,7 @@ class ControlHeatFade(ActuatorEffect):
         for number, (of, lag) in enumerate(pairs.T):
             own = which == number
             time, square = self._squares(int(of))
-            kept = np.exp(-STEP / lag)
+            kept = np.exp(-SETTINGS.step / lag)
             felt = lfilter([0.0, 1 - kept], [1.0, -kept], square)
             heat[own] = np.interp(elapsed[own], time, felt)
         return heat
@@ -108,6 +117,8 @@ class ControlHeatFade(ActuatorEffect):
     def _squares(self, episode: int) -> tuple[np.ndarray, np.ndarray]:
         """Times (point,), s since the episode began, and the mean square of the control from each to the next."""
         time, control = self._driven.of_episode(episode, self.actuators[0])
-        grid = STEP * np.arange(int(np.ceil(time[-1] / STEP)) + 1)
+        grid = SETTINGS.step * np.arange(int(np.ceil(time[-1] / SETTINGS.step)) + 1)
         total = np.concatenate([[0.0], np.cumsum(np.square(control[:-1]) * np.diff(time))])
-        return grid, np.diff(np.interp(np.append(grid, grid[-1] + STEP), time, total)) / STEP
+        return grid, np.diff(
+            np.interp(np.append(grid, grid[-1] + SETTINGS.step), time, total)
+        ) / SETTINGS.step

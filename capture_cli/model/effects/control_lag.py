@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from capture_cli.model.effects._actuator_effect import ControlTimeEffect
 from capture_cli.model.effects._lag import Lag
 from capture_cli.model.parameters import Parameter
 
-FORGOTTEN = 20.0  # time constants, after which 2e-9 of a deviation is left
+
+@dataclass(frozen=True)
+class ControlLagSettings:
+    forgotten: float = 20.0  # time constants, after which 2e-9 of a deviation is left
+
+
+SETTINGS = ControlLagSettings()
 
 
 class ControlLag(ControlTimeEffect):
@@ -16,11 +24,11 @@ class ControlLag(ControlTimeEffect):
 
     summary = "a control arrives through a first-order lag"
     kernel = Lag
-    remembers = f"{FORGOTTEN:g} `time_constant`"
+    remembers = f"{SETTINGS.forgotten:g} `time_constant`"
 
     @property
     def parameters(self):
         return (Parameter("time_constant", "s", 0.0, 0.2, 0.0),)
 
     def memory(self, values):
-        return FORGOTTEN * float(values.max())
+        return SETTINGS.forgotten * float(values.max())

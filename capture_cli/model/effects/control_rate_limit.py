@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from capture_cli.model.effects._actuator_effect import UNIT, RememberingEffect
 from capture_cli.model.parameters import Parameter
 
-SLOWEST = 2.0  # s, from nothing to a full control
-FULL_CHANGE = 2.0  # full controls, from one end to the other
+
+@dataclass(frozen=True)
+class ControlRateLimitSettings:
+    slowest: float = 2.0  # s, from nothing to a full control
+    full_change: float = 2.0  # full controls, from one end to the other
+
+
+SETTINGS = ControlRateLimitSettings()
 
 
 class RateLimit:
@@ -37,12 +45,13 @@ class ControlRateLimit(RememberingEffect):
     summary = "a control cannot change faster than at some rate"
     kernel = RateLimit
     remembers = (
-        f"`slowness` times {FULL_CHANGE:g} times the largest control: what it takes from one end to the other"
+        f"`slowness` times {SETTINGS.full_change:g} times the largest control: what it takes from one end to the "
+        "other"
     )
 
     @property
     def parameters(self):
-        return (Parameter("slowness", f"s/{UNIT}", 0.0, SLOWEST / self.scale, 0.0),)
+        return (Parameter("slowness", f"s/{UNIT}", 0.0, SETTINGS.slowest / self.scale, 0.0),)
 
     def memory(self, values):
-        return FULL_CHANGE * self.scale * float(values.max())
+        return SETTINGS.full_change * self.scale * float(values.max())

@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from capture_cli.log.windows import LEAD
 from capture_cli.model.effects._actuator_effect import ControlTimeEffect
 from capture_cli.model.parameters import Parameter
 
-FORGOTTEN = 12.0  # times over which a deviation falls by e: 6e-6 of it is left
+
+@dataclass(frozen=True)
+class ControlSecondOrderLagSettings:
+    forgotten: float = 12.0  # times over which a deviation falls by e: 6e-6 of it is left
+
+
+SETTINGS = ControlSecondOrderLagSettings()
 
 
 class SecondOrderLag:
@@ -53,8 +61,8 @@ class ControlSecondOrderLag(ControlTimeEffect):
     shapes = ("damping_ratio",)
     kernel = SecondOrderLag
     remembers = (
-        f"{FORGOTTEN:g} time constants of its slower pole, which is `time_constant` / `damping_ratio` where the "
-        f"latter is 1 or less; {LEAD:g} s at most"
+        f"{SETTINGS.forgotten:g} time constants of its slower pole, which is `time_constant` / `damping_ratio` where "
+        f"the latter is 1 or less; {LEAD:g} s at most"
     )
 
     @property
@@ -67,4 +75,4 @@ class ControlSecondOrderLag(ControlTimeEffect):
     def memory(self, values):
         time_constant, damping_ratio = values.T
         slowest = damping_ratio - np.sqrt(np.maximum(damping_ratio**2 - 1, 0))
-        return min(FORGOTTEN * float((time_constant / slowest).max()), LEAD)
+        return min(SETTINGS.forgotten * float((time_constant / slowest).max()), LEAD)

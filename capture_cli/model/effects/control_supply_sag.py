@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import mujoco
 import numpy as np
 
@@ -12,8 +14,14 @@ from capture_cli.model.effects._scales import control_scale
 from capture_cli.model.effects.base import GLOBAL
 from capture_cli.model.parameters import Parameter
 
-LARGEST = 0.6  # of a control, where all are the largest that they commonly are
-FORGOTTEN = 8.0  # time constants, after which 3e-4 of a load is left in the voltage
+
+@dataclass(frozen=True)
+class ControlSupplySagSettings:
+    largest: float = 0.6  # of a control, where all are the largest that they commonly are
+    forgotten: float = 8.0  # time constants, after which 3e-4 of a load is left in the voltage
+
+
+SETTINGS = ControlSupplySagSettings()
 
 
 class Sagging:
@@ -37,7 +45,7 @@ class ControlSupplySag(ActuatorEffect):
     )
     where = "the model as a whole, if controls are forces or voltages"
     shapes = ("time_constant",)
-    remembers = f"{FORGOTTEN:g} `time_constant`"
+    remembers = f"{SETTINGS.forgotten:g} `time_constant`"
 
     @classmethod
     def sites(cls, model: mujoco.MjModel) -> list[str]:
@@ -52,7 +60,7 @@ class ControlSupplySag(ActuatorEffect):
     def parameters(self):
         full = np.mean([control_scale(self.model, a) for a in self.actuators])
         return (
-            Parameter("sag", "1/ctrl", 0.0, LARGEST / full, 0.0),
+            Parameter("sag", "1/ctrl", 0.0, SETTINGS.largest / full, 0.0),
             Parameter("time_constant", "s", 0.01, 0.5, 0.07),
         )
 
@@ -66,7 +74,7 @@ class ControlSupplySag(ActuatorEffect):
 
     def memory(self, values):
         sag, time_constant = values.T
-        return FORGOTTEN * float(np.max(time_constant, where=sag > 0, initial=0.0))
+        return SETTINGS.forgotten * float(np.max(time_constant, where=sag > 0, initial=0.0))
 
     def companion(self, name, values):
         numbers = {n: v[0] for n, v in self.coefficients(values[None]).items()}

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import mujoco
 
 from capture_cli.model.effects._joint_effect import JointEffect
@@ -14,7 +16,15 @@ from capture_cli.model.object_names import object_name
 from capture_cli.model.parameters import Parameter
 
 MOST = 2.0  # levers of joints that follow each other are about as long
-STIFFEST = 5.0  # times what is characteristic of the joint, in N or N m, where it is farthest from 0
+
+
+@dataclass(frozen=True)
+class CoupledSpringSettings:
+    # times what is characteristic of the joint, in N or N m, where it is farthest from 0
+    stiffest: float = 5.0
+
+
+SETTINGS = CoupledSpringSettings()
 
 
 def pull(position, before, *, stiffness, ratio, rest):
@@ -55,7 +65,7 @@ class CoupledSpring(JointEffect):
         unit = "1" if turns == self.is_hinge else "m" if turns else "1/m"
         here, there = (self._farthest(k) for k in range(2))
         most = MOST if turns == self.is_hinge else MOST * here / there
-        stiffest = STIFFEST * self.characteristic_force / here
+        stiffest = SETTINGS.stiffest * self.characteristic_force / here
         return (
             Parameter("stiffness", self.unit("N/m", "N m/rad"), 0.0, stiffest, 0.0),
             Parameter("ratio", unit, -most, most, most / 2),

@@ -2,17 +2,27 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from capture_cli.log.turning_points import WaysBefore
 from capture_cli.model.effects._followed_force import FollowedForce
 from capture_cli.model.effects._joint_force import ForceOfKernel
-from capture_cli.model.effects._scales import STIFFEST, free_inertia
+from capture_cli.model.effects._scales import SETTINGS as SCALES
+from capture_cli.model.effects._scales import free_inertia
 from capture_cli.model.parameters import Parameter
 
-TURNED = 4.0  # times the noise of what measures the joint: less is no way back
-HIDES = 2.0  # times that noise: of the way, what nobody knows when a window begins
-FORGOTTEN = 5.0  # times the distance that friction takes to build up: then nothing is left of what was before
+
+@dataclass(frozen=True)
+class HystereticFrictionSettings:
+    turned: float = 4.0  # times the noise of what measures the joint: less is no way back
+    hides: float = 2.0  # times that noise: of the way, what nobody knows when a window begins
+    # times the distance that friction takes to build up: then nothing is left of what was before
+    forgotten: float = 5.0
+
+
+SETTINGS = HystereticFrictionSettings()
 
 
 class Bristles:
@@ -60,7 +70,7 @@ class HystereticFriction(FollowedForce):
     def parameters(self):
         reach = self.characteristic_travel
         moved = free_inertia(self.model, self.joint)
-        stiff = self.characteristic_force * (self.model.opt.timestep / STIFFEST) ** 2 / moved
+        stiff = self.characteristic_force * (self.model.opt.timestep / SCALES.stiffest) ** 2 / moved
         shortest, longest = min(max(1e-4 * reach, stiff), 0.1 * reach), 0.5 * reach
         return (
             Parameter("friction", self.unit("N", "N m"), 0.0, self.characteristic_force, 0.0),
@@ -70,7 +80,9 @@ class HystereticFriction(FollowedForce):
     def look_in(self, **log):
         super().look_in(**log)
         if self.seen is not None:
-            self._ways_before = WaysBefore(self.seen.path, self.seen.stretches, TURNED * self.seen.noise)
+            self._ways_before = WaysBefore(
+                self.seen.path, self.seen.stretches, SETTINGS.turned * self.seen.noise
+            )
 
     def force_since(self, given, timestep, first, states):
         return ForceWoundUpToHere(self, given | {"wound": self._wound(given, first, states)}, timestep)
@@ -81,7 +93,7 @@ class HystereticFriction(FollowedForce):
         longest = self.space.high[self.space.names.index("distance")]
         ways = self._ways_before(first)
         matters = np.ones((len(first), len(self.states)), dtype=bool)
-        matters[:, 1] = _reaches_back(ways) & (np.abs(ways).sum(axis=1) < FORGOTTEN * longest)
+        matters[:, 1] = _reaches_back(ways) & (np.abs(ways).sum(axis=1) < SETTINGS.forgotten * longest)
         return matters
 
     def _wound(self, given: dict[str, np.ndarray], first: np.ndarray, states: np.ndarray) -> np.ndarray:
@@ -94,7 +106,7 @@ class HystereticFriction(FollowedForce):
         bristles = Bristles(friction=friction, distance=distance, timestep=0.0, wound=before)
         for way in ways.T:
             bristles.move(way)
-        hidden = HIDES * self.seen.noise * states[:, 0]  # m or rad
+        hidden = SETTINGS.hides * self.seen.noise * states[:, 0]  # m or rad
         return np.clip(bristles.wound + hidden / distance, -1, 1)
 
 

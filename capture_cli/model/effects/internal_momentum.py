@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
 
 import mujoco
@@ -14,8 +15,16 @@ from capture_cli.model.object_names import object_name
 from capture_cli.model.parameters import Parameter
 from capture_cli.model.world import World
 
-# rad/s: nutation, the momentum inside over the inertia of a free body, or over the largest that a chain turns
-FASTEST = 10.0
+
+@dataclass(frozen=True)
+class InternalMomentumSettings:
+    # rad/s: nutation, the momentum inside over the inertia of a free body, or over the largest that a chain turns
+    fastest: float = 10.0
+
+
+SETTINGS = InternalMomentumSettings()
+
+
 PARALLEL = 1e-6  # of axes, as a sine
 
 
@@ -52,7 +61,7 @@ class InternalMomentum(Effect):
 
     @property
     def parameters(self):
-        high = FASTEST * float(self.model.dof_M0[self.dofs].max())
+        high = SETTINGS.fastest * float(self.model.dof_M0[self.dofs].max())
         return tuple(Parameter(axis, "N m s", -high, high, 0.0) for axis in "xyz")
 
     def force(self, values, timestep, **_):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import mujoco
 import numpy as np
 
@@ -13,7 +15,15 @@ from capture_cli.model.effects.base import GLOBAL, Effect
 from capture_cli.model.object_names import object_name
 from capture_cli.model.parameters import Parameter
 
-USUAL = 20.0  # s, that an episode takes where no log says
+
+@dataclass(frozen=True)
+class MassChangeSettings:
+    usual: float = 20.0  # s, that an episode takes where no log says
+
+
+SETTINGS = MassChangeSettings()
+
+
 MOST = 0.8  # of the mass, that an episode adds or takes away
 SCALED = ("body_mass", "body_inertia")
 
@@ -43,7 +53,7 @@ class MassChange(Effect):
 
     @property
     def parameters(self):
-        most = MOST / (self.longest or USUAL)
+        most = MOST / (self.longest or SETTINGS.usual)
         return (Parameter("rate", "1/s", -most, most, 0.0),)
 
     def force(self, values, timestep, *, began=0.0, **_):

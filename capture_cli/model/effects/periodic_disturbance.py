@@ -3,16 +3,24 @@
 from __future__ import annotations
 
 from copy import copy
+from dataclasses import dataclass
 
 import numpy as np
 
 from capture_cli.model.effects._joint_force import ForceOfKernel
-from capture_cli.model.effects._periodic_force import SHAPE_STEP, PeriodicForce
+from capture_cli.model.effects._periodic_force import SETTINGS as PERIODIC_FORCE
+from capture_cli.model.effects._periodic_force import PeriodicForce
 from capture_cli.model.effects.base import Recordings
 from capture_cli.model.parameters import Parameter
 
-FEWEST_PERIODS = 2.0
-PHASES = 8  # that are tried: from the best of them a descent need turn no further than a sixteenth
+
+@dataclass(frozen=True)
+class PeriodicDisturbanceSettings:
+    fewest_periods: float = 2.0
+    phases: int = 8  # that are tried: from the best of them a descent need turn no further than a sixteenth
+
+
+SETTINGS = PeriodicDisturbanceSettings()
 
 
 def periodic_disturbance(time, *, sine, cosine, frequency):
@@ -46,7 +54,7 @@ class PeriodicDisturbance(PeriodicForce):
         if recordings is not None and recordings.several:
             self.recordings = recordings
             self.states = ("phase",)  # where a window begins, in turns
-            self.states_tried = np.arange(PHASES)[:, None] / PHASES - 0.5
+            self.states_tried = np.arange(SETTINGS.phases)[:, None] / SETTINGS.phases - 0.5
 
     def force(self, values, timestep, *, states=None, first=None, **_):
         given = self.coefficients(values)
@@ -95,7 +103,7 @@ class PeriodicDisturbance(PeriodicForce):
 
     def doubt(self, values, duration):
         periods = values[2] * duration
-        if periods < FEWEST_PERIODS:
+        if periods < SETTINGS.fewest_periods:
             return f"only {periods:.2g} of its periods fit into an episode: any slow change looks like that"
         if self.recordings is not None and values[2] * self.window < 1:
             return (
@@ -110,7 +118,7 @@ class PeriodicDisturbance(PeriodicForce):
         return (
             Parameter("sine", unit, -high, high, 0.0),
             Parameter("cosine", unit, -high, high, 0.0),
-            Parameter("frequency", "Hz", 0.1, 1 / self.shortest_period, 1.0, SHAPE_STEP),
+            Parameter("frequency", "Hz", 0.1, 1 / self.shortest_period, 1.0, PERIODIC_FORCE.shape_step),
         )
 
     def _in_reference(self, first: np.ndarray) -> np.ndarray:

@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from capture_cli.model.effects._joint_effect import SpringEffect
 from capture_cli.model.effects._side_by_side import side_by_side
 from capture_cli.model.parameters import Parameter
 
-FARTHEST = 2.0  # of the joint's travel: where a spring that only ever pulls one way is at rest
-PUSHES = 0.2  # of the stiffest spring: the most that one pushes away from where it rests
+
+@dataclass(frozen=True)
+class PreloadedSpringSettings:
+    farthest: float = 2.0  # of the joint's travel: where a spring that only ever pulls one way is at rest
+    pushes: float = 0.2  # of the stiffest spring: the most that one pushes away from where it rests
+
+
+SETTINGS = PreloadedSpringSettings()
 
 
 class PreloadedSpring(SpringEffect):
@@ -28,9 +36,9 @@ class PreloadedSpring(SpringEffect):
     @property
     def parameters(self):
         high = 5 * self.characteristic_force / self.travel
-        far = abs(self.middle) + FARTHEST * max(self.travel, self.reach)
+        far = abs(self.middle) + SETTINGS.farthest * max(self.travel, self.reach)
         return (
-            Parameter("stiffness", self.unit("N/m", "N m/rad"), -PUSHES * high, high, 0.0),
+            Parameter("stiffness", self.unit("N/m", "N m/rad"), -SETTINGS.pushes * high, high, 0.0),
             Parameter("rest", self.unit("m", "rad"), -far, far, 0.0),
         )
 

@@ -8,7 +8,8 @@ import mujoco
 import numpy as np
 
 from capture_cli.model.effects._places import reference, site_id
-from capture_cli.model.effects._rotation import LARGEST_TURN, rotate, rotate_quaternions
+from capture_cli.model.effects._rotation import SETTINGS as ROTATION
+from capture_cli.model.effects._rotation import rotate, rotate_quaternions
 from capture_cli.model.effects._scales import SLIDE
 from capture_cli.model.effects._sensor_effect import SensorEffect, quantity
 from capture_cli.model.effects.base import GLOBAL
@@ -51,7 +52,9 @@ class SensorFrameRotation(SensorEffect):
     @property
     def parameters(self):
         names = ("angle",) if self.pair else ("x", "y", "z")
-        return tuple(Parameter(name, "rad", -LARGEST_TURN, LARGEST_TURN, 0.0) for name in names)
+        return tuple(
+            Parameter(name, "rad", -ROTATION.largest_turn, ROTATION.largest_turn, 0.0) for name in names
+        )
 
     @property
     def kernel(self):

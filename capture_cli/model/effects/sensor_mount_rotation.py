@@ -7,7 +7,8 @@ import numpy as np
 
 from capture_cli.model.effects._kernel import OWN_STEP, Companion, call
 from capture_cli.model.effects._places import site_id
-from capture_cli.model.effects._rotation import LARGEST_TURN, rotate, rotate_in_own_frame
+from capture_cli.model.effects._rotation import SETTINGS as ROTATION
+from capture_cli.model.effects._rotation import rotate, rotate_in_own_frame
 from capture_cli.model.effects._sensor_effect import (
     SensorEffect,
     columns_of,
@@ -58,7 +59,9 @@ class SensorMountRotation(SensorEffect):
 
     @property
     def parameters(self):
-        return tuple(Parameter(name, "rad", -LARGEST_TURN, LARGEST_TURN, 0.0) for name in "xyz")
+        return tuple(
+            Parameter(name, "rad", -ROTATION.largest_turn, ROTATION.largest_turn, 0.0) for name in "xyz"
+        )
 
     def measured(self, sensors, values, timestep, **_):
         sensors = sensors.copy()

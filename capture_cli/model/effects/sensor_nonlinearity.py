@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from capture_cli.model.effects._places import site_id
@@ -10,7 +12,14 @@ from capture_cli.model.parameters import Parameter
 
 MOST = 0.1  # of the largest number, that each power adds there: the reading still grows, by half as much at least
 LEAST_SLOPE = 0.25  # of the reading: where it grows less it is not undone
-INVERSIONS = 30  # Newton steps
+
+
+@dataclass(frozen=True)
+class SensorNonlinearitySettings:
+    inversions: int = 30  # Newton steps
+
+
+SETTINGS = SensorNonlinearitySettings()
 
 
 def bent(series, *, quadratic, cubic):
@@ -58,7 +67,7 @@ class SensorNonlinearity(NumberEffect):
         reported, slope, curvature = np.moveaxis(jets, 1, 0)
         low, high = _grows(quadratic, cubic)
         true = np.clip(reported, low, high)
-        for _ in range(INVERSIONS):
+        for _ in range(SETTINGS.inversions):
             gain = 1 + 2 * quadratic * true + 3 * cubic * true**2
             true = np.clip(true - (bent(true, quadratic=quadratic, cubic=cubic) - reported) / gain, low, high)
         gain, bend = 1 + 2 * quadratic * true + 3 * cubic * true**2, 2 * quadratic + 6 * cubic * true

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import mujoco
 import numpy as np
 
@@ -12,8 +14,15 @@ from capture_cli.model.effects._sensor_effect import NumberEffect, quantity
 from capture_cli.model.parameters import Parameter
 
 UNITS = ("m/s", "rad/s", "m/s^2", "N", "N m", "T")  # what sensors measure that have a range
-BEYOND = 1.05  # of the largest number of a log: where nothing is cut off
-LEAST = 0.5  # of it, of a limit: noise is what is reported beyond that
+
+
+@dataclass(frozen=True)
+class SensorSaturationSettings:
+    beyond: float = 1.05  # of the largest number of a log: where nothing is cut off
+    least: float = 0.5  # of it, of a limit: noise is what is reported beyond that
+
+
+SETTINGS = SensorSaturationSettings()
 
 
 class SensorSaturation(NumberEffect):
@@ -48,8 +57,8 @@ class SensorSaturation(NumberEffect):
 
     @property
     def parameters(self):
-        high = BEYOND * self._largest if self._largest else 2 * self.quantity.size
-        low = LEAST * self._largest if self._largest else 0.02 * self.quantity.size
+        high = SETTINGS.beyond * self._largest if self._largest else 2 * self.quantity.size
+        low = SETTINGS.least * self._largest if self._largest else 0.02 * self.quantity.size
         return (Parameter("limit", self.quantity.unit, low, high, high),)
 
     def coefficients(self, values):

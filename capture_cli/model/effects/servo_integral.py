@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
 
 import mujoco
@@ -19,14 +20,23 @@ from capture_cli.model.object_names import object_name
 from capture_cli.model.parameters import Parameter
 from capture_cli.model.world import World
 
-FASTEST = 10.0  # 1/s, of ki over kp: with more, a servo that is damped as usual swings by itself
+
+@dataclass(frozen=True)
+class ServoIntegralSettings:
+    fastest: float = 10.0  # 1/s, of ki over kp: with more, a servo that is damped as usual swings by itself
+    usual: float = 0.3  # s, for which an error lasts, of which no log says how long it did
+    # s, of kp over ki: what takes longer to take up a load is hardly told from a constant force
+    longest: float = 3.0
+    tiny: float = 1e-12  # of ki: none holds nothing
+    kept: int = 16  # integrals of a log's errors, the last ones: each gear that is tried has another
+    least_limit: float = 1e-3  # of how far the integral of the error goes
+    rounded: float = 1e-3  # of how far it commonly is from its mean: less is no way back
+
+
+SETTINGS = ServoIntegralSettings()
+
+
 BIAS, GEAR = "actuator_biasprm", "actuator_gear"
-USUAL = 0.3  # s, for which an error lasts, of which no log says how long it did
-LONGEST = 3.0  # s, of kp over ki: what takes longer to take up a load is hardly told from a constant force
-TINY = 1e-12  # of ki: none holds nothing
-KEPT = 16  # integrals of a log's errors, the last ones: each gear that is tried has another
-LEAST_LIMIT = 1e-3  # of how far the integral of the error goes
-ROUNDED = 1e-3  # of how far it commonly is from its mean: less is no way back
 
 
 class IntegralTerm:
@@ -80,7 +90,7 @@ class ServoIntegral(FollowedForce):
         self.gear = float(model.actuator_gear[self.actuator, 0])
         self._clamps = not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL
         self._kp = float(model.actuator_gainprm[self.actuator, 0])
-        self._most = USUAL * POSITION_ERROR  # m s or rad s: how far the integral of the error goes
+        self._most = SETTINGS.usual * POSITION_ERROR  # m s or rad s: how far the integral of the error goes
 
     @classmethod
     def sites(cls, model):
@@ -93,8 +103,10 @@ class ServoIntegral(FollowedForce):
     @property
     def parameters(self):
         return (
-            Parameter("ki", self.unit("N/(m s)", "N m/(rad s)"), 0.0, FASTEST * self._kp, 0.0),
-            Parameter("limit", self.unit("m s", "rad s"), LEAST_LIMIT * self._most, self._most, self._most),
+            Parameter("ki", self.unit("N/(m s)", "N m/(rad s)"), 0.0, SETTINGS.fastest * self._kp, 0.0),
+            Parameter(
+                "limit", self.unit("m s", "rad s"), SETTINGS.least_limit * self._most, self._most, self._most
+            ),
         )
 
     def shape_grid(self, count=5):
@@ -107,9 +119,9 @@ class ServoIntegral(FollowedForce):
             errors = self._integrated(self.model.opt.timestep, self.gear)
             parts = [errors[e] for e in self.seen.stretches]
             went = 2 * max(float(np.ptp(z)) for z in parts)  # it may have begun at either end
-            self._most = max(went, self._holding(self._kp / LONGEST))
+            self._most = max(went, self._holding(self._kp / SETTINGS.longest))
             self._common = float(np.std(np.concatenate([z - z.mean() for z in parts])))
-            self._integrals = lru_cache(maxsize=KEPT)(self._integrated_ways)
+            self._integrals = lru_cache(maxsize=SETTINGS.kept)(self._integrated_ways)
 
     @property
     def shows(self):
@@ -174,7 +186,7 @@ class ServoIntegral(FollowedForce):
     def _integrated_ways(self, timestep: float, gear: float) -> tuple[np.ndarray, WaysBefore]:
         """The integral of the error, (step,), and how it went to and fro before any step of the log."""
         errors = self._integrated(timestep, gear)
-        return errors, WaysBefore(errors, self.seen.stretches, ROUNDED * self._common)
+        return errors, WaysBefore(errors, self.seen.stretches, SETTINGS.rounded * self._common)
 
     def integral(
         self,
@@ -189,7 +201,7 @@ class ServoIntegral(FollowedForce):
         """z (simulation,) at the steps `first` of the log, where at the start of the stretch it was `begun` times what
         is common, or what it takes to hold a load: it may have been held for long.
         """
-        common = np.maximum(self._common, self._holding(np.maximum(ki, TINY)))
+        common = np.maximum(self._common, self._holding(np.maximum(ki, SETTINGS.tiny)))
         begin = np.clip(np.minimum(common, limit) * begun, -limit, limit)
         term = IntegralTerm(ki=np.zeros(len(limit)), limit=limit, timestep=0.0, integral=begin)
         ways = np.zeros((len(first), 1 + REMEMBERED))

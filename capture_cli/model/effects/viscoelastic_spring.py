@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -11,13 +12,21 @@ from scipy.signal import lfilter
 from capture_cli.model.effects._followed_force import FollowedForce
 from capture_cli.model.effects._followed_log import measured_stretches
 from capture_cli.model.effects._joint_force import ForceOfKernel
-from capture_cli.model.effects._scales import STIFFEST, free_inertia
+from capture_cli.model.effects._scales import SETTINGS as SCALES
+from capture_cli.model.effects._scales import free_inertia
 from capture_cli.model.parameters import Parameter
 
-QUICKEST = 4.0  # steps of the log, or of the model, that relaxing takes: what is quicker is a damper
-SLOWEST = 0.5  # of the longest episode: what is slower is an elastic spring
-FORGOTTEN = 5.0  # times the relaxation time: then nothing is left of what was before
-KEPT = 64  # relaxation times, the last ones tried, of which it is known where the spring would rest
+
+@dataclass(frozen=True)
+class ViscoelasticSpringSettings:
+    # steps of the log, or of the model, that relaxing takes: what is quicker is a damper
+    quickest: float = 4.0
+    slowest: float = 0.5  # of the longest episode: what is slower is an elastic spring
+    forgotten: float = 5.0  # times the relaxation time: then nothing is left of what was before
+    kept: int = 64  # relaxation times, the last ones tried, of which it is known where the spring would rest
+
+
+SETTINGS = ViscoelasticSpringSettings()
 
 
 class MaxwellElement:
@@ -61,12 +70,12 @@ class ViscoelasticSpring(FollowedForce):
     @property
     def parameters(self):
         step = self.model.opt.timestep
-        stiffest = free_inertia(self.model, self.joint) * (STIFFEST / step) ** 2
+        stiffest = free_inertia(self.model, self.joint) * (SCALES.stiffest / step) ** 2
         stiffest = min(stiffest, 5 * self.characteristic_force / self.characteristic_travel)
-        quickest, slowest = QUICKEST * step, 1.0
+        quickest, slowest = SETTINGS.quickest * step, 1.0
         if self.longest is not None:
-            quickest = QUICKEST * max(step, self._sampled)
-            slowest = max(SLOWEST * self.longest, 2 * quickest)
+            quickest = SETTINGS.quickest * max(step, self._sampled)
+            slowest = max(SETTINGS.slowest * self.longest, 2 * quickest)
         return (
             Parameter("stiffness", self.unit("N/m", "N m/rad"), 0.0, stiffest, 0.0),
             Parameter("relaxation", "s", quickest, slowest, float(np.sqrt(quickest * slowest))),
@@ -75,7 +84,7 @@ class ViscoelasticSpring(FollowedForce):
     def look_in(self, **log):
         super().look_in(**log)
         self._sampled = 0.0
-        self._rests = lru_cache(maxsize=KEPT)(self._followed)
+        self._rests = lru_cache(maxsize=SETTINGS.kept)(self._followed)
         if self.seen is not None and self.seen.stretches:
             self._began = np.zeros(len(self.seen.path))  # s: when the stretch that a step is of did
             for steps in self.seen.stretches:
@@ -90,7 +99,7 @@ class ViscoelasticSpring(FollowedForce):
         if self.seen is None:
             return super().states_matter(first)
         slowest = self.space.high[self.space.names.index("relaxation")]
-        return (self._elapsed(first) < FORGOTTEN * slowest)[:, None]
+        return (self._elapsed(first) < SETTINGS.forgotten * slowest)[:, None]
 
     def _elapsed(self, first: np.ndarray) -> np.ndarray:
         """s, since the stretches of the log began that the steps `first` are of."""

@@ -9,7 +9,14 @@ import numpy as np
 
 from capture_cli.model.fields import ModelFields
 
-ROUNDING = 1e-12  # of a moment: of a flat body one is the sum of the others, but for the last digits
+
+@dataclass(frozen=True)
+class ImpossibleInertiaSettings:
+    # of a moment: of a flat body one is the sum of the others, but for the last digits
+    rounding: float = 1e-12
+
+
+SETTINGS = ImpossibleInertiaSettings()
 
 
 @dataclass(frozen=True)
@@ -41,7 +48,7 @@ def impossible_inertias(fields: ModelFields) -> list[ImpossibleInertia]:
     if "body_inertia" not in fields.values:
         return []
     moments = fields["body_inertia"][0]
-    beyond = (moments > (1 + ROUNDING) * _of_the_others(moments)).any(axis=1)
+    beyond = (moments > (1 + SETTINGS.rounding) * _of_the_others(moments)).any(axis=1)
     return [
         ImpossibleInertia(fields.model.body(body).name or f"body {body}", np.sort(moments[body]).tolist())
         for body in np.flatnonzero(beyond)

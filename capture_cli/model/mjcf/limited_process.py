@@ -12,6 +12,7 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
 
@@ -22,8 +23,17 @@ if sys.platform != "win32":
 
 # Elsewhere a process that has threads is not copied safely.
 CAN_LIMIT = sys.platform == "linux"
-GRACE = 1  # s of CPU time after which a process is killed that does not end when it is told to
-PIECE = 1 << 20  # bytes that are read at once
+
+
+@dataclass(frozen=True)
+class LimitedProcessSettings:
+    grace: int = 1  # s of CPU time after which a process is killed that does not end when it is told to
+    piece: int = 1 << 20  # bytes that are read at once
+
+
+SETTINGS = LimitedProcessSettings()
+
+
 _DONE, _REFUSED, _FAILED = b"\0", b"\1", b"\2"  # what the first byte of an answer says
 
 
@@ -65,7 +75,7 @@ def _answer(end: int, deadline: float) -> bytes:
         ready, _, _ = select.select([end], [], [], max(deadline - time.monotonic(), 0.0))
         if not ready:
             raise TimeoutError
-        piece = os.read(end, PIECE)
+        piece = os.read(end, SETTINGS.piece)
         if not piece:
             return b"".join(pieces)
         pieces.append(piece)
@@ -127,7 +137,7 @@ def _limit(seconds: float, memory: int) -> None:
         (resource.RLIMIT_DATA, _taken() + memory),
     ):
         _, hard = resource.getrlimit(limit)
-        highest = most + GRACE if limit == resource.RLIMIT_CPU else most
+        highest = most + SETTINGS.grace if limit == resource.RLIMIT_CPU else most
         if hard != resource.RLIM_INFINITY:
             most, highest = min(most, hard), min(highest, hard)
         with suppress(ValueError, OSError):  # a system that does not let one has limits of its own

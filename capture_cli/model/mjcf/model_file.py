@@ -18,12 +18,22 @@ from capture_cli.model.mjcf.limited_process import CAN_LIMIT, Exceeded, limited
 from capture_cli.model.mjcf.mjcf_text import included, largest, refuse_bad_numbers
 from capture_cli.model.mujoco_warnings import silence_mujoco
 
-# The largest robots, with all their meshes, take a second and 0.3 GB.
-SECONDS = 15.0
-MEMORY = 3 << 29  # bytes
-NAMING_SECONDS = 4.0  # more, to name what it was that took too much
-SHORTEST_STEP, LONGEST_STEP = 1e-6, 1.0  # s
-SLOWEST_STEP = 1.0  # s of a core; a fit takes a million steps
+
+@dataclass(frozen=True)
+class ModelFileSettings:
+    # The largest robots, with all their meshes, take a second and 0.3 GB.
+    seconds: float = 15.0
+    memory: int = 3 << 29  # bytes
+    naming_seconds: float = 4.0  # more, to name what it was that took too much
+    # s
+    shortest_step: float = 1e-6
+    longest_step: float = 1.0
+    slowest_step: float = 1.0  # s of a core; a fit takes a million steps
+
+
+SETTINGS = ModelFileSettings()
+
+
 MUJOCO_ERRORS = (
     ValueError,
     RuntimeError,
@@ -51,8 +61,8 @@ _OBJECTS = {  # how the names of a model's fields begin, and of what they are
 def compile_file(path: Path, moved_centres: Collection[str] = ()) -> mujoco.MjModel:
     """The MJCF at `path`, compiled; centres of mass can be moved of bodies that turn and of the `moved_centres`.
 
-    A stranger may have made it, so it is compiled and stepped once in a process of its own, in at most SECONDS and
-    MEMORY. Raises ModelError that says what is wrong with it: it cannot be read, MuJoCo refuses it, or takes more, a
+    A stranger may have made it, so it is compiled and stepped once in a process of its own, in at most `seconds` and
+    `memory`. Raises ModelError that says what is wrong with it: it cannot be read, MuJoCo refuses it, or takes more, a
     number in it is not finite, or its timestep is none.
     """
     silence_mujoco()
@@ -65,7 +75,7 @@ def compile_file(path: Path, moved_centres: Collection[str] = ()) -> mujoco.MjMo
     )  # both processes have it open; no other sees it, and it ends with them
     name = f"/proc/self/fd/{file}"
     try:
-        limited(lambda: compiling.save(name), seconds=SECONDS, memory=MEMORY)
+        limited(lambda: compiling.save(name), seconds=SETTINGS.seconds, memory=SETTINGS.memory)
         return mujoco.MjModel.from_binary_path(name)
     except Exceeded as error:
         raise _exceeded(path, error) from None
@@ -158,10 +168,10 @@ class _Compiling:
 
     def _refuse_timestep(self, model: mujoco.MjModel) -> None:
         step = model.opt.timestep
-        if not SHORTEST_STEP <= step <= LONGEST_STEP:
+        if not SETTINGS.shortest_step <= step <= SETTINGS.longest_step:
             raise ModelError(
-                f"{self.path}: timestep = {step:g} s; steps of {SHORTEST_STEP:g} to {LONGEST_STEP:g} s can be "
-                "simulated",
+                f"{self.path}: timestep = {step:g} s; steps of {SETTINGS.shortest_step:g} to "
+                f"{SETTINGS.longest_step:g} s can be simulated",
                 cure='write the model\'s own in <option timestep="0.002"/>, in seconds; machines have 1e-4 to 0.01',
             )
 
@@ -178,7 +188,7 @@ class _Compiling:
                 cure="correct what it names in the MJCF",
             ) from error
         taken = time.process_time() - began
-        if taken > SLOWEST_STEP:
+        if taken > SETTINGS.slowest_step:
             raise ModelError(
                 f"{self.path}: one step of it takes {taken:.2g} s, and a fit a million of them",
                 cure="make the model smaller: fewer bodies, contacts and iterations",
@@ -233,7 +243,9 @@ def _place(model: mujoco.MjModel, field: str, value: np.ndarray) -> str:
 def _exceeded(path: Path, error: Exceeded) -> ModelError:
     """What to say of a model that took more than it may: with the attribute that makes most of something."""
     try:
-        most = limited(lambda: _largest(path), seconds=NAMING_SECONDS, memory=MEMORY).decode()
+        most = limited(
+            lambda: _largest(path), seconds=SETTINGS.naming_seconds, memory=SETTINGS.memory
+        ).decode()
     except (Exceeded, ModelError):
         most = ""
     if most:

@@ -1,11 +1,12 @@
 """The plant of object scooping: a rod lifted by two tines, in a vertical plane (paper, Section IV-A).
 
-Lengths along the rod are in half-lengths (`HALF_LENGTH`): its centre of mass `com`, the one open parameter, and
+Lengths along the rod are in half-lengths (`half_length`): its centre of mass `com`, the one open parameter, and
 `scoop_point`, the one component of an action, are both -1 at the left end and 1 at the right one.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
@@ -16,10 +17,20 @@ from capture_cli.model.states import Starts
 from capture_cli.model.tasks.base import ActionTask, Channel, Episodes, LogColumns
 
 MODEL = Path(__file__).with_name("scooping.xml")
-HALF_LENGTH = 0.08  # m
-LIFT = 0.032  # m, that the tines rise; 0.001 m of it until they touch
-LIFT_TIME = 0.4  # s
-COM_STEP = 0.01  # of the range: tilting begins between two steps, which makes outputs a little rough
+
+
+@dataclass(frozen=True)
+class ScoopingSettings:
+    half_length: float = 0.08  # m
+    lift: float = 0.032  # m, that the tines rise; 0.001 m of it until they touch
+    lift_time: float = 0.4  # s
+    # of the range: tilting begins between two steps, which makes outputs a little rough
+    com_step: float = 0.01
+
+
+SETTINGS = ScoopingSettings()
+
+
 OUTPUT_UNITS = {"rod_tilt": "rad"}  # m otherwise
 
 
@@ -32,7 +43,7 @@ class ScoopingPlant(ActionTask):
     def __init__(self, output_sensors: tuple[str, ...]):
         self.model = mujoco.MjModel.from_xml_path(str(MODEL))
         self.model_path = MODEL
-        self.space = ParameterSpace([Parameter("com", "1", -1.0, 1.0, nominal=0.0, step=COM_STEP)])
+        self.space = ParameterSpace([Parameter("com", "1", -1.0, 1.0, nominal=0.0, step=SETTINGS.com_step)])
         self.actions = ParameterSpace([Parameter("scoop_point", "1", -1.0, 1.0, nominal=0.0)])
         self.inputs = tuple(
             Channel(f"{name}_target", "m", f"{name}_target", self.model.actuator(name).id, linear=True)
@@ -44,12 +55,12 @@ class ScoopingPlant(ActionTask):
         self._spatula_x = self.model.joint("spatula_x").qposadr[0]
 
     def write(self, fields, parameters):
-        fields["body_ipos"][:, self._rod, 0] = HALF_LENGTH * parameters[:, 0]
+        fields["body_ipos"][:, self._rod, 0] = SETTINGS.half_length * parameters[:, 0]
 
     def episodes(self, actions):
         """The spatula stands under the scoop point and rises along a minimum-jerk path."""
         count = len(actions)
-        scoop = HALF_LENGTH * np.asarray(actions, dtype=float)[:, 0]
+        scoop = SETTINGS.half_length * np.asarray(actions, dtype=float)[:, 0]
         qpos = np.repeat(self.model.qpos0[None], count, axis=0)
         qpos[:, self._spatula_x] = scoop
         starts = Starts(qpos, np.zeros((count, self.model.nv)), np.zeros((count, 0)), np.zeros(count))
@@ -65,5 +76,5 @@ class ScoopingPlant(ActionTask):
 
 def lift_height(time: np.ndarray) -> np.ndarray:
     """How far the spatula is to have risen at `time` s, m: minimum jerk (Flash and Hogan, 1985)."""
-    u = np.clip(time / LIFT_TIME, 0.0, 1.0)
-    return LIFT * u**3 * (10 - 15 * u + 6 * u**2)
+    u = np.clip(time / SETTINGS.lift_time, 0.0, 1.0)
+    return SETTINGS.lift * u**3 * (10 - 15 * u + 6 * u**2)

@@ -8,6 +8,7 @@ the paper's table. The nearer to 0, the livelier: the coefficient of restitution
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
@@ -18,16 +19,26 @@ from capture_cli.model.states import Starts
 from capture_cli.model.tasks.base import ActionTask, Channel, Episodes, Feature, LogColumns
 
 MODEL = Path(__file__).with_suffix(".xml")
-FRICTION = (0.03, 0.07)  # Table I
-MALLET_DAMPING = (-15.0, -3.0)
-WALL_DAMPING = (-40.0, -3.0)
+
+
+@dataclass(frozen=True)
+class AirHockeySettings:
+    friction: tuple[float, float] = (0.03, 0.07)  # Table I
+    mallet_damping: tuple[float, float] = (-15.0, -3.0)
+    wall_damping: tuple[float, float] = (-40.0, -3.0)
+    target_radius: float = 0.04
+    # of the range: what follows a hit is rough over 1 % or so, by where between two steps it falls
+    step: float = 0.03
+    pause: float = 0.05  # s, before the stroke: a log then shows from where, and that nothing moved
+    follow_through: float = 0.08  # m, of the mallet past the place where it meets the puck
+
+
+SETTINGS = AirHockeySettings()
+
+
 # Where the puck is to be when the episode ends, m, and how near counts. On a slippery table even the softest straight
 # shot overruns it, and friction then has to be had off the walls: no one stroke serves all tables.
 TARGET = np.array([0.1, 0.0])
-TARGET_RADIUS = 0.04
-STEP = 0.03  # of the range: what follows a hit is rough over 1 % or so, by where between two steps it falls
-PAUSE = 0.05  # s, before the stroke: a log then shows from where, and that nothing moved
-FOLLOW_THROUGH = 0.08  # m, of the mallet past the place where it meets the puck
 
 
 class AirHockey(ActionTask):
@@ -52,9 +63,11 @@ class AirHockey(ActionTask):
         if far_wall:
             self._damping["far_damping"] = "far_wall"
         self.space = ParameterSpace(
-            [_parameter(name, "1", FRICTION) for name in self._friction]
+            [_parameter(name, "1", SETTINGS.friction) for name in self._friction]
             + [
-                _parameter(name, "1/s", MALLET_DAMPING if geom == "mallet" else WALL_DAMPING)
+                _parameter(
+                    name, "1/s", SETTINGS.mallet_damping if geom == "mallet" else SETTINGS.wall_damping
+                )
                 for name, geom in self._damping.items()
             ]
         )
@@ -101,9 +114,9 @@ class AirHockey(ActionTask):
         to_puck = self.puck_start - actions[:, :2]
         angle = np.arctan2(to_puck[:, 1], to_puck[:, 0]) + actions[:, 2]
         velocity = actions[:, 3:] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-        stroke = np.linalg.norm(to_puck, axis=1) - self._touch + FOLLOW_THROUGH
+        stroke = np.linalg.norm(to_puck, axis=1) - self._touch + SETTINGS.follow_through
         steps = stroke / actions[:, 3] / self.timestep
-        waited = np.arange(self.grid_steps) - round(PAUSE / self.timestep)
+        waited = np.arange(self.grid_steps) - round(SETTINGS.pause / self.timestep)
         share = np.where(waited < 0, 0.0, np.clip(steps[:, None] - waited, 0.0, 1.0))  # of each step, moving
         return Episodes(starts, share[:, :, None] * velocity[:, None])
 
@@ -120,11 +133,11 @@ class AirHockey(ActionTask):
 
     def reward(self, actions, trajectories):
         """1 where the puck ends at the target, falling with its distance."""
-        return np.exp(-_miss(trajectories) / TARGET_RADIUS)
+        return np.exp(-_miss(trajectories) / SETTINGS.target_radius)
 
     def success(self, actions, trajectories):
-        """Whether the puck ends within `TARGET_RADIUS` of the target."""
-        return _miss(trajectories) <= TARGET_RADIUS
+        """Whether the puck ends within `target_radius` of the target."""
+        return _miss(trajectories) <= SETTINGS.target_radius
 
     def _output(self, name: str) -> Channel:
         sensor = self.model.sensor(name)
@@ -132,7 +145,7 @@ class AirHockey(ActionTask):
 
 
 def _parameter(name: str, unit: str, bounds: tuple[float, float]) -> Parameter:
-    return Parameter(name, unit, *bounds, nominal=sum(bounds) / 2, step=STEP)
+    return Parameter(name, unit, *bounds, nominal=sum(bounds) / 2, step=SETTINGS.step)
 
 
 def _other_side(name: str) -> str:

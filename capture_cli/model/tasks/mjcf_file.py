@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import mujoco
 
-from capture_cli.common.documents import LARGEST, read_toml
+from capture_cli.common.documents import SETTINGS as DOCUMENTS
+from capture_cli.common.documents import read_toml
 from capture_cli.errors import ModelError, TaskError, did_you_mean
 from capture_cli.model.mjcf.model_file import compile_file
 from capture_cli.model.parameters import Parameter, ParameterSpace
@@ -20,7 +22,14 @@ from capture_cli.model.tasks.base import Channel, LogColumns, Task
 from capture_cli.model.tasks.reward import Goal, Reward
 
 FORMAT = 1
-POINTS = 5  # of an episode with a reward, where none are given
+
+
+@dataclass(frozen=True)
+class MjcfFileSettings:
+    points: int = 5  # of an episode with a reward, where none are given
+
+
+SETTINGS = MjcfFileSettings()
 _JOINT_SENSORS = {
     int(mujoco.mjtJoint.mjJNT_HINGE): "jointpos",
     int(mujoco.mjtJoint.mjJNT_SLIDE): "jointpos",
@@ -182,7 +191,7 @@ class MjcfFile(Task):
         _known(table, {"duration", "points", "outputs"}, where)
         seconds = "give the seconds that an episode lasts"
         duration = _positive(table, "duration", where, default=_REQUIRED, cure=seconds)
-        points = _value(table, "points", float, where, default=float(POINTS))
+        points = _value(table, "points", float, where, default=float(SETTINGS.points))
         if points != int(points) or not 2 <= points <= duration / self.timestep + 1:
             raise TaskError(
                 f"{where}: points = {points:g}",
@@ -355,7 +364,7 @@ _REQUIRED = object()
 
 
 def _value(table: dict[str, Any], key: str, kind: type, where: str, default: Any = _REQUIRED) -> Any:
-    """table[key] as `kind`, of LARGEST at most if a number. Raises TaskError where it is missing or something else."""
+    """table[key] as `kind`, of `largest` at most if a number. Raises TaskError where it is missing or is none."""
     names = {str: "a string", float: "a number", bool: "true or false"}
     if key not in table:
         if default is _REQUIRED:
@@ -363,9 +372,9 @@ def _value(table: dict[str, Any], key: str, kind: type, where: str, default: Any
         return default
     value = table[key]
     if kind is float and isinstance(value, int | float) and not isinstance(value, bool):
-        if abs(value) > LARGEST:
+        if abs(value) > DOCUMENTS.largest:
             raise TaskError(
-                f"{where}: {key} = {value:g}, and no quantity is larger than {LARGEST:g} in SI units",
+                f"{where}: {key} = {value:g}, and no quantity is larger than {DOCUMENTS.largest:g} in SI units",
                 cure="correct it, or its unit",
             )
         return float(value)

@@ -2,15 +2,27 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from capture_cli.model.tasks._scooping import LIFT, LIFT_TIME, ScoopingPlant
+from capture_cli.model.tasks._scooping import SETTINGS as SCOOPING
+from capture_cli.model.tasks._scooping import ScoopingPlant
 from capture_cli.model.tasks.base import Feature
 
-# rad. A rod whose centre of mass is 0.047 half-lengths off leans by 0.013; the label changes at 0.0494, just inside the
-# tine's centre (0.05), where the load of one tine alone is enough to lean it.
-TILTED = 0.05
-LIFTED = LIFT / 2  # m; a balanced rod rises by all of it, less the way of the tines until they touch
+
+@dataclass(frozen=True)
+class ScoopingSettings:
+    # rad. A rod whose centre of mass is 0.047 half-lengths off leans by 0.013; the label changes at 0.0494,
+    # just inside the
+    # tine's centre (0.05), where the load of one tine alone is enough to lean it.
+    tilted: float = 0.05
+
+
+SETTINGS = ScoopingSettings()
+
+
+LIFTED = SCOOPING.lift / 2  # m; a balanced rod rises by all of it, less the way of the tines until they touch
 
 
 class Scooping(ScoopingPlant):
@@ -21,7 +33,7 @@ class Scooping(ScoopingPlant):
     def __init__(self):
         super().__init__(("rod_x", "rod_z", "rod_tilt", "spatula_x", "spatula_z"))
         self.features = (Feature("label", "1", 1.0),)
-        self.point_times = np.array([LIFT_TIME])
+        self.point_times = np.array([SCOOPING.lift_time])
 
     def observe(self, outputs):
         """-1 where the rod is tilted left (its left end is the lower one), 1 tilted right, 0 lifted in balance.
@@ -30,7 +42,7 @@ class Scooping(ScoopingPlant):
         """
         height, tilt = outputs[..., 1], outputs[..., 2]
         side = np.where(tilt < 0, -1.0, 1.0)
-        balanced = (np.abs(tilt) <= TILTED) & (height >= LIFTED)
+        balanced = (np.abs(tilt) <= SETTINGS.tilted) & (height >= LIFTED)
         return np.where(balanced, 0.0, side)[..., None]
 
     def reward(self, actions, trajectories):

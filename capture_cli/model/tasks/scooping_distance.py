@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from capture_cli.model.tasks._scooping import HALF_LENGTH, ScoopingPlant
+from capture_cli.model.tasks._scooping import SETTINGS as SCOOPING
+from capture_cli.model.tasks._scooping import ScoopingPlant
 from capture_cli.model.tasks.base import Feature
 
-TOUCH_TIME = 0.06  # s, when the tines touch the rod and before anything tips
-IN_BALANCE = 0.05  # half-lengths: as far as the tines are from the scoop point
+
+@dataclass(frozen=True)
+class ScoopingDistanceSettings:
+    touch_time: float = 0.06  # s, when the tines touch the rod and before anything tips
+    in_balance: float = 0.05  # half-lengths: as far as the tines are from the scoop point
+
+
+SETTINGS = ScoopingDistanceSettings()
 
 
 class ScoopingDistance(ScoopingPlant):
@@ -19,11 +28,11 @@ class ScoopingDistance(ScoopingPlant):
     def __init__(self):
         super().__init__(("rod_x", "rod_z", "rod_tilt", "spatula_x", "spatula_z", "rod_com"))
         self.features = (Feature("distance", "1", 1.0),)
-        self.point_times = np.array([TOUCH_TIME])
+        self.point_times = np.array([SETTINGS.touch_time])
 
     def observe(self, outputs):
         """Distance in half-lengths, as the tines touch the rod."""
-        return np.abs(outputs[..., 5:6] - outputs[..., 3:4]) / HALF_LENGTH
+        return np.abs(outputs[..., 5:6] - outputs[..., 3:4]) / SCOOPING.half_length
 
     def reward(self, actions, trajectories):
         """1 where the rod would be lifted in balance, and less the farther the scoop point is from it."""
@@ -31,4 +40,4 @@ class ScoopingDistance(ScoopingPlant):
 
     def success(self, actions, trajectories):
         """Whether the centre of mass is between the tines, so that the rod would be lifted in balance."""
-        return trajectories[:, -1, 0] <= IN_BALANCE
+        return trajectories[:, -1, 0] <= SETTINGS.in_balance

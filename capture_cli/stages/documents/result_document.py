@@ -29,7 +29,13 @@ from capture_cli.stages.documents.prediction_document import by_output, predicti
 from capture_cli.stages.documents.undetermined_document import undetermined_of
 from capture_cli.store.output import sha256
 
-MOST_NAMED = 3  # parameters that a sentence says
+
+@dataclass(frozen=True)
+class ResultDocumentSettings:
+    most_named: int = 3  # parameters that a sentence says
+
+
+SETTINGS = ResultDocumentSettings()
 
 
 @dataclass(frozen=True)
@@ -196,7 +202,7 @@ def time_step_of(
     units = {p.name: p.unit for p in space.parameters}
     said = ", ".join(
         f"{name} would be about {with_unit(significant(there), units[name])} ({significant(here)})"
-        for name, (there, here) in list(would_be.items())[:MOST_NAMED]
+        for name, (there, here) in list(would_be.items())[: SETTINGS.most_named]
     )
     factor, unit = scaled_unit("s", shorter.finer)
     text = (
@@ -238,9 +244,10 @@ def time_stamps_of(prepared: PreparedLog, stamps: TimeStampJitter | None) -> dic
     }
     factor, unit = scaled_unit("s", max(sd for sd, _ in off.values()))
     said = ", ".join(
-        f"{name} by {significant(sd * factor, 2)} {unit}" for name, (sd, _) in list(off.items())[:MOST_NAMED]
+        f"{name} by {significant(sd * factor, 2)} {unit}"
+        for name, (sd, _) in list(off.items())[: SETTINGS.most_named]
     )
-    more = f" and {len(off) - MOST_NAMED} more" if len(off) > MOST_NAMED else ""
+    more = f" and {len(off) - SETTINGS.most_named} more" if len(off) > SETTINGS.most_named else ""
     even = scatter(prepared.log) is not None
     share = percent(max(share for _, share in off.values()))
     return {

@@ -18,12 +18,22 @@ from capture_cli.model.states import Starts
 from capture_cli.model.target_names import object_names
 from capture_cli.model.tasks.base import ActionTask, Task
 from capture_cli.options.record import RecordOptions
-from capture_cli.simulate.multisine import BAND, check_amplitude, check_band, multisine_sequence, peaks
+from capture_cli.simulate.multisine import SETTINGS as MULTISINE
+from capture_cli.simulate.multisine import check_amplitude, check_band, multisine_sequence, peaks
 from capture_cli.store.proposal import read_action, read_inputs
-from capture_cli.store.zarr_store import MOST, size
+from capture_cli.store.zarr_store import SETTINGS as ZARR_STORE
+from capture_cli.store.zarr_store import size
 
-DURATION = 10.0  # s, of an episode unless told otherwise
-ACTION_RATE = 100.0  # Hz, of the log of an action unless told otherwise
+
+@dataclass(frozen=True)
+class DriveSettings:
+    duration: float = 10.0  # s, of an episode unless told otherwise
+    action_rate: float = 100.0  # Hz, of the log of an action unless told otherwise
+
+
+SETTINGS = DriveSettings()
+
+
 BELIEFS = ("nominal", "random")
 # options that mean nothing where the machine is driven in another way
 OF_ACTIONS = ("policy", "belief", "actions_from")
@@ -102,7 +112,7 @@ def drive(task: Task, asked: RecordOptions, generator: np.random.Generator) -> D
 
 
 def _by_actions(task: ActionTask, asked: RecordOptions, generator: np.random.Generator) -> Drive:
-    rate = ACTION_RATE if asked.rate is None else asked.rate
+    rate = SETTINGS.action_rate if asked.rate is None else asked.rate
     _check_positive(episodes=asked.episodes, rate=rate)
     _check_rate(rate, task)
     _check_samples(_steps(task, rate), task.point_times[-1], rate)
@@ -176,7 +186,7 @@ def _multisines(
     task: Task, asked: RecordOptions, generator: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Multisines in `band` Hz that peak at `amplitude`: time (step,), inputs (step, input), episode ends (episode,)."""
-    duration = DURATION if asked.duration is None else asked.duration
+    duration = SETTINGS.duration if asked.duration is None else asked.duration
     amplitude = asked.amplitude or {}
     _check_positive(episodes=asked.episodes, duration=duration)
     if asked.rate is not None:
@@ -277,7 +287,7 @@ def _check_size(task: Task, asked: RecordOptions, steps: float, duration: float)
     """Raise OptionError where a log of so many steps in `duration` s, or its simulation, takes more memory than is
     read.
     """
-    most = MOST if asked.max_log_size is None else asked.max_log_size
+    most = ZARR_STORE.most if asked.max_log_size is None else asked.max_log_size
     channels = 1 + len(task.inputs) + len(task.outputs)
     taken = 8.0 * channels * max(steps, duration / task.timestep)
     if taken > most:
@@ -299,7 +309,7 @@ def _check_rate(rate: float, task: Task) -> None:
 def _check_sampled(asked: RecordOptions, interval: float, task: Task) -> None:
     """Raise OptionError where a --band that was given has frequencies that samples every `interval` s cannot have."""
     (low, high), highest = asked.band, 0.5 / interval
-    if asked.band == BAND or high <= highest:
+    if asked.band == MULTISINE.band or high <= highest:
         return
     faster = f", or a higher --rate (the model allows {1 / task.timestep:g})"
     raise OptionError(

@@ -22,7 +22,13 @@ from capture_cli.simulate.engine import Rollouts
 from capture_cli.stages.excitation.drive import Drive
 from capture_cli.store.estimate import Estimate
 
-JUDGED = 16  # windows, evenly spread, in which it is seen how long finite differences have to be
+
+@dataclass(frozen=True)
+class PlannedEpisodesSettings:
+    judged: int = 16  # windows, evenly spread, in which it is seen how long finite differences have to be
+
+
+SETTINGS = PlannedEpisodesSettings()
 
 
 @dataclass(frozen=True)
@@ -104,7 +110,7 @@ def planned(
     none_held_out = Split(np.zeros(len(windows), dtype=bool), "nothing held out")
     there = StartEstimate(starts, read.sd)
     prepared = PreparedLog(task, log, windows, there, known.noise, none_held_out)
-    some = evenly_spread(len(windows), JUDGED)
+    some = evenly_spread(len(windows), SETTINGS.judged)
     step, _ = difference_step(prepared.part(some), threads, known.point)
     prepared = replace(prepared, difference_step=step)
     return as_acted(prepared) if known.acted else prepared, sound

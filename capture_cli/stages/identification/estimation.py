@@ -33,22 +33,35 @@ from capture_cli.stages.identification.chosen_identifier import ChosenIdentifier
 from capture_cli.stages.identification.in_context import InContext, LoggedRounds, logged_rounds, walk_log
 from capture_cli.stages.recorded.earlier_estimate import EarlierEstimate
 
-# Simulated hits make the error a little rough: near the noise a descent can look for ever for what is not there.
-IDLE_ROUNDS = 4
-# Away from the noise nothing is exact: the model is wrong. A descent is given up there where as many rounds as these
-# gained a small share of the squared error, or so little that as much again would not bring it to the noise.
-IDLE_AS_ACTED, IDLE_FREE = 2, 3
-LEAST_GAIN = 0.05
-CLEARLY = 2.0  # noise floors: beyond what chance allows of any log worth the name
-FAR = 3.0  # noise floors: a log this far from explained may be explained from somewhere else
-AROUND, AROUND_POINTS = 0.1, 81  # of the range, about the answer to labels, which leave as much open
-ROUNDS = 100  # of simulations, at most, unless told otherwise
-ONE_SD = 1.0  # of the objective over k, by which an estimate that is off by its standard deviation is above the bottom
-AGAIN = 20  # rounds, at most, of a descent from a better point near where one ended
-# Places along the range of a parameter that shows nowhere about the estimate, and, of the objective over k, what shows
-ALONG, SHOWS = 17, 0.1
-BETTER = 3  # times, at most, that a profile is gone on from
-JUDGED_BY = 3  # entries of the log, at most, that the estimates of all rounds are compared on
+
+@dataclass(frozen=True)
+class EstimationSettings:
+    # Simulated hits make the error a little rough: near the noise a descent can look for ever for what is not there.
+    idle_rounds: int = 4
+    # Away from the noise nothing is exact: the model is wrong. A descent is given up there where as many rounds
+    # as these
+    # gained a small share of the squared error, or so little that as much again would not bring it to the noise.
+    idle_as_acted: int = 2
+    idle_free: int = 3
+    least_gain: float = 0.05
+    clearly: float = 2.0  # noise floors: beyond what chance allows of any log worth the name
+    far: float = 3.0  # noise floors: a log this far from explained may be explained from somewhere else
+    # of the range, about the answer to labels, which leave as much open
+    around: float = 0.1
+    around_points: int = 81
+    rounds: int = 100  # of simulations, at most, unless told otherwise
+    # of the objective over k, by which an estimate that is off by its standard deviation is above the bottom
+    one_sd: float = 1.0
+    again: int = 20  # rounds, at most, of a descent from a better point near where one ended
+    # Places along the range of a parameter that shows nowhere about the estimate, and, of the objective over k,
+    # what shows
+    along: int = 17
+    shows: float = 0.1
+    better: int = 3  # times, at most, that a profile is gone on from
+    judged_by: int = 3  # entries of the log, at most, that the estimates of all rounds are compared on
+
+
+SETTINGS = EstimationSettings()
 
 
 @dataclass
@@ -85,7 +98,7 @@ class Found:
     @property
     def lacking(self) -> bool:
         """Whether something is left that the noise does not explain."""
-        return self.best.error > CLEARLY or lack_of_fit(self.at.at).lacking
+        return self.best.error > SETTINGS.clearly or lack_of_fit(self.at.at).lacking
 
     @property
     def contradicted(self) -> bool | None:
@@ -114,7 +127,7 @@ class Descents:
     what: str = "fit"
     method: type[Identifier] = LeastSquares
     starts: int = 1
-    rounds: int = ROUNDS
+    rounds: int = SETTINGS.rounds
     idle_rounds: int | None = None
 
 
@@ -196,15 +209,15 @@ def by_rounds(
     none = np.zeros_like(part.starts.sd)
     history = [Best(p, none, float(e)) for p, e in zip(estimates, errors[1:], strict=False)]
     nearest = points[np.argmin(errors)]
-    descents = Descents(options.seed, idle_rounds=IDLE_AS_ACTED)
+    descents = Descents(options.seed, idle_rounds=SETTINGS.idle_as_acted)
     found = by_physics(fits, nearest, progress, descents)
     history += found.history
     fallback = found.lacking
-    freed = replace(descents, what="fit with free starts", idle_rounds=IDLE_FREE)
+    freed = replace(descents, what="fit with free starts", idle_rounds=SETTINGS.idle_free)
     if fallback:
         found = _freed(ModelFits(prepared, options.threads), found, progress, freed)
         history += found.history
-    elsewhere = fallback and (not in_context.in_family or found.best.error > FAR) and found.lacking
+    elsewhere = fallback and (not in_context.in_family or found.best.error > SETTINGS.far) and found.lacking
     if elsewhere:
         freed = replace(freed, starts=options.starts, idle_rounds=None)
         found = _freed(found.fits, found, progress, freed)
@@ -229,7 +242,7 @@ def with_longer_differences(found: Found, progress: Progress, *, seed: int, thre
     longer.rollouts = fits.rollouts
     x, offsets = found.best.parameters, found.best.offsets
     what = "fit with longer differences"
-    again = by_physics(longer, x, progress, Descents(seed, what, rounds=AGAIN), offsets)
+    again = by_physics(longer, x, progress, Descents(seed, what, rounds=SETTINGS.again), offsets)
     return _after(found, again)
 
 
@@ -250,7 +263,7 @@ def unstuck(found: Found, progress: Progress, *, seed: int) -> Found:
         if way is None:
             break
         x, offsets = way
-        again = by_physics(fits, x, progress, Descents(seed, what, rounds=AGAIN), offsets)
+        again = by_physics(fits, x, progress, Descents(seed, what, rounds=SETTINGS.again), offsets)
         if again.best.error >= found.best.error:
             break
         found = _after(found, again)
@@ -259,10 +272,10 @@ def unstuck(found: Found, progress: Progress, *, seed: int) -> Found:
 
 def _worth_of_a_way(found: Found) -> float:
     """How far down a way must lead to be taken, in squares of standard deviations."""
-    if found.best.error <= CLEARLY:
-        return ONE_SD
+    if found.best.error <= SETTINGS.clearly:
+        return SETTINGS.one_sd
     at = found.at.at
-    return max(ONE_SD, LEAST_GAIN * at.objectives(at.scatter).sum() / at.scatter)
+    return max(SETTINGS.one_sd, SETTINGS.least_gain * at.objectives(at.scatter).sum() / at.scatter)
 
 
 def from_where_all_show(found: Found, progress: Progress, *, seed: int) -> Found:
@@ -274,7 +287,9 @@ def from_where_all_show(found: Found, progress: Progress, *, seed: int) -> Found
         if point is not None:
             offsets = found.at.at.offsets
             what = f"fit from where {found.at.space.names[column]} shows"
-            again = by_physics(found.fits, point, progress, Descents(seed, what, rounds=AGAIN), offsets)
+            again = by_physics(
+                found.fits, point, progress, Descents(seed, what, rounds=SETTINGS.again), offsets
+            )
             gained = (found.best.error**2 - again.best.error**2) * found.at.at.evidence.count
             if gained > AS_GOOD * found.at.at.scatter:
                 return _after(found, again)
@@ -295,14 +310,14 @@ def _where_it_shows(found: Found, column: int) -> np.ndarray | None:
         x[:, column] = places
         points = found.at.space.from_unit(x)
         objectives = fits.objectives(found.part, found.at, PartFit.of(at), points)
-        return points, objectives, np.abs(objectives - now) > SHOWS * k
+        return points, objectives, np.abs(objectives - now) > SETTINGS.shows * k
 
-    places = np.linspace(0, 1, ALONG)
+    places = np.linspace(0, 1, SETTINGS.along)
     *_, shows = along(places)
     begins = np.flatnonzero(shows[1:] != shows[:-1])
     if not begins.size:
         return None
-    closer = np.concatenate([np.linspace(places[i], places[i + 1], ALONG) for i in begins])
+    closer = np.concatenate([np.linspace(places[i], places[i + 1], SETTINGS.along) for i in begins])
     points, objectives, shows = along(closer)
     return points[np.argmin(np.where(shows, objectives, np.inf))]
 
@@ -313,14 +328,14 @@ def with_profile(found: Found, progress: Progress, *, seed: int) -> Found:
     """
     if found.cut_short is not None:
         return _sharpened(found)
-    for worth in (*[AS_GOOD] * BETTER, np.inf):
+    for worth in (*[AS_GOOD] * SETTINGS.better, np.inf):
         found = _sharpened(found)
         seen = profiled(found.fits, found.part, found.at, found.intervals, worth=worth)
         if seen is None or seen.better is None:
             break
         x, offsets = seen.better
         what = "fit from a better point along a parameter"
-        again = by_physics(found.fits, x, progress, Descents(seed, what, rounds=AGAIN), offsets)
+        again = by_physics(found.fits, x, progress, Descents(seed, what, rounds=SETTINGS.again), offsets)
         history = [*found.history, *again.history]
         found = replace(found, best=again.best, known=again.known, history=history, sampled=None)
     return replace(found, profile=seen)
@@ -349,7 +364,7 @@ def looked_about(found: Found, progress: Progress, *, seed: int) -> Found:
         sampled = sampled_posterior(at, covariance, evaluate, seed)
         if sampled.gain > TOLERANCE:
             x, what = sampled.point, "fit from the likeliest point about"
-            better = by_physics(fits, x, progress, Descents(seed, what, rounds=AGAIN), at.offsets)
+            better = by_physics(fits, x, progress, Descents(seed, what, rounds=SETTINGS.again), at.offsets)
             history = [*found.history, *better.history]
             found = replace(found, best=better.best, known=better.known, history=history)
         found = replace(found, sampled=sampled)
@@ -365,7 +380,9 @@ def _freed(fits: ModelFits, found: Found, progress: Progress, descents: Descents
 def _around(space: ParameterSpace, point: np.ndarray) -> np.ndarray:
     """Points (candidate, parameter) along each axis about `point` (parameter,)."""
     x = space.to_unit(point)
-    moves = np.linspace(-AROUND, AROUND, AROUND_POINTS)[:, None, None] * np.eye(len(space))
+    moves = np.linspace(-SETTINGS.around, SETTINGS.around, SETTINGS.around_points)[:, None, None] * np.eye(
+        len(space)
+    )
     return space.from_unit(np.clip(x + moves.reshape(-1, len(space)), 0, 1))
 
 
@@ -374,13 +391,13 @@ def _idle(history: list[Best], count: int, unexplained_rounds: int) -> bool:
     errors = np.square([best.error for best in history])
     now = errors[-1]
     explained = now <= PRACTICAL**2
-    rounds = IDLE_ROUNDS if explained else unexplained_rounds
+    rounds = SETTINGS.idle_rounds if explained else unexplained_rounds
     if len(errors) <= rounds:
         return False
     gain = errors[-1 - rounds] - now
     if explained:
         return bool(count * gain < TOLERANCE * max(1.0, now))
-    return bool(gain < (now - 1 if now < FAR**2 else LEAST_GAIN * now))
+    return bool(gain < (now - 1 if now < SETTINGS.far**2 else SETTINGS.least_gain * now))
 
 
 def _errors(fits: ModelFits, part: PreparedLog, logged: LoggedRounds, points: np.ndarray) -> np.ndarray:
@@ -390,7 +407,7 @@ def _errors(fits: ModelFits, part: PreparedLog, logged: LoggedRounds, points: np
     """
     if not logged.noise_sd.all():
         return fits.errors(part, points)
-    some = evenly_spread(len(logged), JUDGED_BY)
+    some = evenly_spread(len(logged), SETTINGS.judged_by)
     actions = np.tile(logged.actions[some], (len(points), 1))
     simulator = Simulator(logged.task, engine=fits.engine)
     trajectories, diverged = simulator.trajectories(np.repeat(points, len(some), axis=0), actions)

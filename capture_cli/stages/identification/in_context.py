@@ -26,9 +26,17 @@ from capture_cli.simulate.engine import Engine
 from capture_cli.simulate.simulator import Simulator
 from capture_cli.stages.identification.chosen_identifier import ChosenIdentifier
 
-ROUNDS = 10  # over a log, unless told otherwise; fewer where it has fewer episodes
-OUTSIDE = 0.01  # share of the training histories that lie as far out, below which a log is like none of them
-CONTRADICTS_P = 1e-3  # that proposal and fit differ so much by chance, all parameters together (Bonferroni)
+
+@dataclass(frozen=True)
+class InContextSettings:
+    rounds: int = 10  # over a log, unless told otherwise; fewer where it has fewer episodes
+    # share of the training histories that lie as far out, below which a log is like none of them
+    outside: float = 0.01
+    # that proposal and fit differ so much by chance, all parameters together (Bonferroni)
+    contradicts_p: float = 1e-3
+
+
+SETTINGS = InContextSettings()
 
 
 @dataclass(frozen=True)
@@ -148,7 +156,7 @@ class InContext:
 
     @property
     def in_family(self) -> bool:
-        return self.share_beyond >= OUTSIDE
+        return self.share_beyond >= SETTINGS.outside
 
     def contradicted_by(self, value: np.ndarray, sd: np.ndarray) -> bool | None:
         """Whether a fit, value and sd (parameter,), differs from the proposal beyond chance; None: not known."""
@@ -157,7 +165,7 @@ class InContext:
         if self.sd is None:
             return None
         z = np.abs(value - self.proposal) / np.sqrt(np.square(self.sd) + np.square(sd))
-        return bool(2 * ndtr(-z.max()) * len(z) < CONTRADICTS_P)
+        return bool(2 * ndtr(-z.max()) * len(z) < SETTINGS.contradicts_p)
 
     def document(self, *, contradicted: bool | None, fallback: bool, elsewhere: bool) -> dict[str, Any]:
         """`in_context` of estimate.json.
@@ -237,7 +245,7 @@ def walk_log(
 ) -> InContext:
     """Identify in rounds over the log from start (parameter,); its entries are taken in turn, again if they are few."""
     checkpoint, before = chosen.checkpoint, logged.before
-    rounds = min(len(logged), ROUNDS) if options.rounds is None else options.rounds
+    rounds = min(len(logged), SETTINGS.rounds) if options.rounds is None else options.rounds
     used = np.arange(rounds) % len(logged)
     simulator = Simulator(logged.task, engine=engine)
     signature = Signature.of(logged.task)
