@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from inspecting import inspect
 
 from capture_cli.errors import LogError
 from capture_cli.log.checks.even_times import _even, scatter
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.stages.import_log import import_log
-from capture_cli.stages.inspect import inspect
 
 TASK = Path(__file__).resolve().parents[1] / "benchmarks" / "machines" / "slider" / "task.toml"
 INTERVAL, NOISE = 4e-3, 1e-4  # s, m

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from inspecting import inspect
 
 from capture_cli.estimate.extrapolation import beyond_fitted
 from capture_cli.report import findings
@@ -15,7 +16,6 @@ from capture_cli.stages import identify as stage
 from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.identify import identify
 from capture_cli.stages.import_log import import_log
-from capture_cli.stages.inspect import inspect
 from capture_cli.stages.record import record
 from capture_cli.store import output
 

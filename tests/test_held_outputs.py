@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from inspecting import inspect
 from slow_sensors import MACHINES, with_sparse
 
 from capture_cli.errors import LogError
@@ -15,7 +16,6 @@ from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model.tasks import load_task
 from capture_cli.stages.identify import identify
 from capture_cli.stages.import_log import import_log
-from capture_cli.stages.inspect import inspect
 from capture_cli.stages.record import record
 
 STEPS, ROWS = 1200, 4

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import zarr
+from inspecting import inspect
 from typer.testing import CliRunner
 
 from capture_cli.cli.app import app
@@ -33,7 +34,6 @@ from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model.tasks import load_task
 from capture_cli.simulate.simulator import Simulator
 from capture_cli.stages.gen_histories import gen_histories
-from capture_cli.stages.inspect import inspect
 from capture_cli.stages.record import record
 from capture_cli.store.histories import DATA, Histories, HistoriesWriter
 from capture_cli.store.output import sha256, unfinished

@@ -11,6 +11,7 @@ import pyarrow as pa
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from inspecting import inspect
 from pyarrow import parquet
 
 from capture_cli.common.documents import SETTINGS as DOCUMENTS
@@ -21,7 +22,6 @@ from capture_cli.log.readers import open_source
 from capture_cli.model.tasks import load_task
 from capture_cli.stages import import_log as stage
 from capture_cli.stages.import_log import import_log
-from capture_cli.stages.inspect import inspect
 from capture_cli.stages.record import record
 
 HEADER = "t_s,u_N,q_m"

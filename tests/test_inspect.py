@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 import toy_rounds
 from episodes_of import episodes_of
+from inspecting import as_inspection, inspect
 from rich.console import Console
 
 from capture_cli.context.checkpoints.training_state import save_state
@@ -22,7 +23,6 @@ from capture_cli.log.checks.log_health import channel, excitation, quantisation,
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.report.inspection import render
 from capture_cli.stages.import_log import import_log
-from capture_cli.stages.inspect import inspect
 from capture_cli.store.output import unfinished
 from capture_cli.store.provenance import Provenance, write_json
 
@@ -77,7 +77,7 @@ def inspected(log: MeasuredLog, folder: Path, task: Path | None = None) -> dict:
 
 def shown(document: dict, width: int = 100) -> str:
     console = Console(file=io.StringIO(), width=width)
-    render(document, console)
+    render(as_inspection(document), console)
     return console.file.getvalue()
 
 

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from held_inputs import held_machine
+from inspecting import inspect
 
 from capture_cli.estimate.misread_channels import (
     FACTORS,
@@ -29,7 +30,6 @@ from capture_cli.model.tasks.base import Channel
 from capture_cli.report.findings import suspicions
 from capture_cli.simulate.engine import Engine
 from capture_cli.stages import identify as stage
-from capture_cli.stages.inspect import inspect
 from capture_cli.stages.record import record
 from capture_cli.store import output
 

@@ -14,6 +14,7 @@ import mujoco
 import numpy as np
 import pytest
 from conftest import SLIDER_XML
+from inspecting import inspect
 from setting_numbers import set_numbers
 
 from capture_cli.errors import LogError, ModelError, shortened
@@ -24,7 +25,6 @@ from capture_cli.model.mjcf.mjcf_writer import to_mjcf
 from capture_cli.model.mjcf.model_file import compile_file, files_of
 from capture_cli.model.target_names import parse_target
 from capture_cli.stages import identify as identify_stage
-from capture_cli.stages.inspect import inspect
 from capture_cli.stages.record import record
 
 NOBODY = 65534

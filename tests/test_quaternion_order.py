@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from inspecting import inspect
 from scipy.spatial.transform import Rotation
 
 from capture_cli.model.quaternion_order import order_in_names
 from capture_cli.stages.import_log import import_log
-from capture_cli.stages.inspect import inspect
 
 STEPS = 400
 

@@ -11,13 +11,13 @@ from pathlib import Path
 
 import pytest
 from held_inputs import held_machine
+from inspecting import inspect
 
 from capture_cli.errors import FitError, OptionError, OutputError
 from capture_cli.select import search as attribution
 from capture_cli.select.candidates import all_candidates
 from capture_cli.stages import diagnose as stage
 from capture_cli.stages.diagnose import diagnose
-from capture_cli.stages.inspect import inspect
 from capture_cli.stages.record import record
 from capture_cli.stages.search_checkpoint import STEPS, StepFiles
 from capture_cli.store.output import unfinished

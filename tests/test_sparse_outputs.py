@@ -12,6 +12,7 @@ import mujoco
 import numpy as np
 import pytest
 from held_inputs import hold
+from inspecting import inspect
 from slow_sensors import EVERY, MACHINES, jittered, regular, thinned, with_sparse
 
 from capture_cli.cli import main
@@ -31,7 +32,6 @@ from capture_cli.report.curves import Curves
 from capture_cli.stages import diagnose as diagnose_stage
 from capture_cli.stages import identify as identify_stage
 from capture_cli.stages.import_log import import_log
-from capture_cli.stages.inspect import inspect
 from capture_cli.stages.record import record
 from capture_cli.store.estimate import Estimate
 

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from inspecting import inspect
 from scipy.interpolate import CubicSpline
 
 from capture_cli.estimate.noise.time_stamp_jitter import _settled
 from capture_cli.report import findings
 from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.identify import identify
-from capture_cli.stages.inspect import inspect
 from capture_cli.stages.record import record
 
 MACHINE = Path(__file__).resolve().parents[1] / "benchmarks" / "machines" / "slider"

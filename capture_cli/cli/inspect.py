@@ -32,8 +32,8 @@ def inspect(options: InspectOptions) -> None:
 
     Example: capture inspect run.zarr --task task.toml
     """
-    document = show_inspection(options.path, options.task, options.max_log_size, as_json=options.json_)
-    found = {f["severity"] for f in document["findings"]}
+    seen = show_inspection(options.path, options.task, options.max_log_size, as_json=options.json_)
+    found = {f["severity"] for f in seen.findings}
     if "error" in found:
         raise typer.Exit(2)
     fail_on(found, options.fail_on)

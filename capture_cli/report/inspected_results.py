@@ -7,15 +7,15 @@ from typing import Any
 
 from capture_cli.common.quantities import MISSING, bound, percent, significant, to_precision_of, with_unit
 from capture_cli.model.effects.placed import placed_name
+from capture_cli.store.inspection import Inspection
 
 Rows = tuple[list[str], list[list[str]]]  # a head, and rows of as many cells
 
 
-def result_tables(document: Mapping[str, Any]) -> Iterator[Rows]:
-    """Tables of the inspection `document`; none where it has no result, or that is of a kind that is told in words."""
-    result = document.get("result")
-    if result and document["kind"] in _TABLES:
-        yield from _TABLES[document["kind"]](result)
+def result_tables(seen: Inspection) -> Iterator[Rows]:
+    """Tables of an inspection; none where it has no result, or that is of a kind that is told in words."""
+    if seen.result and seen.kind in _TABLES:
+        yield from _TABLES[seen.kind](seen.result)
 
 
 # --- fits ---

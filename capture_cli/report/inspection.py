@@ -13,6 +13,7 @@ from rich.text import Text
 
 from capture_cli.common.quantities import bound, percent, significant, with_unit
 from capture_cli.report.inspected_results import result_tables
+from capture_cli.store.inspection import Inspection
 
 STYLES = {"error": "bold red", "warning": "yellow", "note": "dim"}
 SEVERITIES = ("error", "warning", "note")
@@ -44,36 +45,36 @@ _KINDS = {
 }
 
 
-def render(document: Mapping[str, Any], console: Console) -> None:
-    """Print an inspection document; plain text where `console` is no terminal."""
-    console.print(Text(document["path"], style="bold"), soft_wrap=True)
-    console.print(Text(_headline(document), style="dim"))
-    for head, rows in _tables(document):
+def render(seen: Inspection, console: Console) -> None:
+    """Print an inspection; plain text where `console` is no terminal."""
+    console.print(Text(seen.path, style="bold"), soft_wrap=True)
+    console.print(Text(_headline(seen), style="dim"))
+    for head, rows in _tables(seen):
         if rows:
             console.print()
             _print_table(console, head, rows)
     console.print()
-    _print_findings(console, document["findings"], checked=document["checked"])
+    _print_findings(console, seen.findings, checked=seen.checked)
 
 
-def complaints(document: Mapping[str, Any]) -> list[str]:
+def complaints(seen: Inspection) -> list[str]:
     """The findings that results will suffer from, in the form of error messages: what, where, and the cure."""
-    serious = sorted(document["findings"], key=lambda f: SEVERITIES.index(f["severity"]))
+    serious = sorted(seen.findings, key=lambda f: SEVERITIES.index(f["severity"]))
     return [
-        f"{f['severity']}: {document['path']}: {f['where']}: {f['message']}\n  cure: {f['cure']}"
+        f"{f['severity']}: {seen.path}: {f['where']}: {f['message']}\n  cure: {f['cure']}"
         for f in serious
         if f["severity"] != "note"
     ]
 
 
-def _headline(document: Mapping[str, Any]) -> str:
-    store, provenance = document["store"], document["provenance"]
-    parts = [_KINDS[document["kind"]]]
+def _headline(seen: Inspection) -> str:
+    store, provenance = seen.store, seen.provenance
+    parts = [_KINDS[seen.kind]]
     if store["format"]:
         parts.append(f"{store['format']} version {store['version']}")
-    if document.get("task"):
-        parts.append(f"task {document['task']}")
-    parts += [f"{n} {noun if n != 1 else noun.removesuffix('s')}" for noun, n in document["sizes"].items()]
+    if seen.task:
+        parts.append(f"task {seen.task}")
+    parts += [f"{n} {noun if n != 1 else noun.removesuffix('s')}" for noun, n in seen.sizes.items()]
     parts.append(_size(store["bytes"]))
     if provenance and provenance.get("command"):
         made = f"made by `capture {provenance['command']}` {provenance.get('capture')}"
@@ -90,21 +91,21 @@ def _size(count: int) -> str:
     return f"{significant(size, 3) if unit != 'B' else count} {unit}"
 
 
-def _tables(document: Mapping[str, Any]) -> Iterator[tuple[list[str], list[list[str]]]]:
-    if document["kind"] == "measured-log":
+def _tables(seen: Inspection) -> Iterator[tuple[list[str], list[list[str]]]]:
+    if seen.kind == "measured-log":
         yield (
             ["recording", "episodes", "steps", "duration", "rate"],
-            _recordings(document.get("recordings", []), document.get("channels", [])),
+            _recordings(seen.recordings, seen.channels),
         )
-        yield ["channel", "range", "rms", "notes"], _channels(document.get("channels", []))
-    elif document["kind"] == "zarr":
-        arrays = document.get("arrays", [])
+        yield ["channel", "range", "rms", "notes"], _channels(seen.channels)
+    elif seen.kind == "zarr":
+        arrays = seen.arrays
         yield (
             ["array", "shape", "type"],
             [[a["path"], " x ".join(map(str, a["shape"])), a["dtype"]] for a in arrays],
         )
     else:
-        yield from result_tables(document)
+        yield from result_tables(seen)
 
 
 def _recordings(

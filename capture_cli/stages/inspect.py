@@ -36,12 +36,11 @@ from capture_cli.store.estimate import Estimate
 from capture_cli.store.evaluation import Evaluation
 from capture_cli.store.histories import SCHEMA as HISTORIES_SCHEMA
 from capture_cli.store.histories import Histories
+from capture_cli.store.inspection import Inspection
 from capture_cli.store.output import PROVENANCE, unfinished
 from capture_cli.store.proposal import FORMAT as PROPOSAL
 from capture_cli.store.zarr_store import ZarrStore
 
-FORMAT = "capture/inspection"
-VERSION = 1
 NOTHING_TO_DO = "nothing to do"
 
 
@@ -59,16 +58,13 @@ MAKE_STORES = ("import-log", "record", "gen-histories")
 ARRAYS = {kind.SCHEMA.format: kind.SCHEMA for kind in (Estimate, Diagnosis, Evaluation)}
 
 
-def inspect(path: Path, task: str | None = None, max_log_size: int | None = None) -> dict[str, Any]:
-    """What is at `path`, as one JSON-able document.
+def inspect(path: Path, task: str | None = None, max_log_size: int | None = None) -> Inspection:
+    """What is at `path`.
 
-    Always: format, version (of this document), path, kind ("measured-log", one of RESULTS, "proposal", "unfinished",
-    "zarr", "directory" or "file"), store (the format and version found, bytes on disk), provenance, sizes, checked
-    (whether its content was read, and not only found) and findings, each {severity, where, message, cure}. What a
-    command made has a result: what it is of, what was found or learned, and how well it does. A measured log has
-    recordings, episodes (timing) and channels (values) too, and is checked against `task`, or against its own where
-    that is built in or lies beside it. Damage is a finding rather than an exception. A JSON file of a directory stands
-    for the directory, and an output that is not there yet for what an unfinished run keeps of it.
+    Its kind is "measured-log", one of RESULTS, "proposal", "unfinished", "zarr", "directory" or "file". A measured log
+    is checked against `task`, or against its own where that is built in or lies beside it. Damage is a finding rather
+    than an exception. A JSON file of a directory stands for the directory, and an output that is not there yet for what
+    an unfinished run keeps of it.
 
     max_log_size: bytes of a log in memory, see `ZarrStore.read`. Raises StoreError where there is nothing that can be
     recognised, TaskError or ModelError for a bad task.
@@ -82,36 +78,34 @@ def inspect(path: Path, task: str | None = None, max_log_size: int | None = None
     if written is not None and not proposed and (path.parent / PROVENANCE).is_file():
         path, written = path.parent, None  # estimate.json stands for the estimate
     kind = "proposal" if proposed else "file" if written is not None else _kind(path)
-    document = {
-        "format": FORMAT,
-        "version": VERSION,
-        "path": str(path),
-        "kind": kind,
-        "store": {"format": None, "version": None, "bytes": _bytes(path)},
-        "provenance": None,
-        "sizes": {},
-        "checked": kind not in ("file", "directory"),
-        "findings": [],
-    }
+    seen = Inspection(
+        path=str(path),
+        kind=kind,
+        store={"format": None, "version": None, "bytes": _bytes(path)},
+        provenance=None,
+        sizes={},
+        checked=kind not in ("file", "directory"),
+        findings=[],
+    )
     try:
         if kind == "measured-log":
-            _inspect_log(path, document, machine, max_log_size)
+            _inspect_log(path, seen, machine, max_log_size)
         elif kind in RESULTS:
-            inspect_result(path, document)
+            inspect_result(path, seen)
         elif kind == "unfinished":
-            inspect_unfinished(path, document)
+            inspect_unfinished(path, seen)
         elif kind == "proposal":
-            _header(document, written)
-            inspect_proposal(path, document, written)
+            seen.header(written)
+            inspect_proposal(path, seen, written)
         elif kind == "zarr":
-            _inspect_zarr(path, document)
+            _inspect_zarr(path, seen)
         elif kind == "file":
-            _header(document, written)
-            document["task"] = written.get("task")
+            seen.header(written)
+            seen.task = written.get("task")
     except StoreError as error:
-        document["findings"].append(finding("error", "store", error.message, error.cure))
-    _inspect_provenance(path, document)
-    return document
+        seen.findings.append(finding("error", "store", error.message, error.cure))
+    _inspect_provenance(path, seen)
+    return seen
 
 
 def _kind(path: Path) -> str:
@@ -158,28 +152,28 @@ def _bytes(path: Path) -> int:
 # --- measured log ---
 
 
-def _inspect_log(
-    path: Path, document: dict[str, Any], machine: Task | None, max_log_size: int | None
-) -> None:
-    _header(document, ZarrStore(path).attributes)
+def _inspect_log(path: Path, seen: Inspection, machine: Task | None, max_log_size: int | None) -> None:
+    seen.header(ZarrStore(path).attributes)
     log = _without_huge(MeasuredLog.read_unchecked(path, max_log_size))
-    document["task"] = log.task
-    document["sizes"] = _sizes(log)
-    findings = document["findings"]
+    seen.task = log.task
+    seen.sizes = _sizes(log)
+    findings = seen.findings
     if not len(log.time) or not log.episodes_cover_steps:
         what = f"episode_ends do not divide its {len(log.time)} steps" if len(log.time) else "it is empty"
         findings.append(finding("error", "store", what, LOG_SCHEMA.cure_for_other_version))
-        document.update(recordings=list(log.recordings), episodes=[], channels=[], time_scatter=None)
+        seen.recordings, seen.episodes, seen.channels = list(log.recordings), [], []
+        seen.time_scatter = None
         return
     machine = machine or _own_task(log)
     episodes = _episodes(log)
     recordings = [_recording(log, number, episodes) for number in range(len(log.recordings))]
-    document.update(episodes=episodes, recordings=recordings, channels=_channels(log, _smooth_ends(machine)))
-    document["time_scatter"] = _scatter(log)
+    seen.episodes, seen.recordings = episodes, recordings
+    seen.channels = _channels(log, _smooth_ends(machine))
+    seen.time_scatter = _scatter(log)
     findings += [*_not_finite(log.time), *_import_findings(recordings), *_repeated(log)]
-    findings += log_findings(document, machine)
+    findings += log_findings(seen, machine)
     if machine is not None:
-        findings += [*task_findings(log, document, machine), *wide_bounds(machine)]
+        findings += [*task_findings(log, seen, machine), *wide_bounds(machine)]
 
 
 def _sizes(log: MeasuredLog) -> dict[str, int]:
@@ -360,7 +354,7 @@ def _held(values: np.ndarray, time: np.ndarray, episodes: Sequence[slice]) -> di
 # --- other stores ---
 
 
-def _inspect_zarr(path: Path, document: dict[str, Any]) -> None:
+def _inspect_zarr(path: Path, seen: Inspection) -> None:
     if not _has_root(path):
         command = _made_by(path)
         raise StoreError(
@@ -369,53 +363,47 @@ def _inspect_zarr(path: Path, document: dict[str, Any]) -> None:
             + (f" with `capture {command}`" if command in MAKE_STORES else ""),
         )
     store = ZarrStore(path)
-    _header(document, store.attributes)
+    seen.header(store.attributes)
     arrays = {name: store.metadata(name) for name in store.names()}
-    document["arrays"] = [
+    seen.arrays = [
         {"path": name, "shape": list(a.shape), "dtype": a.kind, "unit": a.attributes.get("unit")}
         for name, a in sorted(arrays.items())
     ]
-    document["sizes"] = {"arrays": len(arrays)}
-    found = document["store"]["format"]
+    seen.sizes = {"arrays": len(arrays)}
+    found = seen.store["format"]
     schema = ARRAYS.get(found) if isinstance(found, str) else None
-    document["checked"] = found == HISTORIES_SCHEMA.format or schema is not None
+    seen.checked = found == HISTORIES_SCHEMA.format or schema is not None
     if found == HISTORIES_SCHEMA.format:
-        _inspect_histories(path, document)
+        _inspect_histories(path, seen)
     elif schema is not None:
         schema.read(path)
-    if not str(document["store"]["format"]).startswith("capture/"):
+    if not str(seen.store["format"]).startswith("capture/"):
         message = "this store was not written by `capture`"
-        document["findings"].append(
+        seen.findings.append(
             finding(
                 "note", "store", message, "convert its columns to CSV or Parquet, then `capture import-log`"
             )
         )
 
 
-def _inspect_histories(path: Path, document: dict[str, Any]) -> None:
+def _inspect_histories(path: Path, seen: Inspection) -> None:
     histories = Histories(path)
-    document["sizes"] |= {"pairs": len(histories), "rounds": histories.attributes["rounds"]}
+    seen.sizes |= {"pairs": len(histories), "rounds": histories.attributes["rounds"]}
     for first in range(0, len(histories), SETTINGS.checked_at_once):
         histories.read(first, first + SETTINGS.checked_at_once)  # raises where a shard is missing or damaged
 
 
-def _header(document: dict[str, Any], attributes: Mapping[str, Any]) -> None:
-    document["store"].update(format=attributes.get("format"), version=attributes.get("version"))
-
-
-def _inspect_provenance(path: Path, document: dict[str, Any]) -> None:
+def _inspect_provenance(path: Path, seen: Inspection) -> None:
     file = path / PROVENANCE
     if not file.is_file():
         return
     lost = "nothing depends on it: how it was made is lost"
-    cure = OF_PROVENANCE if document["kind"] in RESULTS else lost
+    cure = OF_PROVENANCE if seen.kind in RESULTS else lost
     try:
         found = read_json(file, StoreError, cure=cure)
         check_shape(found, OBJECT, file, cure)
-        document["provenance"] = {
-            k: found.get(k) for k in ("command", "capture", "began", "seconds", "inputs")
-        }
+        seen.provenance = {k: found.get(k) for k in ("command", "capture", "began", "seconds", "inputs")}
     except StoreError as error:
-        document["findings"].append(finding("warning", PROVENANCE, error.message, error.cure))
-    if document["kind"] == "directory" and document["provenance"]:
-        document["sizes"] = {"files": sum(1 for f in path.rglob("*") if f.is_file())}
+        seen.findings.append(finding("warning", PROVENANCE, error.message, error.cure))
+    if seen.kind == "directory" and seen.provenance:
+        seen.sizes = {"files": sum(1 for f in path.rglob("*") if f.is_file())}

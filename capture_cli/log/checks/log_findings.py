@@ -17,6 +17,7 @@ from capture_cli.log.checks.base import Finding, Inspected, finding
 from capture_cli.log.measured_log import FEWEST_OF_A_SPARSE, MeasuredLog
 from capture_cli.model.contacts import can_touch
 from capture_cli.model.tasks.base import Channel, Task
+from capture_cli.store.inspection import Inspection
 
 UNEVEN = 0.1  # sd of the interval, over its median
 SATURATED = 0.05  # share of the samples at exactly one extreme
@@ -27,25 +28,25 @@ MOSTLY_AT_REST = 0.5
 EXAMPLES = 3
 
 
-def log_findings(document: Mapping[str, Any], task: Task | None = None) -> list[Finding]:
-    """Findings on the `episodes` and `channels` of an inspection document. task: theirs, where it is known."""
-    episodes = document["episodes"]
+def log_findings(seen: Inspection, task: Task | None = None) -> list[Finding]:
+    """Findings on the `episodes` and `channels` of an inspection. task: theirs, where it is known."""
+    episodes = seen.episodes
     return [
-        *_timing(episodes, document["time_scatter"]),
-        *_scatter(document["time_scatter"], document["channels"]),
-        *(f for c in document["channels"] for f in _values(c, len(episodes))),
-        *(f for c in document["channels"] if c["kind"] == "input" for f in _input(c)),
-        *(f for c in document["channels"] if c["kind"] == "output" for f in _output(c, task)),
-        *_held([c for c in document["channels"] if c.get("held")], task),
+        *_timing(episodes, seen.time_scatter),
+        *_scatter(seen.time_scatter, seen.channels),
+        *(f for c in seen.channels for f in _values(c, len(episodes))),
+        *(f for c in seen.channels if c["kind"] == "input" for f in _input(c)),
+        *(f for c in seen.channels if c["kind"] == "output" for f in _output(c, task)),
+        *_held([c for c in seen.channels if c.get("held")], task),
     ]
 
 
-def task_findings(log: MeasuredLog, document: Mapping[str, Any], task: Task) -> list[Finding]:
-    """Findings on whether `log`, with its inspection document, fits `task`."""
+def task_findings(log: MeasuredLog, seen: Inspection, task: Task) -> list[Finding]:
+    """Findings on whether `log`, with its inspection, fits `task`."""
     found = list(_names(log, task))
     if any(f["severity"] == "error" for f in found):
         return found
-    given = Inspected(log, task, document["episodes"])
+    given = Inspected(log, task, seen.episodes)
     return [*found, *(f for check in in_order() for f in check().findings(given))]
 
 

@@ -19,6 +19,7 @@ from capture_cli.report.findings import STAMPS_ALONE, behind, cut_short, is_fit_
 from capture_cli.store.diagnosis import Diagnosis
 from capture_cli.store.estimate import Estimate
 from capture_cli.store.evaluation import Evaluation
+from capture_cli.store.inspection import Inspection
 from capture_cli.store.output import PROVENANCE, sha256
 from capture_cli.store.result import Result
 
@@ -40,23 +41,23 @@ OF_RESULTS = (  # what is taken over of the JSON of an estimate or a diagnosis
 
 @dataclass(frozen=True)
 class ResultFolder:
-    """document: the file that says what the folder is. describe: fills an inspection document in, and raises StoreError
+    """document: the file that says what the folder is. describe: fills an inspection in, and raises StoreError
     where a file that commands read is missing or damaged. beside: other files that every folder of the kind has.
     """
 
     document: str
-    describe: Callable[[Path, dict[str, Any]], None]
+    describe: Callable[[Path, Inspection], None]
     beside: tuple[str, ...]
 
 
-def inspect_result(path: Path, document: dict[str, Any]) -> None:
-    """Fill the inspection `document` of the folder at `path`, of a kind of RESULTS, in. Raises StoreError."""
-    kind = RESULTS[document["kind"]]
+def inspect_result(path: Path, seen: Inspection) -> None:
+    """Fill the inspection of the folder at `path`, of a kind of RESULTS, in. Raises StoreError."""
+    kind = RESULTS[seen.kind]
     for name in kind.beside:
         file = path / name
         if not (file.is_file() and file.stat().st_size):
-            document["findings"].append(_missing(name, "is empty" if file.is_file() else "is missing"))
-    kind.describe(path, document)
+            seen.findings.append(_missing(name, "is empty" if file.is_file() else "is missing"))
+    kind.describe(path, seen)
 
 
 def _missing(name: str, how: str) -> Finding:
@@ -65,33 +66,33 @@ def _missing(name: str, how: str) -> Finding:
     return finding("note", name, how, f"{COPY_AGAIN}, or do without: no command reads it")
 
 
-def _header(document: dict[str, Any], found: Mapping[str, Any], *without: str) -> None:
+def _header(seen: Inspection, found: Mapping[str, Any], *without: str) -> None:
     """The format of the JSON `found`, its task, and as the result all of it but the keys `without`."""
-    document["store"].update(format=found["format"], version=found["version"])
-    document["task"] = found["task"]
-    document["result"] = {k: v for k, v in found.items() if k not in ("format", "version", *without)}
+    seen.header(found)
+    seen.task = found["task"]
+    seen.result = {k: v for k, v in found.items() if k not in ("format", "version", *without)}
 
 
 # --- estimates and diagnoses ---
 
 
-def _estimate(path: Path, document: dict[str, Any]) -> None:
-    _fitted(Estimate, path, document)
+def _estimate(path: Path, seen: Inspection) -> None:
+    _fitted(Estimate, path, seen)
 
 
-def _diagnosis(path: Path, document: dict[str, Any]) -> None:
-    _fitted(Diagnosis, path, document)
+def _diagnosis(path: Path, seen: Inspection) -> None:
+    _fitted(Diagnosis, path, seen)
 
 
-def _fitted(kind: type[Result], path: Path, document: dict[str, Any]) -> None:
+def _fitted(kind: type[Result], path: Path, seen: Inspection) -> None:
     found = kind.read_document(path)
-    _header(document, found, *(found.keys() - OF_RESULTS))
-    document["sizes"] = {
+    _header(seen, found, *(found.keys() - OF_RESULTS))
+    seen.sizes = {
         "parameters": len(found.get("parameters", {})),
         "effects": len(found.get("effects", [])),
     }
-    document["findings"] += _verdict(found, path)
-    document["findings"] += _log_changed(found.get("log"))
+    seen.findings += _verdict(found, path)
+    seen.findings += _log_changed(found.get("log"))
     kind.read(path)  # its arrays too
 
 
@@ -151,12 +152,12 @@ def _log_changed(log: Mapping[str, Any] | None) -> list[Finding]:
 # --- what was trained, and how it does ---
 
 
-def _identifier(path: Path, document: dict[str, Any]) -> None:
+def _identifier(path: Path, seen: Inspection) -> None:
     found = identifier_checkpoint.read_document(path)
     signature = found["signature"]
-    _header(document, found, "signature", "normalisation")
-    document["result"] |= {key: signature[key] for key in ("parameters", "features")}
-    document["sizes"] = {
+    _header(seen, found, "signature", "normalisation")
+    seen.result |= {key: signature[key] for key in ("parameters", "features")}
+    seen.sizes = {
         "parameters": len(signature["parameters"]),
         "actions": len(signature["actions"]),
         "points": len(signature["point_times"]),
@@ -164,24 +165,24 @@ def _identifier(path: Path, document: dict[str, Any]) -> None:
     identifier_checkpoint.load_identifier(path)  # its weights too
 
 
-def _policy(path: Path, document: dict[str, Any]) -> None:
+def _policy(path: Path, seen: Inspection) -> None:
     found = policy_checkpoint.read_policy(path)
-    _header(document, found)
-    document["sizes"] = {"parameters": len(found["parameters"]), "actions": len(found["actions"])}
+    _header(seen, found)
+    seen.sizes = {"parameters": len(found["parameters"]), "actions": len(found["actions"])}
     if found["task"] not in TASKS.names():
         policy_checkpoint.read_policy_weights(path, found)
         return
     try:
         policy_checkpoint.load_policy(str(path), load_task(found["task"]))
     except CaptureError as error:
-        document["findings"].append(finding("error", "store", error.message, error.cure))
+        seen.findings.append(finding("error", "store", error.message, error.cure))
 
 
-def _evaluation(path: Path, document: dict[str, Any]) -> None:
-    _header(document, Evaluation.read(path).document)
-    result = document["result"]
-    document["sizes"] = {key: result[key] for key in ("pairs", "seeds", "rounds")}
-    document["sizes"]["identifiers"] = len(result["identifiers"])
+def _evaluation(path: Path, seen: Inspection) -> None:
+    _header(seen, Evaluation.read(path).document)
+    result = seen.result
+    seen.sizes = {key: result[key] for key in ("pairs", "seeds", "rounds")}
+    seen.sizes["identifiers"] = len(result["identifiers"])
 
 
 RESULTS = {

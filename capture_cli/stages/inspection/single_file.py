@@ -11,6 +11,7 @@ from capture_cli.common.documents import read_json
 from capture_cli.errors import OptionError, StoreError
 from capture_cli.log.checks.base import finding
 from capture_cli.log.readers import readers
+from capture_cli.store.inspection import Inspection
 from capture_cli.store.proposal import read_action, read_inputs
 
 BRIEF = ("task", "kind", "text", "band_hz", "peaks", "action", "information", "expected_sd")
@@ -39,19 +40,19 @@ def read_header(path: Path) -> Mapping[str, Any]:
     )
 
 
-def inspect_proposal(path: Path, document: dict[str, Any], proposed: Mapping[str, Any]) -> None:
-    """Fill the inspection `document` of the file at `path` in, whose JSON is `proposed`."""
-    document["task"] = task = proposed.get("task")
-    document["result"] = {key: proposed[key] for key in BRIEF if key in proposed}
+def inspect_proposal(path: Path, seen: Inspection, proposed: Mapping[str, Any]) -> None:
+    """Fill the inspection of the file at `path` in, whose JSON is `proposed`."""
+    seen.task = task = proposed.get("task")
+    seen.result = {key: proposed[key] for key in BRIEF if key in proposed}
     kind = "action" if proposed.get("kind") == "action" else "inputs"
     names = list(proposed[kind]) if isinstance(proposed.get(kind), dict) else []
     try:
         if kind == "action":
             read_action(path, task, names)
-            document["sizes"] = {"actions": len(names)}
+            seen.sizes = {"actions": len(names)}
         else:
             time, _ = read_inputs(path, task, names)
-            document["sizes"] = {"inputs": len(names), "steps": len(time)}
-            document["result"] |= {"duration_s": float(time[-1] - time[0])}
+            seen.sizes = {"inputs": len(names), "steps": len(time)}
+            seen.result |= {"duration_s": float(time[-1] - time[0])}
     except OptionError as error:
-        document["findings"].append(finding("error", "proposal", error.message, error.cure))
+        seen.findings.append(finding("error", "proposal", error.message, error.cure))

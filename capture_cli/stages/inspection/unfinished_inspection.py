@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 from capture_cli.context.checkpoints.training_state import METRICS, read_state
 from capture_cli.errors import StoreError
@@ -11,6 +10,7 @@ from capture_cli.log.checks.base import finding
 from capture_cli.stages.evaluation.evaluation_run import PARTS, RECIPE
 from capture_cli.stages.search_checkpoint import STEPS
 from capture_cli.store.histories import HistoriesWriter
+from capture_cli.store.inspection import Inspection
 from capture_cli.store.output import UNFINISHED
 
 GO_ON = "go on with the command that began it and --resume, or begin anew with --force"
@@ -22,21 +22,21 @@ def is_unfinished(path: Path) -> bool:
     return path.is_dir() and path.name.startswith(".") and path.name.endswith(UNFINISHED)
 
 
-def inspect_unfinished(path: Path, document: dict[str, Any]) -> None:
-    """Fill the inspection `document` of the folder at `path` in. Raises StoreError where what it holds is damaged."""
+def inspect_unfinished(path: Path, seen: Inspection) -> None:
+    """Fill the inspection of the folder at `path` in. Raises StoreError where what it holds is damaged."""
     out = path.with_name(path.name.removeprefix(".").removesuffix(UNFINISHED))
-    document["result"] = {"out": str(out)}
+    seen.result = {"out": str(out)}
     for described in (_training, _evaluation, _diagnosis, _histories):
-        found = described(path, document)
+        found = described(path, seen)
         if found is not None:
             break
     else:
         found = "run, which has kept nothing", ANEW
     what, cure = found
-    document["findings"].append(finding("warning", path.name, f"an unfinished {what}", cure))
+    seen.findings.append(finding("warning", path.name, f"an unfinished {what}", cure))
 
 
-def _training(path: Path, document: dict[str, Any]) -> tuple[str, str] | None:
+def _training(path: Path, seen: Inspection) -> tuple[str, str] | None:
     """What it is, and what to do; None where it is no training. Likewise the others."""
     state = read_state(path)
     if state is None:
@@ -44,8 +44,8 @@ def _training(path: Path, document: dict[str, Any]) -> tuple[str, str] | None:
     recipe, counters, _ = state
     try:
         last, steps = counters["metrics"][-1], recipe["training"]["steps"]
-        document["task"] = recipe["task"]
-        document["result"] |= {
+        seen.task = recipe["task"]
+        seen.result |= {
             "command": "train-sysid" if "identifier" in recipe else "train-policy",
             "recipe": recipe,
             "last_evaluation": last,
@@ -55,31 +55,31 @@ def _training(path: Path, document: dict[str, Any]) -> tuple[str, str] | None:
         raise StoreError(f"{path} cannot be read: {type(error).__name__}: {error}", cure=ANEW) from error
 
 
-def _evaluation(path: Path, document: dict[str, Any]) -> tuple[str, str] | None:
+def _evaluation(path: Path, seen: Inspection) -> tuple[str, str] | None:
     if not (path / RECIPE).is_file():
         return None
     kept = [p.name for p in sorted((path / PARTS).glob("*")) if p.is_dir() and p.suffix != ".new"]
-    document["result"] |= {"command": "eval-sim2sim", "parts": kept}
+    seen.result |= {"command": "eval-sim2sim", "parts": kept}
     return f"evaluation, of which {len(kept)} parts are kept", GO_ON
 
 
-def _diagnosis(path: Path, document: dict[str, Any]) -> tuple[str, str] | None:
+def _diagnosis(path: Path, seen: Inspection) -> tuple[str, str] | None:
     if not (path / STEPS).is_dir():
         return None
     kept = len(list((path / STEPS).glob("*.safetensors")))
-    document["result"] |= {"command": "diagnose", "steps_kept": kept}
+    seen.result |= {"command": "diagnose", "steps_kept": kept}
     return f"diagnosis, of which {kept} steps are kept", GO_ON
 
 
-def _histories(path: Path, document: dict[str, Any]) -> tuple[str, str] | None:
+def _histories(path: Path, seen: Inspection) -> tuple[str, str] | None:
     writer = HistoriesWriter(str(path))
     attributes = writer.attributes()
     if attributes is None:
         return None
     marked = writer.is_written()
-    document["task"] = attributes["task"]
-    document["store"].update(format=attributes["format"], version=attributes["version"])
+    seen.task = attributes["task"]
+    seen.header(attributes)
     shards = {"shards": len(marked), "shards_kept": int(marked.sum())}
-    document["result"] |= {"command": "gen-histories", "pairs": attributes["pairs"], **shards}
+    seen.result |= {"command": "gen-histories", "pairs": attributes["pairs"], **shards}
     done = f"{shards['shards_kept']} of {len(marked)} shards"
     return f"gen-histories, of whose {attributes['pairs']} histories {done} are kept", GO_ON
