@@ -58,6 +58,7 @@ from capture_cli.stages.diagnose import diagnose, diagnose_prepared
 from capture_cli.stages.identify import identify
 from capture_cli.stages.record import record
 from capture_cli.stages.search_checkpoint import StepFiles
+from capture_cli.store.diagnosis import DiagnosisRecord
 from capture_cli.store.estimate import Estimate
 
 ALIKE_LAGS = ("control-lag", "control-second-order-lag", "control-gain", "sensor-delay")
@@ -798,7 +799,9 @@ def test_what_is_left_is_told_with_where_it_is():
         (9.0, "left is still 16.1 times"),
     ):
         left = {"normalized": fitted, "threshold": 1.1, "lacking": True}
-        assert words in summary(found | {"lack_of_fit": {"after": left}})
+        assert words in summary(DiagnosisRecord.of(found | {"lack_of_fit": {"after": left}}))
     one = {"threshold": 1.1, "outputs": {"q": 1.0, "p": 1.5}, "output_thresholds": {"q": 1.2, "p": 1.2}}
-    text = summary(found | {"lack_of_fit": {"after": one | {"normalized": 1.05, "lacking": True}}})
+    text = summary(
+        DiagnosisRecord.of(found | {"lack_of_fit": {"after": one | {"normalized": 1.05, "lacking": True}}})
+    )
     assert "(the error of p is 1.50 times the noise floor (chance allows 1.20))" in text

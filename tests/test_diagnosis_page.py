@@ -19,7 +19,7 @@ from capture_cli.report import diagnosis_plots
 from capture_cli.report.diagnosis_figures import write_figures
 from capture_cli.report.diagnosis_page import render
 from capture_cli.report.terminal import print_diagnosis
-from capture_cli.store.diagnosis import FORMAT, VERSION, Diagnosis
+from capture_cli.store.diagnosis import FORMAT, VERSION, Diagnosis, DiagnosisRecord
 
 OUTPUTS = {"q": ("m", 2e-5), "qd": ("m/s", 4e-3)}
 ONE = {"q": OUTPUTS["q"]}
@@ -137,7 +137,7 @@ def make(
         "next_experiment": None,
         "expression": None,
     }
-    document["summary"] = findings.summary(document)
+    document["summary"] = findings.summary(DiagnosisRecord.of(document))
     arrays = {
         "window/episode": episode,
         "window/first": np.arange(windows) * steps,
@@ -185,7 +185,7 @@ def full():
     diagnosis = make(OUTPUTS)
     document = diagnosis.document
     document["verdict"] = "unexplained"
-    document["summary"] = findings.summary(document)
+    document["summary"] = findings.summary(DiagnosisRecord.of(document))
     document["expression"] = {
         "text": "missing force at x = -3.2 v|v|",
         "terms": [{"site": "x: v|v|", "coefficient": -3.21, "sd": 0.12, "unit": "N per (m/s)^2"}],
@@ -204,7 +204,7 @@ def nothing_found():
     diagnosis = make(effects=())
     diagnosis.document["verdict"] = "unexplained"
     diagnosis.document["lack_of_fit"]["after"] = diagnosis.document["lack_of_fit"]["before"]
-    diagnosis.document["summary"] = findings.summary(diagnosis.document)
+    diagnosis.document["summary"] = findings.summary(diagnosis.record)
     diagnosis.document["candidates"] = [
         _candidate("cogging", "x", 3.0, None, "it explains nothing (score 3)")
     ]
@@ -496,7 +496,7 @@ def test_inertia_that_no_body_has_is_noted():
         {"body": "arm", "moments": [0.001, 0.002, 0.004], "text": note}
     ]
     assert f"note       {note}" in printed(diagnosis, 120).splitlines()
-    assert note in findings.notes(diagnosis.document) and note in render(diagnosis, None)
+    assert note in findings.notes(diagnosis.record) and note in render(diagnosis, None)
 
 
 def test_terminal_says_that_none_of_these_explains_it():
@@ -525,17 +525,17 @@ def test_terminal_knows_ascii():
 
 def test_the_runner_up_has_the_least_error_where_any_was_refitted():
     document = make().document
-    assert findings.closest_rejected(document)["effect"] == "cogging"
+    assert findings.closest_rejected(DiagnosisRecord.of(document))["effect"] == "cogging"
     for candidate in document["candidates"]:
         candidate["refit_select_error"] = None
-    assert findings.closest_rejected(document)["effect"] == "stribeck-friction"
-    assert findings.closest_rejected(make(effects=()).document) is None
+    assert findings.closest_rejected(DiagnosisRecord.of(document))["effect"] == "stribeck-friction"
+    assert findings.closest_rejected(make(effects=()).record) is None
 
 
 def test_only_parameters_that_moved_beyond_chance_had_absorbed_something():
     document = make().document
     document["absorbed"]["mass"]["shift_in_sd"] = 1.2
-    assert [row.name for row in findings.absorbing(document)] == ["damping"]
+    assert [row.name for row in findings.absorbing(DiagnosisRecord.of(document))] == ["damping"]
     assert "stayed" in Page(render(make_with(document), None)).text
     document["absorbed"]["damping"]["shift_in_sd"] = -0.3
     assert "absorbed   nothing" in printed(make_with(document), 100)

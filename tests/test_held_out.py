@@ -18,6 +18,7 @@ from capture_cli.stages.identify import identify
 from capture_cli.stages.import_log import import_log
 from capture_cli.stages.record import record
 from capture_cli.store import output
+from capture_cli.store.estimate import EstimateRecord
 
 SLIDER = Path(__file__).resolve().parents[1] / "benchmarks" / "machines" / "slider" / "task.toml"
 
@@ -40,7 +41,7 @@ def test_a_rod_that_tips_for_the_first_time_where_it_is_held_out_is_explained(tm
     assert found["held_out"]["error"]["test"]["normalized"] < 1.1
     low, high = found["parameters"]["com"]["ci95"]
     assert low <= found["held_out"]["parameters"]["com"] <= high
-    assert any("com" in note and "held out" in note for note in findings.notes(found))
+    assert any("com" in note and "held out" in note for note in findings.notes(EstimateRecord.of(found)))
     document = diagnose(real_log=log, estimate=estimate, out=tmp_path / "diagnosis", quiet=True).document
     assert (document["verdict"], document["effects"]) == ("explained", [])
 

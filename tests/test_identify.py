@@ -26,7 +26,8 @@ from capture_cli.stages.documents.estimate_document import Report, _agreement
 from capture_cli.stages.identification.chosen_identifier import ChosenIdentifier
 from capture_cli.stages.record import record
 from capture_cli.store import output
-from capture_cli.store.estimate import Estimate
+from capture_cli.store.diagnosis import DiagnosisRecord
+from capture_cli.store.estimate import Estimate, EstimateRecord
 from capture_cli.store.output import sha256
 
 MACHINES = Path(__file__).resolve().parents[1] / "benchmarks" / "machines"
@@ -178,7 +179,7 @@ def test_inertia_that_no_body_has_is_noted(plant, identify, tmp_path, truth):
     )
     found = identify(plant(task, parameters={"I": truth}), task)
     assert found.document["verdict"] == "explained"
-    notes = findings.notes(found.document)
+    notes = findings.notes(found.record)
     if truth < 0.01432:  # the others together
         assert found.document["impossible_inertia"] == [] == notes
     else:
@@ -323,7 +324,7 @@ def test_a_joint_that_nobody_measures_is_named_where_something_is_left(plant, id
     found = identify(log, tmp_path / "task.toml", rounds=5)
     assert found.document["unmeasured_joints"] == ["theta"]
     assert found.document["verdict"] == "unexplained"
-    assert any("position of theta" in note for note in findings.notes(found.document))
+    assert any("position of theta" in note for note in findings.notes(found.record))
     assert identify(plant(name="all")).document["unmeasured_joints"] == []
 
 
@@ -345,7 +346,8 @@ def test_where_a_shorter_time_step_would_put_the_parameters_is_said(plant, ident
     assert found["time_step"]["finer"] == 0.005
     assert found["time_step"]["parameters"]["damping"] == pytest.approx(9.0, rel=0.01)
     assert any(
-        "in steps of 5 ms, and not 20, damping would be about 9.01" in note for note in findings.notes(found)
+        "in steps of 5 ms, and not 20, damping would be about 9.01" in note
+        for note in findings.notes(EstimateRecord.of(found))
     )
 
 
@@ -394,7 +396,7 @@ def test_where_a_shorter_time_step_would_put_what_is_beside_an_effect_is_said(
     value, sd = (found["parameters"]["damping"][key] for key in ("value", "sd"))
     assert 9.0 - value > 4 * sd
     assert found["time_step"]["parameters"]["damping"] == pytest.approx(9.0, abs=3 * sd)
-    assert found["time_step"]["text"] in diagnosis_findings.notes(found)
+    assert found["time_step"]["text"] in diagnosis_findings.notes(DiagnosisRecord.of(found))
 
 
 def test_an_effect_that_is_not_declared_is_unexplained(plant, identify, tmp_path):
@@ -402,7 +404,7 @@ def test_an_effect_that_is_not_declared_is_unexplained(plant, identify, tmp_path
     found = identify(log, out=out)
     assert found.document["verdict"] == "unexplained"
     command = ["capture", "diagnose", "--real-log", str(log.path), "--estimate"]
-    assert shlex.split(findings.next_command(found.document, str(out))) == [*command, str(out)]
+    assert shlex.split(findings.next_command(found.record, str(out))) == [*command, str(out)]
     again = identify(log, out=tmp_path / "another")
     assert shlex.split(again.document["next_command"]) == [*command, "ESTIMATE"]
     assert again.document == found.document, "whatever it is called"
@@ -506,8 +508,8 @@ def test_a_search_that_was_cut_short_says_so_first(plant, identify):
     log = plant()
     found = identify(log, rounds=2)
     assert found.document["cut_short"] == 2
-    assert "after --rounds 2, before it came to rest" in findings.notes(found.document)[0]
-    assert findings.UNTRUSTED not in findings.notes(found.document)
+    assert "after --rounds 2, before it came to rest" in findings.notes(found.record)[0]
+    assert findings.UNTRUSTED not in findings.notes(found.record)
     assert "The model lacks" not in found.document["summary"]
     assert found.document["next_command"] is None
     assert identify(log).document["cut_short"] is None

@@ -12,6 +12,7 @@ from test_reports import make as make_estimate
 from capture_cli.report import diagnosis_page, estimate_page
 from capture_cli.report.prediction import for_terminal, predictions
 from capture_cli.report.terminal import print_diagnosis, print_estimate
+from capture_cli.store.estimate import EstimateRecord
 
 OUTPUTS = [{"name": "elbow", "unit": "rad"}, {"name": "reach", "unit": "m"}]
 
@@ -52,14 +53,16 @@ def diagnosis(found: dict):
 
 
 def test_what_was_held_out_comes_first():
-    found = predictions({"prediction": {"fit": part(), "test": part()}}, OUTPUTS)
+    found = predictions(EstimateRecord.of({"prediction": {"fit": part(), "test": part()}}), OUTPUTS)
     assert [p.part for p in found] == ["held out", "fitted"]
-    assert [p.part for p in predictions({"prediction": {"fit": part(), "test": None}}, OUTPUTS)] == ["fitted"]
-    assert predictions({}, OUTPUTS) == []  # of earlier versions
+    assert [
+        p.part for p in predictions(EstimateRecord.of({"prediction": {"fit": part(), "test": None}}), OUTPUTS)
+    ] == ["fitted"]
+    assert predictions(EstimateRecord.of({}), OUTPUTS) == []  # of earlier versions
 
 
 def test_the_terminal_tells_angles_in_degrees_too():
-    (found,) = predictions({"prediction": {"fit": None, "test": part()}}, OUTPUTS)
+    (found,) = predictions(EstimateRecord.of({"prediction": {"fit": None, "test": part()}}), OUTPUTS)
     assert for_terminal(found, most=8) == [
         ["open loop, held out", "0.1\u00a0s", "whole, 60.0\u00a0s", "times floor", "whole, nominal"],
         ["elbow [mrad]", "1.00", "10.0", "10.0", "50.0"],
@@ -71,10 +74,10 @@ def test_the_terminal_tells_angles_in_degrees_too():
 
 def test_a_run_that_diverged_is_told_in_a_word():
     lost = part(nominal=error(None, diverged=2))
-    (found,) = predictions({"prediction": {"fit": None, "test": lost}}, OUTPUTS)
+    (found,) = predictions(EstimateRecord.of({"prediction": {"fit": None, "test": lost}}), OUTPUTS)
     assert for_terminal(found, most=8)[1] == ["elbow [mrad]", "1.00", "10.0", "10.0", "diverged"]
     lost = part(identified=error(None, diverged=2))
-    (found,) = predictions({"prediction": {"fit": None, "test": lost}}, OUTPUTS)
+    (found,) = predictions(EstimateRecord.of({"prediction": {"fit": None, "test": lost}}), OUTPUTS)
     assert for_terminal(found, most=1)[1] == ["elbow [rad]", "–", "diverged", "diverged", "0.0500"]
 
 

@@ -17,7 +17,7 @@ from capture_cli.estimate.solve.linearization import Evidence, Linearization, Tr
 from capture_cli.model.parameters import Parameter, ParameterSpace
 from capture_cli.report import findings
 from capture_cli.stages.record import record
-from capture_cli.store.estimate import Estimate
+from capture_cli.store.estimate import Estimate, EstimateRecord
 
 NOISE, STEPS = 0.01, 400
 TIME = np.linspace(0, 1, STEPS)
@@ -231,6 +231,6 @@ def test_a_puck_that_never_slips_is_said_to_grip_at_least_so_well(tmp_path, monk
     assert grip["ci95"] == [grip["limits"]["at_least"], 1.5]
     said = f"at least {significant(grip['limits']['at_least'])}"
     assert f"grip ({said})" in document["summary"]
-    assert f"grip ({said})" in findings.notes(document)[0]
+    assert f"grip ({said})" in findings.notes(EstimateRecord.of(document))[0]
     assert said in capsys.readouterr().out
     assert said in (tmp_path / "estimate" / "report.html").read_text()

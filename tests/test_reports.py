@@ -32,7 +32,7 @@ from capture_cli.report.findings import (
     suspicions,
 )
 from capture_cli.report.terminal import print_estimate
-from capture_cli.store.estimate import Estimate
+from capture_cli.store.estimate import Estimate, EstimateRecord
 
 PARAMETERS = {
     "mass": ("kg", 50.0, 150.0, 95.108, 0.131),
@@ -575,8 +575,11 @@ def test_terminal_limits_notes_and_outputs():
 def test_a_noise_floor_that_is_too_high_is_said_to_be():
     lack = {"normalized": 0.45, "threshold": 1.1}
     document = make().document | {"verdict": "explained", "lack_of_fit": lack}
-    assert any("floor is too high" in note for note in notes(document))
-    assert not any("too high" in n for n in notes(document | {"lack_of_fit": lack | {"normalized": 0.9}}))
+    assert any("floor is too high" in note for note in notes(EstimateRecord.of(document)))
+    assert not any(
+        "too high" in n
+        for n in notes(EstimateRecord.of(document | {"lack_of_fit": lack | {"normalized": 0.9}}))
+    )
 
 
 def test_a_fit_that_is_worse_than_none_asks_for_unit_and_sign():
@@ -610,22 +613,28 @@ def test_a_fit_that_leaves_half_of_the_motion_asks_for_unit_and_sign():
 
 
 def test_notes():
-    assert notes(make().document) == [UNTRUSTED]
-    assert notes(make().document | {"verdict": "explained"}) == []
-    assert notes(make().document | {"parameters": {}}) == []
-    assert notes(not_identifiable().document) == ["only a combination of mass, bias shows in the outputs"]
-    (_, joints) = notes(make().document | {"unmeasured_joints": ["wrist", "#3"]})
+    assert notes(make().record) == [UNTRUSTED]
+    assert notes(EstimateRecord.of(make().document | {"verdict": "explained"})) == []
+    assert notes(EstimateRecord.of(make().document | {"parameters": {}})) == []
+    assert notes(not_identifiable().record) == ["only a combination of mass, bias shows in the outputs"]
+    (_, joints) = notes(EstimateRecord.of(make().document | {"unmeasured_joints": ["wrist", "#3"]}))
     assert "position of wrist, #3" in joints
-    assert notes(make().document | {"unmeasured_joints": ["wrist"], "verdict": "explained"}) == []
-    loops, _ = notes(make().document | {"open_loops": {"pin": 0.0312}})
+    assert (
+        notes(EstimateRecord.of(make().document | {"unmeasured_joints": ["wrist"], "verdict": "explained"}))
+        == []
+    )
+    loops, _ = notes(EstimateRecord.of(make().document | {"open_loops": {"pin": 0.0312}}))
     assert "stay open: pin by 0.031" in loops
-    assert notes(make().document | {"open_loops": {"pin": 0.0312}, "verdict": "explained"}) == []
+    assert (
+        notes(EstimateRecord.of(make().document | {"open_loops": {"pin": 0.0312}, "verdict": "explained"}))
+        == []
+    )
     recordings = {"names": ["a", "b"], "agree": False, "text": "the 2 recordings disagree, most about bias"}
     in_context = {"text": "8 rounds were made with 4 episodes, taken in turn again."}
     document = make().document | {"recordings": recordings, "in_context": in_context}
-    assert notes(document) == [UNTRUSTED, in_context["text"], recordings["text"]]
+    assert notes(EstimateRecord.of(document)) == [UNTRUSTED, in_context["text"], recordings["text"]]
     agree = {"recordings": recordings | {"agree": True}, "in_context": {"text": None}}
-    assert notes(document | agree) == [UNTRUSTED]
+    assert notes(EstimateRecord.of(document | agree)) == [UNTRUSTED]
 
 
 def test_errors_over_the_floor():

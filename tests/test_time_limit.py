@@ -12,7 +12,7 @@ from capture_cli.select.explain import Settings
 from capture_cli.select.search import Attribution
 from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.record import record
-from capture_cli.store.diagnosis import Diagnosis
+from capture_cli.store.diagnosis import Diagnosis, DiagnosisRecord
 
 ASKED = {"starts": 1, "threads": 1, "quiet": True, "expression": False}
 PLANTED = ["coulomb-friction@x=1.5", "sensor-bias@q=0.05"]
@@ -40,7 +40,7 @@ def asked(tmp_path_factory) -> dict:
 def test_no_time_at_all_is_a_whole_result_without_effects(asked, tmp_path):
     found = diagnose(out=tmp_path / "d", time_limit=0.0, **asked).document
     assert found["verdict"] == "unexplained" and found["effects"] == []
-    assert "time limit" in found["out_of_time"] and found["out_of_time"] in notes(found)
+    assert "time limit" in found["out_of_time"] and found["out_of_time"] in notes(DiagnosisRecord.of(found))
     assert (tmp_path / "d" / "report.html").is_file()
     # a run that may search longer takes it for another one
     with pytest.raises(CaptureError, match="time_limit"):

@@ -15,6 +15,7 @@ from capture_cli.report import findings
 from capture_cli.stages.diagnose import diagnose
 from capture_cli.stages.identify import identify
 from capture_cli.stages.record import record
+from capture_cli.store.estimate import EstimateRecord
 
 MACHINE = Path(__file__).resolve().parents[1] / "benchmarks" / "machines" / "slider"
 NOISE = 1e-4  # m
@@ -58,7 +59,7 @@ def test_a_sound_machine_with_such_stamps_is_said_to_be_one(task, without_pages)
     assert document["time_stamps"]["outputs"]["q"]["share"] > 0.9
     assert document["time_stamps"]["explained"] == 1
     assert findings.STAMPS_ALONE in document["summary"]
-    assert document["time_stamps"]["text"] in findings.notes(document)
+    assert document["time_stamps"]["text"] in findings.notes(EstimateRecord.of(document))
     assert document["next_command"] is None
     cures = [f["cure"] for f in inspect(task.parent / "estimate")["findings"]]
     assert document["time_stamps"]["text"] in cures

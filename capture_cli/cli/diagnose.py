@@ -20,4 +20,4 @@ def diagnose(options: DiagnoseOptions) -> None:
         from capture_cli.report.terminal import print_diagnosis
 
         print_diagnosis(diagnosis, console(), options.out)
-    fail_on({diagnosis.document["verdict"]}, options.fail_on)
+    fail_on({diagnosis.record.verdict}, options.fail_on)

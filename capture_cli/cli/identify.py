@@ -20,4 +20,4 @@ def identify(options: IdentifyOptions) -> None:
         from capture_cli.report.terminal import print_estimate
 
         print_estimate(estimate, console(), options.out)
-    fail_on({estimate.document["verdict"]}, options.fail_on)
+    fail_on({estimate.record.verdict}, options.fail_on)

@@ -179,7 +179,7 @@ def _budget(numbers: int, curves: int, fewest: int, most: int) -> int:
 
 def _scale(record: Record, curves: Curves) -> np.ndarray:
     """(output,): what each residual is judged by: the noise floor, or its own RMS where there is none."""
-    floors = [record.document["noise_floor"].get(o["name"]) for o in record.attributes["outputs"]]
+    floors = [record.record.noise_floor.get(o["name"]) for o in record.attributes["outputs"]]
     rms = np.sqrt(np.nanmean(curves.residual**2, axis=0))
     return np.array([floor or own or 1.0 for floor, own in zip(floors, rms, strict=True)])
 
@@ -244,5 +244,5 @@ def windows_of(curves: Curves, part: str) -> np.ndarray:
 
 def _floor(record: Record, curves: Curves, k: int) -> float | None:
     """The noise floor of output k, in the unit its residual is drawn in."""
-    floor = record.document["noise_floor"].get(record.attributes["outputs"][k]["name"])
+    floor = record.record.noise_floor.get(record.attributes["outputs"][k]["name"])
     return floor * residual_scale(record, curves, k)[0] if floor else None

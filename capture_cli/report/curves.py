@@ -96,7 +96,7 @@ class Curves:
         is_estimate = "window/is_test" in a
         models = OF_ESTIMATE
         if not is_estimate:
-            models = OF_DIAGNOSIS if record.document["effects"] else NOTHING_FOUND
+            models = OF_DIAGNOSIS if record.record.effects else NOTHING_FOUND
         parts = ("fitted", HELD_OUT) if is_estimate else ("fitted", "selecting", HELD_OUT)
         part = a["window/is_test"].astype(int) if is_estimate else a["window/part"]
         order = np.argsort(a["step/window"], kind="stable")

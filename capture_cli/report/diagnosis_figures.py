@@ -55,7 +55,7 @@ def write_figures(diagnosis: Diagnosis, folder: Path) -> list[Path]:
     drawings = {"before_after": partial(_before_after, diagnosis), "stages": partial(_stages, diagnosis)}
     if any(drawn_curves(diagnosis, k) for k in range(len(diagnosis.attributes["outputs"]))):
         drawings["localisation"] = partial(_localisation, diagnosis)
-    if diagnosis.document["absorbed"]:
+    if diagnosis.record.absorbed:
         drawings["absorbed"] = partial(_absorbed, diagnosis)
     return save(drawings, folder)
 
@@ -97,7 +97,7 @@ def _stages(diagnosis: Diagnosis) -> Figure:
 
 
 def _absorbed(diagnosis: Diagnosis) -> Figure:
-    found, parameters = moved(diagnosis.document), diagnosis.document["parameters"]
+    found, parameters = moved(diagnosis.record), diagnosis.record.parameters
     figure = new_figure(0.9 + 0.5 * len(found))
     axis = figure.subplots()
     for at, row in enumerate(found):
@@ -156,7 +156,7 @@ def _draw_curve(axis, diagnosis: Diagnosis, k: int, row: int) -> list:
     axis.axhline(0, color=RULE, lw=0.8, zorder=0)
     axis.fill_between(x, before - 2 * error, before + 2 * error, color=color, alpha=0.16, lw=0)
     handles = axis.plot(x, before, color=color, lw=1.2, label="declared")
-    if diagnosis.document["effects"]:
+    if diagnosis.record.effects:
         look = {"color": PALETTE["--after"], "lw": 1.2, "marker": "o", "ms": 2.5}
         handles += axis.plot(x, after, label="with what was found", **look)
     name = diagnosis.attributes["outputs"][k]["name"]

@@ -29,7 +29,7 @@ from capture_cli.report.findings import (
     time_step,
     undetermined,
 )
-from capture_cli.store.diagnosis import Diagnosis
+from capture_cli.store.diagnosis import Diagnosis, DiagnosisRecord
 
 TITLES = {
     "explained": "explained",
@@ -97,9 +97,9 @@ def listed(names: Sequence[str]) -> str:
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
-def best_part(document: Mapping[str, Any]) -> str:
+def best_part(record: DiagnosisRecord) -> str:
     """The part of the log by which the models are judged: held out where there is one."""
-    last = document["stages"][-1]
+    last = record.stages[-1]
     return next(part for part in ("test", "select", "fit") if last[part])
 
 
@@ -114,10 +114,10 @@ def where(part: str) -> str:
 
 def changes(diagnosis: Diagnosis) -> list[Change]:
     """A row per output, in the order of the log."""
-    return [_change(diagnosis.document, o["name"], o["unit"]) for o in diagnosis.attributes["outputs"]]
+    return [_change(diagnosis.record, o["name"], o["unit"]) for o in diagnosis.attributes["outputs"]]
 
 
-def moved(document: Mapping[str, Any]) -> list[Moved]:
+def moved(record: DiagnosisRecord) -> list[Moved]:
     """The declared parameters that moved when the effects came in, farthest first."""
     rows = [
         Moved(
@@ -125,17 +125,17 @@ def moved(document: Mapping[str, Any]) -> list[Moved]:
             unit=row["unit"],
             before=row["before"],
             after=row["after"],
-            sd=document["parameters"][name]["sd"],
+            sd=record.parameters[name]["sd"],
             shift_in_sd=row["shift_in_sd"],
         )
-        for name, row in document["absorbed"].items()
+        for name, row in record.absorbed.items()
     ]
     return sorted(rows, key=lambda row: -abs(row.shift_in_sd))
 
 
-def absorbing(document: Mapping[str, Any]) -> list[Moved]:
+def absorbing(record: DiagnosisRecord) -> list[Moved]:
     """Those that moved by more than their interval allows."""
-    return [row for row in moved(document) if abs(row.shift_in_sd) > SETTINGS.moved]
+    return [row for row in moved(record) if abs(row.shift_in_sd) > SETTINGS.moved]
 
 
 def shift(row: Moved) -> str:
@@ -144,19 +144,19 @@ def shift(row: Moved) -> str:
     return f"{before} → {with_unit(after, row.unit)}"
 
 
-def outcome(candidate: Mapping[str, Any], document: Mapping[str, Any]) -> str:
+def outcome(candidate: Mapping[str, Any], record: DiagnosisRecord) -> str:
     """ACCEPTED, TIED, NOT_TRIED, or "" for one that was rejected."""
     name = placed(candidate)
-    if any(placed(e) == name for e in document["effects"]):
+    if any(placed(e) == name for e in record.effects):
         return ACCEPTED
-    if any(name in e["tied_with"] for e in document["effects"]):
+    if any(name in e["tied_with"] for e in record.effects):
         return TIED
     return "" if candidate["why_rejected"] else NOT_TRIED
 
 
-def closest_rejected(document: Mapping[str, Any]) -> Mapping[str, Any] | None:
+def closest_rejected(record: DiagnosisRecord) -> Mapping[str, Any] | None:
     """The rejected candidate that came nearest: the least error where it was refitted, else the highest score."""
-    rejected = [c for c in document["candidates"] if not outcome(c, document)]
+    rejected = [c for c in record.candidates if not outcome(c, record)]
     refitted = [c for c in rejected if c["refit_select_error"] is not None]
     if refitted:
         return min(refitted, key=lambda c: c["refit_select_error"])
@@ -164,44 +164,44 @@ def closest_rejected(document: Mapping[str, Any]) -> Mapping[str, Any] | None:
     return max(scored, key=lambda c: c["score"], default=None)
 
 
-def summary(document: Mapping[str, Any]) -> str:
+def summary(record: DiagnosisRecord) -> str:
     """The finding in words, with the numbers that it rests on."""
-    effects, stages, left = document["effects"], document["stages"], document["lack_of_fit"]["after"]
-    if document["verdict"] == "explained":
+    effects, stages, left = record.effects, record.stages, record.lack_of_fit["after"]
+    if record.verdict == "explained":
         return f"Nothing is missing: the error is {significant(left['normalized'])} times the noise floor."
     part, where = ("test", "held-out") if stages[-1]["test"] else ("fit", "fit")
     first, last = (stage[part]["normalized"] for stage in (stages[0], stages[-1]))
-    by_stamps = behind(document)
+    by_stamps = behind(record)
     stamps = f" {by_stamps}" if by_stamps else ""
     if not effects and not left["lacking"]:
         return (
             "The model fits what it was fitted to, but not what was held out: there the error is "
-            f"{significant(last)} times the noise floor. {by_stamps or not_alike(document)}"
+            f"{significant(last)} times the noise floor. {by_stamps or not_alike(record)}"
         )
     if not effects:
         return (
             f"None of these: the {where} error is {significant(last)} times the noise floor{_of_one(left)}, and no "
-            f"effect of the catalogue explains it.{_with_formula(document)}{stamps}"
+            f"effect of the catalogue explains it.{_with_formula(record)}{stamps}"
         )
     tied = [f" (or {', '.join(e['tied_with'])})" if e["tied_with"] else "" for e in effects]
-    found = _found(document, [f"{placed(e)}{rivals}" for e, rivals in zip(effects, tied, strict=True)])
-    if _fits_alone(document):
+    found = _found(record, [f"{placed(e)}{rivals}" for e, rivals in zip(effects, tied, strict=True)])
+    if _fits_alone(record):
         with_it, without = significant(last), significant(first)
-        beyond = (document.get("beyond_fitted") or {}).get("text")
+        beyond = (record.beyond_fitted or {}).get("text")
         text = f"{found}: there the error is {with_it} times the noise floor, and {without} without."
         return f"{text} {beyond}" if beyond else text
     them = "it" if len(effects) == 1 else "them"
     text = f"{found}: with {them} the {where} error falls to {last / first:.2g} of what it was."
-    if document["verdict"] == "unexplained":
+    if record.verdict == "unexplained":
         size, on = (left["normalized"], " on what was fitted") if left["normalized"] > last else (last, "")
         text += f" What is left{on} is still {significant(size)} times the noise floor{_of_one(left)}"
         text += f".{stamps}" if stamps else ": this is not all."
     return text
 
 
-def _with_formula(document: Mapping[str, Any]) -> str:
+def _with_formula(record: DiagnosisRecord) -> str:
     """What a formula of the missing force makes of the error; "" where there is none."""
-    error = expression_error(document)
+    error = expression_error(record)
     return f" With a formula of the missing force it is {error}." if error else ""
 
 
@@ -211,41 +211,41 @@ def _of_one(left: Mapping[str, Any]) -> str:
     return f" (the {beyond_chance(left)})" if is_of_one else ""
 
 
-def answer(document: Mapping[str, Any]) -> str:
+def answer(record: DiagnosisRecord) -> str:
     """The summary without the numbers and rivals of what was found, where they stand in lines of their own."""
-    if document["verdict"] == "explained" or not document["effects"]:
-        return document["summary"]
-    found = _found(document, [placed(e) for e in document["effects"]])
-    is_all = document["verdict"] != "unexplained" or _fits_alone(document)
+    if record.verdict == "explained" or not record.effects:
+        return record.summary
+    found = _found(record, [placed(e) for e in record.effects])
+    is_all = record.verdict != "unexplained" or _fits_alone(record)
     return f"{found}." if is_all else f"{found}, and more."
 
 
-def _found(document: Mapping[str, Any], names: Sequence[str]) -> str:
+def _found(record: DiagnosisRecord, names: Sequence[str]) -> str:
     """What the effects `names` are to the model."""
-    if _fits_alone(document):
+    if _fits_alone(record):
         return f"{listed(names)} would explain what was fitted, but not what was held out"
     return f"The model lacks {listed(names)}"
 
 
-def _fits_alone(document: Mapping[str, Any]) -> bool:
+def _fits_alone(record: DiagnosisRecord) -> bool:
     """Whether what was held out is no better with the effects than without."""
-    before, after = (document["stages"][k]["test"] for k in (0, -1))
+    before, after = (record.stages[k]["test"] for k in (0, -1))
     return bool(before) and after["normalized"] >= before["normalized"]
 
 
-def left_over(document: Mapping[str, Any]) -> str:
+def left_over(record: DiagnosisRecord) -> str:
     """What an answer leaves of the error, small but more than chance would; "" where that is nothing."""
-    lack = document["lack_of_fit"]["after"]
-    if document["verdict"] not in ("effect-found", "tied") or not lack["lacking"]:
+    lack = record.lack_of_fit["after"]
+    if record.verdict not in ("effect-found", "tied") or not lack["lacking"]:
         return ""
     return f"A little is left: the {beyond_chance(lack)}"
 
 
-def starts_hide(document: Mapping[str, Any]) -> bool:
+def starts_hide(record: DiagnosisRecord) -> bool:
     """Whether the declared model leaves far less of what was fitted than of what judged it, from the same recordings:
     the starts of windows make up for what is missing (docs/method.md, Initial states).
     """
-    declared = document["stages"][0]
+    declared = record.stages[0]
     return (
         bool(declared["select"])
         and declared["fit"]["normalized"] < SETTINGS.hidden * declared["select"]["normalized"]
@@ -254,73 +254,73 @@ def starts_hide(document: Mapping[str, Any]) -> bool:
 
 def suspicions(diagnosis: Diagnosis) -> list[str]:
     """What looks like a mistake in the log or the task file; to be read before the notes."""
-    return outputs_left(diagnosis, diagnosis.document["stages"][-1]["fit"])
+    return outputs_left(diagnosis, diagnosis.record.stages[-1]["fit"])
 
 
-def notes(document: Mapping[str, Any]) -> list[str]:
+def notes(record: DiagnosisRecord) -> list[str]:
     """What a reader has to know before using the answer, most important first."""
-    found = [f"{left_over(document)}: this may not be all."] if left_over(document) else []
-    for effect in document["effects"]:
+    found = [f"{left_over(record)}: this may not be all."] if left_over(record) else []
+    for effect in record.effects:
         if effect["tied_with"]:
             rivals = " or ".join(effect["tied_with"])
             found.append(f"This log cannot tell {placed(effect)} from {rivals}.")
-    if document["verdict"] == "unexplained":
-        if document["effects"]:
+    if record.verdict == "unexplained":
+        if record.effects:
             found.append(
                 "Take what was found as a part of the answer: its sizes may change once the rest is known."
             )
-        if document["parameters"] or document["effects"]:
+        if record.parameters or record.effects:
             found.append(UNTRUSTED)
-    found += out_of_time(document)
-    found += undetermined(document)
-    found += left_open(document)
-    found += impossible(document)
-    found += input_timing(document)
-    found += time_stamps(document)
-    found += time_step(document)
+    found += out_of_time(record)
+    found += undetermined(record)
+    found += left_open(record)
+    found += impossible(record)
+    found += input_timing(record)
+    found += time_stamps(record)
+    found += time_step(record)
     found += [
         f"{name} is at the end of its range: the range, not the log, decides it."
-        for name, p in document["parameters"].items()
+        for name, p in record.parameters.items()
         if p["at_bound"]
     ]
-    if document["before"]["test"] is None:
+    if record.before["test"] is None:
         found.append("Nothing was held out: the errors are those of data that was used.")
     return found
 
 
-def expression(document: Mapping[str, Any]) -> str:
+def expression(record: DiagnosisRecord) -> str:
     """The formula for what no effect of the catalogue explains; "" where none was looked for."""
-    return (document["expression"] or {}).get("text") or ""
+    return (record.expression or {}).get("text") or ""
 
 
-def expression_error(document: Mapping[str, Any]) -> str:
+def expression_error(record: DiagnosisRecord) -> str:
     """The error with that formula in the model; "" where it is not known."""
-    found = document["expression"] or {}
+    found = record.expression or {}
     part = next((part for part in ("test", "select") if found.get(part)), None)
     if part is None:
         return ""
     return f"{significant(found[part]['normalized'])} × noise floor {where(part)}"
 
 
-def strongest_covariate(document: Mapping[str, Any]) -> str:
+def strongest_covariate(record: DiagnosisRecord) -> str:
     """What the declared model's residual depends on most; "" where nothing is known."""
-    curves = [c for c in document["localisation"] if c["share"] >= SETTINGS.telling]
+    curves = [c for c in record.localisation if c["share"] >= SETTINGS.telling]
     if not curves:
         return ""
     top = max(curves, key=lambda c: c["share"])
     return f"{top['against']} accounts for {100 * top['share']:.0f} % of the residual acceleration of {top['output']}"
 
 
-def next_experiment(document: Mapping[str, Any]) -> str:
+def next_experiment(record: DiagnosisRecord) -> str:
     """What to record next; "" where nothing is proposed."""
-    return (document["next_experiment"] or {}).get("text") or ""
+    return (record.next_experiment or {}).get("text") or ""
 
 
-def _change(document: Mapping[str, Any], name: str, unit: str) -> Change:
-    first, last = document["stages"][0], document["stages"][-1]
+def _change(record: DiagnosisRecord, name: str, unit: str) -> Change:
+    first, last = record.stages[0], record.stages[-1]
     before, after = ({part: _rmse(stage, part, name) for part in PARTS} for stage in (first, last))
-    part = best_part(document)
-    shown, floor = after[part], document["noise_floor"][name]
+    part = best_part(record)
+    shown, floor = after[part], record.noise_floor[name]
     factor, label = scaled_unit(unit, shown or floor)
     floor_factor, floor_label = floor_unit(floor, unit, factor, label)
     return Change(
@@ -330,7 +330,7 @@ def _change(document: Mapping[str, Any], name: str, unit: str) -> Change:
         after={k: v if v is None else v * factor for k, v in after.items()},
         floor=floor * floor_factor if floor else None,
         floor_unit=floor_label,
-        floor_source=document["noise_floor_source"][name],
+        floor_source=record.noise_floor_source[name],
         ratio=shown / before[part] if before[part] else None,
         over=shown / floor if floor and shown is not None else None,
         over_before=before[part] / floor if floor and shown is not None else None,
@@ -361,8 +361,8 @@ class StageErrors:
 
 def stage_errors(diagnosis: Diagnosis) -> StageErrors:
     """In the unit of the output where there is one, over the noise floor where there are several."""
-    document, outputs = diagnosis.document, diagnosis.attributes["outputs"]
-    stages = document["stages"]
+    record, outputs = diagnosis.record, diagnosis.attributes["outputs"]
+    stages = record.stages
     parts = [part for part in PARTS if all(stage[part] for stage in stages)]
     if len(outputs) > 1:
         errors = {part: [stage[part]["normalized"] for stage in stages] for part in parts}
@@ -371,7 +371,7 @@ def stage_errors(diagnosis: Diagnosis) -> StageErrors:
         name, own = outputs[0]["name"], outputs[0]["unit"]
         factor, unit = scaled_unit(own, stages[-1][parts[-1]]["rmse"][name])
         errors = {part: [factor * stage[part]["rmse"][name] for stage in stages] for part in parts}
-        floor, title = document["noise_floor"][name], f"RMSE of {titled(name, unit)}"
+        floor, title = record.noise_floor[name], f"RMSE of {titled(name, unit)}"
         floor_factor, floor_unit = scaled_unit(own, floor)
         floor_text = with_unit(significant(floor and floor * floor_factor), floor_unit)
         floor = floor * factor if floor else None

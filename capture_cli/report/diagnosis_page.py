@@ -15,7 +15,7 @@ from capture_cli.report.curves import Curves
 from capture_cli.report.findings import FLOOR_SOURCES
 from capture_cli.report.page import page
 from capture_cli.report.prediction import predictions
-from capture_cli.store.diagnosis import Diagnosis
+from capture_cli.store.diagnosis import Diagnosis, DiagnosisRecord
 
 CODE = re.compile(r"`([^`]+)`")  # as in Markdown
 
@@ -30,36 +30,36 @@ SETTINGS = DiagnosisPageSettings()
 
 
 def render(diagnosis: Diagnosis, provenance: Mapping[str, Any] | None) -> str:
-    """The page as HTML. provenance: the document of provenance.json, or None where it is not known."""
-    document, curves = diagnosis.document, Curves.of(diagnosis)
-    plots, stages = _plots(diagnosis, curves), document["stages"]
+    """The page as HTML. provenance: the record of provenance.json, or None where it is not known."""
+    record, curves = diagnosis.record, Curves.of(diagnosis)
+    plots, stages = _plots(diagnosis, curves), record.stages
     return page(
         "diagnosis_page.html",
         plots=plots,
         curves=curve_plots.curve_views(diagnosis, curves),
-        document=document,
+        document=record,
         provenance=provenance,
-        badge=findings.TITLES[document["verdict"]],
-        notes=[*findings.suspicions(diagnosis), *findings.notes(document)],
+        badge=findings.TITLES[record.verdict],
+        notes=[*findings.suspicions(diagnosis), *findings.notes(record)],
         tiles=_tiles(diagnosis, provenance),
-        has_effects=bool(document["effects"]),
+        has_effects=bool(record.effects),
         placed=findings.placed,
         listed=findings.listed,
-        laws=dict.fromkeys(_law(effect) for effect in document["effects"]),
-        formula=findings.expression(document),
-        formula_error=findings.expression_error(document),
-        terms=(document["expression"] or {}).get("terms"),
+        laws=dict.fromkeys(_law(effect) for effect in record.effects),
+        formula=findings.expression(record),
+        formula_error=findings.expression_error(record),
+        terms=(record.expression or {}).get("terms"),
         parts_of_log=list(findings.PARTS),
         part_names=list(findings.PARTS.values()),
         changes=findings.changes(diagnosis),
         together=[[_normalized(stage, part) for stage in (stages[0], stages[-1])] for part in findings.PARTS],
-        predictions=predictions(document, diagnosis.attributes["outputs"]),
+        predictions=predictions(record, diagnosis.attributes["outputs"]),
         floor_sources=FLOOR_SOURCES,
-        starts_hide=findings.starts_hide(document),
+        starts_hide=findings.starts_hide(record),
         stages_height=diagnosis_plots.stages_height(diagnosis),
-        moved=findings.moved(document) if document["parameters"] else [],
+        moved=findings.moved(record) if record.parameters else [],
         least_moved=findings.SETTINGS.moved,
-        absorbed_height=diagnosis_plots.absorbed_height(document),
+        absorbed_height=diagnosis_plots.absorbed_height(record),
         outputs=diagnosis.attributes["outputs"],
         open_outputs=SETTINGS.open_outputs,
         views=len(curves.slices),
@@ -68,17 +68,17 @@ def render(diagnosis: Diagnosis, provenance: Mapping[str, Any] | None) -> str:
             for k in range(len(diagnosis.attributes["outputs"]))
             if f"localisation-{k}" in plots
         },
-        tried=_tried(document),
+        tried=_tried(record),
         key=_key,
-        next_experiment=findings.next_experiment(document),
-        facts=_facts(document),
+        next_experiment=findings.next_experiment(record),
+        facts=_facts(record),
     )
 
 
 def _plots(diagnosis: Diagnosis, curves: Curves) -> dict[str, Any]:
     plots = {
         "stages": diagnosis_plots.stages(diagnosis),
-        "absorbed": diagnosis_plots.absorbed(diagnosis.document),
+        "absorbed": diagnosis_plots.absorbed(diagnosis.record),
     }
     for k in range(len(diagnosis.attributes["outputs"])):
         plots[f"overlay-{k}"] = curve_plots.overlay(diagnosis, curves, k)
@@ -88,26 +88,24 @@ def _plots(diagnosis: Diagnosis, curves: Curves) -> dict[str, Any]:
 
 def _tiles(diagnosis: Diagnosis, provenance: Mapping[str, Any] | None) -> list[tuple[str, str, str]]:
     """(title, number, what it counts)."""
-    document, shown = diagnosis.document, []
-    part = findings.best_part(document)
-    before, after = (document["stages"][k][part]["normalized"] for k in (0, -1))
+    record, shown = diagnosis.record, []
+    part = findings.best_part(record)
+    before, after = (record.stages[k][part]["normalized"] for k in (0, -1))
     outputs = findings.changes(diagnosis)
     if len(outputs) == 1:
         numbers, unit = (outputs[0].before[part], outputs[0].after[part]), outputs[0].unit
     else:
         numbers, unit = (before, after), "× floor"
-    kept = numbers if document["effects"] else numbers[1:]
+    kept = numbers if record.effects else numbers[1:]
     shown.append((f"error {findings.where(part)}", " → ".join(significant(v) for v in kept), unit))
     if len(outputs) == 1 and outputs[0].over is not None:
         shown.append(("over the noise floor", significant(outputs[0].over), "×"))
-    elif document["effects"] and before:
+    elif record.effects and before:
         shown.append(("of the error is left", significant(100 * after / before, 2), "%"))
-    shown.append(
-        ("effects accepted", str(len(document["effects"])), f"of {len(document['candidates'])} candidates")
-    )
+    shown.append(("effects accepted", str(len(record.effects)), f"of {len(record.candidates)} candidates"))
     seconds = (provenance or {}).get("seconds")
     took = "" if seconds is None else f"in {significant(seconds)} s"
-    shown.append(("rollouts simulated", counted(document["rollouts"]["simulated"]), took))
+    shown.append(("rollouts simulated", counted(record.rollouts["simulated"]), took))
     return shown
 
 
@@ -133,9 +131,9 @@ class Tried:
     tone: str
 
 
-def _tried(document: Mapping[str, Any]) -> list[Tried]:
+def _tried(record: DiagnosisRecord) -> list[Tried]:
     """A row per candidate; none where not one was tried."""
-    rows = [(c, findings.outcome(c, document)) for c in document["candidates"]]
+    rows = [(c, findings.outcome(c, record)) for c in record.candidates]
     if all(outcome == findings.NOT_TRIED for _, outcome in rows):
         return []
     tones = {findings.ACCEPTED: "good name", findings.TIED: "unsure name"}
@@ -159,16 +157,16 @@ def _key(value: float | None) -> float | str:
     return value if value is not None and math.isfinite(value) else ""
 
 
-def _facts(document: Mapping[str, Any]) -> list[tuple[str, str]]:
-    split = document["split"]
+def _facts(record: DiagnosisRecord) -> list[tuple[str, str]]:
+    split = record.split
     counts = [f"{counted(split[f'{part}_windows'])} {name}" for part, name in findings.PARTS.items()]
     facts = [
         ("split", f"{split['how']}; windows: {', '.join(counts)}"),
-        ("lack of fit, declared", _lack_of_fit(document["lack_of_fit"]["before"])),
+        ("lack of fit, declared", _lack_of_fit(record.lack_of_fit["before"])),
     ]
-    if document["effects"]:
-        facts.append(("lack of fit, with what was found", _lack_of_fit(document["lack_of_fit"]["after"])))
-    rollouts = {kind: counted(count) for kind, count in document["rollouts"].items()}
+    if record.effects:
+        facts.append(("lack of fit, with what was found", _lack_of_fit(record.lack_of_fit["after"])))
+    rollouts = {kind: counted(count) for kind, count in record.rollouts.items()}
     return [*facts, ("rollouts", f"{rollouts['measured']} measured, {rollouts['simulated']} simulated")]
 
 

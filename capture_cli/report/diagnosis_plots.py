@@ -12,7 +12,7 @@ from capture_cli.common.quantities import place, scaled_unit, significant, title
 from capture_cli.report.curves import SETTINGS as CURVES
 from capture_cli.report.diagnosis_findings import PARTS, Moved, StageErrors, moved, shift, stage_errors
 from capture_cli.report.plotly_parts import NO_BUTTONS, Plot, heading, in_template, line, rounded
-from capture_cli.store.diagnosis import Diagnosis
+from capture_cli.store.diagnosis import Diagnosis, DiagnosisRecord
 
 COLORS = {"fit": "--measured", "select": "--select", "test": "--test"}
 
@@ -66,12 +66,12 @@ def stages_height(diagnosis: Diagnosis) -> int:
     return 110 + len(found.names) * (20 + 22 * len(found.errors)) + 40 * bool(found.floor)
 
 
-def absorbed(document: Mapping[str, Any]) -> Plot | None:
+def absorbed(record: DiagnosisRecord) -> Plot | None:
     """Where in its range each declared parameter stood before and stands now; None where nothing was found."""
-    rows = moved(document)
+    rows = moved(record)
     if not rows:
         return None
-    spans = {row.name: document["parameters"][row.name] for row in rows}
+    spans = {row.name: record.parameters[row.name] for row in rows}
     names = [row.name for row in rows]
     before = [place(row.before, spans[row.name]) for row in rows]
     after = [place(row.after, spans[row.name]) for row in rows]
@@ -110,9 +110,9 @@ def absorbed(document: Mapping[str, Any]) -> Plot | None:
     return {"data": data, "layout": layout, "config": NO_BUTTONS}
 
 
-def absorbed_height(document: Mapping[str, Any]) -> int:
+def absorbed_height(record: DiagnosisRecord) -> int:
     """px that the plot of absorbed parameters needs."""
-    return 110 + 44 * len(document["absorbed"])
+    return 110 + 44 * len(record.absorbed)
 
 
 def whiskers(parameter: Mapping[str, Any]) -> list[float]:
@@ -131,7 +131,7 @@ def localisation(diagnosis: Diagnosis, k: int) -> Plot | None:
     columns = localisation_columns(len(rows))
     grid = -(-len(rows) // columns)
     factor, unit = acceleration_scale(diagnosis, k)
-    has_effects = bool(diagnosis.document["effects"])
+    has_effects = bool(diagnosis.record.effects)
     for place_, row in enumerate(rows):
         number = "" if place_ == 0 else str(place_ + 1)
         against = diagnosis.attributes["curves"][row]

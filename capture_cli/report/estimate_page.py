@@ -11,7 +11,7 @@ from capture_cli.report import curve_plots, findings, parameter_plots
 from capture_cli.report.curves import Curves
 from capture_cli.report.page import page
 from capture_cli.report.prediction import predictions
-from capture_cli.store.estimate import Estimate
+from capture_cli.store.estimate import Estimate, EstimateRecord
 
 
 @dataclass(frozen=True)
@@ -24,29 +24,29 @@ SETTINGS = EstimatePageSettings()
 
 
 def render(estimate: Estimate, provenance: Mapping[str, Any] | None) -> str:
-    """The page as HTML. provenance: the document of provenance.json, or None where it is not known."""
-    curves, document = Curves.of(estimate), estimate.document
+    """The page as HTML. provenance: the record of provenance.json, or None where it is not known."""
+    curves, record = Curves.of(estimate), estimate.record
     plots = _plots(estimate, curves)
     return page(
         "estimate_page.html",
         plots=plots,
         curves=curve_plots.curve_views(estimate, curves),
-        document=document,
+        document=record,
         provenance=provenance,
-        badge=findings.TITLES[document["verdict"]],
-        notes=[*findings.suspicions(estimate), *findings.notes(document)],
-        tiles=_tiles(document, provenance),
-        next_command=findings.next_command(document, (provenance or {}).get("options", {}).get("out")),
+        badge=findings.TITLES[record.verdict],
+        notes=[*findings.suspicions(estimate), *findings.notes(record)],
+        tiles=_tiles(record, provenance),
+        next_command=findings.next_command(record, (provenance or {}).get("options", {}).get("out")),
         untrusted=findings.UNTRUSTED,
         errors=findings.output_errors(estimate),
-        together=[findings.normalized(document, part) for part in ("fit", "test")],
-        predictions=predictions(document, estimate.attributes["outputs"]),
+        together=[findings.normalized(record, part) for part in ("fit", "test")],
+        predictions=predictions(record, estimate.attributes["outputs"]),
         floor_sources=findings.FLOOR_SOURCES,
         outputs=estimate.attributes["outputs"],
         open_outputs=SETTINGS.open_outputs,
         views=len(curves.slices),
-        recordings_height=parameter_plots.recordings_height(document) if "recordings" in plots else None,
-        facts=_facts(document),
+        recordings_height=parameter_plots.recordings_height(record) if "recordings" in plots else None,
+        facts=_facts(record),
     )
 
 
@@ -57,33 +57,33 @@ def _plots(estimate: Estimate, curves: Curves) -> dict[str, Any]:
         plots[f"residual-{k}"] = curve_plots.residual_statistics(estimate, curves, k)
     plots["correlation"] = parameter_plots.correlation_matrix(estimate)
     plots["convergence"] = parameter_plots.convergence(estimate)
-    plots["recordings"] = parameter_plots.recordings(estimate.document)
+    plots["recordings"] = parameter_plots.recordings(estimate.record)
     return {name: figure for name, figure in plots.items() if figure}
 
 
-def _tiles(document: Mapping[str, Any], provenance: Mapping[str, Any] | None) -> list[tuple[str, str, str]]:
+def _tiles(record: EstimateRecord, provenance: Mapping[str, Any] | None) -> list[tuple[str, str, str]]:
     """(title, number, what it counts)."""
     shown = []
     for part, title in (("test", "error on held-out data"), ("fit", "error on fitted data")):
-        error = findings.normalized(document, part)
+        error = findings.normalized(record, part)
         if error is not None:
             shown.append((title, significant(error), "× noise floor"))
-    parameters = document["parameters"].values()
+    parameters = record.parameters.values()
     if parameters:
         determined = sum(p["identifiable"] for p in parameters)
         shown.append(("parameters determined", str(determined), f"of {len(parameters)}"))
     seconds = (provenance or {}).get("seconds")
     took = "" if seconds is None else f"in {significant(seconds)} s"
-    shown.append(("rollouts simulated", counted(document["rollouts"]["simulated"]), took))
+    shown.append(("rollouts simulated", counted(record.rollouts["simulated"]), took))
     return shown
 
 
-def _facts(document: Mapping[str, Any]) -> list[tuple[str, str]]:
-    split = document["split"]
+def _facts(record: EstimateRecord) -> list[tuple[str, str]]:
+    split = record.split
     windows = f"{counted(split['fit_windows'])} windows fitted, {counted(split['test_windows'])} held out"
-    rollouts = {kind: counted(count) for kind, count in document["rollouts"].items()}
+    rollouts = {kind: counted(count) for kind, count in record.rollouts.items()}
     return [
-        ("identifier", document["identifier"]),
+        ("identifier", record.identifier),
         ("split", f"{split['how']}: {windows}"),
         ("rollouts", f"{rollouts['measured']} measured, {rollouts['simulated']} simulated"),
     ]

@@ -185,7 +185,7 @@ def draw_residuals(axis: Axes, record: Record, curves: Curves, k: int) -> list:
     at, drawn, _ = thin(values * factor, curves.slices, SETTINGS.points)
     for m, series in reversed(list(zip(drawn_models, drawn.T, strict=True))):
         axis.plot(curves.x[at], series, **_drawn(curves, "residual", k, PALETTE[m.residual_color], 0.8))
-    floor, handles = record.document["noise_floor"].get(output["name"]), []
+    floor, handles = record.record.noise_floor.get(output["name"]), []
     if floor:
         look = {"color": PALETTE["--floor"], "alpha": 0.18, "lw": 0}
         axis.axhspan(-2 * floor * factor, 2 * floor * factor, **look)

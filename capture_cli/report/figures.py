@@ -49,7 +49,7 @@ def write_figures(estimate: Estimate, folder: Path) -> list[Path]:
         "overlay": partial(_overlay, estimate, curves),
         "residual": partial(_residual, estimate, curves),
     }
-    if estimate.document["parameters"]:
+    if estimate.record.parameters:
         drawings["parameters"] = partial(_parameters, estimate)
     if len(estimate.arrays["round/error"]):
         drawings["convergence"] = partial(_convergence, estimate)
@@ -69,7 +69,7 @@ def _residual(estimate: Estimate, curves: Curves) -> Figure:
 
 
 def _parameters(estimate: Estimate) -> Figure:
-    parameters = estimate.document["parameters"]
+    parameters = estimate.record.parameters
     figure = new_figure(0.7 + 0.52 * len(parameters))
     axis = figure.subplots()
     for row, p in enumerate(parameters.values()):
@@ -110,7 +110,7 @@ def _convergence(estimate: Estimate) -> Figure:
         axes[0].set_yscale("log")
     axes[0].set_ylabel("error / noise floor")
     for k, name in enumerate(names):
-        p = estimate.document["parameters"][name]
+        p = estimate.record.parameters[name]
         path = place(np.asarray(estimate.arrays["round/parameters"])[:, k], p)
         axes[1].plot(path, color=PATHS[k % len(PATHS)], lw=1.2, marker=marker, ms=3)
     if 0 < len(names) <= SETTINGS.most_named:

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from capture_cli.common.quantities import bound, floor_unit, scaled_unit, significant, with_unit
-from capture_cli.store.estimate import Estimate
-from capture_cli.store.result import Result
+from capture_cli.store.diagnosis import DiagnosisRecord
+from capture_cli.store.estimate import Estimate, EstimateRecord
+from capture_cli.store.result import Record, Result
 
 
 @dataclass(frozen=True)
@@ -77,67 +78,67 @@ def beyond_chance(lack: Mapping[str, Any]) -> str:
     return f"error{which} is {significant(size)} times the noise floor (chance allows {significant(chance)})"
 
 
-def is_fit_explained(document: Mapping[str, Any]) -> bool:
+def is_fit_explained(record: EstimateRecord) -> bool:
     """Whether nothing is left of what was fitted: then an estimate that is "unexplained" is so by what was held out.
 
-    False where the document does not say.
+    False where the record does not say.
     """
-    lack = document.get("lack_of_fit", {"lacking": True})
-    return not lack["lacking"] and not document["diverged_windows"]
+    lack = record.lack_of_fit or {"lacking": True}
+    return not lack["lacking"] and not record.diverged_windows
 
 
-def not_alike(document: Mapping[str, Any]) -> str:
+def not_alike(record: Record) -> str:
     """Why a model that holds where it was fitted may fail on what was held out; earlier versions did not look."""
-    beyond = document.get("beyond_fitted")
+    beyond = record.beyond_fitted
     return f"{beyond['text']} To fit that too, {FIT_BOTH}" if beyond else f"{NOT_ALIKE}, or {FIT_BOTH}"
 
 
 def output_errors(estimate: Estimate) -> list[OutputError]:
     """A row per output, in the order of the log."""
-    document = estimate.document
-    sources = document["noise_floor_source"]
+    record = estimate.record
+    sources = record.noise_floor_source
     nominal = _nominal_rmse(estimate)
     return [
-        _output_error(document, o["name"], o["unit"], nominal[k], sources[o["name"]])
+        _output_error(record, o["name"], o["unit"], nominal[k], sources[o["name"]])
         for k, o in enumerate(estimate.attributes["outputs"])
     ]
 
 
-def next_command(document: Mapping[str, Any], folder: str | None) -> str | None:
+def next_command(record: EstimateRecord, folder: str | None) -> str | None:
     """The command to run next, of an estimate in `folder` (None: it is not known); None where there is none."""
-    command, here = document["next_command"], f" {THIS_ESTIMATE}"
+    command, here = record.next_command, f" {THIS_ESTIMATE}"
     if command is None or folder is None or not command.endswith(here):
         return command
     return f"{command.removesuffix(here)} {shlex.quote(folder)}"
 
 
-def normalized(document: Mapping[str, Any], part: str) -> float | None:
+def normalized(record: EstimateRecord, part: str) -> float | None:
     """Error over the noise floor on "fit" or "test"; None where that part is empty."""
-    error = document["error"][part]
+    error = record.error[part]
     return error["normalized"] if error else None
 
 
-def notes(document: Mapping[str, Any]) -> list[str]:
+def notes(record: EstimateRecord) -> list[str]:
     """What a reader has to know before using the numbers, most important first."""
-    unfinished = cut_short(document)
-    found = unfinished + open_loops(document)
-    unexplained = document["verdict"] == "unexplained" and document["parameters"]
+    unfinished = cut_short(record)
+    found = unfinished + open_loops(record)
+    unexplained = record.verdict == "unexplained" and record.parameters
     found += [UNTRUSTED] if unexplained and not unfinished else []
-    if document["in_context"] and document["in_context"]["text"]:
-        found.append(document["in_context"]["text"])
-    found += unmeasured(document)
-    found += left_open(document)
-    found += undetermined(document)
-    found += impossible(document)
-    found += [_at_bound(n, p) for n, p in document["parameters"].items() if p["at_bound"]]
-    found += input_timing(document)
-    found += time_stamps(document)
-    found += time_step(document)
-    recordings = document["recordings"]
+    if record.in_context and record.in_context["text"]:
+        found.append(record.in_context["text"])
+    found += unmeasured(record)
+    found += left_open(record)
+    found += undetermined(record)
+    found += impossible(record)
+    found += [_at_bound(n, p) for n, p in record.parameters.items() if p["at_bound"]]
+    found += input_timing(record)
+    found += time_stamps(record)
+    found += time_step(record)
+    recordings = record.recordings
     if recordings and not recordings["agree"]:
-        behind = "; here the time step may be that" if document.get("time_step") else ""
+        behind = "; here the time step may be that" if record.time_step else ""
         found.append(recordings["text"] + behind)
-    left = document["lack_of_fit"]["normalized"]
+    left = record.lack_of_fit["normalized"]
     if left < SETTINGS.too_good:
         size = significant(left, 2)
         found.append(
@@ -147,15 +148,15 @@ def notes(document: Mapping[str, Any]) -> list[str]:
     return found
 
 
-def undetermined(document: Mapping[str, Any]) -> list[str]:
+def undetermined(record: Record) -> list[str]:
     """What of the parameters the log leaves open; earlier versions did not look in a diagnosis."""
-    return list(dict.fromkeys(item["text"] for item in document.get("undetermined", [])))
+    return list(dict.fromkeys(item["text"] for item in (record.undetermined or [])))
 
 
-def unmeasured(document: Mapping[str, Any]) -> list[str]:
+def unmeasured(record: EstimateRecord) -> list[str]:
     """What of an unexplained log may be starts that nobody knows; earlier versions did not look."""
-    joints = document.get("unmeasured_joints")
-    if document["verdict"] != "unexplained" or not joints:
+    joints = record.unmeasured_joints
+    if record.verdict != "unexplained" or not joints:
         return []
     return [
         f"No output gives the position of {', '.join(joints)}: windows begin where a simulation of the whole episode "
@@ -164,10 +165,10 @@ def unmeasured(document: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def open_loops(document: Mapping[str, Any]) -> list[str]:
+def open_loops(record: EstimateRecord) -> list[str]:
     """What of an unexplained log may be outputs that contradict the model's loops; earlier versions did not look."""
-    found = document.get("open_loops")
-    if document["verdict"] != "unexplained" or not found:
+    found = record.open_loops
+    if record.verdict != "unexplained" or not found:
         return []
     gaps = ", ".join(f"{name} by {significant(size, 2)}" for name, size in found.items())
     return [
@@ -176,19 +177,19 @@ def open_loops(document: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def impossible(document: Mapping[str, Any]) -> list[str]:
+def impossible(record: Record) -> list[str]:
     """What no body can be, and yet was found; earlier versions did not look."""
-    return [item["text"] for item in document.get("impossible_inertia", [])]
+    return [item["text"] for item in (record.impossible_inertia or [])]
 
 
-def left_open(document: Mapping[str, Any]) -> list[str]:
+def left_open(record: Record) -> list[str]:
     """What was held out and the fit left open; earlier versions did not look."""
-    return [document["held_out"]["text"]] if document.get("held_out") else []
+    return [record.held_out["text"]] if record.held_out else []
 
 
-def cut_short(document: Mapping[str, Any]) -> list[str]:
+def cut_short(record: EstimateRecord) -> list[str]:
     """Whether rounds ran out; earlier versions did not look."""
-    rounds = document.get("cut_short")
+    rounds = record.cut_short
     if not rounds:
         return []
     return [
@@ -197,55 +198,55 @@ def cut_short(document: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def time_step(document: Mapping[str, Any]) -> list[str]:
+def time_step(record: Record) -> list[str]:
     """What of the estimate is the model's time step; earlier versions did not look."""
-    return [document["time_step"]["text"]] if document.get("time_step") else []
+    return [record.time_step["text"]] if record.time_step else []
 
 
-def out_of_time(document: Mapping[str, Any]) -> list[str]:
+def out_of_time(record: DiagnosisRecord) -> list[str]:
     """That the search was ended; earlier versions had no limit."""
-    return [document["out_of_time"]] if document.get("out_of_time") else []
+    return [record.out_of_time] if record.out_of_time else []
 
 
-def input_timing(document: Mapping[str, Any]) -> list[str]:
+def input_timing(record: Record) -> list[str]:
     """What inputs do between rows, where that had to be found out and is not the plain case; earlier versions did not
     look.
     """
-    found = document.get("input_timing")
+    found = record.input_timing
     linear = found and any(i["interpolate"] == "linear" for i in found["inputs"].values())
     return [found["text"]] if linear else []
 
 
-def time_stamps(document: Mapping[str, Any]) -> list[str]:
+def time_stamps(record: Record) -> list[str]:
     """What of the noise is as if stamps were off at random; earlier versions did not look."""
-    return [document["time_stamps"]["text"]] if document.get("time_stamps") else []
+    return [record.time_stamps["text"]] if record.time_stamps else []
 
 
-def behind(document: Mapping[str, Any]) -> str:
+def behind(record: Record) -> str:
     """What stamps are of what is beyond chance, where that is most of it; "" where not."""
-    share = (document.get("time_stamps") or {}).get("explained") or 0.0
+    share = (record.time_stamps or {}).get("explained") or 0.0
     return STAMPS_ALONE if share == 1 else STAMPS_MOST if share > SETTINGS.most else ""
 
 
 def suspicions(estimate: Estimate) -> list[str]:
     """What looks like a mistake in the log or the task file rather than like physics; to be read before the notes."""
-    document = estimate.document
-    if cut_short(document):
+    record = estimate.record
+    if cut_short(record):
         return []
-    if document.get("misread"):
-        return [document["misread"]["text"]]
-    left = outputs_left(estimate, document["error"]["fit"])
+    if record.misread:
+        return [record.misread["text"]]
+    left = outputs_left(estimate, record.error["fit"])
     if not left:
         return []
     return [
-        *undriven(document),
+        *undriven(record),
         f"{left[0]} If they are right, `capture diagnose` looks for what the model lacks.",
     ]
 
 
-def undriven(document: Mapping[str, Any]) -> list[str]:
+def undriven(record: EstimateRecord) -> list[str]:
     """Whether nothing drives the machine by the log: no input is ever anything but 0."""
-    peaks = document["log"].get("input_peaks") or {}
+    peaks = record.log.get("input_peaks") or {}
     if not peaks or any(peaks.values()):
         return []
     which = f"Input {', '.join(peaks)} is" if len(peaks) == 1 else f"Inputs {', '.join(peaks)} are"
@@ -257,7 +258,7 @@ def undriven(document: Mapping[str, Any]) -> list[str]:
 
 def outputs_left(result: Result, error: Mapping[str, Any] | None) -> list[str]:
     """Whether the `error` of what was fitted is most of the motion of some output: then it is not physics."""
-    rmse, floors = (error or {}).get("rmse") or {}, result.document["noise_floor"]
+    rmse, floors = (error or {}).get("rmse") or {}, result.record.noise_floor
     far = [
         o["name"]
         for o, motion in zip(result.attributes["outputs"], _motion(result), strict=True)
@@ -289,14 +290,14 @@ def correlation(estimate: Estimate) -> np.ndarray | None:
     """Correlation of the parameters' errors (parameter, parameter); None for fewer than two parameters."""
     if len(estimate.attributes["parameters"]) < 2:
         return None
-    return np.array(estimate.document["correlation"], dtype=float)
+    return np.array(estimate.record.correlation, dtype=float)
 
 
-def _output_error(document, name: str, unit: str, nominal: float | None, source: str) -> OutputError:
-    rmse = {
-        part: ((document["error"].get(part) or {}).get("rmse") or {}).get(name) for part in ("fit", "test")
-    }
-    floor = document["noise_floor"][name]
+def _output_error(
+    record: EstimateRecord, name: str, unit: str, nominal: float | None, source: str
+) -> OutputError:
+    rmse = {part: ((record.error.get(part) or {}).get("rmse") or {}).get(name) for part in ("fit", "test")}
+    floor = record.noise_floor[name]
     shown = rmse["test"] if rmse["test"] is not None else rmse["fit"]
     factor, label = scaled_unit(unit, shown or floor)
     nominal_factor, nominal_label = scaled_unit(unit, nominal)

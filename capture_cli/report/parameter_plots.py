@@ -11,7 +11,7 @@ import numpy as np
 from capture_cli.common.quantities import place, shown_unit, titled
 from capture_cli.report.findings import correlation
 from capture_cli.report.plotly_parts import NO_BUTTONS, Plot, band, heading, in_template, line, rounded
-from capture_cli.store.estimate import Estimate
+from capture_cli.store.estimate import Estimate, EstimateRecord
 
 
 @dataclass(frozen=True)
@@ -105,19 +105,19 @@ def convergence(estimate: Estimate) -> Plot | None:
     return {"data": data, "layout": layout, "config": NO_BUTTONS}
 
 
-def recordings(document: Mapping[str, Any]) -> Plot | None:
+def recordings(record: EstimateRecord) -> Plot | None:
     """Each recording's own estimate and 95 % interval beside the joint one; None for a single recording."""
-    found = document.get("recordings") or {}
+    found = record.recordings or {}
     names, parameters = found.get("names") or [], found.get("parameters") or {}
     if len(names) < 2 or not parameters:
         return None
     data, annotations, shapes, axes = [], [], [], {}
-    rows, columns = _panels(document)
+    rows, columns = _panels(record)
     for k, (name, own) in enumerate(parameters.items()):
-        joint, number = document["parameters"][name], "" if k == 0 else str(k + 1)
+        joint, number = record.parameters[name], "" if k == 0 else str(k + 1)
         axes |= _panel(*divmod(k, columns), rows, columns, number)
         data.append(_recording_points(names, own, joint["unit"], number))
-        annotations.append(heading(_recording_title(document, name), number))
+        annotations.append(heading(_recording_title(record, name), number))
         if joint.get("ci95"):
             shapes.append(
                 band(*joint["ci95"], along=f"x{number}", across=f"y{number} domain", color="--floor-shade")
@@ -127,29 +127,29 @@ def recordings(document: Mapping[str, Any]) -> Plot | None:
     return {"data": data, "layout": layout, "config": NO_BUTTONS}
 
 
-def recordings_height(document: Mapping[str, Any]) -> int:
+def recordings_height(record: EstimateRecord) -> int:
     """px that the plot of recordings needs."""
-    rows, _ = _panels(document)
-    return rows * (75 + 26 * len(document["recordings"]["names"])) + 30
+    rows, _ = _panels(record)
+    return rows * (75 + 26 * len(record.recordings["names"])) + 30
 
 
-def _panels(document: Mapping[str, Any]) -> tuple[int, int]:
+def _panels(record: EstimateRecord) -> tuple[int, int]:
     """(rows, columns) of small plots, as many beside each other as their titles allow."""
-    parameters = document["recordings"]["parameters"]
-    longest = max(len(_recording_title(document, name)) for name in parameters)
+    parameters = record.recordings["parameters"]
+    longest = max(len(_recording_title(record, name)) for name in parameters)
     columns = min(len(parameters), 3 if longest <= 24 else 2)
     return -(-len(parameters) // columns), columns
 
 
-def _recording_title(document: Mapping[str, Any], name: str) -> str:
-    p = document["recordings"]["parameters"][name].get("p_value")
-    title = titled(name, document["parameters"][name]["unit"])
+def _recording_title(record: EstimateRecord, name: str) -> str:
+    p = record.recordings["parameters"][name].get("p_value")
+    title = titled(name, record.parameters[name]["unit"])
     return title if p is None else f"{title}   p = {p:.2g}"
 
 
 def _path(estimate: Estimate, k: int, rounds: np.ndarray, marks: Plot) -> Plot:
     name = estimate.attributes["parameters"][k]
-    parameter = estimate.document["parameters"][name]
+    parameter = estimate.record.parameters[name]
     values = np.asarray(estimate.arrays["round/parameters"])[:, k]
     unit = in_template(shown_unit(parameter["unit"]))
     template = f"{in_template(name)} %{{customdata:.5g}} {unit}<extra></extra>"

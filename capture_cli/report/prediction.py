@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from capture_cli.common.quantities import MISSING, scaled_unit, significant, with_unit
+from capture_cli.store.result import Record
 
 PARTS = {"test": "held out", "fit": "fitted"}
 DIVERGED = "diverged"
@@ -51,9 +52,9 @@ class Predictions:
     left_out: list[str]
 
 
-def predictions(document: Mapping[str, Any], outputs: Sequence[Mapping[str, str]]) -> list[Predictions]:
+def predictions(record: Record, outputs: Sequence[Mapping[str, str]]) -> list[Predictions]:
     """What a record says of each part that there is, what was held out first; earlier versions say nothing."""
-    found = document.get("prediction") or {}
+    found = record.prediction or {}
     return [_part(title, found[part], outputs) for part, title in PARTS.items() if found.get(part)]
 
 

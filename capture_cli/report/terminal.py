@@ -23,8 +23,8 @@ from capture_cli.common.quantities import (
     with_unit,
 )
 from capture_cli.report import diagnosis_findings, findings, prediction
-from capture_cli.store.diagnosis import Diagnosis
-from capture_cli.store.estimate import Estimate
+from capture_cli.store.diagnosis import Diagnosis, DiagnosisRecord
+from capture_cli.store.estimate import Estimate, EstimateRecord
 
 STYLES = {
     "explained": "bold green",
@@ -72,25 +72,25 @@ _ASCII = str.maketrans(
 
 def print_estimate(estimate: Estimate, console: Console, out_path: Path) -> None:
     """Print `estimate`, written to the directory `out_path`; plain text where `console` is no terminal."""
-    document = estimate.document
+    record = estimate.record
     screen = _Screen(console)
-    log = PurePath(document["log"]["path"]).name
-    screen.wrapped("", f"{document['task']} · {log} · {document['identifier']}", "dim")
+    log = PurePath(record.log["path"]).name
+    screen.wrapped("", f"{record.task} · {log} · {record.identifier}", "dim")
     screen.blank()
-    if document["parameters"]:
-        screen.table(_parameters(document, wide=console.width >= SETTINGS.wide))
+    if record.parameters:
+        screen.table(_parameters(record, wide=console.width >= SETTINGS.wide))
         screen.blank()
     errors = findings.output_errors(estimate)
     screen.table(_errors(errors))
     _print_predictions(estimate, screen)
     screen.blank()
-    verdict = document["verdict"]
-    screen.wrapped(findings.TITLES[verdict], document["summary"], STYLES[verdict])
-    for note in _few([*findings.suspicions(estimate), *findings.notes(document)], len(errors)):
+    verdict = record.verdict
+    screen.wrapped(findings.TITLES[verdict], record.summary, STYLES[verdict])
+    for note in _few([*findings.suspicions(estimate), *findings.notes(record)], len(errors)):
         screen.wrapped("note", note, "yellow")
     screen.blank()
     screen.whole("report", str(Path(out_path) / "report.html"))
-    if command := findings.next_command(document, str(out_path)):
+    if command := findings.next_command(record, str(out_path)):
         screen.whole("next", command)
 
 
@@ -98,44 +98,44 @@ def print_diagnosis(diagnosis: Diagnosis, console: Console, out_path: Path) -> N
     """Print `diagnosis`, written to the directory `out_path`: the answer, the error before and after, what had been
     absorbed, what else it might have been, and where the report is.
     """
-    document, words = diagnosis.document, diagnosis_findings
+    record, words = diagnosis.record, diagnosis_findings
     screen = _Screen(console)
-    verdict = document["verdict"]
-    is_unexplained = verdict == "unexplained" and not document["effects"]
-    screen.wrapped(words.TITLES[verdict], _answer(document), STYLES[verdict])
+    verdict = record.verdict
+    is_unexplained = verdict == "unexplained" and not record.effects
+    screen.wrapped(words.TITLES[verdict], _answer(record), STYLES[verdict])
     for mark, line in (
         ("error", _error_line(diagnosis)),
-        ("left", words.left_over(document)),
-        ("absorbed", _absorbed_line(document)),
-        ("where", words.strongest_covariate(document) if is_unexplained else ""),
-        ("formula", _formula_line(document)),
-        *_rivals_line(document),
+        ("left", words.left_over(record)),
+        ("absorbed", _absorbed_line(record)),
+        ("where", words.strongest_covariate(record) if is_unexplained else ""),
+        ("formula", _formula_line(record)),
+        *_rivals_line(record),
         ("note", " ".join(_beside(diagnosis))),
-        ("next", words.next_experiment(document)),
+        ("next", words.next_experiment(record)),
     ):
         if line:
-            cut = mark == "next" and len(document["effects"]) > 1  # what was found goes before
+            cut = mark == "next" and len(record.effects) > 1  # what was found goes before
             screen.wrapped(f"{mark:<{SETTINGS.mark}}", line, "dim", most=SETTINGS.short if cut else None)
     screen.whole(f"{'report':<{SETTINGS.mark}}", f"  {Path(out_path) / 'report.html'}")
-    if len(document["effects"]) > 1:
-        _print_sizes(document, screen)
+    if len(record.effects) > 1:
+        _print_sizes(record, screen)
     _print_predictions(diagnosis, screen)
 
 
-def _print_sizes(document: Mapping[str, Any], screen: _Screen) -> None:
+def _print_sizes(record: DiagnosisRecord, screen: _Screen) -> None:
     """What is known of several effects, in a table where there is room for one."""
-    rows = _effects(document)
+    rows = _effects(record)
     if screen.lines + len(rows) + 2 <= SETTINGS.most_lines:
         screen.blank()
         screen.table(rows)
     elif screen.lines < SETTINGS.most_lines:
-        sizes = "; ".join(f"{diagnosis_findings.placed(e)} {_sizes(e)}".strip() for e in document["effects"])
+        sizes = "; ".join(f"{diagnosis_findings.placed(e)} {_sizes(e)}".strip() for e in record.effects)
         screen.wrapped(f"{'  sizes':<{SETTINGS.mark}}", sizes, "dim", most=SETTINGS.most_lines - screen.lines)
 
 
-def _print_predictions(record: Estimate | Diagnosis, screen: _Screen) -> None:
+def _print_predictions(result: Estimate | Diagnosis, screen: _Screen) -> None:
     """The errors in open loop of what was held out, or of what there is; earlier versions did not look."""
-    for found in prediction.predictions(record.document, record.attributes["outputs"])[:1]:
+    for found in prediction.predictions(result.record, result.attributes["outputs"])[:1]:
         screen.blank()
         screen.table(prediction.for_terminal(found, SETTINGS.most_predicted))
         for why in found.left_out:
@@ -144,7 +144,7 @@ def _print_predictions(record: Estimate | Diagnosis, screen: _Screen) -> None:
 
 def _beside(diagnosis: Diagnosis) -> list[str]:
     """What has to be known beside the answer, and no other line says."""
-    document = diagnosis.document
+    record = diagnosis.record
     found = [
         findings.out_of_time,
         findings.undetermined,
@@ -154,7 +154,7 @@ def _beside(diagnosis: Diagnosis) -> list[str]:
         findings.time_stamps,
         findings.time_step,
     ]
-    return [*diagnosis_findings.suspicions(diagnosis), *(text for told in found for text in told(document))]
+    return [*diagnosis_findings.suspicions(diagnosis), *(text for told in found for text in told(record))]
 
 
 class _Screen:
@@ -236,9 +236,9 @@ def _width(rows: list[list[str]]) -> int:
     return sum(max(map(len, p), default=0) for p in pieces) + SETTINGS.column_gap * (len(head) - 1)
 
 
-def _parameters(document: Mapping[str, Any], *, wide: bool) -> list[list[str]]:
+def _parameters(record: EstimateRecord, *, wide: bool) -> list[list[str]]:
     rows = [["parameter", "estimate", "sd", "95 % interval", *(["bounds"] if wide else []), ""]]
-    for name, p in document["parameters"].items():
+    for name, p in record.parameters.items():
         sd, interval = p["sd"], p["ci95"]
         between = " to ".join(to_precision_of(v, sd) for v in interval) if interval else MISSING
         bounds = [f"{bound(p['low'])} to {bound(p['high'])}"] if wide else []
@@ -276,12 +276,12 @@ def _shown(count: int, most: int) -> int:
     return count if count <= most + 1 else most
 
 
-def _answer(document: Mapping[str, Any]) -> str:
+def _answer(record: DiagnosisRecord) -> str:
     """The verdict in words; of a single effect, its size as well."""
-    sentence = diagnosis_findings.answer(document)
-    if len(document["effects"]) != 1:
+    sentence = diagnosis_findings.answer(record)
+    if len(record.effects) != 1:
         return sentence
-    effect = document["effects"][0]
+    effect = record.effects[0]
     return f"{sentence.removesuffix('.')} ({_sizes(effect) or effect['summary']})."
 
 
@@ -297,31 +297,29 @@ def _size(p: Mapping[str, Any]) -> str:
 
 
 def _error_line(diagnosis: Diagnosis) -> str:
-    document, rows = diagnosis.document, diagnosis_findings.changes(diagnosis)
-    part = diagnosis_findings.best_part(document)
+    record, rows = diagnosis.record, diagnosis_findings.changes(diagnosis)
+    part = diagnosis_findings.best_part(record)
     on = diagnosis_findings.where(part)
     farthest = sorted(rows, key=lambda row: -(row.over_before or 0.0))[: SETTINGS.most_named]
-    each = ", ".join(_change(row, part, document) for row in rows if row in farthest)
+    each = ", ".join(_change(row, part, record) for row in rows if row in farthest)
     if len(rows) == 1:
         return f"{each} {on}; noise floor {with_unit(significant(rows[0].floor), rows[0].floor_unit)}"
-    before, after = (significant(document["stages"][k][part]["normalized"]) for k in (0, -1))
-    both = f"{before} → {after}" if document["effects"] else after
+    before, after = (significant(record.stages[k][part]["normalized"]) for k in (0, -1))
+    both = f"{before} → {after}" if record.effects else after
     return f"{both} × noise floor {on} ({each})"
 
 
-def _change(row: diagnosis_findings.Change, part: str, document: Mapping[str, Any]) -> str:
+def _change(row: diagnosis_findings.Change, part: str, record: DiagnosisRecord) -> str:
     after = with_unit(significant(row.after[part]), row.unit)
     return (
-        f"{row.name} {significant(row.before[part])} → {after}"
-        if document["effects"]
-        else f"{row.name} {after}"
+        f"{row.name} {significant(row.before[part])} → {after}" if record.effects else f"{row.name} {after}"
     )
 
 
-def _absorbed_line(document: Mapping[str, Any]) -> str:
-    if not document["absorbed"]:
+def _absorbed_line(record: DiagnosisRecord) -> str:
+    if not record.absorbed:
         return ""
-    rows = diagnosis_findings.absorbing(document)
+    rows = diagnosis_findings.absorbing(record)
     if not rows:
         return "nothing: no declared parameter had been standing in for it"
     more = f", and {len(rows) - SETTINGS.most_named} more" if len(rows) > SETTINGS.most_named else ""
@@ -337,30 +335,30 @@ def _shift(row: diagnosis_findings.Moved) -> str:
     return f"{row.name} {before} → {with_unit(after, row.unit)}"
 
 
-def _formula_line(document: Mapping[str, Any]) -> str:
-    text, error = diagnosis_findings.expression(document), diagnosis_findings.expression_error(document)
+def _formula_line(record: DiagnosisRecord) -> str:
+    text, error = diagnosis_findings.expression(record), diagnosis_findings.expression_error(record)
     return f"{text} ({error})" if error else text
 
 
-def _rivals_line(document: Mapping[str, Any]) -> list[tuple[str, str]]:
+def _rivals_line(record: DiagnosisRecord) -> list[tuple[str, str]]:
     """What the effects are tied with, or else the candidate that came nearest."""
-    tied = [e for e in document["effects"] if e["tied_with"]]
+    tied = [e for e in record.effects if e["tied_with"]]
     if tied:
         each = (f"{diagnosis_findings.placed(e)} with {', '.join(e['tied_with'])}" for e in tied)
         return [("tied", f"{'; '.join(each)}: this log cannot tell")]
-    closest = diagnosis_findings.closest_rejected(document)
+    closest = diagnosis_findings.closest_rejected(record)
     if closest is None:
         return []
     name = diagnosis_findings.placed(closest)
     why = closest["why_rejected"].replace(f"{name}.", "")
-    if not document["effects"]:
-        name = f"{name}, of {len(document['candidates'])} candidates"
+    if not record.effects:
+        name = f"{name}, of {len(record.candidates)} candidates"
     return [("runner-up", f"{name}: {why}")]
 
 
-def _effects(document: Mapping[str, Any]) -> list[list[str]]:
+def _effects(record: DiagnosisRecord) -> list[list[str]]:
     rows = [["effect", "parameter", "value", "95 % interval"]]
-    for effect in document["effects"]:
+    for effect in record.effects:
         if not effect["parameters"]:
             rows.append([diagnosis_findings.placed(effect), MISSING, MISSING, MISSING])
         for name, p in effect["parameters"].items():

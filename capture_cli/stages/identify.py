@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import shlex
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -43,7 +43,7 @@ from capture_cli.stages.identification.estimation import (
 from capture_cli.stages.log_to_fit import LogToFit, read_log
 from capture_cli.stages.recorded.earlier_estimate import EarlierEstimate
 from capture_cli.stages.recorded.recorded_task import find_task
-from capture_cli.store.estimate import Estimate
+from capture_cli.store.estimate import Estimate, EstimateRecord
 from capture_cli.store.output import new_directory, refuse_existing
 from capture_cli.store.provenance import Provenance
 
@@ -93,12 +93,12 @@ def identify(options: IdentifyOptions) -> Estimate:
         progress.of(_step(5), "errors and intervals")
         estimate = Report(found, chosen.name, options.seed, earlier, progress).estimate()
         if suspicions(estimate):
-            _look_for_misread(estimate.document, search)
-        elif _lacks(estimate.document):
+            estimate = _with_misread(estimate, search)
+        elif _lacks(estimate.record):
             diagnose = ["capture", "diagnose", "--real-log", str(options.real_log)]
-            if not estimate.document["effects"]:
+            if not estimate.record.effects:
                 diagnose += ["--estimate", THIS_ESTIMATE]
-            estimate.document["next_command"] = shlex.join(diagnose)
+            estimate = estimate.changed(next_command=shlex.join(diagnose))
     with new_directory(out, force=options.force or options.resume) as folder:
         estimate.write(folder)
         _write_pages(estimate, folder, to_fit.provenance)
@@ -205,20 +205,24 @@ def _step(number: int) -> str:
     return f"step {number} of {SETTINGS.steps}"
 
 
-def _look_for_misread(document: dict[str, Any], search: _Search) -> None:
-    """Look for channels that are misread, for an estimate that leaves what no physics would; the document says which,
-    and its summary that it may be so. Actions have no channels of the log's.
+def _with_misread(estimate: Estimate, search: _Search) -> Estimate:
+    """The estimate, which leaves what no physics would, with the channels that seem to be misread; its summary says
+    that it may be so. Actions have no channels of the log's.
     """
     if not isinstance(search.prepared.task, ActionTask):
-        document["misread"], rollouts = _misread(search)
-        document["rollouts"]["simulated"] += rollouts
-    if not document["lack_of_fit"]["lacking"]:
-        return
-    if document["misread"]:
-        document["summary"] = unexplained(document["lack_of_fit"], "A channel seems to be misread.")
-    elif not document["diverged_windows"]:
+        misread, simulated = _misread(search)
+        rollouts = estimate.record.rollouts
+        rollouts = {**rollouts, "simulated": rollouts["simulated"] + simulated}
+        estimate = estimate.changed(misread=misread, rollouts=rollouts)
+    record = estimate.record
+    if not record.lack_of_fit["lacking"]:
+        return estimate
+    if record.misread:
+        return estimate.changed(summary=unexplained(record.lack_of_fit, "A channel seems to be misread."))
+    if not record.diverged_windows:
         why = "A channel may be misread, or the model lacks much."
-        document["summary"] = unexplained(document["lack_of_fit"], why)
+        return estimate.changed(summary=unexplained(record.lack_of_fit, why))
+    return estimate
 
 
 def _misread(search: _Search) -> tuple[dict[str, Any] | None, int]:
@@ -234,10 +238,10 @@ def _misread(search: _Search) -> tuple[dict[str, Any] | None, int]:
     return None if found is None else {**asdict(found), "text": found.text}, rollouts
 
 
-def _lacks(document: Mapping[str, Any]) -> bool:
+def _lacks(record: EstimateRecord) -> bool:
     """Whether the model lacks something: not where the search was cut short, or time stamps alone are behind it."""
-    lacking = document["verdict"] == "unexplained" and not is_fit_explained(document)
-    return lacking and not (document["cut_short"] or behind(document) == STAMPS_ALONE)
+    lacking = record.verdict == "unexplained" and not is_fit_explained(record)
+    return lacking and not (record.cut_short or behind(record) == STAMPS_ALONE)
 
 
 def _import_meanwhile(modules: Sequence[str]) -> None:

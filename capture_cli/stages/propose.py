@@ -76,17 +76,14 @@ def propose(options: ProposeOptions) -> dict[str, Any]:
             )
         return _of_diagnosis(machine, options)
     estimate = Estimate.read(result)
-    if (
-        estimate.document["task"] != machine.name
-        or tuple(estimate.document["parameters"]) != machine.space.names
-    ):
+    if estimate.record.task != machine.name or tuple(estimate.record.parameters) != machine.space.names:
         raise OptionError(
-            f"{result} is of the task {estimate.document['task']!r} with "
-            f"({', '.join(estimate.document['parameters'])}); this one is {machine.name!r} with "
+            f"{result} is of the task {estimate.record.task!r} with "
+            f"({', '.join(estimate.record.parameters)}); this one is {machine.name!r} with "
             f"({', '.join(machine.space.names)})",
             cure="give the task it was made with (--task), or identify again",
         )
-    measured = int(estimate.document["rollouts"]["measured"])
+    measured = int(estimate.record.rollouts["measured"])
     generator = np.random.default_rng([options.seed, measured])  # another draw after every episode
     known = Known.of(machine, estimate, _window(result))
     if isinstance(machine, ActionTask):
@@ -106,7 +103,7 @@ def propose(options: ProposeOptions) -> dict[str, Any]:
 
 def _doubted(proposed: dict[str, Any], estimate: Estimate) -> dict[str, Any]:
     """What is proposed for the estimate, and what that is worth where the model lacks something."""
-    if estimate.document["verdict"] != "unexplained":
+    if estimate.record.verdict != "unexplained":
         return proposed
     doubt = "; the model does not explain its log, and then what is expected means little"
     return {**proposed, "text": proposed["text"] + doubt}
@@ -319,6 +316,6 @@ def _farthest(folder: Path, task: Task, estimate: Estimate, amplitude: Mapping[s
         raise OptionError(f"task {task.name!r} has no inputs to drive", cure="there is nothing to propose")
     if {c.name for c in task.inputs} <= set(amplitude):
         return peaks(task, amplitude)
-    log = estimate.document["log"]
+    log = estimate.record.log
     # estimates of before the peaks were kept have none
     return peaks(task, (log.get("input_peaks") or recorded_log(folder, log).input_peaks) | dict(amplitude))

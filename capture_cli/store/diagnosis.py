@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 from capture_cli.store.document_shape import BOUNDS, FLAG, NUMBER, OBJECT, POSITIVE, TEXT, WHOLE, or_none
-from capture_cli.store.result import Result
+from capture_cli.store.result import Record, Result, Row, Rows
 from capture_cli.store.schema import STARTS, ArraySpec, Schema
 
 FORMAT = "capture/diagnosis"
@@ -89,9 +92,25 @@ EXPERIMENT = {
 }
 
 
+@dataclass(frozen=True, kw_only=True)
+class DiagnosisRecord(Record):
+    """diagnosis.json, as reports read it."""
+
+    stages: Sequence[Row] | None = None
+    before: Row | None = None
+    after: Row | None = None
+    absorbed: Rows | None = None
+    candidates: Sequence[Row] | None = None
+    localisation: Sequence[Row] | None = None
+    next_experiment: Row | None = None
+    out_of_time: str | None = None
+    expression: Row | None = None
+
+
 class Diagnosis(Result):
     """diagnosis.json and diagnosis.zarr."""
 
     NAME, CURE = "diagnosis", _CURE
     FORMAT, VERSION, SCHEMA = FORMAT, VERSION, SCHEMA
     SHAPE = SHAPE
+    RECORD = DiagnosisRecord

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
 from capture_cli.store.document_shape import FLAG, NUMBER, OBJECT, TEXT, WHOLE, or_none
-from capture_cli.store.result import Result
+from capture_cli.store.result import Record, Result, Row
 from capture_cli.store.schema import STARTS, ArraySpec, Schema
 
 FORMAT = "capture/estimate"
@@ -90,10 +93,29 @@ SHAPE = {  # of what is read of estimate.json
 }
 
 
+@dataclass(frozen=True, kw_only=True)
+class EstimateRecord(Record):
+    """estimate.json, as reports read it."""
+
+    identifier: str | None = None
+    error: Row | None = None
+    diverged_windows: int | None = None
+    unmeasured_joints: Sequence[str] | None = None
+    open_loops: Mapping[str, float] | None = None
+    correlation: Sequence[Sequence[float]] | None = None
+    recordings: Row | None = None
+    rounds: Sequence[Row] | None = None
+    misread: Row | None = None
+    cut_short: int | None = None
+    in_context: Row | None = None
+    next_command: str | None = None
+
+
 class Estimate(Result):
     """estimate.json and estimate.zarr."""
 
     NAME, CURE = "estimate", _CURE
     FORMAT, VERSION, SCHEMA = FORMAT, VERSION, SCHEMA
     SHAPE = SHAPE
+    RECORD = EstimateRecord
     EARLIER = {1: lambda document: {**document, "effects": []}}  # noqa: RUF012

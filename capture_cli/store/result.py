@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
@@ -18,6 +18,8 @@ from capture_cli.store.output import PROVENANCE
 from capture_cli.store.provenance import write_json
 from capture_cli.store.schema import Schema
 
+Row = Mapping[str, Any]
+Rows = Mapping[str, Row]
 Migrations = Mapping[int, Callable[[Mapping[str, Any]], Mapping[str, Any]]]
 
 
@@ -29,12 +31,44 @@ class ResultSettings:
 SETTINGS = ResultSettings()
 
 
+@dataclass(frozen=True, kw_only=True)
+class Record:
+    """What reports read of the JSON document of an estimate or a diagnosis, by its keys; the meaning of each is in
+    docs/schemas.md. None is what an earlier version did not write.
+    """
+
+    task: str | None = None
+    log: Row | None = None
+    parameters: Rows | None = None
+    undetermined: Sequence[Row] | None = None
+    noise_floor: Mapping[str, float] | None = None
+    noise_floor_source: Mapping[str, str] | None = None
+    prediction: Row | None = None
+    held_out: Row | None = None
+    beyond_fitted: Row | None = None
+    impossible_inertia: Sequence[Row] | None = None
+    time_step: Row | None = None
+    time_stamps: Row | None = None
+    input_timing: Row | None = None
+    split: Row | None = None
+    rollouts: Mapping[str, int] | None = None
+    effects: Sequence[Row] | None = None
+    verdict: str | None = None
+    summary: str | None = None
+    lack_of_fit: Row | None = None
+
+    @classmethod
+    def of(cls, document: Mapping[str, Any]) -> Self:
+        """Of the document, which may have other keys besides."""
+        return cls(**{f.name: document[f.name] for f in fields(cls) if f.name in document})
+
+
 @dataclass(frozen=True)
 class Result:
     """NAME.json as a dict (`document`) and the arrays of NAME.zarr by path.
 
     FORMAT and VERSION are those of NAME.json, and SCHEMA is that of NAME.zarr. CURE: of one that cannot be read.
-    SHAPE, EARLIER: as `DocumentKind` has them.
+    SHAPE, EARLIER: as `DocumentKind` has them. RECORD: of the document.
     """
 
     NAME: ClassVar[str]
@@ -45,9 +79,20 @@ class Result:
     SHAPE: ClassVar[Mapping[str, Any]] = {}
     EARLIER: ClassVar[Migrations] = {}
 
+    RECORD: ClassVar[type[Record]] = Record
+
     document: dict[str, Any]
     arrays: dict[str, np.ndarray]
     attributes: dict[str, Any]
+
+    @property
+    def record(self) -> Record:
+        """The document as reports read it."""
+        return self.RECORD.of(self.document)
+
+    def changed(self, **keys: Any) -> Self:
+        """With other values of these keys of the document."""
+        return replace(self, document={**self.document, **keys})
 
     def write(self, folder: Path) -> None:
         write_json(folder / f"{self.NAME}.json", self.document)

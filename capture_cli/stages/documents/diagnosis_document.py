@@ -28,7 +28,7 @@ from capture_cli.stages.documents.result_document import (
     measured_arrays,
     start_arrays,
 )
-from capture_cli.store.diagnosis import FORMAT, VERSION, Diagnosis
+from capture_cli.store.diagnosis import FORMAT, VERSION, Diagnosis, DiagnosisRecord
 
 OUT_OF_TIME = (
     "The time limit ended the search: this is the best that was found until then, and more may be missing. Run it "
@@ -102,7 +102,7 @@ def _document(
         "out_of_time": OUT_OF_TIME if found.out_of_time else None,
         "expression": None if found.expression is None else _expression(prepared, found.expression),
     }
-    document["summary"] = summary(document)
+    document["summary"] = summary(DiagnosisRecord.of(document))
     return document
 
 

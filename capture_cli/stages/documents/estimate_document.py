@@ -40,7 +40,7 @@ from capture_cli.stages.documents.result_document import (
 from capture_cli.stages.documents.undetermined_document import with_limits
 from capture_cli.stages.identification.estimation import Found
 from capture_cli.stages.recorded.earlier_estimate import EarlierEstimate
-from capture_cli.store.estimate import FORMAT, HISTORY, VERSION, Estimate
+from capture_cli.store.estimate import FORMAT, HISTORY, VERSION, Estimate, EstimateRecord
 
 
 @dataclass(frozen=True)
@@ -197,7 +197,7 @@ class Report:
                 common["parameters"],
                 diverged,
                 self._why(common),
-                not_alike(common),
+                not_alike(EstimateRecord.of(common)),
             ),
             "diverged_windows": int(diverged.sum()),
             "lack_of_fit": lacks[0],
@@ -219,13 +219,13 @@ class Report:
         """What leaves an error, where it need not be the model; "" where nothing says so."""
         if self.result.cut_short is not None:
             return "The search was not finished."
-        return behind(common)
+        return behind(EstimateRecord.of(common))
 
     def _in_context(self) -> dict | None:
         """What the rounds over the episodes gave; those of the earlier estimate where there were none now."""
         result = self.result
         if result.in_context is None:
-            return None if self.earlier is None else self.earlier.estimate.document["in_context"]
+            return None if self.earlier is None else self.earlier.estimate.record.in_context
         return result.in_context.document(
             contradicted=result.contradicted, fallback=result.fallback, elsewhere=result.elsewhere
         )

@@ -55,14 +55,14 @@ class Known:
     @classmethod
     def of(cls, task: Task, estimate: Estimate, window: float | None) -> Known:
         """window: s, that the estimate was told instead of the task's."""
-        document, arrays = estimate.document, estimate.arrays
+        record, arrays = estimate.record, estimate.arrays
         names = [c.name for c in task.outputs]
-        noise_sd = np.array([document["noise_floor"][name] for name in names])
+        noise_sd = np.array([record.noise_floor[name] for name in names])
         time, number = (np.asarray(arrays[f"step/{name}"]) for name in ("time", "window"))
         sampled = ~np.isnan(np.asarray(arrays["step/measured"]))
         interval = _usual_interval(time, number)
         apart = [0.0 if own.all() else _usual_interval(time[own], number[own]) for own in sampled.T]
-        lack, rounds = document["lack_of_fit"], document.get("in_context")
+        lack, rounds = record.lack_of_fit, record.in_context
         return cls(
             point=np.asarray(arrays["parameter/estimate"]),
             covariance=np.asarray(arrays["parameter/covariance"]),

@@ -17,7 +17,7 @@ from capture_cli.model.tasks import REGISTRY as TASKS
 from capture_cli.model.tasks import load_task
 from capture_cli.report.findings import STAMPS_ALONE, behind, cut_short, is_fit_explained, not_alike
 from capture_cli.store.diagnosis import Diagnosis
-from capture_cli.store.estimate import Estimate
+from capture_cli.store.estimate import Estimate, EstimateRecord
 from capture_cli.store.evaluation import Evaluation
 from capture_cli.store.inspection import Inspection
 from capture_cli.store.output import PROVENANCE, sha256
@@ -124,14 +124,15 @@ def _cure_of_unexplained(result: Mapping[str, Any], path: Path) -> str:
     if result["format"] != "capture/estimate":
         formula = result.get("expression") or {}
         return f"a formula describes what is left: {formula['text']}" if formula.get("terms") else where
-    if behind(result) == STAMPS_ALONE:
-        return result["time_stamps"]["text"]
-    if is_fit_explained(result):
-        return not_alike(result)
-    if result.get("misread"):
-        return result["misread"]["text"]
-    if cut_short(result):
-        return cut_short(result)[0]
+    record = EstimateRecord.of(result)
+    if behind(record) == STAMPS_ALONE:
+        return record.time_stamps["text"]
+    if is_fit_explained(record):
+        return not_alike(record)
+    if record.misread:
+        return record.misread["text"]
+    if cut_short(record):
+        return cut_short(record)[0]
     if result.get("next_command", "") is None:
         return f"check columns, units and signs before anything else: {where}"
     log = ["--real-log", result["log"]["path"]] if result.get("log") else []

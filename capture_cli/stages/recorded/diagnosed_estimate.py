@@ -44,7 +44,7 @@ class DiagnosedEstimate:
         task's model is not what it was.
         """
         self._check(log, given)
-        if effects := self.estimate.document["effects"]:
+        if effects := self.estimate.record.effects:
             names = ", ".join(placed_name(row["name"], row["site"]) for row in effects)
             raise OptionError(
                 f"{self.path} was fitted with {names} in the model, and a diagnosis begins with the model as declared",
@@ -62,16 +62,16 @@ class DiagnosedEstimate:
         """What it held out."""
         arrays = self.estimate.arrays
         return EarlierSplit(
-            arrays["window/first"], arrays["window/is_test"], self.estimate.document["split"]["how"]
+            arrays["window/first"], arrays["window/is_test"], self.estimate.record.split["how"]
         )
 
     def values(self, task: Task) -> np.ndarray:
         """Those of the task's parameters, (parameter,). Raises StoreError where they are others than its own."""
-        document = self.estimate.document
-        parameters = document["parameters"]
-        if document["task"] != task.name or list(parameters) != list(task.space.names):
+        record = self.estimate.record
+        parameters = record.parameters
+        if record.task != task.name or list(parameters) != list(task.space.names):
             raise StoreError(
-                f"the estimate has task {document['task']!r} with ({', '.join(parameters)}); "
+                f"the estimate has task {record.task!r} with ({', '.join(parameters)}); "
                 f"the task is {task.name!r} with ({', '.join(task.space.names)})",
                 cure="identify again with the task as it is now",
             )
@@ -79,7 +79,7 @@ class DiagnosedEstimate:
 
     def _check(self, log: MeasuredLog, task: str | None) -> None:
         """Raise OptionError where it is not of the log as it is now. task: the `--task` that was given."""
-        recorded = self.estimate.document["log"]
+        recorded = self.estimate.record.log
         if recorded["sha256"] == sha256(log.path):
             return
         identify = ["capture", "identify", "--real-log", str(log.path)]
@@ -99,5 +99,5 @@ class DiagnosedEstimate:
             machine = load_recorded(self.path, self.provenance, task, str(log.path))
         except CaptureError:
             return 0
-        new = len(log.episode_ends) - self.estimate.document["rollouts"]["measured"]
+        new = len(log.episode_ends) - self.estimate.record.rollouts["measured"]
         return max(new, 0) if continues(log, machine, self.estimate) else 0

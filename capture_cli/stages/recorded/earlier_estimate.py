@@ -51,7 +51,7 @@ class EarlierEstimate:
         again = "make the estimate again with `capture identify`"
         provenance = read_provenance(path, again)
         check_shape(provenance["options"], OPTIONS, f"{path / PROVENANCE}: options", again)
-        return cls(path, estimate, provenance, estimate.document["rollouts"]["measured"])
+        return cls(path, estimate, provenance, estimate.record.rollouts["measured"])
 
     @property
     def options(self) -> dict[str, Any]:
@@ -69,10 +69,10 @@ class EarlierEstimate:
 
     def check(self, task: Task, log: MeasuredLog) -> None:
         """Raise CaptureError where it is of another task, other parameters, or not of the first episodes of `log`."""
-        names = list(self.estimate.document["parameters"])
-        if self.estimate.document["task"] != task.name or names != list(task.space.names):
+        names = list(self.estimate.record.parameters)
+        if self.estimate.record.task != task.name or names != list(task.space.names):
             raise OptionError(
-                f"--resume: {self.path} is of the task {self.estimate.document['task']!r} with ({', '.join(names)}); "
+                f"--resume: {self.path} is of the task {self.estimate.record.task!r} with ({', '.join(names)}); "
                 f"this one is {task.name!r} with ({', '.join(task.space.names)})",
                 cure="identify anew: --force, or another --out",
             )
@@ -81,7 +81,7 @@ class EarlierEstimate:
             raise OptionError(
                 f"--resume: {self.path} was made from other episodes than those {log.path} begins with",
                 cure="identify anew: --force, or another --out; "
-                f"{self.path} is of {self.estimate.document['log']['path']}",
+                f"{self.path} is of {self.estimate.record.log['path']}",
             )
         if self.episodes == len(log.episode_ends):
             raise OptionError(
