@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from capture_cli.model.effects._joint_effect import JointEffect
-from capture_cli.model.effects.base import JointMotion
+from capture_cli.model.effects.base import JointMotion, SeenLog
 from capture_cli.model.fields import ModelFields
 from capture_cli.model.states import Starts
 from capture_cli.simulate.engine import Engine
@@ -49,10 +49,12 @@ def begun_inside(
     )
     path = whole.qpos[0, :, 0]
     effect.look_in(
-        window=LENGTH * timestep,
-        longest=len(tape) * timestep,
-        logged=frozenset([0]),
-        seen={effect.joint: _seen(path, tape, stretches or [slice(0, len(path))], model)},
+        SeenLog(
+            window=LENGTH * timestep,
+            longest=len(tape) * timestep,
+            logged=frozenset([0]),
+            seen={effect.joint: _seen(path, tape, stretches or [slice(0, len(path))], model)},
+        )
     )
     each = np.repeat(values[None], len(first), axis=0)
     inside = np.array([np.arange(f, f + LENGTH) for f in first])

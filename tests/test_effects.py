@@ -32,7 +32,16 @@ from capture_cli.log.input_sequences import CachedSequences
 from capture_cli.log.windows import LEAD, cut
 from capture_cli.model import effects
 from capture_cli.model.effects._joint_force import inertia_felt
-from capture_cli.model.effects.base import GLOBAL, PLACES, Driven, Effect, JointMotion, Recordings, Reports
+from capture_cli.model.effects.base import (
+    GLOBAL,
+    PLACES,
+    Driven,
+    Effect,
+    JointMotion,
+    Recordings,
+    Reports,
+    SeenLog,
+)
 from capture_cli.model.fields import ModelFields
 from capture_cli.model.states import Starts
 from capture_cli.model.tasks import load_task
@@ -375,7 +384,7 @@ def test_of_bodies_that_are_fixed_to_each_other_a_payload_is_looked_for_at_the_f
     payload = effects.REGISTRY.get("payload")
     link, hand = (payload(model, name) for name in ("link", "hand"))
     for effect in (link, hand):
-        effect.look_in(window=1.0, longest=1.0, logged=frozenset({0}), seen={})
+        effect.look_in(SeenLog(window=1.0, longest=1.0, logged=frozenset({0}), seen={}))
     assert link.shows and not hand.shows
     assert link.space.high[0] == pytest.approx(2 * 2.3)
     assert link.space.high[1] >= 1.5, "as far as for what its hand carries"
@@ -897,7 +906,9 @@ def test_a_motor_is_as_hot_in_a_window_as_its_log_made_it(recordings):
     cold = lost(windows.controls, values, elapsed=windows.elapsed)
     driven = Driven(**log, controls={0: control})
     of = Recordings(np.repeat(np.arange(2) % recordings, [750, 500]), log["time"], 0)
-    effect.look_in(window=0.5, longest=3.0, logged=frozenset(), seen={}, driven=driven, recordings=of)
+    effect.look_in(
+        SeenLog(window=0.5, longest=3.0, logged=frozenset(), seen={}, driven=driven, recordings=of)
+    )
     values = np.array([5e-4, *before[:recordings], 1.5])
     warm = lost(windows.controls, values, elapsed=windows.elapsed, first=windows.first)[:, :100]
     assert len(windows) == 10 and expected.max() > 0.25
@@ -998,7 +1009,7 @@ def in_log(name: str, where: str, site: str, reported: np.ndarray) -> Effect:
     values = np.full((len(reported), machine(where).nsensordata), np.nan)
     values[:, effect.columns] = reported[:, None]
     reports = Reports(0.01 * np.arange(len(reported)), values, [slice(0, len(reported))])
-    effect.look_in(window=1.0, longest=20.0, logged=effect.reported, seen={}, reports=reports)
+    effect.look_in(SeenLog(window=1.0, longest=20.0, logged=effect.reported, seen={}, reports=reports))
     return effect
 
 
@@ -1213,7 +1224,7 @@ def test_a_body_that_loses_mass_moves_as_one_that_is_weighed_anew_at_every_step(
         rows.append(data.sensordata.copy())
     assert np.abs(plain("arm")[0] - rows).max() > 1e-3
     np.testing.assert_allclose(seen[0], rows, atol=1e-9)
-    effect.look_in(window=1.0, longest=40.0, logged=frozenset(), seen={})
+    effect.look_in(SeenLog(window=1.0, longest=40.0, logged=frozenset(), seen={}))
     assert effect.parameters[0].high == pytest.approx(0.02), "a fifth is left at the end"
 
 
@@ -1226,9 +1237,9 @@ def test_a_sensor_at_a_shifted_site_shows_what_is_there():
     moved = build(MACHINES["arm"])
     moved.site_pos[0] += 0.02, 0.0, -0.01
     np.testing.assert_array_equal(seen, run(moved)[0])
-    effect.look_in(window=1.0, longest=1.0, logged=frozenset({0, 1}), seen={})
+    effect.look_in(SeenLog(window=1.0, longest=1.0, logged=frozenset({0, 1}), seen={}))
     assert not effect.shows, "the log has the joints alone"
-    effect.look_in(window=1.0, longest=1.0, logged=frozenset({0, 1, 3}), seen={})
+    effect.look_in(SeenLog(window=1.0, longest=1.0, logged=frozenset({0, 1, 3}), seen={}))
     assert effect.shows
     assert not effects.REGISTRY.get("site-shift").sites(machine("drone")), "its sites are those of rotors"
 

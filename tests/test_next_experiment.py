@@ -15,7 +15,7 @@ from capture_cli.estimate.initial_states.from_outputs import model_starts
 from capture_cli.estimate.model_fits import ModelFits
 from capture_cli.estimate.prepare import prepare
 from capture_cli.model.effects import REGISTRY
-from capture_cli.model.effects.base import JointMotion
+from capture_cli.model.effects.base import JointMotion, SeenLog
 from capture_cli.model.effects.placed import Placed
 from capture_cli.model.tasks import load_task
 from capture_cli.select.experiment import next_experiment as menu
@@ -101,7 +101,7 @@ def test_an_experiment_does_not_begin_where_the_log_did(fits):
     time = 0.01 * np.arange(200)
     path = 0.3 + 0.05 * np.sin(5 * time)
     seen = JointMotion(0.25, 0.35, 0.25, path, [slice(0, 200)], 0.0, time)
-    spring.look_in(window=1.0, longest=2.0, logged=frozenset({0}), seen={spring.joint: seen})
+    spring.look_in(SeenLog(window=1.0, longest=2.0, logged=frozenset({0}), seen={spring.joint: seen}))
     windows = driven_windows(task, time, np.zeros((1, 200, len(task.inputs))))
     point = np.append(task.space.nominal, [120.0, 0.3])  # N/m, s
     starts = model_starts(task.model, 1).starts

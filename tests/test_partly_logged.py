@@ -15,6 +15,7 @@ from capture_cli.errors import TaskError
 from capture_cli.log.measured_log import MeasuredLog
 from capture_cli.model.coordinate_sources import sources_of
 from capture_cli.model.effects import REGISTRY
+from capture_cli.model.effects.base import SeenLog
 from capture_cli.model.tasks import load_task
 from capture_cli.stages import diagnose as diagnose_stage
 from capture_cli.stages import identify as identify_stage
@@ -164,7 +165,7 @@ def test_what_was_not_logged_is_left_as_it_is(craft, kind):
     known = {"window": 1.0, "longest": 6.0, "seen": {}}
     site = next(s for s in REGISTRY.get(kind).sites(model) if s.startswith("gyro"))
     whole, partly = (REGISTRY.get(kind)(model, site) for _ in range(2))
-    partly.look_in(logged=frozenset({0, 1, 5}), **known)
+    partly.look_in(SeenLog(logged=frozenset({0, 1, 5}), **known))
     assert [p.name for p in partly.parameters] == ["z"]
     sensors, force = np.ones((1, 4, model.nsensordata)), np.ones((1, 4, model.nu))
     values, all_of_them = np.array([[0.1]]), np.array([[0.0, 0.0, 0.1]])

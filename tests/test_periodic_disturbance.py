@@ -15,7 +15,7 @@ from capture_cli.common.progress import Progress
 from capture_cli.estimate.prepare import prepare
 from capture_cli.estimate.prepared_log import PreparedLog
 from capture_cli.log.measured_log import MeasuredLog
-from capture_cli.model.effects.base import Recordings
+from capture_cli.model.effects.base import Recordings, SeenLog
 from capture_cli.model.effects.periodic_disturbance import PeriodicDisturbance
 from capture_cli.model.states import Starts
 from capture_cli.model.tasks import load_task
@@ -137,7 +137,7 @@ def in_a_log() -> PeriodicDisturbance:
     effect = PeriodicDisturbance(model, "x")
     within = model.opt.timestep * np.arange(STEPS)
     recordings = Recordings(np.repeat([0, 1], STEPS), np.concatenate([within, 1000 + within]), 1)
-    effect.look_in(window=0.5, longest=2.0, logged=frozenset([0]), seen={}, recordings=recordings)
+    effect.look_in(SeenLog(window=0.5, longest=2.0, logged=frozenset([0]), seen={}, recordings=recordings))
     return effect
 
 
@@ -184,7 +184,7 @@ def test_states_matter_outside_the_reference_alone(in_a_log):
     assert in_a_log.fitted_to(FIRST[:2]).states_matter(FIRST).all()
     one = PeriodicDisturbance(in_a_log.model, "x")
     same = replace(in_a_log.recordings, of_step=np.zeros(2 * STEPS, dtype=int))
-    one.look_in(window=0.5, longest=2.0, logged=frozenset([0]), seen={}, recordings=same)
+    one.look_in(SeenLog(window=0.5, longest=2.0, logged=frozenset([0]), seen={}, recordings=same))
     assert not one.states and not len(one.states_tried)
     assert one.states_matter(FIRST).shape == (4, 0)
 

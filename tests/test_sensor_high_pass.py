@@ -12,7 +12,7 @@ from machines import build
 from scipy.signal import bilinear, lfilter, lsim
 
 from capture_cli.log.measured_log import MeasuredLog
-from capture_cli.model.effects.base import Reports
+from capture_cli.model.effects.base import Reports, SeenLog
 from capture_cli.model.effects.sensor_high_pass import SensorHighPass, high_passed, integrated
 from capture_cli.model.tasks import load_task
 from capture_cli.model.tasks.mjcf_file import MjcfFile
@@ -99,11 +99,13 @@ def logged() -> tuple[SensorHighPass, np.ndarray, np.ndarray]:
         [slice(0, STEPS), slice(STEPS, 2 * STEPS)],
     )
     effect.look_in(
-        window=0.2,
-        longest=TIMESTEP * STEPS,
-        logged=frozenset(range(model.nsensordata)),
-        seen={},
-        reports=reports,
+        SeenLog(
+            window=0.2,
+            longest=TIMESTEP * STEPS,
+            logged=frozenset(range(model.nsensordata)),
+            seen={},
+            reports=reports,
+        )
     )
     return effect, true, reported
 

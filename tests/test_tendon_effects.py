@@ -8,7 +8,7 @@ from machines import build, run
 
 from capture_cli.errors import OptionError
 from capture_cli.model import effects
-from capture_cli.model.effects.base import JointMotion
+from capture_cli.model.effects.base import JointMotion, SeenLog
 from capture_cli.model.fields import ModelFields
 from capture_cli.stages.effect_option import parse_effects
 
@@ -39,7 +39,7 @@ def pendulum(turn: str = "", band: str = "", limits: str = 'limited="true" range
 
 def look_in(effect, low: float, high: float) -> None:
     seen = {0: JointMotion(low, high, 2.0)}
-    effect.look_in(window=0.5, longest=5.0, logged=frozenset({0}), seen=seen)
+    effect.look_in(SeenLog(window=0.5, longest=5.0, logged=frozenset({0}), seen=seen))
 
 
 def test_a_band_at_dead_centre_has_levers_where_the_joint_goes():

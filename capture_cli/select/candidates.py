@@ -17,7 +17,7 @@ from capture_cli.estimate.solve.linearization import Linearization
 from capture_cli.log.windows import stretches
 from capture_cli.model.coordinate_sources import sources_of
 from capture_cli.model.effects import REGISTRY
-from capture_cli.model.effects.base import Driven, Effect, JointMotion, Recordings, Reports
+from capture_cli.model.effects.base import Driven, Effect, JointMotion, Recordings, Reports, SeenLog
 from capture_cli.model.effects.placed import Placed
 from capture_cli.select.criterion import Support
 from capture_cli.select.log_parts import select_folds
@@ -83,17 +83,17 @@ def all_candidates(prepared: PreparedLog) -> list[Candidate]:
     model = _as_driven(prepared)
     every = [Placed(name, cls(model, site)) for name, cls in REGISTRY.items() for site in cls.sites(model)]
     windows, log = prepared.windows, prepared.log
-    known = {
-        "window": float(windows.grid_steps.max() * windows.timestep),
-        "longest": log.longest,
-        "logged": frozenset(c.index for c in prepared.task.outputs),
-        "seen": _seen(prepared),
-        "reports": _reports(prepared),
-        "recordings": _recordings(prepared),
-        "driven": Driven(clock(log), _controls(prepared), log.episodes),
-    }
+    known = SeenLog(
+        window=float(windows.grid_steps.max() * windows.timestep),
+        longest=log.longest,
+        logged=frozenset(c.index for c in prepared.task.outputs),
+        seen=_seen(prepared),
+        reports=_reports(prepared),
+        recordings=_recordings(prepared),
+        driven=Driven(clock(log), _controls(prepared), log.episodes),
+    )
     for _, effect in every:
-        effect.look_in(**known)
+        effect.look_in(known)
     return [Candidate(e) for e in every if e.effect.shows]
 
 

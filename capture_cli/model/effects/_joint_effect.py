@@ -35,9 +35,9 @@ class JointEffect(Effect):
         self.dof = int(model.jnt_dofadr[self.joint])
         self.is_hinge = int(model.jnt_type[self.joint]) == HINGE
 
-    def look_in(self, *, seen, **log):
-        super().look_in(seen=seen, **log)
-        self.seen = seen.get(self.joint)
+    def look_in(self, log):
+        super().look_in(log)
+        self.seen = log.seen.get(self.joint)
 
     @classmethod
     def sites(cls, model: mujoco.MjModel) -> list[str]:

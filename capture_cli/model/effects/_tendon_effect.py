@@ -59,9 +59,9 @@ class TendonEffect(Effect):
         dofs = moving_dofs(model, tendon)
         return bool(len(dofs)) and np.isin(model.jnt_type[model.dof_jntid[dofs]], (HINGE, SLIDE)).all()
 
-    def look_in(self, *, seen, **log):
-        super().look_in(seen=seen, **log)
-        self._look_where(seen)
+    def look_in(self, log):
+        super().look_in(log)
+        self._look_where(log.seen)
 
     def _look_where(self, seen: dict[int, JointMotion]) -> None:
         """Find levers and lengths where its joints go: in the log, for those that are `seen`."""

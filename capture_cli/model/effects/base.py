@@ -111,6 +111,23 @@ class Reports:
     stretches: Sequence[slice]
 
 
+@dataclass(frozen=True)
+class SeenLog:
+    """The log that effects are looked for in. window: s, for how long it is followed at a time; longest: s, of the
+    longest episode; logged: the columns of sensordata that it has; seen: the motion of each joint, by its number, whose
+    position they say; reports: what is in those columns; driven: its controls. recordings: None where nobody says, as
+    if all were one.
+    """
+
+    window: float
+    longest: float
+    logged: frozenset[int]
+    seen: Mapping[int, JointMotion]
+    recordings: Recordings | None = None
+    reports: Reports | None = None
+    driven: Driven | None = None
+
+
 class Effect(ABC):
     """An effect at `site` of `model`. Class attributes:
 
@@ -140,7 +157,7 @@ class Effect(ABC):
     reads_actuators: whether it has a `pick_up`, for which a simulation keeps what its actuators give.
     reports_late: whether it has a `lateness`, for which a simulation begins before its window.
     number_by_number: whether it has a parameter for each of a sensor's numbers, of those alone that a log has.
-    window, longest, logged: of the log that it is looked for in, as `look_in` is given them; None where in no log.
+    window, longest, logged: of the log that it is looked for in, see `SeenLog`; None where in no log.
     states_tried: points (point, state) among which those that a simulation began with are looked for, where a descent
         from 0 can miss them; none where it finds them.
     states_anywhere: whether 0 is no better a guess of its states than any other: a fit begins with the best of those
@@ -191,25 +208,9 @@ class Effect(ABC):
         """What its parameters do, as a formula where it has one: its own docstring."""
         return cleandoc(cls.__doc__ or "")
 
-    def look_in(
-        self,
-        *,
-        window: float,
-        longest: float,
-        logged: frozenset[int],
-        seen: Mapping[int, JointMotion],
-        recordings: Recordings | None = None,
-        reports: Reports | None = None,
-        driven: Driven | None = None,
-    ) -> None:
-        """What the log that it is looked for in is like, from which ranges of parameters follow.
-
-        window: s, for how long it is followed at a time; longest: s, of the longest episode; logged: the columns of
-        sensordata that the log has; seen: the motion of each joint, by its number, whose position they say; reports:
-        what is in those columns; driven: its controls. recordings: those of the log; None where nobody says, as if all
-        were one.
-        """
-        self.window, self.longest, self.logged = window, longest, logged
+    def look_in(self, log: SeenLog) -> None:
+        """What the log that it is looked for in is like, from which ranges of parameters follow."""
+        self.window, self.longest, self.logged = log.window, log.longest, log.logged
 
     @property
     def variant_of(self) -> str:

@@ -62,13 +62,13 @@ class ControlHeatFade(ActuatorEffect):
     def sites(cls, model):
         return without_target(model)
 
-    def look_in(self, *, driven=None, recordings=None, **log):
-        super().look_in(**log)
-        self._driven = driven
-        if recordings is not None and recordings.several:
-            count = int(recordings.of_step.max()) + 1
+    def look_in(self, log):
+        super().look_in(log)
+        self._driven = log.driven
+        if log.recordings is not None and log.recordings.several:
+            count = int(log.recordings.of_step.max()) + 1
             if count <= SETTINGS.most_recordings:
-                self._recordings, self._heats = recordings, count
+                self._recordings, self._heats = log.recordings, count
 
     @classmethod
     def of_one_recording(cls, name):

@@ -55,9 +55,9 @@ class CoupledSpring(JointEffect):
         scalar = (j for j in range(model.njnt) if model.jnt_type[j] in (HINGE, SLIDE))
         return [object_name(model, "joint", j) for j in scalar if joint_before(model, j) >= 0]
 
-    def look_in(self, *, seen, **log):
-        super().look_in(seen=seen, **log)
-        self._seen = [seen.get(j) for j in self._joints]
+    def look_in(self, log):
+        super().look_in(log)
+        self._seen = [log.seen.get(j) for j in self._joints]
 
     @property
     def parameters(self):

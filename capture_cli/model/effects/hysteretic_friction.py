@@ -77,8 +77,8 @@ class HystereticFriction(FollowedForce):
             Parameter("distance", self.unit("m", "rad"), shortest, longest, max(0.05 * reach, 2 * shortest)),
         )
 
-    def look_in(self, **log):
-        super().look_in(**log)
+    def look_in(self, log):
+        super().look_in(log)
         if self.seen is not None:
             self._ways_before = WaysBefore(
                 self.seen.path, self.seen.stretches, SETTINGS.turned * self.seen.noise

@@ -49,10 +49,10 @@ class PeriodicDisturbance(PeriodicForce):
     recordings: Recordings | None = None  # of the log, where it has several
     anchored = True  # whether the phase in the reference is known
 
-    def look_in(self, *, recordings=None, **log):
-        super().look_in(**log)
-        if recordings is not None and recordings.several:
-            self.recordings = recordings
+    def look_in(self, log):
+        super().look_in(log)
+        if log.recordings is not None and log.recordings.several:
+            self.recordings = log.recordings
             self.states = ("phase",)  # where a window begins, in turns
             self.states_tried = np.arange(SETTINGS.phases)[:, None] / SETTINGS.phases - 0.5
 

@@ -70,9 +70,9 @@ class SensorHighPass(SensorEffect):
     def states(self):
         return tuple(f"held {k}" for k in range(len(self.sizes)))
 
-    def look_in(self, *, reports=None, **log):
-        super().look_in(reports=reports, **log)
-        self._reported = None if reports is None else integrated(reports, self.columns)
+    def look_in(self, log):
+        super().look_in(log)
+        self._reported = None if log.reports is None else integrated(log.reports, self.columns)
 
     def measure(self, sensors, values, timestep, *, states=None, first=None, **_):
         states = np.zeros(len(self.states)) if states is None else states

@@ -45,10 +45,10 @@ class SensorNonlinearity(NumberEffect):
     def sites(cls, model):
         return [s for s in super().sites(model) if quantity(model, site_id(model, "sensor", s)).unit != "m"]
 
-    def look_in(self, *, reports=None, **log):
-        super().look_in(reports=reports, **log)
-        if reports is not None:
-            sizes = np.abs(reports.values[:, self.columns])
+    def look_in(self, log):
+        super().look_in(log)
+        if log.reports is not None:
+            sizes = np.abs(log.reports.values[:, self.columns])
             self._largest = float(np.nanmax(sizes, initial=0.0))
 
     @property

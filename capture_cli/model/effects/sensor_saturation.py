@@ -45,10 +45,10 @@ class SensorSaturation(NumberEffect):
     def sites(cls, model):
         return [site for site in super().sites(model) if _has_a_range(model, site_id(model, "sensor", site))]
 
-    def look_in(self, *, reports=None, **log):
-        super().look_in(reports=reports, **log)
-        if reports is not None:
-            reported = reports.values[:, self.columns]
+    def look_in(self, log):
+        super().look_in(log)
+        if log.reports is not None:
+            reported = log.reports.values[:, self.columns]
             self._largest, self._piled_up = largest_of(reported), piled_up_from(reported) < np.inf
 
     @property

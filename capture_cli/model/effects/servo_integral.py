@@ -113,8 +113,8 @@ class ServoIntegral(FollowedForce):
         # of limits that are alike, as nothing reaches them, the first is taken: it is to be the highest
         return super().shape_grid(count)[::-1]
 
-    def look_in(self, **log):
-        super().look_in(**log)
+    def look_in(self, log):
+        super().look_in(log)
         if self.shows:
             errors = self._integrated(self.model.opt.timestep, self.gear)
             parts = [errors[e] for e in self.seen.stretches]

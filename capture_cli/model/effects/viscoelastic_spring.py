@@ -81,8 +81,8 @@ class ViscoelasticSpring(FollowedForce):
             Parameter("relaxation", "s", quickest, slowest, float(np.sqrt(quickest * slowest))),
         )
 
-    def look_in(self, **log):
-        super().look_in(**log)
+    def look_in(self, log):
+        super().look_in(log)
         self._sampled = 0.0
         self._rests = lru_cache(maxsize=SETTINGS.kept)(self._followed)
         if self.seen is not None and self.seen.stretches:
