@@ -27,10 +27,10 @@ def prepared(slider_task, tmp_path) -> PreparedLog:
     return prepare(made.log, load_task(str(slider_task)), window=None, test=None, seed=0)
 
 
-def found_in(prepared: PreparedLog, **options):
+def found_in(prepared: PreparedLog, offsets: np.ndarray | None = None, rounds: int = 50):
     start = prepared.task.space.nominal
     with Progress("identify", "round", quiet=True) as progress:
-        return by_physics(ModelFits(prepared, 1), start, progress, Descents(0, **{"rounds": 50, **options}))
+        return by_physics(ModelFits(prepared, 1), start, progress, Descents(0, rounds=rounds), offsets)
 
 
 def test_a_descent_that_converged_is_not_linearized_again(prepared, monkeypatch):
