@@ -168,20 +168,21 @@ def _limits() -> list[str]:
     from capture_cli.log.readers.csv import LONGEST_LINE
     from capture_cli.store import array_metadata, zarr_store
 
+    of_text, of_stores = documents.SETTINGS, zarr_store.SETTINGS
     known = array_metadata.CODECS
     codecs = (f"version {n}: {', '.join(f'`{name}`' for name in known[n])}" for n in (3, 2))
     rows = {
-        "a TOML file": f"at most {documents.SETTINGS.largest_toml // 1024} kB",
+        "a TOML file": f"at most {of_text.largest_toml // 1024} kB",
         "a JSON document, also the metadata of a store and the header of safetensors": f"at most "
-        f"{documents.SETTINGS.largest_json >> 20} MB and {documents.SETTINGS.most_parts} lists and objects",
-        "either": f"UTF-8; {documents.SETTINGS.deepest} levels; whole numbers of 64 bits; finite numbers; texts without control "
+        f"{of_text.largest_json >> 20} MB and {of_text.most_parts} lists and objects",
+        "either": f"UTF-8; {of_text.deepest} levels; whole numbers of 64 bits; finite numbers; texts without control "
         "characters but tabs and line breaks",
         "arrays of a store": "numbers: boolean, whole, floating point; no objects, texts or structures",
         "their codecs": "; ".join(codecs),
-        "their files": f"at most {zarr_store.SETTINGS.most_chunks} of an array, none larger than its numbers can be packed to",
-        "memory of a store's arrays, or of a Parquet file": f"at most {zarr_store.size(zarr_store.SETTINGS.most_of_few)}, or "
-        f"{zarr_store.SETTINGS.most_times} times what it takes on disk; of a log, what `--max-log-size` says",
-        "a CSV or Parquet file": f"at most {zarr_store.size(zarr_store.SETTINGS.most)}, also in memory; or what "
+        "their files": f"at most {of_stores.most_chunks} of an array, none larger than its numbers can be packed to",
+        "memory of a store's arrays, or of a Parquet file": f"at most {zarr_store.size(of_stores.most_of_few)}, or "
+        f"{of_stores.most_times} times what it takes on disk; of a log, what `--max-log-size` says",
+        "a CSV or Parquet file": f"at most {zarr_store.size(of_stores.most)}, also in memory; or what "
         "`--max-log-size` says",
         "a line of a CSV file": f"fewer than {LONGEST_LINE} characters",
         "names of files that are given": "UTF-8",

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from capture_cli.estimate.initial_states.from_outputs import PRIOR_INFLATION, StartEstimate, estimate_starts
-from capture_cli.model.loop_closure import LoopClosure
+from capture_cli.model.loop_closure import LoopClosure, MeasuredPositions
 from capture_cli.model.states import Starts, offsets_between, shift
 from capture_cli.simulate.engine import Engine
 
@@ -164,7 +164,7 @@ def test_without_constraints_nothing_changes():
 def test_an_episode_without_windows_is_not_followed():
     model, time, outputs, *_ = driven(*MACHINES["press"])
     followed = LoopClosure(model).follow(
-        time, outputs, np.array([0]), np.array([0]), np.full(1, NOISE), model.qpos0, at=[]
+        time, MeasuredPositions(outputs, np.array([0]), np.array([0]), np.full(1, NOISE)), model.qpos0, at=[]
     )
     assert followed.shape == (0, model.nq)
 
@@ -277,7 +277,9 @@ def test_a_fast_crank_is_followed_through_sparse_samples():
     assert np.abs(np.diff(outputs[:, 0])).max() > 0.8
     crank = np.array([0])
     at = np.arange(len(time))
-    followed = LoopClosure(model).follow(time, outputs, crank, crank, np.full(1, NOISE), model.qpos0, at)
+    followed = LoopClosure(model).follow(
+        time, MeasuredPositions(outputs, crank, crank, np.full(1, NOISE)), model.qpos0, at
+    )
     np.testing.assert_allclose(followed, qpos, atol=20 * NOISE)
 
 

@@ -21,8 +21,7 @@ ENDING = (signal.SIGINT, signal.SIGTERM)
 @dataclass(frozen=True)
 class SignalsSettings:
     # s after a signal in which no other is heeded: `timeout` sends it twice, people press Ctrl-C until
-    # something happens,
-    # and a second one would end the clearing up
+    # something happens, and a second one would end the clearing up
     deaf: float = 10.0
     soon: float = 0.05  # s
     parent_death_signal: int = 1  # PR_SET_PDEATHSIG of prctl

@@ -30,14 +30,25 @@ class LoopClosureSettings:
     determined: float = 0.1  # share of a coordinate's standard deviation that the constraints leave, at most
     free: float = 1.0  # rad or m: sd of what nothing measures while a path is followed
     # rad, or share of the model's extent: steps in which a machine is led from one measured position to the
-    # next. In longer
-    # ones a loop may fold over, or its closing may not be found at all.
+    # next. In longer ones a loop may fold over, or its closing may not be found at all.
     led: float = 0.1
     # Times what noise and softness make of a gap: beyond, what was measured contradicts the constraint.
     open: float = 10.0
 
 
 SETTINGS = LoopClosureSettings()
+
+
+@dataclass(frozen=True)
+class MeasuredPositions:
+    """values (row, column): positions that outputs report, which stand at these columns (column,) of qpos. dofs, sd:
+    which tangent coordinates they are, and how well they are known.
+    """
+
+    values: np.ndarray
+    columns: np.ndarray
+    dofs: np.ndarray
+    sd: np.ndarray
 
 
 class LoopClosure:
@@ -66,22 +77,14 @@ class LoopClosure:
         return np.sqrt(np.mean(np.square([o for o in off if len(o[0]) == most]), axis=0))
 
     def follow(
-        self,
-        time: np.ndarray,
-        measured: np.ndarray,
-        qpos_columns: np.ndarray,
-        dofs: np.ndarray,
-        sd: np.ndarray,
-        begin: np.ndarray,
-        at: Sequence[int],
+        self, time: np.ndarray, measured: MeasuredPositions, begin: np.ndarray, at: Sequence[int]
     ) -> np.ndarray:
         """Positions (place, nq) at the samples `at` (place,), followed from `begin` (nq,) by continuity.
 
-        time (step,) s; measured (step, column): positions that outputs report, which stand at qpos_columns (column,);
-        dofs, sd: which tangent coordinates they are, and how well they are known.
+        time (step,) s, of the rows that were measured.
         """
         known = np.full(self.model.nv, SETTINGS.free)
-        known[dofs] = sd
+        known[measured.dofs] = measured.sd
         stride = max(1, int(SETTINGS.every / np.median(np.diff(time)))) if len(time) > 1 else 1
         wanted = {int(step): place for place, step in enumerate(at)}
         found = np.empty((len(at), self.model.nq))
@@ -89,7 +92,7 @@ class LoopClosure:
         for step in range(max(wanted, default=-1) + 1):
             if step % stride and step not in wanted:
                 continue
-            qpos = self._led(qpos, measured[step], qpos_columns, known)
+            qpos = self._led(qpos, measured.values[step], measured.columns, known)
             if step in wanted:
                 found[wanted[step]] = qpos
         return found
@@ -118,27 +121,19 @@ class LoopClosure:
         mujoco.mj_normalizeQuat(self.model, qpos)
         return qpos
 
-    def left_open(
-        self,
-        followed: np.ndarray,
-        measured: np.ndarray,
-        qpos_columns: np.ndarray,
-        dofs: np.ndarray,
-        sd: np.ndarray,
-    ) -> dict[str, float]:
+    def left_open(self, followed: np.ndarray, measured: MeasuredPositions) -> dict[str, float]:
         """By how much (m or rad, root mean square) constraints stay open where coordinates are as measured and
         the others as near to closing them as they can be; by name, those of which noise and softness are no cause.
 
-        followed (place, nq): from where the others are moved. measured (place, column), qpos_columns, dofs, sd: as of
-        `follow`.
+        followed (place, nq): from where the others are moved.
         """
         free = np.full(self.model.nv, SETTINGS.free)
-        free[dofs] = 0.0
+        free[measured.dofs] = 0.0
         squares: dict[str, list[tuple[float, float]]] = {}
-        for qpos, values in zip(followed, measured, strict=True):
-            self._go(self._closed(self._with(qpos, qpos_columns, values), free)[0])
+        for qpos, values in zip(followed, measured.values, strict=True):
+            self._go(self._closed(self._with(qpos, measured.columns, values), free)[0])
             rows = slice(self.data.ne)
-            by_noise = np.square(self._jacobian[:, dofs] * sd).sum(axis=1)
+            by_noise = np.square(self._jacobian[:, measured.dofs] * measured.sd).sum(axis=1)
             allowed = by_noise + np.square(self._softness(per_second=False))
             for row, gap, may in zip(self.data.efc_id[rows], self.data.efc_pos[rows], allowed, strict=True):
                 name = object_name(self.model, "equality", int(row))

@@ -113,7 +113,7 @@ class Engine:
             rows = np.arange(first, min(count, first + size))
             runner = self._prepare(rows, starts, fields)
             tape = controls[control_row[rows], :steps]
-            chunk, bad = _step(runner, rows, tape, steps, forces, fields_kept, substeps)
+            chunk, bad = _step(runner, rows, tape, forces, fields_kept, substeps)
             chunk["sensordata"] = chunk["sensordata"][..., columns]
             for name, values in chunk.items():
                 recorded[name].append(values)
@@ -163,20 +163,15 @@ Recorded = tuple[dict[str, np.ndarray], np.ndarray]
 
 
 def _step(
-    runner,
-    rows,
-    tape: np.ndarray,
-    steps: int,
-    forces: Sequence[Force],
-    names: Sequence[str],
-    substeps: int,
+    runner, rows, tape: np.ndarray, forces: Sequence[Force], names: Sequence[str], substeps: int
 ) -> Recorded:
     """Fields `names` (simulation, step, ...) before each step, and which simulations diverged (simulation,)."""
     if forces:
         with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # of one that runs away
             return _step_with_forces(runner, rows, tape, forces, names, substeps)
     if substeps > 1:
-        tape, steps = np.repeat(tape, substeps, axis=1), steps * substeps
+        tape = np.repeat(tape, substeps, axis=1)
+    steps = tape.shape[1]
     start = {name: runner.bind(name).copy() for name in names if name in STATES}
     recorded = {name: _room(runner.bind(name), steps) for name in names}
     bad = np.zeros(len(rows), dtype=bool)

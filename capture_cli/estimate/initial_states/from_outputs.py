@@ -24,7 +24,7 @@ from capture_cli.estimate.initial_states.rotations import rotations, turned
 from capture_cli.log.range_ends import piled_up_from
 from capture_cli.log.reported_motion import KNOT_INTERVAL, MOST_LATE, ReportedMotion, extended
 from capture_cli.model.coordinate_sources import Source, sources_of
-from capture_cli.model.loop_closure import LoopClosure
+from capture_cli.model.loop_closure import LoopClosure, MeasuredPositions
 from capture_cli.model.states import Starts
 from capture_cli.simulate.engine import Rollouts
 
@@ -216,8 +216,10 @@ def _closed(
     for number, steps in enumerate(places.episodes):
         own = places.episode == number
         at = places.first[own] - steps.start
-        followed[own] = loops.follow(places.time[steps], coordinates[steps], qpos, dofs, known, begin, at)
-    open_loops = loops.left_open(followed, coordinates[places.first], qpos, dofs, known)
+        logged = MeasuredPositions(coordinates[steps], qpos, dofs, known)
+        followed[own] = loops.follow(places.time[steps], logged, begin, at)
+    at_starts = MeasuredPositions(coordinates[places.first], qpos, dofs, known)
+    open_loops = loops.left_open(followed, at_starts)
     return *loops.close(starts, sd, followed), open_loops
 
 

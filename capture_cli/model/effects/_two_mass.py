@@ -52,7 +52,7 @@ class TwoMass(ABC):
         if begins:
             self.begin(passed)
         self.seen = self.deflection, self.rate
-        self.step(qvel, rigid, passed, rotor, damping, friction, inertia)
+        self.step(qvel, rigid, passed, rotor, (damping, friction), inertia)
         self.speed = np.array(qvel)
         return self.extra
 
@@ -60,8 +60,12 @@ class TwoMass(ABC):
         """Wind the transmission up, as it is at the start under the force `passed`."""
         self.deflection = self.at_rest(passed) + self.ahead
 
-    def step(self, qvel, rigid, passed, rotor, damping, friction, inertia):
-        """Advance the transmission by a step, on which `passed` - f acts, and with it the extra force."""
+    def step(self, qvel, rigid, passed, rotor, losses, inertia):
+        """Advance the transmission by a step, on which `passed` - f acts, and with it the extra force.
+
+        losses: the motor's damping and friction.
+        """
+        damping, friction = losses
         h, apart = self.timestep, 1 - rotor / inertia
 
         def resisted(friction):

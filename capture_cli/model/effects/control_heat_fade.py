@@ -15,9 +15,8 @@ from capture_cli.model.parameters import Parameter
 
 @dataclass(frozen=True)
 class ControlHeatFadeSettings:
-    # Of a control as large as the largest, held for ever; motors are rated for a fraction of that, and a fifth
-    # of it is
-    # a twenty-fifth of the heat
+    # Of a control as large as the largest, held for ever; motors are rated for a fraction of that, and a
+    # fifth of it is a twenty-fifth of the heat
     largest: float = 8.0
     most_before: float = 0.5
     most_recordings: int = 6  # that each have a heat of their own to begin with

@@ -14,8 +14,7 @@ from capture_cli.model.tasks.base import Feature
 @dataclass(frozen=True)
 class ScoopingSettings:
     # rad. A rod whose centre of mass is 0.047 half-lengths off leans by 0.013; the label changes at 0.0494,
-    # just inside the
-    # tine's centre (0.05), where the load of one tine alone is enough to lean it.
+    # just inside the tine's centre (0.05), where the load of one tine alone is enough to lean it.
     tilted: float = 0.05
 
 

@@ -48,8 +48,7 @@ class EstimateDocumentSettings:
     rough: float = 1.0  # of the objective over k: a standard error
     disagree_p: float = 0.01  # of all parameters together, Bonferroni
     # Of the value: of recordings that are as quiet as a simulation chance allows less than any use of a model
-    # notices, and
-    # less than its time step and the shape of its laws are good for.
+    # notices, and less than its time step and the shape of its laws are good for.
     matters: float = 0.01
     near_zero: float = 1e-3  # of the bounds' span: ten of a fit's finite differences
 

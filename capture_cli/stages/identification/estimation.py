@@ -38,9 +38,9 @@ from capture_cli.stages.recorded.earlier_estimate import EarlierEstimate
 class EstimationSettings:
     # Simulated hits make the error a little rough: near the noise a descent can look for ever for what is not there.
     idle_rounds: int = 4
-    # Away from the noise nothing is exact: the model is wrong. A descent is given up there where as many rounds
-    # as these
-    # gained a small share of the squared error, or so little that as much again would not bring it to the noise.
+    # Away from the noise nothing is exact: the model is wrong. A descent is given up there where as many
+    # rounds as these gained a small share of the squared error, or so little that as much again would not
+    # bring it to the noise.
     idle_as_acted: int = 2
     idle_free: int = 3
     least_gain: float = 0.05
